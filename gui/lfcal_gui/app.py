@@ -39,9 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     app = QApplication.instance() or QApplication(sys.argv[:1])
     assert isinstance(app, QApplication)
-    from lfcal.base.errors import LfcalError
-    from lfcal.base.files import check_regular
-    from lfcal.base.threads import bounded_threads
+    from lfcal.base import LfcalError, bounded_threads, check_regular
     from lfcal_gui.crash import CrashGuard
     from lfcal_gui.log import Log, log_folder
 
@@ -71,7 +69,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _lacking() -> str:
     """Return what no window opens without, and the remedy; empty where all is there."""
-    from lfcal.cli.window_libraries import ON_X11, missing_libraries, shows_on_x11, why_no_window, without
+    from lfcal.cli import ON_X11, missing_libraries, shows_on_x11, why_no_window, without
 
     try:
         import PySide6.QtWidgets  # noqa: F401
@@ -91,7 +89,7 @@ def make_window(app: object, options: argparse.Namespace, *, folder: Path | None
     from PySide6.QtCore import QSettings
     from PySide6.QtWidgets import QApplication
 
-    from lfcal_gui.models.project import Project
+    from lfcal_gui.models import Project
     from lfcal_gui.preferences import apply_threads
     from lfcal_gui.theme import LIGHT, THEMES, apply_theme
     from lfcal_gui.window import MainWindow
@@ -116,7 +114,7 @@ def begin(window: MainWindow, options: argparse.Namespace) -> None:
 
 def safe_now(window: MainWindow) -> Sequence[str]:
     """Keep a copy of unsaved work and return what is safe, a sentence each."""
-    from lfcal_gui.models.mishaps import safe_words
+    from lfcal_gui.models import safe_words
 
     project, at_work = window.project, [job for job in window.jobs.jobs() if job.active]
     return safe_words(

@@ -13,12 +13,10 @@ from PySide6.QtGui import QKeySequence, QShortcut, QShowEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QStackedWidget, QVBoxLayout, QWidget
 
 from lfcal_gui.context import Context
-from lfcal_gui.models.page import PageSpec
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import PageSpec, ProjectState
 from lfcal_gui.notice import Notice
 from lfcal_gui.theme import current_theme, style_sheet
-from lfcal_gui.widgets.enlarging import whole_page
-from lfcal_gui.widgets.words import ElidedLabel, WrappedLabel
+from lfcal_gui.widgets import ElidedLabel, WrappedLabel, whole_page
 
 __all__ = ["BasePage", "Deed", "EmptyState", "page_class"]
 

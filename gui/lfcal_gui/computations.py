@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from lfcal.base.progress import Unwanted, wanted_while
+from lfcal.base import Unwanted, wanted_while
 from lfcal_gui.workers import Workers, keep, words_of
 
 __all__ = ["Computations"]

@@ -7,18 +7,22 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 
-from lfcal.base.errors import LfcalError
-from lfcal.base.progress import Work
+from lfcal.base import LfcalError, Work
 from lfcal.psf import PSFMatrix
 from lfcal_gui.jobs import Jobs, JobState, WindowJob
 from lfcal_gui.matrices import Matrices
-from lfcal_gui.models.fitted import FittedCamera
-from lfcal_gui.models.history import History, Taken
-from lfcal_gui.models.job import Keeping
-from lfcal_gui.models.kept_run import KeptRun
-from lfcal_gui.models.page import PAGES
-from lfcal_gui.models.project import Project, ProjectState
-from lfcal_gui.models.step import CommandStep, step_of
+from lfcal_gui.models import (
+    PAGES,
+    CommandStep,
+    FittedCamera,
+    History,
+    Keeping,
+    KeptRun,
+    Project,
+    ProjectState,
+    Taken,
+    step_of,
+)
 
 __all__ = ["Context"]
 

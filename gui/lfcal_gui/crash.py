@@ -13,7 +13,7 @@ from PySide6.QtCore import QMessageLogContext, QObject, QTimer, QtMsgType, qInst
 from PySide6.QtWidgets import QApplication, QWidget
 
 from lfcal_gui.crash_dialog import CrashDialog
-from lfcal_gui.models.mishaps import Mishap, Mishaps
+from lfcal_gui.models import Mishap, Mishaps
 from lfcal_gui.workers import LOG
 
 __all__ = ["CrashGuard"]

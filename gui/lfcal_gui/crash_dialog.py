@@ -19,9 +19,9 @@ from PySide6.QtWidgets import (
 )
 
 from lfcal_gui.log import system_line
-from lfcal_gui.models.mishaps import Mishap
+from lfcal_gui.models import Mishap
 from lfcal_gui.theme import style_sheet
-from lfcal_gui.widgets.fitted_text import lines_px
+from lfcal_gui.widgets import lines_px
 
 __all__ = ["CrashDialog", "open_folder"]
 

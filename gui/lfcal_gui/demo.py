@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from lfcal.base.progress import Work
+from lfcal.base import Work
 from lfcal.camera import ScanPlan
-from lfcal.cli.sample import sample_session
-from lfcal_gui.models.project import ProjectState
-from lfcal_gui.pages.frames.model import FrameSettings
+from lfcal.cli import sample_session
+from lfcal_gui.models import ProjectState
+from lfcal_gui.pages.frames import FrameSettings
 
 __all__ = ["iter_demo"]
 
@@ -28,7 +28,7 @@ def iter_demo(folder: Path) -> Work[ProjectState]:
 
 def _assemble(session: Path, plan: ScanPlan, target: Path) -> Work[None]:
     from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
-    from lfcal.psf.assembly import iter_assemble_plan
+    from lfcal.psf import iter_assemble_plan
 
     with open_frames(session / "frames", plan_shape=plan.shape[:3]) as source:
         recipe = CorrectionRecipe(dark=session / "dark", white=session / "white")

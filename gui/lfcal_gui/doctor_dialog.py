@@ -7,9 +7,9 @@ from typing import Any
 from PySide6.QtWidgets import QApplication, QDialog, QPushButton, QTextBrowser, QVBoxLayout, QWidget
 
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.models.doctor import doctor_html, doctor_text
+from lfcal_gui.models import doctor_html, doctor_text
 from lfcal_gui.theme import style_sheet
-from lfcal_gui.widgets.cards import line
+from lfcal_gui.widgets import line
 
 __all__ = ["DoctorDialog"]
 
@@ -41,7 +41,7 @@ class DoctorDialog(QDialog):
 
     def look(self) -> None:
         """Look what is there now."""
-        from lfcal.cli.doctor import examine
+        from lfcal.cli import examine
 
         self.setStyleSheet(style_sheet())
         self._jobs.compute("doctor", examine, self._show, self.view.setPlainText)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import platform
 
-from lfcal_gui.models.page import PageSpec
+from lfcal_gui.models import PageSpec
 
 __all__ = ["about_text", "cheat_sheet"]
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QIcon, QPainter, QPen, QPixmap, QPolygonF
 
-from lfcal_gui.models.page import ICON_SIDE, Sketch
+from lfcal_gui.models import ICON_SIDE, Sketch
 
 __all__ = ["icon_of"]
 

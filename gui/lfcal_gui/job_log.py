@@ -8,11 +8,10 @@ from PySide6.QtCore import QTimer
 from PySide6.QtGui import QFontDatabase, QHideEvent, QShowEvent
 from PySide6.QtWidgets import QApplication, QDialog, QPlainTextEdit, QPushButton, QVBoxLayout, QWidget
 
-from lfcal_gui.models.job_log import JobLog
+from lfcal_gui.models import JobLog
 from lfcal_gui.saving import ask_target, write_file
 from lfcal_gui.theme import style_sheet
-from lfcal_gui.widgets.cards import line
-from lfcal_gui.widgets.fitted_text import lines_px
+from lfcal_gui.widgets import line, lines_px
 
 __all__ = ["EVERY_MS", "JobLogView"]
 

@@ -7,11 +7,10 @@ from collections.abc import Callable
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QProgressBar, QPushButton
 
-from lfcal.base.units import format_seconds
+from lfcal.base import format_seconds
 from lfcal_gui.job_log import JobLogView
 from lfcal_gui.jobs import Jobs, JobState, WindowJob
-from lfcal_gui.widgets.headed_card import HeadedCard
-from lfcal_gui.widgets.words import WrappedLabel
+from lfcal_gui.widgets import HeadedCard, WrappedLabel
 
 __all__ = ["JobRow"]
 

@@ -10,11 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lfcal.base.errors import Cancelled, InputError, LfcalError
-from lfcal.base.progress import Progress, Unwanted, Work, wanted_while
-from lfcal_gui.models.job import JobState, Keeping, WindowJob
-from lfcal_gui.models.job_log import JobLog, warnings_to
-from lfcal_gui.models.stamp import Stamp, stamp_of
+from lfcal.base import Cancelled, InputError, LfcalError, Progress, Unwanted, Work, wanted_while
+from lfcal_gui.models import JobLog, JobState, Keeping, Stamp, WindowJob, stamp_of, warnings_to
 from lfcal_gui.workers import keep, words_of
 
 __all__ = ["JobRequest", "JobThread"]

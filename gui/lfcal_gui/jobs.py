@@ -14,13 +14,11 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 
-from lfcal.base.progress import Work
+from lfcal.base import Work
 from lfcal_gui.background import COMPUTATIONS_S, LOADS_S, BackgroundThreads
 from lfcal_gui.job_line import Line
 from lfcal_gui.job_thread import JobRequest, JobThread
-from lfcal_gui.models.history import Taken
-from lfcal_gui.models.job import JobState, Keeping, WindowJob
-from lfcal_gui.models.job_log import JobLog, notes_of
+from lfcal_gui.models import JobLog, JobState, Keeping, Taken, WindowJob, notes_of
 from lfcal_gui.workers import wait_for
 
 __all__ = ["JOBS_S", "LOADS_S", "WAITS", "JobState", "Jobs", "WindowJob"]

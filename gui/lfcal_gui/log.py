@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import IO
 
 from lfcal import __version__
-from lfcal.base.system import processors
+from lfcal.base import processors
 
 __all__ = ["Log", "log_folder", "system_line"]
 

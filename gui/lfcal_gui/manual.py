@@ -6,8 +6,8 @@ from PySide6.QtCore import QUrl
 from PySide6.QtGui import QDesktopServices
 from PySide6.QtWidgets import QDialog, QHBoxLayout, QPushButton, QTextBrowser, QVBoxLayout, QWidget
 
-from lfcal.base.files import read_text
-from lfcal_gui.models.manual import ATLAS, manual_folder, section_of
+from lfcal.base import read_text
+from lfcal_gui.models import ATLAS, manual_folder, section_of
 from lfcal_gui.theme import style_sheet
 
 __all__ = ["Manual"]

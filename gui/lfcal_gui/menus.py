@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QMessageBox
 from lfcal_gui.crash_dialog import open_folder
 from lfcal_gui.help import about_text, cheat_sheet
 from lfcal_gui.log import log_folder
-from lfcal_gui.models.manual import ATLAS
+from lfcal_gui.models import ATLAS
 
 __all__ = ["WindowMenus", "page_key"]
 

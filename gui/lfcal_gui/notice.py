@@ -7,7 +7,7 @@ from collections.abc import Callable
 from PySide6.QtCore import Qt, QTimer
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QWidget
 
-from lfcal_gui.widgets.words import WrappedLabel, set_role
+from lfcal_gui.widgets import WrappedLabel, set_role
 
 __all__ = ["Notice"]
 

@@ -7,11 +7,9 @@ import os
 from PySide6.QtCore import QSettings, Qt, Signal
 from PySide6.QtWidgets import QCheckBox, QDialog, QFormLayout, QPushButton, QSpinBox, QVBoxLayout, QWidget
 
-from lfcal.base.system import processors
-from lfcal.base.threads import WORKERS
+from lfcal.base import WORKERS, processors
 from lfcal_gui.theme import current_theme, style_sheet
-from lfcal_gui.widgets.cards import choice_box, line
-from lfcal_gui.widgets.words import WrappedLabel
+from lfcal_gui.widgets import WrappedLabel, choice_box, line
 
 __all__ = ["Preferences", "apply_threads", "welcome_wanted"]
 

@@ -10,11 +10,10 @@ from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QAction
 from PySide6.QtWidgets import QFileDialog, QMenu, QMessageBox, QWidget
 
-from lfcal.base.errors import LfcalError
+from lfcal.base import LfcalError
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.locks import FileLock
-from lfcal_gui.models.autosave import UnsavedCopy
-from lfcal_gui.models.project import Project, ProjectState, RecentProjects, read_project
+from lfcal_gui.models import Project, ProjectState, RecentProjects, UnsavedCopy, read_project
 from lfcal_gui.rescue import Rescue
 from lfcal_gui.saving import ask_target, may_replace
 

@@ -9,11 +9,10 @@ from pathlib import Path
 from PySide6.QtCore import QObject, QTimer, Signal
 from PySide6.QtWidgets import QWidget
 
-from lfcal.base.errors import LfcalError
+from lfcal.base import LfcalError
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.locks import FileLock
-from lfcal_gui.models.autosave import Claim, UnsavedCopy, find_kept, keep
-from lfcal_gui.models.project import Project
+from lfcal_gui.models import Claim, Project, UnsavedCopy, find_kept, keep
 from lfcal_gui.restore_dialog import RestoreDialog
 
 __all__ = ["Rescue"]

@@ -6,7 +6,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QDialog, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
-from lfcal_gui.models.autosave import UnsavedCopy
+from lfcal_gui.models import UnsavedCopy
 from lfcal_gui.theme import style_sheet
 
 __all__ = ["RestoreDialog"]

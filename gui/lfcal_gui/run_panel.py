@@ -7,12 +7,9 @@ from pathlib import Path
 from PySide6.QtCore import Qt, QTimer
 from PySide6.QtWidgets import QLabel, QWidget
 
-from lfcal.work import parts_folder, read_run
-from lfcal.work.journal import JOURNAL
-from lfcal.work.table import HEADER, RunTable, run_table
+from lfcal.work import HEADER, JOURNAL, RunTable, parts_folder, read_run, run_table
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.widgets.headed_card import HeadedCard
-from lfcal_gui.widgets.rows_table import RowsTable
+from lfcal_gui.widgets import HeadedCard, RowsTable
 
 __all__ = ["EVERY_MS", "RunView", "look"]
 

@@ -8,8 +8,7 @@ from pathlib import Path
 
 from PySide6.QtWidgets import QFileDialog, QMessageBox, QWidget
 
-from lfcal.base.errors import LfcalError, StorageError
-from lfcal.base.files import replace_whole
+from lfcal.base import LfcalError, StorageError, replace_whole
 from lfcal_gui.workers import words_of
 
 __all__ = ["ask_target", "may_replace", "write_file", "write_picture"]

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from lfcal_gui.scenes.stage import Shot, Stage
+    from lfcal_gui.scenes import Shot, Stage
 
 __all__ = ["main"]
 
@@ -59,8 +59,7 @@ def _play(options: argparse.Namespace, sizes: Sequence[str]) -> int:
     from PySide6.QtWidgets import QApplication
 
     from lfcal_gui.app import make_window, parse
-    from lfcal_gui.scenes.all import SCENES
-    from lfcal_gui.scenes.stage import Stage
+    from lfcal_gui.scenes import SCENES, Stage
 
     out: Path = options.out
     out.mkdir(parents=True, exist_ok=True)

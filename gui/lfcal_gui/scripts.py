@@ -7,8 +7,8 @@ from typing import Any
 
 from PySide6.QtWidgets import QApplication
 
-from lfcal.base.errors import LfcalError
-from lfcal_gui.models.step import step_of
+from lfcal.base import LfcalError
+from lfcal_gui.models import step_of
 from lfcal_gui.saving import ask_target, write_file
 
 __all__ = ["Scripts"]

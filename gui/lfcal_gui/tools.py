@@ -9,7 +9,7 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QDialog
 
 from lfcal_gui.doctor_dialog import DoctorDialog
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import ProjectState
 from lfcal_gui.preferences import Preferences, welcome_wanted
 from lfcal_gui.verify_dialog import VerifyDialog
 from lfcal_gui.welcome import Welcome

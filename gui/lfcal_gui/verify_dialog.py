@@ -7,11 +7,11 @@ from typing import Any
 
 from PySide6.QtWidgets import QDialog, QFileDialog, QLineEdit, QPlainTextEdit, QPushButton, QVBoxLayout, QWidget
 
-from lfcal.base.progress import Work
+from lfcal.base import Work
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
 from lfcal_gui.theme import style_sheet
-from lfcal_gui.widgets.cards import heading, line
+from lfcal_gui.widgets import heading, line
 
 __all__ = ["VerifyDialog"]
 
@@ -143,14 +143,14 @@ class VerifyDialog(QDialog):
 
 def _work(path: Path) -> Work[tuple[list[str], bool, tuple[Any, ...]]]:
     """Check a folder as a session and anything else as an H file; return words, whether all is well, what to redo."""
-    from lfcal.cli.verify import matrix_lines, session_lines  # a command line is slow to load
+    from lfcal.cli import matrix_lines, session_lines  # a command line is slow to load
 
     if path.is_dir():
-        from lfcal.acquire.recording.verify import iter_verify
+        from lfcal.acquire import iter_verify
 
         report = yield from iter_verify(path)
         return list(session_lines(report)), report.ok, tuple(report.to_redo)
-    from lfcal.psf.verify import iter_verify as iter_verify_matrix
+    from lfcal.psf import iter_verify as iter_verify_matrix
 
     check = yield from iter_verify_matrix(path)
     return list(matrix_lines(check)), check.ok, ()

@@ -8,7 +8,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QCheckBox, QDialog, QHBoxLayout, QLabel, QListWidget, QPushButton, QVBoxLayout, QWidget
 
 from lfcal_gui.theme import style_sheet
-from lfcal_gui.widgets.cards import heading, line
+from lfcal_gui.widgets import heading, line
 
 __all__ = ["Welcome"]
 

@@ -19,7 +19,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from lfcal.base.errors import LfcalError
+from lfcal.base import LfcalError
 from lfcal_gui.base_page import BasePage, page_class
 from lfcal_gui.context import Context
 from lfcal_gui.docks import LogView, add_dock
@@ -29,15 +29,13 @@ from lfcal_gui.jobs import JOBS_S, Jobs, JobState, WindowJob
 from lfcal_gui.leaving import Leaving
 from lfcal_gui.manual import Manual
 from lfcal_gui.menus import WindowMenus, page_key
-from lfcal_gui.models.page import PAGES, PageSpec, PageState, available_pages, page_states
-from lfcal_gui.models.project import Project, ProjectState
+from lfcal_gui.models import PAGES, PageSpec, PageState, Project, ProjectState, available_pages, page_states
 from lfcal_gui.palette import Palette, doable
 from lfcal_gui.project_files import ProjectFiles
 from lfcal_gui.scripts import Scripts
 from lfcal_gui.theme import DARK, LIGHT, THEMES, Themed, apply_theme, current_theme, style_sheet
 from lfcal_gui.tools import Tools
-from lfcal_gui.widgets.enlarging import toggle_in
-from lfcal_gui.widgets.naming import name_controls
+from lfcal_gui.widgets import name_controls, toggle_in
 from lfcal_gui.window_size import fit_screen
 from lfcal_gui.workers import LOG
 

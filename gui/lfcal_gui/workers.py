@@ -10,9 +10,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from lfcal.base.errors import LfcalError
-from lfcal.base.files import storage_words
-from lfcal_gui.models.words import said_in_window
+from lfcal.base import LfcalError, storage_words
+from lfcal_gui.models import said_in_window
 
 __all__ = ["LOG", "Workers", "keep", "start_thread", "wait_for", "words_of"]
 

@@ -13,5 +13,6 @@ from lfcal._lazy import lazy_face
 
 if TYPE_CHECKING:
     from lfcal.accuracy._face import *  # noqa: F403
+    from lfcal.accuracy._shared import *  # noqa: F403
 
 lazy_face(__name__)

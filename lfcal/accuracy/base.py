@@ -7,10 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from lfcal.base.checks import check_choice, check_number
-from lfcal.base.errors import FileFormatError
-from lfcal.base.plain import plain
-from lfcal.base.units import format_bytes, format_seconds, format_share
+from lfcal.base import FileFormatError, check_choice, check_number, format_bytes, format_seconds, format_share, plain
 
 __all__ = ["UNITS", "Curve", "Rung", "cost_axis", "format_cost", "marked"]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lfcal.accuracy.place import Place
-from lfcal.base.registry import Registry
+from lfcal.base import Registry
 
 __all__ = ["PLACES", "find_places"]
 

@@ -8,9 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from lfcal.accuracy.base import Curve
-from lfcal.base.errors import FileFormatError
-from lfcal.base.files import read_text, replace_whole
-from lfcal.base.plain import parse_json
+from lfcal.base import FileFormatError, parse_json, read_text, replace_whole
 
 __all__ = ["read_curves", "write_curves"]
 

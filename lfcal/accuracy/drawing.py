@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from lfcal.accuracy.base import Curve, cost_axis
-from lfcal.base.errors import InputError
-from lfcal.base.figures import COLOURS, LINES, figure, save_figure
+from lfcal.base import COLOURS, LINES, InputError, figure, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,10 +9,7 @@ from dataclasses import dataclass, field, replace
 from lfcal.accuracy.base import Curve, Rung
 from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
-from lfcal.base.checks import check_number
-from lfcal.base.errors import LfcalError
-from lfcal.base.progress import Progress, Work, drained
-from lfcal.base.units import format_seconds
+from lfcal.base import LfcalError, Progress, Work, check_number, drained, format_seconds
 
 __all__ = ["SECONDS", "CurveProgress", "iter_curves", "iter_measure_curve", "measure_curve"]
 
@@ -189,7 +186,7 @@ def iter_curves(places: Iterable[Place], subject: Subject, seconds: float = SECO
     --------
     >>> from lfcal.accuracy import PLACES, Subject, iter_curves
     >>> from lfcal.camera import ScanPlan, preset
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> subject = Subject("bench", ScanPlan.for_camera(preset("bench"), virtual_depths=[3], cutout=63), workers=1)
     >>> for curve in drain(iter_curves([PLACES.get("storage"), PLACES.get("planes")], subject, seconds=0.05)):
     ...     print(f"{curve.title}: {'measured' if curve.rungs else curve.stopped}")

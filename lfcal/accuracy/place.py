@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 from lfcal.accuracy.base import UNITS, Rung
 from lfcal.accuracy.subject import Subject
-from lfcal.base.checks import check_choice
-from lfcal.base.progress import Progress
+from lfcal.base import Progress, check_choice
 
 __all__ = ["AccuracyStep", "Measuring", "Place", "Truth"]
 

@@ -8,14 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError, LfcalError
-from lfcal.base.progress import Clock, Work
+from lfcal.base import Clock, InputError, LfcalError, Work
 from lfcal.camera import ScanPlan
 from lfcal.psf import PSFMatrix
-from lfcal.simulate import iter_simulate_psf, plan_effects
-from lfcal.simulate.accuracy.sampling import step_for
-from lfcal.simulate.response import PlaneResponse
-from lfcal.simulate.staging import resolve_level, scene_for
+from lfcal.simulate import PlaneResponse, iter_simulate_psf, plan_effects, resolve_level, scene_for
+from lfcal.simulate.accuracy import step_for
 
 __all__ = ["Patterns", "Sample", "Subject"]
 

@@ -1,4 +1,4 @@
-"""The public names of `lfcal.acquire`, loaded when the first of them is asked for."""
+"""The public names of `lfcal.acquire`: each is loaded when it is asked for."""
 
 from __future__ import annotations
 
@@ -12,11 +12,20 @@ from lfcal.acquire.live_coverage import CoverageState, LiveCoverage
 from lfcal.acquire.live_quality import Alarm, LiveQuality, QualityState
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import LiveFrame, Preview
-from lfcal.acquire.recording.opening import open_session
-from lfcal.acquire.recording.records import Kind, Note, Suspicion
-from lfcal.acquire.recording.source import CheckFrame, RecordingSource, read_checks
-from lfcal.acquire.recording.verify import DamagedFrame, SessionReport, iter_verify, verify
-from lfcal.acquire.recording.whole_frames import TargetRecording
+from lfcal.acquire.recording import (
+    CheckFrame,
+    DamagedFrame,
+    Kind,
+    Note,
+    RecordingSource,
+    SessionReport,
+    Suspicion,
+    TargetRecording,
+    iter_verify,
+    open_session,
+    read_checks,
+    verify,
+)
 from lfcal.acquire.redo import RedoList
 from lfcal.acquire.runner import Observer, Outcome
 from lfcal.acquire.schedule import Schedule, ScheduledFrame
@@ -24,7 +33,7 @@ from lfcal.acquire.session import check_devices, iter_record, record
 from lfcal.acquire.session_file import SessionFile
 from lfcal.acquire.suspects import read_suspects
 from lfcal.acquire.suspending import Bound, Suspender
-from lfcal.devices.registry import open_rig
+from lfcal.devices import open_rig
 
 __all__ = [
     "AcquisitionStopped",

@@ -6,17 +6,23 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from lfcal.acquire.errors import SuspectFrame
-from lfcal.acquire.guard.content import CheckedFrame, Content, ContentGuard
-from lfcal.acquire.guard.doubts import NO_DOUBT, Doubt
-from lfcal.acquire.guard.neighbours import MeasuredFrame, same_place
-from lfcal.acquire.guard.repeats import FramePlace
+from lfcal.acquire.guard import (
+    NO_DOUBT,
+    CheckedFrame,
+    Content,
+    ContentGuard,
+    Doubt,
+    FramePlace,
+    MeasuredFrame,
+    same_place,
+)
 from lfcal.acquire.options import Options
-from lfcal.acquire.recording.records import Kind
+from lfcal.acquire.recording import Kind
 from lfcal.acquire.schedule import Schedule, ScheduledFrame
 from lfcal.acquire.taking import TakenFrame, Taker
 from lfcal.camera import ScanPlan
-from lfcal.devices.errors import CameraError, StageError, WrongFrame
-from lfcal.frames.source import Position
+from lfcal.devices import CameraError, StageError, WrongFrame
+from lfcal.frames import Position
 
 __all__ = ["Attempts"]
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.frame_plan import FramePlan, frame_grid, frame_positions
 from lfcal.acquire.options import Options
-from lfcal.acquire.recording.records import Kind
-from lfcal.base.errors import InputError
+from lfcal.acquire.recording import Kind
+from lfcal.base import InputError
 from lfcal.camera import ScanPlan
-from lfcal.frames.source import Position
-from lfcal.psf.cutout import Cutout
+from lfcal.frames import Position
+from lfcal.psf import Cutout
 
 __all__ = ["Block", "blocks_of", "coarse_order", "frame_blocks", "window_shape"]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 
 __all__ = ["average", "merge"]
 

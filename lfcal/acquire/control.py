@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import threading
 
-from lfcal.base.errors import Cancelled
-from lfcal.devices.protocols import TimeSource
+from lfcal.base import Cancelled
+from lfcal.devices import TimeSource
 
 __all__ = ["Aborted", "Control"]
 

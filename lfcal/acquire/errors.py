@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from lfcal.acquire.recording.records import Suspicion
-from lfcal.base.errors import LfcalError
+from lfcal.acquire.recording import Suspicion
+from lfcal.base import LfcalError
 
 __all__ = ["AcquisitionStopped", "SuspectFrame"]
 

@@ -9,10 +9,7 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.combining import average, merge
 from lfcal.acquire.control import Control
-from lfcal.devices.checked import CheckedCamera
-from lfcal.devices.errors import CameraError, IncompleteFrame, StaleFrame, WrongFrame
-from lfcal.devices.protocols import Frame, Roi
-from lfcal.devices.rig import Rig
+from lfcal.devices import CameraError, CheckedCamera, Frame, IncompleteFrame, Rig, Roi, StaleFrame, WrongFrame
 
 __all__ = ["ExposedFrame", "Exposer", "check_frame"]
 

@@ -8,24 +8,12 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from lfcal.acquire.recording.durable import FolderLock
-from lfcal.acquire.recording.reader import RecordingFile
-from lfcal.acquire.recording.records import Kind, file_name
-from lfcal.acquire.recording.source import RecordingSource
+from lfcal.acquire.recording import FolderLock, Kind, RecordingFile, RecordingSource, file_name
 from lfcal.acquire.session_file import SessionFile
-from lfcal.base.errors import FileFormatError
-from lfcal.base.files import replace_whole, require_space
-from lfcal.base.h5.filters import encode_chunk
-from lfcal.base.h5.writing import new_h5
-from lfcal.base.progress import Clock, Work
-from lfcal.base.threads import worker_count
-from lfcal.frames.corrections.recipe import CorrectionRecipe, corrected_view
-from lfcal.frames.damage import iter_undamaged
-from lfcal.frames.oriented import oriented
-from lfcal.frames.source import FrameSource
-from lfcal.psf.assembly import AssemblySettings, iter_assemble_plan
-from lfcal.psf.assembly_report import AssemblyReport
-from lfcal.psf.upright import iter_upright
+from lfcal.base import Clock, FileFormatError, Work, replace_whole, require_space, worker_count
+from lfcal.base.h5 import encode_chunk, new_h5
+from lfcal.frames import CorrectionRecipe, FrameSource, corrected_view, iter_undamaged, oriented
+from lfcal.psf import AssemblyReport, AssemblySettings, iter_assemble_plan, iter_upright
 
 __all__ = ["Packed", "iter_assemble_session", "iter_finish", "iter_repack"]
 
@@ -70,7 +58,7 @@ def iter_assemble_session(
     --------
     >>> from pathlib import Path
     >>> from lfcal.acquire import iter_assemble_session
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> report = drain(iter_assemble_session(Path("recorded"), "new.h5"))
     >>> with report.matrix as H:
     ...     print(report.frames, "frames:", H.shape)
@@ -105,7 +93,7 @@ def iter_finish(folder: Path, *, workers: int | None = None) -> Work[Packed]:
     >>> from lfcal.acquire import iter_finish, record
     >>> from lfcal.camera import ScanPlan, preset
     >>> from lfcal.devices import simulated_rig
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> plan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=61), period=(3, 4))
     >>> _ = record(Path("wide"), plan, simulated_rig(plan))
     >>> packed = drain(iter_finish(Path("wide")))

@@ -13,16 +13,14 @@ from lfcal.acquire.frame_plan import FramePlan
 from lfcal.acquire.lighting import check_light
 from lfcal.acquire.motion import check_limits
 from lfcal.acquire.options import Options
-from lfcal.acquire.recording.records import Kind
-from lfcal.acquire.recording.store import recording_bytes
+from lfcal.acquire.recording import Kind, recording_bytes
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session import check_devices, check_fixed
 from lfcal.acquire.session_file import frame_dtype
-from lfcal.base.files import require_space, storage_errors
-from lfcal.camera import Forecast, ScanPlan
-from lfcal.camera.forecast import readout_hours
-from lfcal.devices.rig import Rig
-from lfcal.frames.source import Position
+from lfcal.base import require_space, storage_errors
+from lfcal.camera import Forecast, ScanPlan, readout_hours
+from lfcal.devices import Rig
+from lfcal.frames import Position
 
 __all__ = ["SessionForecast", "forecast"]
 

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.recording.source import RecordingSource
-from lfcal.base.errors import LfcalError
-from lfcal.frames.source import Position
+from lfcal.acquire.recording import RecordingSource
+from lfcal.base import LfcalError
+from lfcal.frames import Position
 
 __all__ = ["Known", "known_around"]
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from contextlib import suppress
 
 from lfcal.acquire.control import Control
-from lfcal.base.errors import InputError
-from lfcal.devices.checked import CheckedLight
-from lfcal.devices.rig import Rig
+from lfcal.base import InputError
+from lfcal.devices import CheckedLight, Rig
 
 __all__ = ["Lighting", "check_light"]
 

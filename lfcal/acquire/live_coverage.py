@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.live_quality import LIMITS, Alarm
-from lfcal.acquire.recording.records import Kind, Note
+from lfcal.acquire.recording import Kind, Note
 from lfcal.acquire.schedule import ScheduledFrame
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ class LiveCoverage:
     """
 
     def __init__(self, plan: TargetPlan) -> None:
-        from lfcal.targets.phases import Phases  # here: acquisition loads no simulator
+        from lfcal.targets import Phases  # here: acquisition loads no simulator
 
         scan = plan.scan
         self._plan, self._phases = plan, Phases.of(scan)
@@ -116,7 +116,7 @@ class LiveCoverage:
 
         A frame that is known already counts once.
         """
-        from lfcal.targets.search import covered_by
+        from lfcal.targets import covered_by
 
         number = self._number[z, k]
         if not math.isnan(light):

@@ -13,11 +13,9 @@ from lfcal.acquire.exposing import Exposer
 from lfcal.acquire.motion import Mover, check_limits
 from lfcal.acquire.options import Options
 from lfcal.acquire.spots import find_spot
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import ScanPlan
-from lfcal.devices.errors import LimitError
-from lfcal.devices.protocols import Point, Roi
-from lfcal.devices.rig import Rig
+from lfcal.devices import LimitError, Point, Rig, Roi
 
 __all__ = ["Looker"]
 

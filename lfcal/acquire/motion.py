@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
-from lfcal.base.checks import check_number
-from lfcal.devices.checked import CheckedStage
-from lfcal.devices.errors import LimitError, NotInPosition, StageError
-from lfcal.devices.protocols import Limits, Point, StageDevice, TimeSource
+from lfcal.base import check_number
+from lfcal.devices import CheckedStage, LimitError, Limits, NotInPosition, Point, StageDevice, StageError, TimeSource
 
 __all__ = ["Motion", "Mover", "check_limits"]
 

@@ -8,10 +8,8 @@ from typing import Any
 
 from lfcal.acquire.motion import Motion
 from lfcal.acquire.suspending import Bound
-from lfcal.base.checks import check_choice, check_number, check_type
-from lfcal.base.errors import InputError
-from lfcal.camera import ScanPlan
-from lfcal.camera.description import build
+from lfcal.base import InputError, check_choice, check_number, check_type
+from lfcal.camera import ScanPlan, build
 
 __all__ = ["ORDERS", "POLICIES", "Options"]
 

@@ -12,9 +12,9 @@ from lfcal.acquire.looking import Looker
 from lfcal.acquire.options import Options
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.spots import image_shift
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import ScanPlan
-from lfcal.devices.rig import Rig
+from lfcal.devices import Rig
 
 __all__ = ["check_origin"]
 

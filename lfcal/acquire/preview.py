@@ -9,8 +9,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from lfcal.devices.protocols import Roi
-from lfcal.frames.source import Position
+from lfcal.devices import Roi
+from lfcal.frames import Position
 
 __all__ = ["LiveFrame", "Preview"]
 
@@ -53,7 +53,7 @@ class Preview:
     >>> from lfcal.acquire import LiveFrame, Preview, iter_record
     >>> from lfcal.camera import ScanPlan, preset
     >>> from lfcal.devices import simulated_rig
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> plan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21), period=(1, 2))
     >>> preview = Preview()  # another thread may look while it records
     >>> _ = drain(iter_record(Path("watched"), plan, simulated_rig(plan), preview=preview))

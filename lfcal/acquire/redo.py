@@ -8,10 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lfcal.base.errors import FileFormatError
-from lfcal.base.files import read_text, replace_whole
-from lfcal.base.plain import parse_json
-from lfcal.frames.source import Position
+from lfcal.base import FileFormatError, parse_json, read_text, replace_whole
+from lfcal.frames import Position
 
 __all__ = ["RedoList"]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.spots import find_spot
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 
 __all__ = ["HotPixels", "References", "light_where"]
 

@@ -14,23 +14,19 @@ from numpy.typing import NDArray
 from lfcal.acquire.attempts import Attempts
 from lfcal.acquire.control import Aborted, Control
 from lfcal.acquire.errors import AcquisitionStopped, SuspectFrame
-from lfcal.acquire.guard.content import ContentGuard
-from lfcal.acquire.guard.neighbours import SensorLimits
+from lfcal.acquire.guard import ContentGuard, SensorLimits
 from lfcal.acquire.known import Known
 from lfcal.acquire.lighting import check_light
 from lfcal.acquire.motion import check_limits
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import LiveFrame, Preview
-from lfcal.acquire.recording.records import Kind, Note
-from lfcal.acquire.recording.writer import Acknowledged, Sink, Writer
+from lfcal.acquire.recording import Acknowledged, Kind, Note, Sink, Writer
 from lfcal.acquire.schedule import Schedule, ScheduledFrame
 from lfcal.acquire.taking import Taker
-from lfcal.base.errors import LfcalError
-from lfcal.base.progress import Progress, Work
+from lfcal.base import LfcalError, Progress, Work
 from lfcal.camera import ScanPlan
-from lfcal.devices.protocols import Roi
-from lfcal.devices.rig import Rig
-from lfcal.frames.source import Position
+from lfcal.devices import Rig, Roi
+from lfcal.frames import Position
 
 __all__ = ["Observer", "Outcome", "Runner"]
 

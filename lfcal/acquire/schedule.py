@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from lfcal.acquire.blocks import Block, blocks_of, frame_blocks, window_shape
 from lfcal.acquire.frame_plan import FramePlan, frame_grid
 from lfcal.acquire.options import Options
-from lfcal.acquire.recording.records import Kind
-from lfcal.base.axes import centre, position_at
-from lfcal.base.errors import InputError
+from lfcal.acquire.recording import Kind
+from lfcal.base import InputError, centre, position_at
 from lfcal.camera import ScanPlan
-from lfcal.devices.protocols import Point, Roi
-from lfcal.frames.source import Position
+from lfcal.devices import Point, Roi
+from lfcal.frames import Position
 
 __all__ = ["Schedule", "ScheduledFrame", "window_shape"]
 

@@ -20,23 +20,27 @@ from lfcal.acquire.known import Known, known_around
 from lfcal.acquire.options import Options
 from lfcal.acquire.origin import check_origin
 from lfcal.acquire.preview import Preview
-from lfcal.acquire.recording.durable import DiskGuard, FolderLock
-from lfcal.acquire.recording.reader import RecordingFile
-from lfcal.acquire.recording.records import Kind, file_name
-from lfcal.acquire.recording.repair import iter_repair
-from lfcal.acquire.recording.store import Store, recording_bytes
-from lfcal.acquire.recording.verify import SessionReport, iter_verify
+from lfcal.acquire.recording import (
+    DiskGuard,
+    FolderLock,
+    Kind,
+    RecordingFile,
+    SessionReport,
+    Store,
+    file_name,
+    iter_repair,
+    iter_verify,
+    recording_bytes,
+)
 from lfcal.acquire.runner import Observer, Outcome, Runner
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session_file import Devices, Run, SessionFile, frame_dtype
-from lfcal.acquire.setup.stage_check import iter_stage_check
+from lfcal.acquire.setup import iter_stage_check
 from lfcal.acquire.suspending import Suspender
-from lfcal.base.errors import InputError, LfcalError, StorageError
-from lfcal.base.files import require_space, storage_errors
-from lfcal.base.progress import Work, drained
+from lfcal.base import InputError, LfcalError, StorageError, Work, drained, require_space, storage_errors
 from lfcal.camera import ScanPlan
-from lfcal.devices.rig import Rig
-from lfcal.frames.source import Position
+from lfcal.devices import Rig
+from lfcal.frames import Position
 
 __all__ = ["check_devices", "check_fixed", "check_new", "iter_record", "record"]
 

@@ -12,16 +12,12 @@ import numpy as np
 
 from lfcal.acquire.frame_plan import FramePlan, frame_grid, read_frame_plan
 from lfcal.acquire.options import Options
-from lfcal.acquire.recording.records import Kind, file_name
+from lfcal.acquire.recording import Kind, file_name
 from lfcal.acquire.schedule import Schedule
-from lfcal.base.errors import FileFormatError, InputError, StorageError
-from lfcal.base.files import read_text, replace_whole
-from lfcal.base.plain import parse_json
-from lfcal.camera import ScanPlan
-from lfcal.camera.description import build
-from lfcal.devices.checked import CheckedCamera
-from lfcal.devices.rig import Rig
-from lfcal.frames.source import Position
+from lfcal.base import FileFormatError, InputError, StorageError, parse_json, read_text, replace_whole
+from lfcal.camera import ScanPlan, build
+from lfcal.devices import CheckedCamera, Rig
+from lfcal.frames import Position
 
 __all__ = ["Devices", "Run", "SessionFile", "frame_dtype", "optics_of"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lfcal.acquire.recording.opening import open_session
+from lfcal.acquire.recording import open_session
 from lfcal.acquire.redo import RedoList
 
 __all__ = ["read_suspects"]

@@ -13,12 +13,8 @@ from dataclasses import dataclass
 from numbers import Real
 from pathlib import Path
 
-from lfcal.base.errors import InputError
-from lfcal.devices.calling import Caller
-from lfcal.devices.errors import DeviceError
-from lfcal.devices.gauges import FileGauge
-from lfcal.devices.protocols import Gauge
-from lfcal.devices.rig import Rig
+from lfcal.base import InputError
+from lfcal.devices import Caller, DeviceError, FileGauge, Gauge, Rig
 
 __all__ = ["Bound", "Suspender", "gauge_of"]
 

@@ -10,15 +10,14 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
 from lfcal.acquire.exposing import ExposedFrame, Exposer
-from lfcal.acquire.guard.neighbours import MeasuredFrame, SensorLimits, measured
+from lfcal.acquire.guard import MeasuredFrame, SensorLimits, measured
 from lfcal.acquire.lighting import Lighting
 from lfcal.acquire.motion import Mover
 from lfcal.acquire.options import Options
-from lfcal.acquire.recording.records import Kind, Note
+from lfcal.acquire.recording import Kind, Note
 from lfcal.acquire.schedule import Schedule, ScheduledFrame
 from lfcal.camera import ScanPlan
-from lfcal.devices.protocols import Point, Roi
-from lfcal.devices.rig import Rig
+from lfcal.devices import Point, Rig, Roi
 
 __all__ = ["TakenFrame", "Taker"]
 

@@ -7,3 +7,13 @@
 - ``progress``, ``threads``, ``registry``, ``compiled``: long work, processors, plug-ins, kernels
 - ``units``, ``plain``, ``figures``, ``version``: numbers in words, plain values, pictures, which lfcal this is
 """
+
+from typing import TYPE_CHECKING
+
+from lfcal._lazy import lazy_face as lazy_face  # given on to the window
+
+if TYPE_CHECKING:
+    from lfcal.base._face import *  # noqa: F403
+    from lfcal.base._shared import *  # noqa: F403
+
+lazy_face(__name__)

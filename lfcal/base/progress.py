@@ -132,7 +132,7 @@ def drained(work: Callable[P, Generator[Progress, None, R]], doc: str = "") -> C
 
     Examples
     --------
-    >>> from lfcal.base.progress import Clock, Work, drained
+    >>> from lfcal.base import Clock, Work, drained
     >>> def iter_add(a: int, b: int = 1) -> Work[int]:
     ...     yield Clock("add", 1).at(1)
     ...     return a + b

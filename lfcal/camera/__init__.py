@@ -26,5 +26,6 @@ from lfcal._lazy import lazy_face
 
 if TYPE_CHECKING:
     from lfcal.camera._face import *  # noqa: F403
+    from lfcal.camera._shared import *  # noqa: F403
 
 lazy_face(__name__)

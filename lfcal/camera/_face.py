@@ -1,4 +1,4 @@
-"""The public names of `lfcal.camera`, loaded when the first of them is asked for."""
+"""The public names of `lfcal.camera`: each is loaded when it is asked for."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from lfcal.camera.distortion import BrownDistortion, LatticeDistortion
 from lfcal.camera.doubts import doubts
 from lfcal.camera.draft import Draft
 from lfcal.camera.forecast import Forecast
-from lfcal.camera.importers.camera_format import Imported, Wanted
-from lfcal.camera.importers.opening import CAMERA_FORMATS, import_camera
-from lfcal.camera.importers.raytrix_xml import read_raytrix_xml
+from lfcal.camera.importers import CAMERA_FORMATS, Imported, Wanted, import_camera, read_raytrix_xml
 from lfcal.camera.lattice import LensletLattice, LensType
 from lfcal.camera.main_lens import MainLens, Microscope
 from lfcal.camera.marks import MARKS, Marks

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from lfcal.base.errors import InputError
-from lfcal.base.units import format_length
+from lfcal.base import InputError, format_length
 from lfcal.camera.description import Camera
 from lfcal.camera.main_lens import MainLens
 

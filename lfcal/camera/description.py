@@ -12,9 +12,7 @@ from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import check_number, check_type, check_wavelength
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.plain import parse_json
+from lfcal.base import FileFormatError, InputError, check_number, check_type, check_wavelength, parse_json
 from lfcal.camera.distortion import BrownDistortion
 from lfcal.camera.lattice import LensletLattice
 from lfcal.camera.main_lens import MainLens, Microscope, Optics

@@ -9,8 +9,7 @@ from math import hypot, isqrt
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import check_choice, check_number, check_tuple, check_type
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_choice, check_number, check_tuple, check_type
 
 __all__ = ["MODELS", "BrownDistortion", "LatticeDistortion", "monomials", "polynomial_powers"]
 

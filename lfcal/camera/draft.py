@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Any
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera.description import Camera
 from lfcal.camera.distortion import BrownDistortion
 from lfcal.camera.lattice import LensletLattice, LensType

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number
+from lfcal.base import check_number
 from lfcal.camera.plan import ScanPlan
 
 __all__ = ["Forecast", "readout_hours"]

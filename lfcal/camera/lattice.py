@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import check_choice, check_length, check_number, check_tuple, check_type
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_choice, check_length, check_number, check_tuple, check_type
 from lfcal.camera.cell import Vector, cell_neighbours, cell_size
 from lfcal.camera.distortion import LatticeDistortion
 

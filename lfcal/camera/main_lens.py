@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from lfcal.base.checks import check_length, check_number
+from lfcal.base import check_length, check_number
 
 __all__ = ["MainLens", "Microscope", "Optics"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from lfcal.base.checks import check_choice, check_type
+from lfcal.base import check_choice, check_type
 
 __all__ = ["MARKS", "Marks"]
 

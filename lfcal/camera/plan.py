@@ -11,10 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.axes import Position, check_cutout
-from lfcal.base.checks import check_choice, check_number, check_tuple, check_type
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.plain import parse_json
+from lfcal.base import (
+    FileFormatError,
+    InputError,
+    Position,
+    check_choice,
+    check_cutout,
+    check_number,
+    check_tuple,
+    check_type,
+    parse_json,
+)
 from lfcal.camera.description import Camera, build
 from lfcal.camera.lens_centre import nearest_lens
 from lfcal.camera.planes import MAX_WAIT_S, checked_depths, checked_exposures, depths_of

@@ -6,8 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from lfcal.base.checks import check_number, check_tuple
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_number, check_tuple
 from lfcal.camera.description import Camera
 from lfcal.camera.main_lens import Microscope
 

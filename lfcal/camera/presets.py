@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from lfcal.base.errors import InputError, choose
+from lfcal.base import InputError, choose
 from lfcal.camera.description import Camera
 from lfcal.camera.lattice import LensletLattice, LensType
 from lfcal.camera.main_lens import MainLens, Microscope

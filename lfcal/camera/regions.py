@@ -11,9 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_tuple, check_type
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.plain import parse_json
+from lfcal.base import FileFormatError, InputError, check_tuple, check_type, parse_json
 from lfcal.camera.lens_centre import nearest_lens
 from lfcal.camera.plan import ScanPlan
 

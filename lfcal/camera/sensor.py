@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lfcal.base.checks import check_length, check_number, check_tuple, check_type
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_length, check_number, check_tuple, check_type
 
 __all__ = ["Sensor"]
 

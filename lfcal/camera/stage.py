@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_tuple
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_tuple
 
 __all__ = ["StageAxes"]
 

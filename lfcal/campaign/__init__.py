@@ -15,5 +15,6 @@ from lfcal._lazy import lazy_face
 
 if TYPE_CHECKING:
     from lfcal.campaign._face import *  # noqa: F403
+    from lfcal.campaign._shared import *  # noqa: F403
 
 lazy_face(__name__)

@@ -14,25 +14,25 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.control import Control
-from lfcal.acquire.options import Options
-from lfcal.acquire.preview import Preview
-from lfcal.acquire.recording.source import RecordingSource
-from lfcal.acquire.runner import Observer, Outcome
-from lfcal.acquire.session import check_devices, check_new, iter_record
-from lfcal.acquire.session_file import SessionFile
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Progress, Work
+from lfcal.acquire import (
+    Control,
+    Observer,
+    Options,
+    Outcome,
+    Preview,
+    RecordingSource,
+    SessionFile,
+    check_devices,
+    check_new,
+    iter_record,
+)
+from lfcal.base import InputError, Progress, Work
 from lfcal.camera import ScanPlan
 from lfcal.campaign.patterns import iter_session_patterns
 from lfcal.campaign.steps import FEWEST, Adapted, AdaptiveStep, Goal
-from lfcal.devices.rig import Rig
-from lfcal.fit import Fit, Measured, iter_fit_camera
-from lfcal.fit.design import PositionDesign, iter_next_positions
-from lfcal.fit.earlier import Earlier
-from lfcal.fit.information import Expected
-from lfcal.frames.described import stated_noise
-from lfcal.frames.source import Position
+from lfcal.devices import Rig
+from lfcal.fit import Earlier, Expected, Fit, Measured, PositionDesign, iter_fit_camera, iter_next_positions
+from lfcal.frames import Position, stated_noise
 
 __all__ = ["iter_adaptive"]
 

@@ -6,15 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from lfcal.acquire.recording.source import RecordingSource
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Work
+from lfcal.acquire import RecordingSource
+from lfcal.base import InputError, Work
 from lfcal.fit import Measured, measured_of
-from lfcal.frames import CorrectionRecipe, corrected_view
-from lfcal.frames.oriented import oriented
-from lfcal.psf.measured_noise import scan_noise
-from lfcal.psf.picked import iter_pick
-from lfcal.psf.upright import iter_upright
+from lfcal.frames import CorrectionRecipe, corrected_view, oriented
+from lfcal.psf import iter_pick, iter_upright, scan_noise
 
 __all__ = ["iter_session_patterns"]
 

@@ -6,13 +6,12 @@ import os
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from lfcal.base.progress import Work
+from lfcal.base import Work
 from lfcal.campaign.point_facts import target_facts
 from lfcal.campaign.point_frames import PointFrames
 from lfcal.campaign.points import Points, iter_points_of
-from lfcal.frames.source import FrameSource
-from lfcal.psf import AssemblyReport, AssemblySettings
-from lfcal.psf.assembly import iter_assemble_plan
+from lfcal.frames import FrameSource
+from lfcal.psf import AssemblyReport, AssemblySettings, iter_assemble_plan
 from lfcal.targets import TargetPlan
 
 __all__ = ["AssembledPoints", "iter_assemble_points"]

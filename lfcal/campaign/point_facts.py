@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.base.plain import plain
+from lfcal.base import plain
 from lfcal.campaign.points import Points
 
 __all__ = ["target_facts"]

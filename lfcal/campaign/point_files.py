@@ -6,11 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from lfcal.base.progress import Work
+from lfcal.base import Work
 from lfcal.camera import RegionPlan, ScanPlan
-from lfcal.fit.field import FieldFit
-from lfcal.fit.files import fit_dict, iter_write_model
-from lfcal.fit.writing import CAMERA, EFFECTS, MODEL, NUMBERS, write_found
+from lfcal.fit import CAMERA, EFFECTS, MODEL, NUMBERS, FieldFit, fit_dict, iter_write_model, write_found
 
 __all__ = ["iter_write_points", "point_outputs"]
 

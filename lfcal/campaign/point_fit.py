@@ -8,25 +8,33 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.progress import Work, drained
+from lfcal.base import Work, drained
 from lfcal.campaign.point_hole import HOLE, is_told, iter_called_for, moved_far, not_told, without_hole
 from lfcal.campaign.point_optics import OwnOptics, iter_with_own_light
 from lfcal.campaign.point_parts import measured_points
 from lfcal.campaign.points import Points
-from lfcal.fit.field import FieldFit
-from lfcal.fit.fit import Finished, check_stage, groups_of, iter_retrieved, iter_summarised, problem_of
-from lfcal.fit.measured import Measured
-from lfcal.fit.model import Fineness
-from lfcal.fit.normal import Local
-from lfcal.fit.nuisance import own_steps
-from lfcal.fit.problem import Problem
-from lfcal.fit.questions import check_described, check_light
-from lfcal.fit.regional import Regional
-from lfcal.fit.setup import Setup, called_for
-from lfcal.fit.solver import descend
-from lfcal.frames.source import FrameSource
-from lfcal.simulate.effects import FiniteSource
-from lfcal.simulate.effects.base import Effect
+from lfcal.fit import (
+    FieldFit,
+    Fineness,
+    Finished,
+    Local,
+    Measured,
+    Problem,
+    Regional,
+    Setup,
+    called_for,
+    check_described,
+    check_light,
+    check_stage,
+    descend,
+    groups_of,
+    iter_retrieved,
+    iter_summarised,
+    own_steps,
+    problem_of,
+)
+from lfcal.frames import FrameSource
+from lfcal.simulate.effects import Effect, FiniteSource
 
 __all__ = ["MOST", "fit_points", "iter_fit_points"]
 

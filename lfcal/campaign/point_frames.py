@@ -9,13 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.campaign.points import Points
-from lfcal.frames.regions import Region
-from lfcal.frames.source import FrameInfo, FrameMetadata, FrameSource, Position, Samples
-from lfcal.frames.view import SourceView
-from lfcal.targets.phases import Phases
-from lfcal.targets.sampling import may_resample
+from lfcal.frames import FrameInfo, FrameMetadata, FrameSource, Position, Region, Samples, SourceView
+from lfcal.targets import Phases, may_resample
 
 __all__ = ["PointFrames", "shown_positions"]
 

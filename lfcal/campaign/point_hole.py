@@ -7,12 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from lfcal.base.progress import Work
-from lfcal.fit.fit import Finished
-from lfcal.fit.judge import chi_square, covariance
-from lfcal.fit.normal import Columns
-from lfcal.fit.result import Fit
-from lfcal.fit.select import GroupSelection, gain_of
+from lfcal.base import Work
+from lfcal.fit import Columns, Finished, Fit, GroupSelection, chi_square, covariance, gain_of
 
 __all__ = ["HOLE", "hole_words", "is_told", "iter_called_for", "moved_far", "not_told", "without_hole"]
 

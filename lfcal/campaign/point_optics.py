@@ -12,15 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.progress import Clock, Work
-from lfcal.base.threads import for_each_chunk, one_blas_thread
+from lfcal.base import Clock, Work, for_each_chunk, one_blas_thread
 from lfcal.campaign.points import Points
-from lfcal.fit.model import predict
-from lfcal.fit.problem import Problem
-from lfcal.fit.regional import Regional
-from lfcal.fit.setup import RegionPlace, Setup
+from lfcal.fit import Problem, Regional, RegionPlace, Setup, predict
+from lfcal.simulate import Sampling
 from lfcal.simulate.effects import FiniteSource
-from lfcal.simulate.engines.base import Sampling
 
 __all__ = ["OwnOptics", "iter_with_own_light"]
 

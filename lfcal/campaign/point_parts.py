@@ -12,13 +12,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number, check_tuple
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_number, check_tuple
 from lfcal.camera import ScanPlan
 from lfcal.campaign.points import Points
-from lfcal.fit import Measured
-from lfcal.fit.regional import FieldRegion, Regional
-from lfcal.frames.source import FrameSource, Noise
+from lfcal.fit import FieldRegion, Measured, Regional
+from lfcal.frames import FrameSource, Noise
 
 __all__ = ["measured_modulo", "measured_points", "tile_plan", "tiles_of"]
 

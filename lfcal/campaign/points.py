@@ -8,13 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work, drained
-from lfcal.camera.shadow import half_extent_px
-from lfcal.frames.source import FrameSource
-from lfcal.targets import FoundPoints, TargetPlan, find_points
-from lfcal.targets.frames import frames_of
-from lfcal.targets.mistakes import Mistake
+from lfcal.base import Clock, InputError, Work, drained
+from lfcal.camera import half_extent_px
+from lfcal.frames import FrameSource
+from lfcal.targets import FoundPoints, Mistake, TargetPlan, find_points, frames_of
 
 __all__ = ["Points", "iter_points_of", "points_of"]
 

@@ -13,18 +13,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from lfcal.acquire.control import Control
-from lfcal.acquire.options import Options
-from lfcal.acquire.preview import Preview
-from lfcal.acquire.runner import Observer, Outcome
-from lfcal.acquire.session import check_new, iter_record
-from lfcal.acquire.session_file import NAME
-from lfcal.base.errors import InputError
-from lfcal.base.files import read_text, replace_whole, storage_errors
-from lfcal.base.progress import Work
-from lfcal.base.system import sync_folder
+from lfcal.acquire import NAME, Control, Observer, Options, Outcome, Preview, check_new, iter_record
+from lfcal.base import InputError, Work, read_text, replace_whole, storage_errors, sync_folder
 from lfcal.camera import RegionPlan
-from lfcal.devices.rig import Rig
+from lfcal.devices import Rig
 from lfcal.psf import PSFMatrix, open_psf, save_regions
 
 __all__ = [
@@ -58,7 +50,7 @@ def read_regions(folder: Path) -> RegionPlan:
     >>> from lfcal.camera import RegionPlan, ScanPlan, preset
     >>> from lfcal.campaign import iter_record_regions, read_regions
     >>> from lfcal.devices import simulated_rig
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> scan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21), period=(1, 2))
     >>> rig, options = simulated_rig(scan), Options(darks=0, reference_every=0)
     >>> _ = drain(iter_record_regions(Path("recorded there"), RegionPlan.spread(scan, (1, 2)), rig, options))
@@ -105,7 +97,7 @@ def iter_record_regions(
     >>> from lfcal.camera import RegionPlan, ScanPlan, preset
     >>> from lfcal.campaign import iter_record_regions
     >>> from lfcal.devices import simulated_rig
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> scan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21), period=(1, 2))
     >>> plan = RegionPlan.spread(scan, (1, 2))
     >>> done = drain(iter_record_regions(Path("new"), plan, simulated_rig(scan), Options(darks=0, reference_every=0)))

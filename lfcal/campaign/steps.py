@@ -5,13 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from lfcal.acquire.runner import Outcome
-from lfcal.base.checks import check_number
-from lfcal.base.units import format_share
-from lfcal.fit import Fit
-from lfcal.fit.judge import ModelError
-from lfcal.fit.model import Fineness
-from lfcal.fit.problem import ERRORS
+from lfcal.acquire import Outcome
+from lfcal.base import check_number, format_share
+from lfcal.fit import ERRORS, Fineness, Fit, ModelError
 
 __all__ = ["FEWEST", "Adapted", "AdaptiveStep", "Goal"]
 

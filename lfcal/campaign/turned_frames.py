@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import ScanPlan
-from lfcal.fit.model import Fineness, predict
-from lfcal.fit.setup import Setup
-from lfcal.frames.lists.motion import centre_of_light
-from lfcal.frames.orientation import AS_IS, ORIENTATIONS, Orientation
-from lfcal.simulate.engines.base import EnergyError
+from lfcal.fit import Fineness, Setup, predict
+from lfcal.frames import AS_IS, ORIENTATIONS, Orientation
+from lfcal.frames.lists import centre_of_light
+from lfcal.simulate.engines import EnergyError
 
 __all__ = ["SeenPattern", "TurnedFrames", "find_turned_frames", "seen_patterns"]
 

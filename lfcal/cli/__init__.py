@@ -9,7 +9,12 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
+
+from lfcal._lazy import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.cli._shared import *  # noqa: F403
 
 __all__ = ["main"]
 
@@ -70,8 +75,7 @@ def _run(command_line: Callable[[], Any] | None, program: str) -> None:
 
     import typer
 
-    from lfcal.base.errors import Cancelled, LfcalError
-    from lfcal.base.threads import bounded_threads
+    from lfcal.base import Cancelled, LfcalError, bounded_threads
 
     # where its list of fonts cannot be kept for the next time, on a full disk, nothing of ours is the worse for it
     logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
@@ -110,7 +114,7 @@ def _drop_output() -> None:
 
 def _system_words(error: OSError) -> str:
     """Return what the system refused: a name that is too long, a folder that vanished, output onto a full disk."""
-    from lfcal.base.errors import StorageError
+    from lfcal.base import StorageError
 
     if error.filename is not None:
         where, remedy = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes) else "file", "check it"
@@ -147,3 +151,6 @@ def _signals_clean_up() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+lazy_face(__name__)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.cli.console import print_json, print_table, report, run_work
 from lfcal.cli.matrices import check_mat_files, open_matrix
 from lfcal.cli.options import (
@@ -27,7 +27,7 @@ from lfcal.cli.usage import refuse
 
 if TYPE_CHECKING:
     from lfcal.accuracy import Curve, Place, Subject
-    from lfcal.base.progress import Work
+    from lfcal.base import Work
 
 __all__ = ["register"]
 
@@ -179,8 +179,8 @@ def _answer(curve: Curve, share: float) -> dict[str, object]:
 
 def _show(curve: Curve, share: float) -> None:
     """Print one curve as a table, what it means, and what the error asked for costs."""
-    from lfcal.accuracy.base import format_cost
-    from lfcal.base.units import format_share
+    from lfcal.accuracy import format_cost
+    from lfcal.base import format_share
 
     if not curve.rungs:
         typer.echo(f"{curve.title}: not measured: {curve.stopped or 'stopped before the first rung'}\n")

@@ -20,16 +20,11 @@ from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli.plan_pace import WITHOUT_READOUT, FrameRateOption
 
 if TYPE_CHECKING:
-    from lfcal.acquire.control import Control
-    from lfcal.acquire.live_coverage import LiveCoverage
-    from lfcal.acquire.live_quality import LiveQuality
-    from lfcal.acquire.options import Options
-    from lfcal.acquire.redo import RedoList
-    from lfcal.acquire.runner import Outcome
-    from lfcal.base.progress import Work
+    from lfcal.acquire import Control, LiveCoverage, LiveQuality, Options, Outcome, RedoList
+    from lfcal.base import Work
     from lfcal.camera import RegionPlan, ScanPlan
     from lfcal.campaign import Adapted, Goal
-    from lfcal.devices.rig import Rig
+    from lfcal.devices import Rig
     from lfcal.targets import TargetPlan
 
 R = TypeVar("R")
@@ -117,9 +112,8 @@ def command(
 
     Example: `lfcal acquire plan.json --backend sim --out session/ --assemble H.h5`
     """
-    from lfcal.acquire.redo import RedoList
-    from lfcal.acquire.runner import Outcome
-    from lfcal.base.errors import InputError, LfcalError
+    from lfcal.acquire import Outcome, RedoList
+    from lfcal.base import InputError, LfcalError
     from lfcal.camera import RegionPlan
     from lfcal.cli.acquire_regions import check_region_options
     from lfcal.cli.acquire_target import check_target_options, simulated_options
@@ -127,7 +121,7 @@ def command(
     from lfcal.cli.console import report
     from lfcal.cli.outputs import check_output
     from lfcal.cli.usage import refuse
-    from lfcal.devices.registry import open_rig
+    from lfcal.devices import open_rig
 
     if frame_rate is not None and not dry_run:
         raise InputError("--frame-rate: is for the time that --dry-run tells; leave it out, or add --dry-run")
@@ -241,8 +235,7 @@ class _Task:
 
 def _run(task: _Task, rig: Rig) -> tuple[Outcome | Adapted, dict[str, Any], int]:
     """Check the light, then record until the end or a signal; return what came of it and was seen, and the signal."""
-    from lfcal.acquire.control import Control
-    from lfcal.acquire.lighting import check_light
+    from lfcal.acquire import Control, check_light
     from lfcal.cli.acquire_words import tell_automatic
 
     tell_automatic(task.plan, rig, task.options, goes_on=task.resume)
@@ -256,10 +249,7 @@ def _run(task: _Task, rig: Rig) -> tuple[Outcome | Adapted, dict[str, Any], int]
 
 
 def _record(task: _Task, rig: Rig, control: Control) -> tuple[Outcome | Adapted, dict[str, Any]]:
-    from lfcal.acquire.blocks import window_shape
-    from lfcal.acquire.live_quality import LiveQuality, QualityState
-    from lfcal.acquire.redo import RedoList
-    from lfcal.acquire.session import iter_record
+    from lfcal.acquire import LiveQuality, QualityState, RedoList, iter_record, window_shape
     from lfcal.camera import RegionPlan, ScanPlan
     from lfcal.cli.acquire_regions import record_regions
     from lfcal.cli.acquire_target import coverage_facts, recorded_before
@@ -375,13 +365,12 @@ class _Cover:
 
 
 def _show_forecast(task: _Task, rig: Rig, frame_rate: float | None) -> None:
-    from lfcal.acquire.forecast import forecast
-    from lfcal.base.plain import plain
-    from lfcal.base.units import format_bytes, format_seconds
+    from lfcal.acquire import forecast
+    from lfcal.base import format_bytes, format_seconds, plain
     from lfcal.camera import RegionPlan
     from lfcal.cli.acquire_regions import forecast_regions
     from lfcal.cli.console import print_json, print_table, report
-    from lfcal.frames.source import Position
+    from lfcal.frames import Position
 
     only: tuple[Position, ...] = () if task.only is None else task.only.positions
     if task.goal is not None:

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    from lfcal.acquire.redo import RedoList
-    from lfcal.acquire.runner import Outcome
-    from lfcal.devices.rig import Rig
+    from lfcal.acquire import Outcome, RedoList
+    from lfcal.devices import Rig
 
 __all__ = ["finish", "list_suspects", "show_outcome", "simulated_optics", "simulated_words"]
 
@@ -20,7 +19,7 @@ SHOWN = 10
 
 def simulated_optics(rig: Rig) -> dict[str, str]:
     """Return how frames of the simulator are computed, as the session records it; nothing for real devices."""
-    from lfcal.acquire.session_file import optics_of
+    from lfcal.acquire import optics_of
 
     optics = optics_of(rig)
     return {"optics": optics} if optics else {}
@@ -35,7 +34,7 @@ def simulated_words(optics: str) -> str:
 
 def list_suspects(out: Path, outcome: Outcome) -> dict[str, Any]:
     """Write the list of suspect positions into the session's folder; return it, and where it is, if there are any."""
-    from lfcal.acquire.suspects import read_suspects
+    from lfcal.acquire import read_suspects
 
     path = out / SUSPECTS
     found = read_suspects(out) if outcome.acknowledged else None
@@ -48,8 +47,7 @@ def list_suspects(out: Path, outcome: Outcome) -> dict[str, Any]:
 
 def finish(out: Path, assemble: Path | None, pack: bool, quiet: bool) -> dict[str, Any]:
     """Assemble H of a complete session, and pack its recording, as asked for; return what came of it."""
-    from lfcal.acquire.finish import iter_assemble_session, iter_finish
-    from lfcal.acquire.session_file import SessionFile
+    from lfcal.acquire import SessionFile, iter_assemble_session, iter_finish
     from lfcal.cli.console import report, run_work
     from lfcal.psf import AssemblySettings
 
@@ -79,7 +77,7 @@ def _show_suspects(suspects: RedoList, path: Path) -> None:
 
 def show_outcome(result: dict[str, Any], outcome: Outcome, out: Path, json: bool) -> None:
     """Print how a session ended, and what to do next."""
-    from lfcal.base.units import format_seconds
+    from lfcal.base import format_seconds
     from lfcal.cli.acquire_target import show_coverage
     from lfcal.cli.console import print_json
 

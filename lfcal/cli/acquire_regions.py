@@ -6,18 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.cli.acquire_words import reported_holds
 from lfcal.cli.console import run_work
 
 if TYPE_CHECKING:
-    from lfcal.acquire.control import Control
-    from lfcal.acquire.forecast import SessionForecast
-    from lfcal.acquire.live_quality import LiveQuality
-    from lfcal.acquire.options import Options
-    from lfcal.acquire.runner import Outcome
+    from lfcal.acquire import Control, LiveQuality, Options, Outcome, SessionForecast
     from lfcal.camera import RegionPlan
-    from lfcal.devices.rig import Rig
+    from lfcal.devices import Rig
 
 __all__ = ["check_region_options", "finish_regions", "forecast_regions", "record_regions"]
 
@@ -33,9 +29,8 @@ def record_regions(
     plan: RegionPlan, out: Path, rig: Rig, options: Options, control: Control, *, resume: bool, quiet: bool
 ) -> tuple[Outcome, dict[str, Any]]:
     """Record all regions; return how it ended, and the alarms of each region by name."""
-    from lfcal.acquire.blocks import window_shape
-    from lfcal.acquire.live_quality import LiveQuality
-    from lfcal.campaign.regions import iter_record_regions
+    from lfcal.acquire import LiveQuality, window_shape
+    from lfcal.campaign import iter_record_regions
 
     seen: dict[int, LiveQuality] = {}
 
@@ -57,7 +52,7 @@ def forecast_regions(
     plan: RegionPlan, rig: Rig, options: Options, out: Path, frames_per_s: float | None = None
 ) -> SessionForecast:
     """Return what all regions cost together; each is checked."""
-    from lfcal.acquire.forecast import forecast
+    from lfcal.acquire import forecast
 
     found = [
         forecast(plan.plan(k), rig, options, out / name, frames_per_s=frames_per_s) for k, name in enumerate(plan.names)
@@ -73,8 +68,8 @@ def forecast_regions(
 
 def finish_regions(out: Path, assemble: Path | None, pack: bool, quiet: bool) -> dict[str, Any]:
     """Assemble H of every region into one file, and pack the recordings, as asked for; return what came of it."""
-    from lfcal.acquire.finish import iter_assemble_session, iter_finish
-    from lfcal.campaign.regions import parts_beside, read_regions, region_sessions, save_parts
+    from lfcal.acquire import iter_assemble_session, iter_finish
+    from lfcal.campaign import parts_beside, read_regions, region_sessions, save_parts
     from lfcal.psf import AssemblySettings, open_psf
 
     result: dict[str, Any] = {}

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.base.errors import InputError, LfcalError
-from lfcal.base.units import format_share
+from lfcal.base import InputError, LfcalError, format_share
 
 if TYPE_CHECKING:
-    from lfcal.acquire.live_coverage import CoverageState, LiveCoverage
+    from lfcal.acquire import CoverageState, LiveCoverage
     from lfcal.camera import ScanPlan
     from lfcal.targets import TargetPlan
 
@@ -62,8 +61,7 @@ def simulated_options(plan: ScanPlan | TargetPlan, path: Path, backend: str, opt
 
 def recorded_before(plan: TargetPlan, folder: Path | None) -> LiveCoverage:
     """Return what watches a session of a target, with the frames that one that goes on in ``folder`` has already."""
-    from lfcal.acquire.live_coverage import LiveCoverage
-    from lfcal.acquire.recording.whole_frames import TargetRecording
+    from lfcal.acquire import LiveCoverage, TargetRecording
 
     watching = LiveCoverage(plan)
     if folder is not None:

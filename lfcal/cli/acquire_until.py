@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.cli.options import parse_groups
 
 if TYPE_CHECKING:

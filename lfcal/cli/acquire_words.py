@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
-    from lfcal.acquire.control import Control
-    from lfcal.acquire.options import Options
-    from lfcal.base.progress import Work
+    from lfcal.acquire import Control, Options
+    from lfcal.base import Work
     from lfcal.camera import RegionPlan, ScanPlan
-    from lfcal.devices.rig import Rig
+    from lfcal.devices import Rig
     from lfcal.targets import TargetPlan
 
 __all__ = ["numbers", "options_of", "pairs", "read_plan", "reported_holds", "tell_automatic"]
@@ -21,9 +20,7 @@ R = TypeVar("R")
 
 def read_plan(path: Path, origin: str) -> ScanPlan | TargetPlan | RegionPlan:
     """Return the plan of a scan, a target or regions in a file, its stage at ``origin`` if that is given."""
-    from lfcal.base.errors import InputError
-    from lfcal.base.files import read_text
-    from lfcal.base.plain import parse_json
+    from lfcal.base import InputError, parse_json, read_text
     from lfcal.camera import RegionPlan, ScanPlan
     from lfcal.cli.acquire_target import target_plan_in
 
@@ -44,9 +41,8 @@ def read_plan(path: Path, origin: str) -> ScanPlan | TargetPlan | RegionPlan:
 
 def options_of(session: Path | None, given: dict[str, Any], check_origin: bool) -> Options:
     """Return the session's options where it exists, else the defaults, changed by what was given."""
-    from lfcal.acquire.options import Options
-    from lfcal.acquire.session_file import SessionFile
-    from lfcal.campaign.regions import first_begun, is_regions
+    from lfcal.acquire import Options, SessionFile
+    from lfcal.campaign import first_begun, is_regions
 
     if session is not None and is_regions(session):
         session = first_begun(session)
@@ -60,7 +56,7 @@ def tell_automatic(plan: ScanPlan | TargetPlan | RegionPlan, rig: Rig, options: 
 
     A session that continues is compared with its own camera settings first, which gives the clearer message.
     """
-    from lfcal.acquire.session import check_devices, check_fixed
+    from lfcal.acquire import check_devices, check_fixed
     from lfcal.cli.console import report
 
     devices = check_devices(plan.scan, rig)
@@ -72,7 +68,7 @@ def tell_automatic(plan: ScanPlan | TargetPlan | RegionPlan, rig: Rig, options: 
 
 def reported_holds(work: Work[R], control: Control) -> Work[R]:
     """Pass on a recording; what was not checked, and each hold of it and its end, is a line on standard error."""
-    from lfcal.acquire.setup.stage_check import STAGE
+    from lfcal.acquire.setup import STAGE
     from lfcal.cli.console import report
 
     held = ""
@@ -95,7 +91,7 @@ def reported_holds(work: Work[R], control: Control) -> Work[R]:
 
 def numbers(text: str | None, what: str) -> tuple[float, ...] | None:
     """Return numbers separated by commas; None where nothing is given."""
-    from lfcal.base.errors import InputError
+    from lfcal.base import InputError
 
     if text is None:
         return None
@@ -107,7 +103,7 @@ def numbers(text: str | None, what: str) -> tuple[float, ...] | None:
 
 def pairs(options: list[str]) -> dict[str, str]:
     """Return the options of a backend, written as NAME=VALUE."""
-    from lfcal.base.errors import InputError
+    from lfcal.base import InputError
 
     found = {}
     for text in options:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.cli.channels import ChannelPart, open_colour, parts_of
 from lfcal.cli.completing import complete_orientation
 from lfcal.cli.listed import ColumnsOption, OriginOption, report_notes, tell_size
@@ -33,8 +33,7 @@ from lfcal.cli.usage import refuse
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
     from lfcal.frames import CorrectionRecipe
-    from lfcal.psf.assembly import AssemblySettings
-    from lfcal.psf.assembly_report import AssemblyReport
+    from lfcal.psf import AssemblyReport, AssemblySettings
     from lfcal.work import RunChoice
 
 
@@ -136,7 +135,7 @@ def command(
 
     Example: `lfcal assemble session/frames --dark session/dark --white session/white -o H.h5`
     """
-    from lfcal.campaign.regions import is_regions
+    from lfcal.campaign import is_regions
     from lfcal.cli.assemble_target import assemble_target
     from lfcal.cli.cameras import tell_assumed
     from lfcal.cli.console import print_json
@@ -144,10 +143,8 @@ def command(
     from lfcal.cli.outputs import check_output
     from lfcal.cli.plan import parse_cutout
     from lfcal.cli.target_frames import refuse_options, wanted_target
-    from lfcal.frames import CorrectionRecipe
-    from lfcal.frames.aligned import chosen_shift
-    from lfcal.frames.part import parse_origin, smaller
-    from lfcal.psf.assembly import AssemblySettings
+    from lfcal.frames import CorrectionRecipe, chosen_shift, parse_origin, smaller
+    from lfcal.psf import AssemblySettings
 
     check_choice(orientation)
     if lost != AssemblySettings.lost and cutout != "auto":
@@ -279,9 +276,8 @@ def _assemble(
     from lfcal.cli.console import run_work
     from lfcal.cli.orientation import upright
     from lfcal.cli.part_frames import PartFrames
-    from lfcal.frames import check_turned_colours, corrected_view, iter_undamaged
-    from lfcal.frames.half_cell import with_partners
-    from lfcal.psf.assembly import iter_assemble_plan
+    from lfcal.frames import check_turned_colours, corrected_view, iter_undamaged, with_partners
+    from lfcal.psf import iter_assemble_plan
 
     start, settings, json = time.perf_counter(), how.settings, how.json
     frames = part.source
@@ -297,7 +293,7 @@ def _assemble(
         view = with_partners(view, part.plan)
     filler = None
     if how.fill is not None:
-        from lfcal.fit.stored import Filler, read_fit
+        from lfcal.fit import Filler, read_fit
 
         filler = Filler(read_fit(how.fill), part.plan, settings.workers)
         known |= {"filled": filler.provenance}
@@ -316,8 +312,8 @@ def _assemble_regions(
     words: ScanFrames, out: Path, recipe: CorrectionRecipe, how: _How, shift: str, given: dict[str, bool]
 ) -> dict[str, Any]:
     """Make H of every region of a session into one file; options ``given`` are of one region alone."""
-    from lfcal.campaign.regions import read_regions
-    from lfcal.frames.aligned import chosen_shift
+    from lfcal.campaign import read_regions
+    from lfcal.frames import chosen_shift
 
     settings = how.settings
 
@@ -334,9 +330,9 @@ def _assemble_regions(
 
 def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -> dict[str, Any]:
     """Return what was assembled, and print it but for ``json``; what nobody measured is null or "unknown"."""
-    from lfcal.base.units import format_bytes, format_seconds
+    from lfcal.base import format_bytes, format_seconds
     from lfcal.cli.console import report as line
-    from lfcal.psf.facts import Origin
+    from lfcal.psf import Origin
 
     matrix = report.matrix
     origin = matrix.facts.origin

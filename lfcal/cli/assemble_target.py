@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from lfcal.frames import CorrectionRecipe
-    from lfcal.psf.assembly import AssemblySettings
-    from lfcal.psf.assembly_report import AssemblyReport
+    from lfcal.psf import AssemblyReport, AssemblySettings
     from lfcal.targets import TargetPlan
 
 __all__ = ["assemble_target", "assembled_points", "finish_target", "left_words"]
@@ -45,7 +44,7 @@ def assembled_points(
     quiet: bool,
 ) -> tuple[AssemblyReport, dict[str, Any]]:
     """Return what was made of the points that show positions, and what the frames say of the target."""
-    from lfcal.campaign.point_assembly import iter_assemble_points
+    from lfcal.campaign import iter_assemble_points
     from lfcal.cli.console import report, run_work
     from lfcal.cli.target_frames import opened_target, tell_points
 
@@ -79,7 +78,7 @@ def finish_target(out: Path, assemble: Path | None, pack: bool, quiet: bool) -> 
 
 def left_words(left: int, count: int, plan: TargetPlan) -> str:
     """Return how many of the points show no position, and why they are not resampled to one."""
-    from lfcal.targets.sampling import resampling_words
+    from lfcal.targets import resampling_words
 
     far = f"{left} of {count} points are farther than {plan.tolerance_px:g} px from every position"
     return f"note: {far}; {resampling_words(plan.scan)}: lfcal fit takes them where they are"

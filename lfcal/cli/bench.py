@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 
 __all__ = ["register"]
 

@@ -10,7 +10,7 @@ from typing import Any
 import typer
 
 import lfcal.cli
-from lfcal.base.files import replace_whole
+from lfcal.base import replace_whole
 from lfcal.camera import Camera, Derived, derived_of, doubts, quantities_of, value_at
 from lfcal.cli.cameras import assumed_in_words
 from lfcal.cli.console import print_json, print_table, report

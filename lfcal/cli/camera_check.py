@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.base.errors import InputError
-from lfcal.base.files import replace_whole
+from lfcal.base import InputError, replace_whole
 from lfcal.cli.cameras import load_camera
 from lfcal.cli.colour_planes import read_white
 from lfcal.cli.console import print_json, print_table, report
@@ -18,8 +17,8 @@ from lfcal.cli.outputs import check_output
 from lfcal.cli.usage import refuse
 
 if TYPE_CHECKING:
-    from lfcal.frames.white_orientation import TurnedWhite
-    from lfcal.lattice.camera_check import CameraCheck
+    from lfcal.frames import TurnedWhite
+    from lfcal.lattice import CameraCheck
 
 __all__ = ["register"]
 
@@ -58,11 +57,8 @@ def command(
 
     Example: `lfcal camera check camera.json white.tif --dark dark.tif -o measured.json`
     """
-    from lfcal.frames.cfa import cfa_from
-    from lfcal.frames.orientation import AS_IS, named_orientation
-    from lfcal.frames.part import parse_origin
-    from lfcal.frames.white_orientation import compared_orientations
-    from lfcal.lattice.camera_check import FITS, WRONG, check_camera
+    from lfcal.frames import AS_IS, cfa_from, compared_orientations, named_orientation, parse_origin
+    from lfcal.lattice import FITS, WRONG, check_camera
 
     if out is None:
         refuse(context, "-o to write the camera", "none", "anyway")

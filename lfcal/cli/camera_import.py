@@ -88,7 +88,7 @@ def command(
 
 def frame_shape(path: Path) -> tuple[int, int]:
     """Return rows and columns of an image file."""
-    from lfcal.frames.formats.opening import open_image
+    from lfcal.frames import open_image
 
     image = open_image(path)
     try:

@@ -9,7 +9,7 @@ from typing import Any
 
 import typer
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import PRESETS, Draft, Marks, preset, quantities_of, value_at
 from lfcal.cli.camera_values import (
     ArrayOption,

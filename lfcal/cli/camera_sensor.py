@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.base.errors import InputError
-from lfcal.base.files import replace_whole
+from lfcal.base import InputError, replace_whole
 from lfcal.cli.console import print_json, print_table, report, run_work
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_outputs
@@ -16,8 +15,7 @@ from lfcal.cli.plan import load_camera
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera
-    from lfcal.frames.photon_transfer.result import SensorMeasurement
-    from lfcal.frames.photon_transfer.values import MeasuredValue
+    from lfcal.frames.photon_transfer import MeasuredValue, SensorMeasurement
 
 __all__ = ["register"]
 
@@ -63,8 +61,7 @@ def command(
 
     Example: `lfcal camera sensor flats/ darks/ --camera camera.json -o measured.json --figure ptc.png`
     """
-    from lfcal.frames.photon_transfer.frame_list import find_frames
-    from lfcal.frames.photon_transfer.measurement import iter_measure_sensor
+    from lfcal.frames.photon_transfer import find_frames, iter_measure_sensor
 
     if out is not None and not camera:
         raise InputError.expected("measured camera", "a camera to write the sensor into", "none", "add --camera")
@@ -89,7 +86,7 @@ def command(
 
 
 def _save_figure(found: SensorMeasurement, path: Path) -> Path:
-    from lfcal.frames.photon_transfer.figure import save_curve
+    from lfcal.frames.photon_transfer import save_curve
 
     save_curve(found, path)
     return path
@@ -125,7 +122,7 @@ def _as_json(found: SensorMeasurement) -> dict[str, Any]:
 
 
 def _show(found: SensorMeasurement, known: Camera | None, written: list[Path]) -> None:
-    from lfcal.frames.photon_transfer.summary import figures_of, unlike
+    from lfcal.frames.photon_transfer import figures_of, unlike
 
     rows = [list(figure) for figure in figures_of(found, None if known is None else known.sensor)]
     print_table([f"{found.frames[0]} flats, {found.frames[1]} darks", ""], rows)

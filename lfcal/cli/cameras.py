@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lfcal.base.errors import StorageError, choose
+from lfcal.base import StorageError, choose
 from lfcal.camera import (
     CAMERA_FORMATS,
     PRESETS,

@@ -34,8 +34,8 @@ class ChannelPart:
 
 def open_colour(opened: Callable[..., tuple[Frames, ScanPlan]], channel: str) -> tuple[Frames, ScanPlan]:
     """Return frames and plan; of colour images the component that ``channel`` names, green for ``"each"``."""
-    from lfcal.base.errors import FileFormatError
-    from lfcal.frames.components import open_component
+    from lfcal.base import FileFormatError
+    from lfcal.frames import open_component
 
     try:
         return open_component(opened, channel)
@@ -62,9 +62,8 @@ def parts_of(
     quiet
         Say nothing of what a colour has of the scan.
     """
-    from lfcal.base.errors import InputError
-    from lfcal.frames.colour_scan import ThinnedSource, colour_scan, colours_of
-    from lfcal.frames.components import COMPONENTS
+    from lfcal.base import InputError
+    from lfcal.frames import COMPONENTS, ThinnedSource, colour_scan, colours_of
 
     component = source.metadata.colour
     names = COMPONENTS if component else colours_of(source, plan)

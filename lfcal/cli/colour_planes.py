@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base.checks import check_choice
-from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base import FileFormatError, InputError, check_choice
 
 if TYPE_CHECKING:
     import numpy as np
@@ -39,7 +38,7 @@ def read_planes(path: Path, reading: ColourReading) -> Planes:
     Frame and dark frame are files, or folders whose frames are averaged.
     """
     from lfcal.frames import open_image
-    from lfcal.frames.corrections.recipe import first_image
+    from lfcal.frames.corrections import first_image
 
     wanted = COLOURS if reading.channel == "each" else (reading.channel,) if reading.channel else ()
     try:
@@ -67,14 +66,14 @@ def read_planes(path: Path, reading: ColourReading) -> Planes:
 
 
 def _plane(path: Path, dark: Path | None, colour: str | None) -> NDArray[np.float32]:
-    from lfcal.frames.corrections.recipe import read_average
+    from lfcal.frames.corrections import read_average
 
     image = read_average(path, colour=colour)
     return image if dark is None else image - _level(dark, image.shape, colour)
 
 
 def _level(dark: Path, shape: tuple[int, ...], colour: str | None) -> NDArray[Any]:
-    from lfcal.frames.corrections.recipe import read_average
+    from lfcal.frames.corrections import read_average
 
     level = read_average(dark, colour=colour)
     if level.shape != shape:
@@ -85,7 +84,7 @@ def _level(dark: Path, shape: tuple[int, ...], colour: str | None) -> NDArray[An
 def _mosaic(path: Path, cfa: str, black: Any, dark: Path | None, names: tuple[str, ...]) -> Planes:
     import numpy as np
 
-    from lfcal.frames.corrections.recipe import read_average
+    from lfcal.frames.corrections import read_average
     from lfcal.multiplex import cfa as modulator_of
     from lfcal.multiplex import demultiplex, without_black_level
 

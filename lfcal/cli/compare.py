@@ -8,7 +8,7 @@ from pathlib import Path
 
 import typer
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.cli.options import ForceOption, JsonOption, MatOrderOption, MatrixArgument, WorkersOption
 
 __all__ = ["register"]
@@ -45,8 +45,8 @@ def command(
     from lfcal.cli.console import print_json, print_table, run_work
     from lfcal.cli.matrices import check_mat_files, open_matrix
     from lfcal.cli.outputs import check_outputs
-    from lfcal.psf.difference import iter_difference
-    from lfcal.psf.report.two import (
+    from lfcal.psf import iter_difference
+    from lfcal.psf.report import (
         COLUMNS,
         compared_report_files,
         compared_words,

@@ -24,13 +24,13 @@ def _among(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
 
 
 def _presets() -> Iterable[str]:
-    from lfcal.camera.presets import PRESETS
+    from lfcal.camera import PRESETS
 
     return PRESETS
 
 
 def _compressions() -> Iterable[str]:
-    from lfcal.psf.layout import COMPRESSIONS
+    from lfcal.psf import COMPRESSIONS
 
     return COMPRESSIONS
 
@@ -42,20 +42,20 @@ def _executors() -> Iterable[str]:
 
 
 def _mat_orders() -> Iterable[str]:
-    from lfcal.psf.mat_import import MAT_ORDERS
+    from lfcal.psf import MAT_ORDERS
 
     return MAT_ORDERS
 
 
 def _orientations() -> Iterable[str]:
     from lfcal.frames import ORIENTATIONS
-    from lfcal.psf.upright import AUTO, CHECK
+    from lfcal.psf import AUTO, CHECK
 
     return (CHECK, AUTO, *(one.option for one in ORIENTATIONS.values()))
 
 
 def _solvers() -> Iterable[str]:
-    from lfcal.reconstruct.solvers.choice import SOLVERS
+    from lfcal.reconstruct import SOLVERS
 
     return ("list", *SOLVERS.names())
 

@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
-from lfcal.base.plain import plain
-from lfcal.base.progress import Progress, Work, drain
-from lfcal.base.units import format_seconds
+from lfcal.base import Progress, Work, drain, format_seconds, plain
 
 if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix
@@ -75,7 +73,7 @@ def done_text(record: Progress, speed: float | None) -> str:
 
 def report_dark(matrix: PSFMatrix) -> tuple[int, ...]:
     """Return the planes of ``matrix`` that hold no light, and say which they are."""
-    from lfcal.psf.light import dark_planes
+    from lfcal.psf import dark_planes
 
     dark = dark_planes(matrix)
     if dark:

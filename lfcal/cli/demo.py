@@ -56,7 +56,7 @@ def command(
 
     Example: `lfcal demo demo_out`
     """
-    from lfcal.base.units import format_seconds
+    from lfcal.base import format_seconds
     from lfcal.cli.console import print_json, print_table
     from lfcal.cli.outputs import check_outputs
     from lfcal.cli.sample import sample_session
@@ -113,8 +113,7 @@ def _assembled(
 
 
 def _pictures(matrix: PSFMatrix, out: Path, steps: _Steps) -> None:
-    from lfcal.base.figures import draw_image, figure, save_figure
-    from lfcal.base.units import format_length
+    from lfcal.base import draw_image, figure, format_length, save_figure
 
     z, y, x = len(matrix) // 2, matrix.period[0] // 2, matrix.period[1] // 2
     with steps.step("one slice of the transposed matrix, without building it") as made, figure(9, 3.4) as fig:
@@ -140,7 +139,7 @@ def _pictures(matrix: PSFMatrix, out: Path, steps: _Steps) -> None:
 
 def _against_truth(matrix: PSFMatrix, plan: ScanPlan, out: Path, steps: _Steps) -> dict[str, Any]:
     """Simulate the same H directly and compare: the sample camera's truth is known."""
-    from lfcal.psf.compare import compare
+    from lfcal.psf import compare
     from lfcal.simulate import simulate_psf
 
     with steps.step("the same H simulated directly, and compared") as made:

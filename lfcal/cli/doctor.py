@@ -13,7 +13,7 @@ from typing import Any
 
 import typer
 
-from lfcal.base.registry import Registry
+from lfcal.base import Registry
 from lfcal.cli.options import JsonOption
 
 LIBRARIES = (
@@ -100,10 +100,8 @@ def examine() -> dict[str, Any]:
     from dataclasses import asdict
 
     from lfcal import __version__
-    from lfcal.base.system import processors, total_memory
-    from lfcal.base.threads import worker_count
-    from lfcal.base.units import format_bytes
-    from lfcal.devices.registry import find_backends
+    from lfcal.base import format_bytes, processors, total_memory, worker_count
+    from lfcal.devices import find_backends
 
     machine: dict[str, Any] = {
         "lfcal": __version__,
@@ -124,11 +122,11 @@ def examine() -> dict[str, Any]:
 
 def broken_plugins() -> list[dict[str, str]]:
     """Return the plug-ins that could not be loaded: ``kind`` of part, ``name`` of the entry point, ``reason``."""
-    from lfcal.devices.registry import BACKENDS
-    from lfcal.frames.formats.opening import FORMATS
-    from lfcal.frames.opening import SOURCES
+    from lfcal.devices import BACKENDS
+    from lfcal.frames import SOURCES
+    from lfcal.frames.formats import FORMATS
     from lfcal.psf.quality import METRICS
-    from lfcal.reconstruct.solvers.choice import SOLVERS
+    from lfcal.reconstruct import SOLVERS
     from lfcal.simulate.effects import CATALOGUE
 
     # in the order of the data, as the commands are.
@@ -153,8 +151,7 @@ def _remedy(name: str) -> str:
 
 
 def _bound_by() -> str:
-    from lfcal.base.system import processors
-    from lfcal.base.threads import WORKERS, worker_count
+    from lfcal.base import WORKERS, processors, worker_count
 
     return WORKERS if worker_count() != processors() else "every processor this process may use"
 

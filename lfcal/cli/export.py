@@ -7,7 +7,7 @@ from pathlib import Path
 
 import typer
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.cli.options import ForceOption, JsonOption, MatOrderOption, MatrixArgument, WorkersOption
 
 
@@ -47,12 +47,11 @@ def command(
 
     Example: `lfcal export H.h5 -o H.mat`
     """
-    from lfcal.base.units import format_bytes, format_seconds
+    from lfcal.base import format_bytes, format_seconds
     from lfcal.cli.console import print_json, report, report_dark, run_work
     from lfcal.cli.matrices import check_mat_files, report_regions
     from lfcal.cli.outputs import check_outputs
-    from lfcal.psf.export import ExportOptions, export_files, export_notes, iter_export
-    from lfcal.psf.opening import open_psf, opening_notes
+    from lfcal.psf import ExportOptions, export_files, export_notes, iter_export, open_psf, opening_notes
 
     suffix = out.suffix.lower()
     given = {"--no-ht": no_ht, "--rows-first": rows_first, "--uncompressed": uncompressed, "--position": bool(position)}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.cli.options import (
     ExecutorOption,
     ForceOption,
@@ -22,8 +22,7 @@ from lfcal.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from lfcal.fit import Fit, Measured
-    from lfcal.fit.hybrid import HybridSummary
+    from lfcal.fit import Fit, HybridSummary, Measured
     from lfcal.psf import PSFMatrix
 
 __all__ = ["register"]
@@ -112,7 +111,7 @@ def command(
 
     Example: `lfcal fit H.h5 -o fit/`; `lfcal fit centre.h5 edge.h5 corner.h5`; `lfcal fit --check old.h5 frame.tif`
     """
-    from lfcal.campaign.point_files import point_outputs
+    from lfcal.campaign import point_outputs
     from lfcal.cli.cameras import load_camera
     from lfcal.cli.console import print_json, run_work
     from lfcal.cli.fit_check import CheckRequest, check_h
@@ -139,12 +138,9 @@ def command(
     from lfcal.cli.outputs import check_outputs
     from lfcal.cli.runs import may_replace, run_choice, run_kept
     from lfcal.cli.target_frames import refuse_options, wanted_target
-    from lfcal.fit import iter_fit_camera
-    from lfcal.fit.files import fit_dict
-    from lfcal.fit.setup import called_for, with_given
-    from lfcal.fit.writing import MODEL, iter_write_fit
+    from lfcal.fit import MODEL, called_for, fit_dict, iter_fit_camera, iter_write_fit, with_given
     from lfcal.frames import CorrectionRecipe
-    from lfcal.simulate.effects.described import parse_effects
+    from lfcal.simulate.effects import parse_effects
 
     check_choice(orientation)
     corrections = {"--dark": dark, "--black-level": black_level is not None, "--white": white}
@@ -288,7 +284,7 @@ def command(
 def _check_before(out: Path, *inputs: Path | str | None, more: Sequence[str] = (), no_h: bool, force: bool) -> None:
     """Raise where an output cannot be written, is an input, or exists."""
     from lfcal.cli.outputs import check_outputs
-    from lfcal.fit.writing import MODEL, fit_outputs
+    from lfcal.fit import MODEL, fit_outputs
 
     check_outputs([*fit_outputs(out), *(out / name for name in more)], *inputs, force=force)
     # beside another camera it would be taken for that camera's H
@@ -308,8 +304,7 @@ def _check_regions(
     """Raise where an output of several regions cannot be written, is an input, exists, or lies beside another fit's."""
     from lfcal.cli.fit_field import names_of
     from lfcal.cli.outputs import check_outputs
-    from lfcal.fit.field_files import field_outputs
-    from lfcal.fit.writing import MODEL, NUMBERS
+    from lfcal.fit import MODEL, NUMBERS, field_outputs
 
     names = names_of(sources)
     check_outputs([*field_outputs(out, names), *more], *sources, *inputs, force=force)

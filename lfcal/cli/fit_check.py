@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import typer
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
-    from lfcal.fit.compared import Compared
-    from lfcal.fit.holds import Check
-    from lfcal.fit.locate import NewFrame
+    from lfcal.fit import Check, Compared, NewFrame
     from lfcal.frames import CorrectionRecipe, FrameSource
     from lfcal.psf import PSFMatrix
 
@@ -64,7 +62,7 @@ def check_h(old: Path, sources: list[Path], asked: CheckRequest, *, json: bool) 
     """Hold new frames against an old H; print the answer, and return whether it holds."""
     from lfcal.cli.console import print_json, run_work
     from lfcal.cli.matrices import open_matrix
-    from lfcal.fit.holds import iter_check
+    from lfcal.fit import iter_check
 
     with open_matrix(old) as opened:
         H = opened.T if opened.is_transposed else opened
@@ -82,9 +80,9 @@ def _frames(H: PSFMatrix, source: Path, asked: CheckRequest, stack: ExitStack, *
     """Return the frames of a file, a folder or a session, with what is known of where their sources are."""
     from lfcal.cli.orientation import upright
     from lfcal.cli.scan_frames import ScanFrames, find_plan
-    from lfcal.fit.expected import plan_of
+    from lfcal.fit import plan_of
     from lfcal.frames import corrected_view, named_orientation, oriented
-    from lfcal.psf.upright import AUTO, CHECK
+    from lfcal.psf import AUTO, CHECK
 
     own = plan_of(H)
     scanned = source.is_dir() and ((source / "session.json").is_file() or find_plan(source, asked.plan) is not None)
@@ -109,11 +107,10 @@ def _frames(H: PSFMatrix, source: Path, asked: CheckRequest, stack: ExitStack, *
 
 def single_frames(source: Path, stack: ExitStack) -> FrameSource:
     """Return frames of which nobody knows the places: every page of a file, or of a folder's files."""
-    from lfcal.base.errors import StorageError
+    from lfcal.base import StorageError
     from lfcal.cli.fit_source import own_words
-    from lfcal.frames import FolderSource, FrameEntry, Manifest, Position, open_image
-    from lfcal.frames.formats.opening import image_suffixes
-    from lfcal.frames.positions import natural_key
+    from lfcal.frames import FolderSource, FrameEntry, Manifest, Position, natural_key, open_image
+    from lfcal.frames.formats import image_suffixes
 
     if not source.exists():
         raise StorageError(f"{source}: no such file or folder; check the name")
@@ -136,7 +133,7 @@ def single_frames(source: Path, stack: ExitStack) -> FrameSource:
 
 
 def _check_colours(frames: FrameSource, plan: ScanPlan, source: Path) -> None:
-    from lfcal.frames.colour_scan import colours_of
+    from lfcal.frames import colours_of
 
     colours = colours_of(frames, plan)
     if colours:
@@ -158,7 +155,7 @@ def _check_grid(H: PSFMatrix, view: FrameSource, plan: ScanPlan | None, source: 
 
 
 def _chosen(view: FrameSource, plan: ScanPlan, most: int) -> list[int]:
-    from lfcal.fit.spread import spread_out
+    from lfcal.fit import spread_out
 
     index = np.array([tuple(view.info(k).position) for k in range(len(view))], np.intp).reshape(-1, 3)
     if not most or len(index) <= most:
@@ -197,7 +194,7 @@ def _of_file(H: PSFMatrix, view: FrameSource, k: int) -> NewFrame:
 def new_frame(view: FrameSource, k: int, place: tuple[float, float] | None, plane: int | None, label: str) -> NewFrame:
     """Return frame ``k`` of a corrected view with its noise, where that is known."""
     from lfcal.cli.fit_source import own_words
-    from lfcal.fit.locate import NewFrame
+    from lfcal.fit import NewFrame
 
     with own_words(without="" if place else ", (z, y, x) = (0, 0, 0)"):
         samples = view.samples(k)
@@ -211,7 +208,7 @@ def new_frame(view: FrameSource, k: int, place: tuple[float, float] | None, plan
 
 def check_dict(found: Check) -> dict[str, Any]:
     """Return what was found as plain types."""
-    from lfcal.base.plain import plain
+    from lfcal.base import plain
 
     words = {True: "holds", False: "does not hold", None: "not told"}
     error, chi2 = found.error, found.chi_square
@@ -267,7 +264,7 @@ def _frame_dict(one: Compared) -> dict[str, Any]:
 
 
 def _show(found: Check) -> None:
-    from lfcal.base.units import format_share
+    from lfcal.base import format_share
     from lfcal.cli.console import print_table, report
 
     rows = [

@@ -10,15 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 
 if TYPE_CHECKING:
     from lfcal.cli.fit_source import PatternReading
-    from lfcal.fit import Measured
-    from lfcal.fit.field import FieldFit
-    from lfcal.fit.validate import Validation
+    from lfcal.fit import FieldFit, Measured, Validation
     from lfcal.psf import PSFMatrix
-    from lfcal.simulate.effects.base import Effect
+    from lfcal.simulate.effects import Effect
     from lfcal.work import RunChoice
 
 __all__ = ["Regions", "fit_regions", "names_of"]
@@ -93,10 +91,7 @@ def fit_regions(
     from lfcal.cli.fit_object import ObjectPlace, object_dict, object_error, object_words, read_object
     from lfcal.cli.fit_source import is_matrix, open_upright, read_patterns
     from lfcal.cli.fit_validate import validation_dict, withheld_points
-    from lfcal.fit.field import iter_fit_field
-    from lfcal.fit.field_files import field_dict, iter_write_field
-    from lfcal.fit.setup import called_for, with_given
-    from lfcal.fit.writing import MODEL
+    from lfcal.fit import MODEL, called_for, field_dict, iter_fit_field, iter_write_field, with_given
 
     by_name = dict(zip(names_of(sources), sources, strict=True))
     patterns, known = {}, {}
@@ -173,7 +168,7 @@ def _validated(
 
 def _show(fit: FieldFit, out: Path, written: Sequence[Path]) -> None:
     from lfcal.cli.console import print_table, report
-    from lfcal.fit.field_report import wavefront_table
+    from lfcal.fit import wavefront_table
 
     first = fit.first
     regions = [

@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from lfcal.base.errors import InputError, LfcalError
+from lfcal.base import InputError, LfcalError
 
 __all__ = ["assembled_first", "of_one_channel", "without_positions"]
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.cli.fit_check import new_frame, single_frames
 from lfcal.cli.fit_validate import error_dict
 
@@ -18,9 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lfcal.cli.fit_source import PatternReading
-    from lfcal.fit import Fit, Measured
-    from lfcal.fit.compared import Compared
-    from lfcal.fit.locate import NewFrame
+    from lfcal.fit import Compared, Fit, Measured, NewFrame
 
 __all__ = ["ObjectPlace", "nearest", "object_dict", "object_error", "object_words", "read_object"]
 
@@ -56,7 +54,7 @@ def read_object(
 ) -> tuple[NewFrame, NDArray[np.float32]]:
     """Return the frame of a known object, corrected, and the object; before anything is fitted."""
     from lfcal.frames import corrected_view
-    from lfcal.reconstruct.volumes import load_volume
+    from lfcal.reconstruct import load_volume
 
     with ExitStack() as stack:
         view = corrected_view(single_frames(frame, stack), how.recipe, fitted.plan)
@@ -95,9 +93,9 @@ def object_error(
 
     One period is taken to be like the next only from a point to the nearest region.
     """
-    from lfcal.fit.validate import predicted_frame
+    from lfcal.fit import predicted_frame
     from lfcal.psf import open_psf
-    from lfcal.reconstruct.projectors.projector import Projector
+    from lfcal.reconstruct import Projector
 
     noise = given or shot.noise
     if noise is None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lfcal.base.errors import FileFormatError, InputError, LfcalError
+from lfcal.base import FileFormatError, InputError, LfcalError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -72,8 +72,8 @@ def is_matrix(path: Path) -> bool:
         return False
     if suffix not in (".h5", ".hdf5"):
         return True
-    from lfcal.base.h5.file import H5File
-    from lfcal.psf.store import FORMAT
+    from lfcal.base.h5 import H5File
+    from lfcal.psf import FORMAT
 
     with H5File(path) as file:
         return file.attributes().text("format") == FORMAT
@@ -127,8 +127,7 @@ def read_patterns(source: Path, how: PatternReading, *, quiet: bool) -> tuple[Me
     """Return the patterns to fit, and what is known of their source for the provenance of what is made of them."""
     from lfcal.cli.cameras import tell_assumed
     from lfcal.cli.listed import report_notes
-    from lfcal.fit import measured_of
-    from lfcal.fit.measured import LEFT_OUT, check_optics
+    from lfcal.fit import LEFT_OUT, check_optics, measured_of
 
     with ExitStack() as stack:
         if is_matrix(source):
@@ -185,7 +184,7 @@ def _left(
     index: NDArray[np.intp], how: PatternReading, period: tuple[int, int], aside: list[list[int]] | None = None
 ) -> NDArray[np.intp]:
     """Return positions that may be taken, spread evenly, no more than are asked for."""
-    from lfcal.fit.spread import spread_out
+    from lfcal.fit import spread_out
 
     most = _most(how, aside or [])
     found = index[[tuple(at) not in how.without for at in index.tolist()]] if len(index) else index
@@ -194,7 +193,7 @@ def _left(
 
 def _with_noise(matrix: PSFMatrix, how: PatternReading) -> tuple[PatternReading, str]:
     """Return how patterns are read, with the noise that H states of its frames, and where that is known from."""
-    from lfcal.psf.provenance import noise_of
+    from lfcal.psf import noise_of
 
     found = noise_of(matrix.provenance)
     if how.noise is not None or found is None:
@@ -230,7 +229,7 @@ def _assumes_noise(matrix: PSFMatrix) -> bool:
 
 def _recorded(source: Path) -> dict[str, Any]:
     """Return when a session was recorded; nothing for other frames, whose files' times are those of a copy."""
-    from lfcal.acquire.session_file import NAME, SessionFile
+    from lfcal.acquire import NAME, SessionFile
 
     if not (source / NAME).is_file():
         return {}
@@ -250,10 +249,8 @@ def _picked(
     from lfcal.cli.listed import report_notes
     from lfcal.cli.orientation import upright
     from lfcal.cli.scan_frames import ScanFrames
-    from lfcal.frames import corrected_view
-    from lfcal.frames.colour_scan import colours_of
-    from lfcal.psf.measured_noise import scan_noise
-    from lfcal.psf.picked import iter_pick
+    from lfcal.frames import colours_of, corrected_view
+    from lfcal.psf import iter_pick, scan_noise
 
     try:
         frames, plan = ScanFrames(source, how.plan, orientation=how.orientation).open()

@@ -11,7 +11,7 @@ import typer
 if TYPE_CHECKING:
     from lfcal.camera import Camera
     from lfcal.frames import CorrectionRecipe
-    from lfcal.simulate.effects.base import Effect
+    from lfcal.simulate.effects import Effect
     from lfcal.targets import TargetPlan
 
 __all__ = ["fit_target"]
@@ -35,16 +35,11 @@ def fit_target(
     """Fit one camera to the points of a target's frames, and write it with H of its region, or of ``regions``."""
     from dataclasses import replace
 
-    from lfcal.camera import RegionPlan
-    from lfcal.camera.regions import parse_regions
-    from lfcal.campaign.point_facts import target_facts
-    from lfcal.campaign.point_files import iter_write_points
-    from lfcal.campaign.point_fit import MOST, iter_fit_points
-    from lfcal.campaign.point_hole import hole_words
+    from lfcal.camera import RegionPlan, parse_regions
+    from lfcal.campaign import MOST, hole_words, iter_fit_points, iter_write_points, target_facts
     from lfcal.cli.console import print_json, print_table, report, run_work
     from lfcal.cli.target_frames import found_points, opened_target
-    from lfcal.fit.files import fit_dict
-    from lfcal.fit.setup import called_for, with_given
+    from lfcal.fit import called_for, fit_dict, with_given
 
     if camera is not None:
         plan = replace(plan, scan=replace(plan.scan, camera=camera))

@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    from lfcal.base.progress import Work
+    from lfcal.base import Work
     from lfcal.cli.fit_source import PatternReading
-    from lfcal.fit import Fit, Measured
-    from lfcal.fit.judge import ModelError
-    from lfcal.fit.validate import PointError, Validation
+    from lfcal.fit import Fit, Measured, ModelError, PointError, Validation
 
 __all__ = [
     "VALIDATION",
@@ -49,9 +47,7 @@ def iter_write_validation(
     fit: Fit, withheld: Measured, out: Path, source: Path, other: Path | None
 ) -> Work[Validation]:
     """Predict withheld points, and write numbers and picture into a fit's folder."""
-    from lfcal.fit.files import json_text, write_text
-    from lfcal.fit.report import add_picture
-    from lfcal.fit.validate import draw_validation, iter_validate
+    from lfcal.fit import add_picture, draw_validation, iter_validate, json_text, write_text
 
     found = yield from iter_validate(fit, withheld, another=other is not None)
     numbers, picture = (out / name for name in VALIDATION)

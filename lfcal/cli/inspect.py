@@ -23,8 +23,7 @@ from lfcal.cli.options import (
 if TYPE_CHECKING:
     from lfcal.fit import Setup
     from lfcal.judge import Inspection
-    from lfcal.psf import PSFMatrix
-    from lfcal.psf.compare import Comparison
+    from lfcal.psf import Comparison, PSFMatrix
     from lfcal.psf.quality import QualityReport
 
 REGIONS_PICTURE = "regions.png"
@@ -81,7 +80,7 @@ def command(
 
     Example: `lfcal inspect H.h5 --report report/`
     """
-    from lfcal.base.errors import InputError
+    from lfcal.base import InputError
     from lfcal.cli.cameras import tell_assumed
     from lfcal.cli.console import print_json, run_work
     from lfcal.cli.inspect_controls import control_frames
@@ -91,11 +90,9 @@ def command(
     from lfcal.cli.runs import may_replace, run_choice, run_kept
     from lfcal.cli.usage import refuse
     from lfcal.judge import iter_inspection
-    from lfcal.psf.compare import iter_compare
+    from lfcal.psf import draw_region_loss, iter_compare
     from lfcal.psf.quality import iter_inspect
-    from lfcal.psf.region_loss import draw_region_loss
-    from lfcal.work import parts_folder
-    from lfcal.work.runs import discard, note_joining
+    from lfcal.work import discard, note_joining, parts_folder
 
     if report is None and (executor or scheduler or resume):
         raise InputError("--executor: expected --report beside it, got none; name the folder that is worked on")
@@ -153,9 +150,8 @@ def command(
 
 def _setup_of(folder: Path, H: PSFMatrix, seconds: float) -> Setup:
     """Return what a fit found of the camera; raises where it is of another scan, or would not be used."""
-    from lfcal.base.errors import InputError
-    from lfcal.fit.expected import plan_of
-    from lfcal.fit.stored import read_fit
+    from lfcal.base import InputError
+    from lfcal.fit import plan_of, read_fit
 
     if not seconds:
         raise InputError.expected("--fit", "time to compare with it", "--seconds 0", "leave one of them out")
@@ -189,7 +185,7 @@ def _write(
     quiet: bool,
 ) -> Path:
     from lfcal.cli.console import run_work
-    from lfcal.judge.telling import told
+    from lfcal.judge import told
     from lfcal.psf.report import iter_report
 
     work = iter_report(
@@ -207,10 +203,10 @@ def _show(
     every: bool,
 ) -> None:
     """Print verdict, metrics, apertures and the comparison."""
-    from lfcal.base.units import format_seconds
+    from lfcal.base import format_seconds
     from lfcal.cli.console import print_table
-    from lfcal.psf.quality.verdict import counted_words, merit_word
-    from lfcal.psf.report.page import limits, value_text
+    from lfcal.psf.quality import counted_words, merit_word
+    from lfcal.psf.report import limits, value_text
 
     quality = found.quality
     typer.echo(f"H (z, y, x, t, s) = {quality.shape}, inspected in {format_seconds(quality.seconds)}")
@@ -258,9 +254,9 @@ def _show(
 
 def _show_faults(found: Inspection) -> None:
     """Print what the comparison with the camera found."""
-    from lfcal.base.units import format_share
+    from lfcal.base import format_share
     from lfcal.cli.console import print_table
-    from lfcal.judge.telling import compared_words, cost_words
+    from lfcal.judge import compared_words, cost_words
 
     typer.echo(compared_words(found))
     if found.findings:

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.recording.records import Kind
-from lfcal.acquire.recording.source import read_checks
-from lfcal.base.errors import InputError
+from lfcal.acquire import Kind, read_checks
+from lfcal.base import InputError
 from lfcal.psf import PSFMatrix
-from lfcal.psf.quality.inspect import Controls
+from lfcal.psf.quality import Controls
 
 __all__ = ["control_frames"]
 

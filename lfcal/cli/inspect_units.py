@@ -12,16 +12,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from lfcal.base.progress import Clock, Work
+from lfcal.base import Clock, Work
 from lfcal.cli.inspect_controls import control_frames
 from lfcal.cli.outputs import files_of
-from lfcal.psf import PSFMatrix, open_psf
-from lfcal.psf.opening import mat_order_of
-from lfcal.psf.quality import QualityReport
-from lfcal.psf.quality.inspect import iter_inspect_plane, judged, straight
-from lfcal.psf.quality.measure import PASSES
-from lfcal.work import RunChoice, Unit, iter_begun
-from lfcal.work.records import load_record, save_record
+from lfcal.psf import PSFMatrix, mat_order_of, open_psf
+from lfcal.psf.quality import PASSES, QualityReport, iter_inspect_plane, judged, straight
+from lfcal.work import RunChoice, Unit, iter_begun, load_record, save_record
 
 __all__ = ["do_plane", "iter_inspect_units"]
 

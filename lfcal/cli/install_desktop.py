@@ -12,7 +12,7 @@ from pathlib import Path
 
 import typer
 
-from lfcal.base.errors import InputError, StorageError
+from lfcal.base import InputError, StorageError
 from lfcal.cli.options import JsonOption
 
 __all__ = ["desktop_files", "window_program"]
@@ -125,7 +125,7 @@ def _quoted(program: str) -> str:
 
 
 def _write(place: Path, files: Mapping[str, bytes]) -> list[Path]:
-    from lfcal.base.files import replace_whole
+    from lfcal.base import replace_whole
 
     for name, content in files.items():
         with replace_whole(place / name) as part:

@@ -6,13 +6,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base.checks import check_choice, check_number, check_tuple, check_type
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.files import read_text
-from lfcal.base.plain import parse_json
+from lfcal.base import (
+    FileFormatError,
+    InputError,
+    check_choice,
+    check_number,
+    check_tuple,
+    check_type,
+    parse_json,
+    read_text,
+)
 
 if TYPE_CHECKING:
-    from lfcal.lattice.fit import LatticeFit
+    from lfcal.lattice import LatticeFit
 
 __all__ = ["FORMAT", "VERSION", "load_lattice"]
 
@@ -45,7 +51,7 @@ def load_lattice(path: Path) -> LatticeFit:
 def _fit(data: dict[str, Any]) -> LatticeFit:
     import numpy as np
 
-    from lfcal.lattice.lattice_fit import LatticeFit
+    from lfcal.lattice import LatticeFit
 
     check_choice("lattice", data["kind"], ("square", "hexagonal"))
     rows, columns = check_tuple("shape", data["shape"], 2, integer=True, at_least=1, at_most=MAX_SIDE_PX)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lfcal.camera import Camera, ScanPlan, StageAxes
-    from lfcal.frames.lists.listing import Listing
+    from lfcal.frames.lists import Listing
 
 __all__ = ["ColumnsOption", "OriginOption", "plan_from_list", "report_notes", "tell_size"]
 
@@ -44,7 +44,7 @@ OriginOption: TypeAlias = Annotated[
 
 def tell_size(shape: tuple[int, int], camera: Camera, *, folder: str = "the frames", channel: str = "") -> None:
     """Warn where frames are no whole pictures of the camera's sensor, upright, turned or one colour of a mosaic."""
-    from lfcal.frames.part import binned
+    from lfcal.frames import binned
 
     sizes = {shape, shape[::-1]}
     if channel:
@@ -86,13 +86,9 @@ def plan_from_list(
     InputError
         If the frames are a part of the camera's sensor and ``origin`` does not say which.
     """
-    from lfcal.base.errors import StorageError
-    from lfcal.frames import named_orientation
-    from lfcal.frames.lists.derived import plan_of_list
-    from lfcal.frames.lists.entries import located
-    from lfcal.frames.lists.motion import Part
-    from lfcal.frames.lists.open_table import any_listing, reader, sample_of
-    from lfcal.frames.part import parse_origin
+    from lfcal.base import StorageError
+    from lfcal.frames import named_orientation, parse_origin
+    from lfcal.frames.lists import Part, any_listing, located, plan_of_list, reader, sample_of
 
     place, turn = parse_origin(origin), named_orientation(orientation)
     listing = any_listing(listed, columns)
@@ -120,9 +116,9 @@ def plan_from_list(
 
 def _tell_turned(listing: Listing, plan: ScanPlan, read: Callable[[int], NDArray[Any]]) -> None:
     """Report frames that are flipped or turned against the camera, which the path of their light cannot show."""
-    from lfcal.base.errors import FileFormatError, StorageError
-    from lfcal.campaign.turned_frames import find_turned_frames, seen_patterns
-    from lfcal.frames.lists.placing import place
+    from lfcal.base import FileFormatError, StorageError
+    from lfcal.campaign import find_turned_frames, seen_patterns
+    from lfcal.frames.lists import place
 
     try:
         seen = seen_patterns(read, place(listing, plan).positions, plan)
@@ -141,7 +137,7 @@ def _check_size(
     folder: str,
 ) -> None:
     """Raise where frames of ``shape`` are smaller than a sensor of known size: their place on it is not known."""
-    from lfcal.frames.part import check_inside, part_refusal, smaller, stated_origin
+    from lfcal.frames import check_inside, part_refusal, smaller, stated_origin
 
     if origin is not None:
         check_inside(origin, shape, camera.sensor.shape)

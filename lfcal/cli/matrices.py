@@ -25,7 +25,7 @@ def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: boo
     quiet
         Print nothing: in a worker, where the command has printed it.
     """
-    from lfcal.psf.opening import open_psf, opening_notes
+    from lfcal.psf import open_psf, opening_notes
 
     matrix = open_psf(path, region=region, mat_order=mat_order if _is_mat(path) else "")
     for note in () if quiet else opening_notes(matrix):
@@ -35,7 +35,7 @@ def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: boo
 
 def report_regions(path: Path, matrix: PSFMatrix, done: str) -> None:
     """Print that of an H file with several regions of the field one alone is ``done`` (used, written)."""
-    from lfcal.psf.opening import regions_of
+    from lfcal.psf import regions_of
 
     if len(names := regions_of(path)) > 1:
         report(f"note: of {len(names)} regions of the field {matrix.region or 'the first'} alone is {done}")
@@ -43,7 +43,7 @@ def report_regions(path: Path, matrix: PSFMatrix, done: str) -> None:
 
 def report_missing(matrix: PSFMatrix) -> int:
     """Return how many positions of H were neither recorded nor filled, and print a note where there are any."""
-    from lfcal.psf.light import empty_positions, empty_words
+    from lfcal.psf import empty_positions, empty_words
 
     if words := empty_words(matrix):
         report(f"note: {words}: their entries are zero; lfcal assemble --fill fills them from a fit")
@@ -52,8 +52,8 @@ def report_missing(matrix: PSFMatrix) -> int:
 
 def check_mat_files(mat_order: str, *paths: Path | None) -> None:
     """Raise `InputError` where ``--mat-order`` is unknown, or none of the files is a ``.mat`` file."""
-    from lfcal.base.errors import InputError
-    from lfcal.psf.mat_import import check_mat_order
+    from lfcal.base import InputError
+    from lfcal.psf import check_mat_order
 
     check_mat_order(mat_order)
     given = [path for path in paths if path is not None]

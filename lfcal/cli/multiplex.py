@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.cli import multiplex_figures as pictures
 from lfcal.cli.console import print_json, print_table, report, run_work
 from lfcal.cli.multiplex_coding import coding
@@ -19,13 +19,11 @@ from lfcal.cli.multiplex_views import views
 from lfcal.cli.options import Chi2Option, ForceOption, GainOption, JsonOption, PresetOption, WorkersOption
 from lfcal.cli.outputs import check_output, check_outputs
 from lfcal.cli.usage import refuse
-from lfcal.multiplex.naming import GRAMMAR, is_whole, modulator_of
+from lfcal.multiplex import GRAMMAR, is_whole, modulator_of
 
 if TYPE_CHECKING:
-    from lfcal.base.progress import Work
-    from lfcal.multiplex import Modulator
-    from lfcal.multiplex.search import Frontier, SearchProgress
-    from lfcal.multiplex.summary import ModulatorNumbers
+    from lfcal.base import Work
+    from lfcal.multiplex import Frontier, Modulator, ModulatorNumbers, SearchProgress
 
 __all__ = ["register"]
 
@@ -94,8 +92,7 @@ def compare(
 
     Example: `lfcal multiplex compare Bayer CYMG RGBW X-Trans --camera r29 -o gain.png`
     """
-    from lfcal.multiplex import gain_curves
-    from lfcal.multiplex.summary import describe
+    from lfcal.multiplex import describe, gain_curves
 
     if out is not None:
         check_output(out, camera, force=force)
@@ -185,7 +182,7 @@ def show(
 
     Example: `lfcal multiplex show MURA:11 -o mura.png`
     """
-    from lfcal.multiplex.drawing import draw_modulator
+    from lfcal.multiplex import draw_modulator
 
     check_output(out, force=force)
     made = modulator_of(modulator)
@@ -262,7 +259,7 @@ def search(
 
     Example: `lfcal multiplex search 7 --camera r29 -o masks.png`
     """
-    from lfcal.multiplex.search import filter_set_frontier, iter_mask_frontier
+    from lfcal.multiplex import filter_set_frontier, iter_mask_frontier
 
     if out is not None:
         check_output(out, camera, force=force)
@@ -302,7 +299,7 @@ def _kept(work: Work[Frontier], kept: list[SearchProgress]) -> Work[Frontier]:
 
 def _show_found(frontier: Frontier, out: Path | None, *, json: bool, stopped: bool = False) -> None:
     if out is not None:
-        from lfcal.multiplex.drawing import save_frontier
+        from lfcal.multiplex import save_frontier
 
         save_frontier(frontier, out)
     pictures.show_frontier(frontier, json=json, stopped=stopped)

@@ -8,22 +8,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
-from lfcal.base.checks import check_choice
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_choice
 from lfcal.cli.console import print_json, print_table, report
 from lfcal.cli.matrices import check_mat_files, open_matrix
 from lfcal.cli.options import ForceOption, GainOption, JsonOption, MatOrderOption, WorkersOption
 from lfcal.cli.outputs import check_output, check_outputs
 from lfcal.cli.usage import refuse
-from lfcal.multiplex.codes import CODES
-from lfcal.multiplex.naming import is_whole
+from lfcal.multiplex import CODES, is_whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lfcal.camera import Camera
-    from lfcal.multiplex import CodingNumbers, CodingVerdict
-    from lfcal.multiplex.code_display import DisplayFit
+    from lfcal.multiplex import CodingNumbers, CodingVerdict, DisplayFit
 
 __all__ = ["coding"]
 
@@ -92,8 +89,14 @@ def coding(
     """
     import numpy as np
 
-    from lfcal.multiplex import code_matrix, coding_pays, display_fit, measured_coding_gain, overlapping_patterns
-    from lfcal.multiplex.coding_drawing import save_coding
+    from lfcal.multiplex import (
+        code_matrix,
+        coding_pays,
+        display_fit,
+        measured_coding_gain,
+        overlapping_patterns,
+        save_coding,
+    )
 
     check_choice("code", code, CODES)
     if out is not None:
@@ -239,8 +242,7 @@ def _simulated(
     import numpy as np
 
     from lfcal.camera import ScanPlan
-    from lfcal.simulate import plan_effects
-    from lfcal.simulate.response import PlaneResponse
+    from lfcal.simulate import PlaneResponse, plan_effects
 
     if virtual_depth is not None and depth is not None:
         raise InputError.expected("plane", "one of --depth and --virtual-depth", "both", "leave one out")
@@ -285,8 +287,7 @@ def _write(
     import cv2
     import numpy as np
 
-    from lfcal.base.files import replace_whole, storage_errors
-    from lfcal.base.npy import npy_header
+    from lfcal.base import npy_header, replace_whole, storage_errors
     from lfcal.multiplex import display_frames
 
     files[0].parent.mkdir(parents=True, exist_ok=True)

@@ -6,8 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work
+from lfcal.base import Clock, InputError, Work
 from lfcal.cli.console import print_json, print_table, report
 from lfcal.cli.multiplex_frames import level_of, read_frame
 
@@ -27,7 +26,7 @@ SIDE = 11
 
 def gains(chosen: list[Modulator], base: Modulator, marks: Mapping[str, float], out: Path, curves: Any) -> None:
     """Draw the gains of ``chosen`` over ``base``."""
-    from lfcal.multiplex.drawing import save_gain_curves
+    from lfcal.multiplex import save_gain_curves
 
     save_gain_curves([("", curves(chosen, base, cameras=marks))], out)
 
@@ -71,13 +70,12 @@ def show_frontier(frontier: Frontier, *, json: bool, stopped: bool = False) -> N
 
 def filter_choice(size: int, out: Path | None, *, json: bool) -> None:
     """Measure every route and filter on two scenes, print and draw them."""
-    from lfcal.multiplex import cfa, measure_filters
-    from lfcal.multiplex.scenes import colour_edges, zone_plate
+    from lfcal.multiplex import cfa, colour_edges, measure_filters, zone_plate
 
     scenes = (("smooth zone plate", zone_plate((size, size), 0.2)), ("sharp edges", colour_edges((size, size))))
     found = [(name, measure_filters(scene, cfa("Bayer"))) for name, scene in scenes]
     if out is not None:
-        from lfcal.multiplex.drawing import save_filter_choice
+        from lfcal.multiplex import save_filter_choice
 
         save_filter_choice(found, out)
     if json:
@@ -123,15 +121,13 @@ def iter_paper_figures(folder: Path, raw: Path | None, marks: Mapping[str, float
 
 
 def _modulator(path: Path, name: str) -> None:
-    from lfcal.multiplex.drawing import draw_modulator
-    from lfcal.multiplex.naming import modulator_of
+    from lfcal.multiplex import draw_modulator, modulator_of
 
     draw_modulator(modulator_of(name), path)
 
 
 def _figure3(path: Path, raw: Path | None) -> None:
-    from lfcal.multiplex import cfa
-    from lfcal.multiplex.drawing_images import save_colour_routes
+    from lfcal.multiplex import cfa, save_colour_routes
 
     if raw is None:
         _paper(3, path)
@@ -164,8 +160,7 @@ def _opencv(frame: NDArray[Any], pattern: str) -> list[tuple[str, NDArray[Any]]]
 
 
 def _paper(number: int, path: Path, seed: int = 1) -> None:
-    from lfcal.multiplex.paper import paper_figure
-    from lfcal.multiplex.paper_drawing import save_paper_figure
+    from lfcal.multiplex import paper_figure, save_paper_figure
 
     save_paper_figure(paper_figure(number, seed=seed), path)
 
@@ -175,8 +170,7 @@ def _figure5(path: Path) -> None:
 
 
 def _figure6(path: Path, marks: Mapping[str, float]) -> None:
-    from lfcal.multiplex import cfa, gain_curves, mask
-    from lfcal.multiplex.drawing import save_gain_curves
+    from lfcal.multiplex import cfa, gain_curves, mask, save_gain_curves
 
     left = gain_curves([cfa(name) for name in LEFT], cfa("Bayer"), cameras=marks)
     right = gain_curves([mask(kind, SIDE) for kind in RIGHT], mask("pinhole", SIDE), cameras=marks)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from lfcal.base import tiff_file
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, tiff_file
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -90,7 +89,7 @@ def without_dark_frame(frame: NDArray[Any], dark: Path) -> NDArray[Any]:
     """Return a frame less a dark frame, or less the mean of a folder of them."""
     import numpy as np
 
-    from lfcal.frames.corrections.recipe import read_average
+    from lfcal.frames.corrections import read_average
 
     level = read_average(dark)
     if level.shape != frame.shape:

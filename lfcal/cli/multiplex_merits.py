@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.cli.console import print_json, print_table, report
 from lfcal.cli.options import Chi2Option, ForceOption, GainOption, JsonOption, PresetOption, WorkersOption
 from lfcal.cli.outputs import check_output
 from lfcal.cli.usage import refuse
-from lfcal.multiplex.matrix_file import MATRIX_SUFFIXES
-from lfcal.multiplex.naming import GRAMMAR, is_whole, modulator_of
+from lfcal.multiplex import GRAMMAR, MATRIX_SUFFIXES, is_whole, modulator_of
 
 if TYPE_CHECKING:
     from lfcal.multiplex import Design, Modulator, SensorNoise
@@ -87,8 +86,7 @@ def _merits(m: Modulator, name: str, base: Modulator, noise: SensorNoise, filter
 
 def _colour(m: Modulator, name: str, noise: SensorNoise) -> tuple[float, float | None] | None:
     """Return the colour error of patterns of filters that ship; other modulators have no curves."""
-    from lfcal.multiplex import colour_error, shipped_spectra
-    from lfcal.multiplex.colour_filters import parse_pattern
+    from lfcal.multiplex import colour_error, parse_pattern, shipped_spectra
 
     if m.colours != ("R", "G", "B") or m.views != (1, 1):
         return None
@@ -119,7 +117,7 @@ def gain_map_command(
         check_output(out, modulator, reference, force=force)
     one, two = modulator_of(modulator), modulator_of(reference)
     if out is not None:
-        from lfcal.multiplex.drawing import save_gain_map
+        from lfcal.multiplex import save_gain_map
 
         save_gain_map(gain_map(one, two), out)
     found = gain_map(one, two, SHOWN_CHI2)
@@ -199,7 +197,7 @@ def _ratio(chi2: float | None, camera: str | None, gain: float) -> float:
 def _show_design(found: Design, chi2: float, out: Path | None, *, json: bool) -> None:
     m = found.modulator
     if out is not None:
-        from lfcal.multiplex.matrix_file import save_modulator
+        from lfcal.multiplex import save_modulator
 
         save_modulator(m, out)
     if json:

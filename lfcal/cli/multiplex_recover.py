@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
-from lfcal.base.checks import check_choice
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_choice
 from lfcal.cli.console import print_json, run_work
 from lfcal.cli.multiplex_frames import ROUTES, Weighing, check_told, fourier_file, level_of, read_frame, write_tiff
 from lfcal.cli.options import ForceOption, GainOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_output
 from lfcal.cli.usage import refuse
-from lfcal.multiplex.naming import GRAMMAR, modulator_of
+from lfcal.multiplex import GRAMMAR, modulator_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -63,7 +62,7 @@ def recover(
     """
     import numpy as np
 
-    from lfcal.base.npy import map_npy
+    from lfcal.base import map_npy
     from lfcal.cli.cameras import load_camera
     from lfcal.multiplex import without_black_level
 
@@ -169,8 +168,7 @@ def _by_iterations(
 ) -> dict[str, Any]:
     import math
 
-    from lfcal.multiplex import Modulator
-    from lfcal.multiplex.general import iter_demultiplex_generally
+    from lfcal.multiplex import Modulator, iter_demultiplex_generally
 
     # as many nodes as pixels measure, where nothing else is asked for
     samples = shares.count if isinstance(shares, Modulator) else len(shares)

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
-from lfcal.base.checks import check_choice
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_choice
 from lfcal.cli.console import print_json
 from lfcal.cli.multiplex_frames import (
     ROUTES,
@@ -22,7 +21,7 @@ from lfcal.cli.multiplex_frames import (
 from lfcal.cli.options import ForceOption, GainOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_output
 from lfcal.cli.usage import refuse
-from lfcal.multiplex.naming import modulator_of
+from lfcal.multiplex import modulator_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -186,7 +185,7 @@ def _lattice_of(white: Path | None, lattice: Path | None, camera: str | None, da
     """Return the lattice measured before, the one in the white image, or the one that a camera states."""
     from lfcal.cli.cameras import load_camera
     from lfcal.cli.lattice_file import load_lattice
-    from lfcal.frames.corrections.recipe import read_average
+    from lfcal.frames.corrections import read_average
     from lfcal.lattice import fit_lattice, lattice_of
 
     given = [name for name, value in (("--white", white), ("--lattice", lattice), ("--camera", camera)) if value]

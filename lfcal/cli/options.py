@@ -7,8 +7,7 @@ from typing import Annotated, TypeAlias
 
 import typer
 
-from lfcal.base.errors import InputError
-from lfcal.base.threads import bounded_threads
+from lfcal.base import InputError, bounded_threads
 from lfcal.cli.completing import complete_camera, complete_compression, complete_executor, complete_mat_order
 
 __all__ = [

@@ -13,9 +13,9 @@ __all__ = ["check_choice", "upright"]
 
 def check_choice(choice: str) -> None:
     """Raise `InputError` unless ``choice`` is check, auto or the name of an orientation."""
-    from lfcal.base.errors import InputError
+    from lfcal.base import InputError
     from lfcal.frames import ORIENTATIONS
-    from lfcal.psf.upright import AUTO, CHECK
+    from lfcal.psf import AUTO, CHECK
 
     names = [CHECK, AUTO, *(one.option for one in ORIENTATIONS.values())]
     if choice not in (*names, *ORIENTATIONS):
@@ -31,7 +31,7 @@ def upright(
     """
     from lfcal.cli.console import run_work
     from lfcal.frames import oriented
-    from lfcal.psf.upright import iter_upright
+    from lfcal.psf import iter_upright
 
     turn, record = run_work(iter_upright(view, plan, choice), quiet=quiet)
     return oriented(view, turn, plan.camera.sensor.shape), record

@@ -12,8 +12,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from lfcal.base.errors import InputError
-from lfcal.base.files import check_writable
+from lfcal.base import InputError, check_writable
 
 __all__ = ["RECORDINGS", "TABLES", "check_output", "check_outputs", "files_of"]
 
@@ -69,7 +68,7 @@ def files_of(source: Path | str | None) -> list[Path]:
     path = Path(source)
     if not path.is_dir():
         return [path]
-    from lfcal.frames.formats.opening import image_suffixes
+    from lfcal.frames.formats import image_suffixes
 
     suffixes = image_suffixes() | TABLES
     return [p for p in path.iterdir() if p.suffix.lower() in suffixes or p.name.startswith(RECORDINGS)]

@@ -13,18 +13,23 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.base.plain import plain
+from lfcal.base import plain
 from lfcal.camera import ScanPlan
 from lfcal.cli.channels import open_colour, parts_of
 from lfcal.cli.outputs import files_of
 from lfcal.cli.scan_frames import ScanFrames
-from lfcal.frames import CorrectionRecipe, Frames, FrameSource, corrected_view, named_orientation, oriented
-from lfcal.frames.damage import SelectedSource
-from lfcal.frames.half_cell import with_partners
-from lfcal.psf.assembly import AssembledPlanes, planes_of_frames
-from lfcal.psf.filling import Fill
-from lfcal.psf.make import Reopening
-from lfcal.work.unit import stamp_of
+from lfcal.frames import (
+    CorrectionRecipe,
+    Frames,
+    FrameSource,
+    SelectedSource,
+    corrected_view,
+    named_orientation,
+    oriented,
+    with_partners,
+)
+from lfcal.psf import AssembledPlanes, Fill, Reopening, planes_of_frames
+from lfcal.work import stamp_of
 
 __all__ = ["PartFrames", "open_planes"]
 
@@ -116,7 +121,7 @@ def open_planes(values: Mapping[str, Any], workers: int) -> AssembledPlanes:
     try:
         fill: Fill | None = None
         if same.fill is not None:
-            from lfcal.fit.stored import Filler, read_fit
+            from lfcal.fit import Filler, read_fit
 
             fill = Filler(read_fit(same.fill), plan, workers)
         return planes_of_frames(view, plan, values, fill, raw.close)

@@ -11,11 +11,8 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.files import replace_whole
-from lfcal.base.units import format_bytes, format_length, format_seconds
-from lfcal.camera import Forecast, ScanPlan, StageAxes
-from lfcal.camera.derived import DEPTH, STEP, WHOLE_FRAMES, assumed_of
+from lfcal.base import InputError, format_bytes, format_length, format_seconds, replace_whole
+from lfcal.camera import DEPTH, STEP, WHOLE_FRAMES, Forecast, ScanPlan, StageAxes, assumed_of
 from lfcal.cli.cameras import load_camera
 from lfcal.cli.console import print_json, print_table
 from lfcal.cli.listed import ColumnsOption, OriginOption, plan_from_list

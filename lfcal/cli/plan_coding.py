@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base.errors import InputError
-from lfcal.base.files import replace_whole, storage_errors
+from lfcal.base import InputError, replace_whole, storage_errors
 
 if TYPE_CHECKING:
     from lfcal.multiplex import CodingVerdict
@@ -45,7 +44,7 @@ def coding_verdict(plan: TargetPlan, z: int | None = None, signal_e: float | Non
         If there are more electrons than the sensor holds.
     """
     from lfcal.multiplex import coding_pays, sensor_noise
-    from lfcal.targets.subsets import group_order, subset_patterns
+    from lfcal.targets import group_order, subset_patterns
 
     at = len(plan.scan.depths_um) // 2 if z is None else z
     order = group_order(len(plan.offsets_px[at]))

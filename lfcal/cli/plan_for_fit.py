@@ -10,7 +10,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.cli.console import print_json, print_table, report, run_work
 from lfcal.cli.options import parse_groups
 from lfcal.cli.outputs import check_outputs
@@ -18,9 +18,7 @@ from lfcal.cli.outputs import check_outputs
 if TYPE_CHECKING:
     from lfcal.camera import Forecast, ScanPlan
     from lfcal.cli.plan_pace import Pace
-    from lfcal.fit.design import PositionDesign
-    from lfcal.fit.earlier import Earlier
-    from lfcal.fit.nuisance import Spread
+    from lfcal.fit import Earlier, PositionDesign, Spread
 
 __all__ = ["WantedPositions", "check_wanted", "half_positions", "ready_plan", "show_chosen", "write_positions"]
 
@@ -77,14 +75,14 @@ def check_wanted(wanted: WantedPositions, out: Path | None, *inputs: Path | str 
 
 def half_positions(plan: ScanPlan) -> NDArray[np.intp]:
     """Return the positions ``(n, 3)`` of a half-cell scan; raises where half of them are not enough."""
-    from lfcal.camera.half_cell import half_cell
+    from lfcal.camera import half_cell
 
     return half_cell(plan).half(plan)
 
 
 def write_positions(positions: NDArray[np.intp], out: Path, *, json: bool) -> None:
     """Write the list of positions ``(n, 3)`` to record."""
-    from lfcal.acquire.redo import RedoList
+    from lfcal.acquire import RedoList
 
     RedoList.of(positions.tolist()).write(out)
     if not json:
@@ -93,7 +91,7 @@ def write_positions(positions: NDArray[np.intp], out: Path, *, json: bool) -> No
 
 def ready_plan(path: Path) -> ScanPlan | None:
     """Return the scan plan in a JSON file, or None where it is something else."""
-    from lfcal.base.files import read_text
+    from lfcal.base import read_text
     from lfcal.camera import ScanPlan
 
     # a camera and a plan are both JSON: the format's name in the text tells them apart before parsing.
@@ -103,11 +101,8 @@ def ready_plan(path: Path) -> ScanPlan | None:
 
 def show_chosen(plan: ScanPlan, wanted: WantedPositions, *, json: bool) -> dict[str, Any]:
     """Choose positions, write the list and the picture, and print the curve; return what ``--json`` prints."""
-    from lfcal.acquire.redo import RedoList
-    from lfcal.fit.design import iter_next_positions
-    from lfcal.fit.design_drawing import draw_design
-    from lfcal.fit.earlier import read_earlier
-    from lfcal.fit.information import Expected
+    from lfcal.acquire import RedoList
+    from lfcal.fit import Expected, draw_design, iter_next_positions, read_earlier
 
     earlier = None if wanted.earlier is None else read_earlier(wanted.earlier)
     work = iter_next_positions(
@@ -157,16 +152,15 @@ def _read_out(found: PositionDesign, plan: ScanPlan, pace: Pace) -> PositionDesi
 
 def _steadiness(wanted: WantedPositions, earlier: Earlier | None) -> Spread:
     """Return what an earlier fit found, or else what is usual; sources lie as far beside their places as is wanted."""
-    from lfcal.fit.nuisance import Spread
+    from lfcal.fit import Spread
 
     found = Spread(BESIDE) if earlier is None else earlier.spread
     return found if wanted.beside is None else replace(found, stage_px=wanted.beside)
 
 
 def _show(found: PositionDesign, whole: Forecast, earlier: Earlier | None, pace: Pace) -> None:
-    from lfcal.base.units import format_seconds, format_share
-    from lfcal.fit.model import Fineness
-    from lfcal.fit.problem import ERRORS
+    from lfcal.base import format_seconds, format_share
+    from lfcal.fit import ERRORS, Fineness
 
     rows = [
         [str(p.positions), format_seconds(3600 * p.hours), format_share(p.error), format_share(p.spread_error)]

@@ -41,7 +41,7 @@ class Pace:
 
     def reading(self, frames: int) -> float:
         """Return how long so many frames are read out (h); 0 where nothing is known of it."""
-        from lfcal.camera.forecast import readout_hours
+        from lfcal.camera import readout_hours
 
         return readout_hours(frames, self.frames_per_s) or 0.0
 

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from lfcal.base.files import replace_whole
-from lfcal.base.units import format_seconds
+from lfcal.base import format_seconds, replace_whole
 from lfcal.cli.console import print_json, print_table
 
 if TYPE_CHECKING:
@@ -29,8 +28,7 @@ RegionsOption: TypeAlias = Annotated[
 
 def plan_regions(scan: ScanPlan, text: str, pace: Pace, out: Path | None, *, json: bool) -> None:
     """Plan the regions, write the plan where asked, and print where they lie and what they cost."""
-    from lfcal.camera import RegionPlan
-    from lfcal.camera.regions import parse_regions
+    from lfcal.camera import RegionPlan, parse_regions
 
     one = pace.forecast(scan)
     plan = RegionPlan.spread(scan, parse_regions(text))

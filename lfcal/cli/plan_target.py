@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from lfcal.base.errors import InputError
-from lfcal.base.files import read_text, replace_whole
-from lfcal.base.units import format_length, format_seconds, format_share
+from lfcal.base import InputError, format_length, format_seconds, format_share, read_text, replace_whole
 from lfcal.cli.console import print_json, print_table, report, run_work
 from lfcal.cli.outputs import check_outputs
 from lfcal.cli.plan_pace import WITHOUT_READOUT, Pace
@@ -156,8 +154,7 @@ class TargetWanted:
 
     def target(self, scan: ScanPlan) -> Target:
         """Return the target: described, read, or proposed for the scan."""
-        from lfcal.targets import Pose, Target, parse_target, propose_target
-        from lfcal.targets.parsing import proposed_hole
+        from lfcal.targets import Pose, Target, parse_target, propose_target, proposed_hole
 
         if self.path is not None:
             found = Target.from_json(read_text(self.path))
@@ -176,11 +173,9 @@ def plan_source(scan: ScanPlan, wanted: TargetWanted, regions: str, out: Path | 
     ``regions`` are those of the field, in the words of ``--regions``, that frames of a target serve all at once.
     """
     # a speed that makes no sense must not wait for the plan
-    from lfcal.camera import RegionPlan
-    from lfcal.camera.regions import parse_regions
+    from lfcal.camera import RegionPlan, parse_regions
     from lfcal.cli.plan_coding import coding_facts, coding_verdict, planned_for_display, write_patterns
-    from lfcal.targets import iter_plan_display, iter_plan_target
-    from lfcal.targets.planning import shown_within
+    from lfcal.targets import iter_plan_display, iter_plan_target, shown_within
 
     wanted.pace.forecast(scan)
     field = RegionPlan.spread(scan, parse_regions(regions)) if regions else None
@@ -215,7 +210,7 @@ def plan_source(scan: ScanPlan, wanted: TargetWanted, regions: str, out: Path | 
 
 
 def _facts(plan: TargetPlan, pace: Pace, unsure: list[Any] | None) -> dict[str, Any]:
-    from lfcal.targets.parsing import target_words
+    from lfcal.targets import target_words
 
     forecast, single = plan.forecast(pace.stage_um_per_s), pace.forecast(plan.scan)
     reading = pace.reading(forecast.frames)
@@ -249,7 +244,7 @@ def _facts(plan: TargetPlan, pace: Pace, unsure: list[Any] | None) -> dict[str, 
 
 def _regions(plan: TargetPlan, field: RegionPlan, pace: Pace) -> dict[str, Any]:
     """Return what each region has of the frames, and what a single point would need for all of them."""
-    from lfcal.targets.region_points import region_points
+    from lfcal.targets import region_points
 
     counts = [region_points(plan, field, z) for z in range(len(plan.scan.depths_um))]
     single = pace.forecast(plan.scan)

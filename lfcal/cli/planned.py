@@ -6,7 +6,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan

@@ -30,11 +30,7 @@ if TYPE_CHECKING:
 
     from lfcal.cli.reconstruct_saving import Save, Saved
     from lfcal.cli.reconstruct_units import Settings
-    from lfcal.reconstruct.projectors.projector import Projector
-    from lfcal.reconstruct.resample import Resampling
-    from lfcal.reconstruct.series import FrameResult
-    from lfcal.reconstruct.solvers.choice import SolverChoice
-    from lfcal.reconstruct.solvers.records import Reconstruction
+    from lfcal.reconstruct import FrameResult, Projector, Reconstruction, Resampling, SolverChoice
     from lfcal.work import RunChoice
 
 
@@ -153,8 +149,7 @@ def command(
 
     Example: `lfcal reconstruct H.h5 frame.tif -o volume.tif --solver rl-tv --iterations 30`
     """
-    from lfcal.base.checks import check_number
-    from lfcal.base.errors import InputError
+    from lfcal.base import InputError, check_number
     from lfcal.cli.matrices import check_mat_files, report_missing, report_regions
     from lfcal.cli.outputs import check_outputs
     from lfcal.cli.reconstruct_forecast import show_forecast, total_seconds
@@ -163,9 +158,8 @@ def command(
     from lfcal.cli.reconstruct_regions import files_of_regions, open_regions, projector_of
     from lfcal.cli.reconstruct_saving import saving, targets_of
     from lfcal.cli.reconstruct_units import Settings
-    from lfcal.psf.voxels import voxel_um
-    from lfcal.reconstruct.memory import room_for_projections
-    from lfcal.reconstruct.solvers.choice import SolverChoice
+    from lfcal.psf import voxel_um
+    from lfcal.reconstruct import SolverChoice, room_for_projections
 
     if solver == "list":
         _list_solvers()
@@ -277,7 +271,7 @@ class _Task:
     quiet: bool
 
     def __post_init__(self) -> None:
-        from lfcal.reconstruct.series import check_warm
+        from lfcal.reconstruct import check_warm
 
         if self.warm:
             check_warm(self.choice)
@@ -298,8 +292,7 @@ class _Task:
 def _solve(task: _Task, P: Projector, clean: Cleaner, view: Resampling | None, save: Save) -> tuple[FrameResult, ...]:
     """Reconstruct and save frame by frame; one volume is in memory at a time."""
     from lfcal.cli.console import report, run_work
-    from lfcal.reconstruct.memory import run_memory
-    from lfcal.reconstruct.series import iter_series
+    from lfcal.reconstruct import iter_series, run_memory
 
     weights = None if view is None else view.inside(task.shape)
     frames = [(frame.name, partial(_cleaned, frame, clean)) for frame in task.frames]
@@ -336,10 +329,9 @@ def _solve_in_units(
 
     ``where``: what gives the memory of projections where processes ``share`` it, and the device that was asked for.
     """
-    from lfcal.base.errors import InputError
-    from lfcal.base.threads import worker_count
+    from lfcal.base import InputError, worker_count
     from lfcal.cli.reconstruct_units import device_hints, frame_units, iter_collect
-    from lfcal.reconstruct.series import check_any
+    from lfcal.reconstruct import check_any
     from lfcal.work import iter_made
 
     if task.warm and run.executor != "threads":
@@ -390,7 +382,7 @@ def _show_results(
 
 def _source(frame: Path | None, batch: Path | None, *, wanted: bool) -> Path:
     """Return where the frames lie; raise unless there is one such place, and something is ``wanted`` of them."""
-    from lfcal.base.errors import InputError, StorageError
+    from lfcal.base import InputError, StorageError
 
     source = batch or frame
     if source is None or (frame is not None and batch is not None):
@@ -407,7 +399,7 @@ def _cleaned(frame: FrameFile, clean: Cleaner) -> NDArray[Any]:
 
 
 def _show(result: Any, target: Path, shape: tuple[int, ...]) -> None:
-    from lfcal.base.units import format_seconds
+    from lfcal.base import format_seconds
     from lfcal.cli.console import report
 
     if result.failed:

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    from lfcal.reconstruct.projectors.projector import Projector
-    from lfcal.reconstruct.solvers.choice import SolverChoice
+    from lfcal.reconstruct import Projector, SolverChoice
 
 __all__ = ["show_forecast", "total_seconds"]
 
@@ -25,9 +24,9 @@ def total_seconds(P: Projector, choice: SolverChoice, frames: int) -> float:
 
 def show_forecast(P: Projector, choice: SolverChoice, frames: int, *, warm: bool, json: bool) -> None:
     """Print what each way to project costs, and time and memory of the whole run."""
-    from lfcal.base.units import format_bytes, format_seconds
+    from lfcal.base import format_bytes, format_seconds
     from lfcal.cli.console import print_json, print_table
-    from lfcal.reconstruct.memory import run_memory
+    from lfcal.reconstruct import run_memory
 
     found = P.forecast()
     memory = run_memory(P, choice, warm=warm)

@@ -9,16 +9,16 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.cli.outputs import files_of
-from lfcal.work.unit import stamp_of
+from lfcal.work import stamp_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lfcal.acquire.recording.source import RecordingSource
+    from lfcal.acquire import RecordingSource
     from lfcal.psf import PSFMatrix
-    from lfcal.reconstruct.resample import Resampling
+    from lfcal.reconstruct import Resampling
 
 __all__ = ["Cleaner", "FrameFile", "cleaner", "frames_of", "is_session", "placed_anchor", "read_frame"]
 
@@ -57,7 +57,7 @@ class FrameFile:
 
 def read_frame(file: Path, page: int) -> NDArray[Any]:
     """Return the samples ``(rows, columns)`` of a page of an image file, or of a frame of a session."""
-    from lfcal.frames.formats.opening import read_image
+    from lfcal.frames import read_image
 
     if not file.is_dir():
         return read_image(file, page)
@@ -75,8 +75,8 @@ def frames_of(path: Path) -> list[FrameFile]:
     """
     if is_session(path):
         return _frames_of_session(path)
-    from lfcal.frames.formats.opening import image_suffixes, open_image
-    from lfcal.frames.positions import natural_key
+    from lfcal.frames import natural_key, open_image
+    from lfcal.frames.formats import image_suffixes
 
     files = [path]
     if path.is_dir():
@@ -105,7 +105,7 @@ def is_session(path: Path) -> bool:
     """Return whether a folder is that of a session `lfcal acquire` recorded."""
     if not path.is_dir():
         return False
-    from lfcal.acquire.session_file import NAME
+    from lfcal.acquire import NAME
 
     return (path / NAME).is_file()
 
@@ -118,7 +118,7 @@ def _session(path: Path) -> tuple[RecordingSource, tuple[int, ...]]:
 @lru_cache(maxsize=1)
 def _opened(folder: str, _: str) -> tuple[RecordingSource, tuple[int, ...]]:
     # once for all frames of a series: opening looks through the whole recording
-    from lfcal.acquire.recording.source import RecordingSource
+    from lfcal.acquire import RecordingSource
 
     source = RecordingSource(Path(folder))
     return source, tuple(sorted(range(len(source)), key=lambda k: float(source.record(k)["elapsed_s"])))
@@ -151,7 +151,7 @@ def cleaner(dark: Path | None, white: Path | None, view: Resampling | None) -> C
     import numpy as np
 
     from lfcal.frames import CorrectionChain, Dark, White
-    from lfcal.frames.corrections.recipe import read_average
+    from lfcal.frames.corrections import read_average
 
     level = read_average(dark) if dark else None
     steps: list[Any] = [] if level is None else [Dark(level)]

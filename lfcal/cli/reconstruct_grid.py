@@ -11,10 +11,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lfcal.camera import Camera
-    from lfcal.lattice.fit import LatticeFit
+    from lfcal.lattice import LatticeFit
     from lfcal.psf import PSFMatrix
-    from lfcal.reconstruct.metric import MetricGrid
-    from lfcal.reconstruct.resample import Resampling
+    from lfcal.reconstruct import MetricGrid, Resampling
 
 __all__ = ["anchor_of", "check_as_is", "grid_of", "known_view", "view_for", "view_of", "wide"]
 
@@ -24,8 +23,8 @@ def grid_of(text: str, H: PSFMatrix, shape: tuple[int, int], anchor: tuple[float
 
     ``shape`` and ``anchor`` are those of the images, the anchor None where it is H's own.
     """
-    from lfcal.base.errors import InputError
-    from lfcal.reconstruct.metric import MetricGrid
+    from lfcal.base import InputError
+    from lfcal.reconstruct import MetricGrid
 
     if not text:
         return None
@@ -61,7 +60,7 @@ def view_for(
     ``placed``: the frames' place against H is given otherwise, so that they cannot be moved.
     """
     from lfcal.cli.console import report
-    from lfcal.reconstruct.resample import MOST_DRIFT, drift_words
+    from lfcal.reconstruct import MOST_DRIFT, drift_words
 
     if resample or lattice is not None:
         return view_of(H, white, lattice)
@@ -81,9 +80,9 @@ def known_view(
     H: PSFMatrix, shape: tuple[int, int], white: Path | None, lattice: Path | None = None, *, quiet: bool = False
 ) -> Resampling | None:
     """Return the map by a measured lattice, that of the white frame, or else that of H's camera; None: unknown."""
-    from lfcal.base.errors import InputError
+    from lfcal.base import InputError
     from lfcal.cli.console import report
-    from lfcal.reconstruct.resample import Resampling, lattice_anchor_of
+    from lfcal.reconstruct import Resampling, lattice_anchor_of
 
     if lattice is not None:
         return view_of(H, white, lattice)
@@ -100,8 +99,8 @@ def known_view(
 
 def anchor_of(text: str, view: Resampling | None, H: Any) -> tuple[float, float] | None:
     """Return the pixel of H's position (0, 0): as given, where resampling puts it, or None for H's own."""
-    from lfcal.base.errors import InputError
-    from lfcal.reconstruct.resample import lattice_anchor_of
+    from lfcal.base import InputError
+    from lfcal.reconstruct import lattice_anchor_of
 
     if not text:
         return None if view is None else view.anchor(lattice_anchor_of(H))
@@ -114,7 +113,7 @@ def anchor_of(text: str, view: Resampling | None, H: Any) -> tuple[float, float]
 
 def check_as_is(lattice: Path | None, *, resample: bool, as_is: bool) -> bool | None:
     """Return whether to resample frames; None: where they need it. Refuse options that exclude each other."""
-    from lfcal.base.errors import InputError
+    from lfcal.base import InputError
 
     if as_is and (resample or lattice is not None):
         other = "--resample" if resample else "--lattice"
@@ -124,9 +123,9 @@ def check_as_is(lattice: Path | None, *, resample: bool, as_is: bool) -> bool | 
 
 def view_of(H: Any, white: Path | None, lattice: Path | None = None) -> Resampling:
     """Return the map of frames onto H's period, by a measured lattice, the white frame's or H's camera's."""
-    from lfcal.base.errors import InputError
-    from lfcal.frames.corrections.recipe import read_average
-    from lfcal.reconstruct.resample import Resampling, lattice_anchor_of
+    from lfcal.base import InputError
+    from lfcal.frames.corrections import read_average
+    from lfcal.reconstruct import Resampling, lattice_anchor_of
 
     if lattice is not None:
         from lfcal.cli.lattice_file import load_lattice
@@ -142,7 +141,7 @@ def view_of(H: Any, white: Path | None, lattice: Path | None = None) -> Resampli
             "--resample", "a white frame, a lattice, or a camera with H", "none", "give --white or --lattice"
         )
     else:
-        from lfcal.lattice.fit import fit_lattice
+        from lfcal.lattice import fit_lattice
 
         fit = fit_lattice(read_average(white), kind=None if H.camera is None else H.camera.lattice.kind)
     if H.camera is None or len(H.camera.lattice.types) == 1:
@@ -156,9 +155,9 @@ def _measured(camera: Camera, fit: LatticeFit, white: NDArray[np.float32] | None
 
     Which one that is the white frame tells; without it, or where it does not, the nearest to the offset stated.
     """
-    from lfcal.base.errors import InputError
+    from lfcal.base import InputError
     from lfcal.cli.console import report
-    from lfcal.lattice.lens_types import classify_lens_types, expected_blur
+    from lfcal.lattice import classify_lens_types, expected_blur
 
     lattice = fit.to_lattice(camera)
     if white is not None:

@@ -16,7 +16,7 @@ def iterations_of(text: str) -> tuple[int, bool, str]:
 
     ``auto`` stops by left-out pixels, ``auto:NAME`` by another of `STOPS`.
     """
-    from lfcal.reconstruct.solvers.stopping import MOST_ITERATIONS, STOPS
+    from lfcal.reconstruct.solvers import MOST_ITERATIONS, STOPS
 
     ways = {"auto": STOPS[0]} | {f"auto:{name}": name for name in STOPS[1:]}
     count = _number("--iterations", text, 1, "a number", ways)
@@ -25,7 +25,7 @@ def iterations_of(text: str) -> tuple[int, bool, str]:
 
 def margin_of(text: str, H: PSFMatrix, shape: tuple[int, int]) -> int:
     """Return the pixels around frames of ``shape`` that ``--margin`` asks for: a number, or ``auto``."""
-    from lfcal.reconstruct.margin import usual_margin
+    from lfcal.reconstruct import usual_margin
 
     pixels = _number("--margin", text, 0, "a number of pixels", ("auto",))
     return usual_margin(H.period, (H.shape[3], H.shape[4]), shape) if pixels is None else pixels
@@ -42,7 +42,7 @@ def noise_of(H: PSFMatrix) -> tuple[float, float] | None:
 
 def _number(option: str, text: str, least: int, kind: str, words: Iterable[str]) -> int | None:
     """Return a whole number of at least ``least``; None for one of ``words``."""
-    from lfcal.base.errors import InputError
+    from lfcal.base import InputError
 
     if text in words:
         return None

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from contextlib import ExitStack
 
     from lfcal.psf import PSFMatrix
-    from lfcal.reconstruct.projectors.projector import Projector
+    from lfcal.reconstruct import Projector
 
 __all__ = ["ALL", "files_of_regions", "open_regions", "projector_of"]
 
@@ -32,8 +32,8 @@ def _places(psf: Path, regions: Sequence[str]) -> list[tuple[Path, str]]:
     InputError
         If it is neither.
     """
-    from lfcal.base.errors import InputError
-    from lfcal.psf.opening import regions_of
+    from lfcal.base import InputError
+    from lfcal.psf import regions_of
 
     if not regions:
         return []
@@ -75,8 +75,7 @@ def projector_of(
     **settings: Any,
 ) -> Projector:
     """Return the projector of one H, or that of several regions of the field, with less noise where it is known."""
-    from lfcal.reconstruct.projectors.field_projector import FieldProjector
-    from lfcal.reconstruct.projectors.projector import Projector
+    from lfcal.reconstruct import FieldProjector, Projector
 
     if len(matrices) == 1:
         return Projector(matrices[0], shape, anchor, method, **settings).denoised()

@@ -11,8 +11,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lfcal.cli.reconstruct_frames import FrameFile
-    from lfcal.reconstruct.metric import MetricGrid
-    from lfcal.reconstruct.projectors.projector import Projector
+    from lfcal.reconstruct import MetricGrid, Projector
 
 __all__ = ["Save", "Saved", "saving", "targets_of"]
 
@@ -33,8 +32,7 @@ def targets_of(frames: Sequence[FrameFile], out: Path, suffix: str | None) -> di
     InputError
         If no volume can have such a name, or the library that writes it is not installed.
     """
-    from lfcal.reconstruct.ome_zarr import check_zarr
-    from lfcal.reconstruct.volumes import SUFFIXES, check_suffix
+    from lfcal.reconstruct import SUFFIXES, check_suffix, check_zarr
 
     whole = suffix is None or out.suffix.lower() in SUFFIXES
     found = {f.name: check_suffix(out if whole else out / f"{f.name}{suffix}") for f in frames}
@@ -77,8 +75,7 @@ def saving(
     """
     import numpy as np
 
-    from lfcal.reconstruct.facts import VolumeFacts
-    from lfcal.reconstruct.volumes import write_volumes
+    from lfcal.reconstruct import VolumeFacts, write_volumes
 
     depths = P.depths if P.camera is not None else None
     origin = None if grid is None else grid.origin_um

@@ -15,20 +15,15 @@ from typing import TYPE_CHECKING, Any
 from lfcal.cli.outputs import files_of
 from lfcal.cli.reconstruct_frames import FrameFile
 from lfcal.cli.reconstruct_regions import files_of_regions
-from lfcal.work import Unit, parts_folder
-from lfcal.work.held import Held
-from lfcal.work.unit import file_name, stamp_of
+from lfcal.work import Held, Unit, file_name, parts_folder, stamp_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lfcal.base.progress import Work
+    from lfcal.base import Work
     from lfcal.cli.reconstruct_saving import Saved
-    from lfcal.reconstruct.projectors.device import ArrayDevice
-    from lfcal.reconstruct.projectors.projector import Projector
-    from lfcal.reconstruct.resample import Resampling
-    from lfcal.reconstruct.series import FrameResult
-    from lfcal.reconstruct.solvers.choice import SolverChoice
+    from lfcal.reconstruct import FrameResult, Projector, Resampling, SolverChoice
+    from lfcal.reconstruct.projectors import ArrayDevice
 
 __all__ = ["Settings", "device_for", "device_hints", "do_frame", "frame_units", "iter_collect"]
 
@@ -110,11 +105,9 @@ def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
 
     Of a frame of several that has no volume the file says why, and holds what the next one begins with.
     """
-    from lfcal.base.errors import FileFormatError, InputError
+    from lfcal.base import FileFormatError, InputError
     from lfcal.cli.reconstruct_frames import read_frame
-    from lfcal.reconstruct.series import iter_frame
-    from lfcal.reconstruct.solvers.choice import SolverChoice
-    from lfcal.reconstruct.volumes import save_volume
+    from lfcal.reconstruct import SolverChoice, iter_frame, save_volume
 
     began = time.perf_counter()
     initial = _begun_from(arguments["initial"])
@@ -156,7 +149,7 @@ def _save_nothing(out: Path, initial: NDArray[Any] | None, error: Exception, beg
     """Write why there is no volume; where the frames before had one, it goes on to the next frame."""
     import numpy as np
 
-    from lfcal.reconstruct.volumes import save_volume
+    from lfcal.reconstruct import save_volume
 
     details = {"failed": str(error), "seconds": time.perf_counter() - began, "empty": initial is None}
     save_volume(out, np.zeros((1, 1, 1)) if initial is None else initial, details=details)
@@ -164,14 +157,14 @@ def _save_nothing(out: Path, initial: NDArray[Any] | None, error: Exception, beg
 
 def _begun_from(file: str) -> NDArray[Any] | None:
     """Return the volume that a frame begins with, which the unit of the frame before has written."""
-    from lfcal.reconstruct.volumes import load_volume
+    from lfcal.reconstruct import load_volume
 
     return None if not file or _details(Path(file)).get("empty", False) else load_volume(file)
 
 
 def _details(part: Path) -> dict[str, Any]:
     """Return what the file of a unit says of its volume."""
-    from lfcal.base.h5.file import H5File
+    from lfcal.base.h5 import H5File
 
     with H5File(part) as file:
         found: dict[str, Any] = json.loads(file.attributes().text("details", "{}"))
@@ -197,7 +190,7 @@ How = tuple[str, int, int, int, "ArrayDevice | None"]
 
 def device_hints(device: ArrayDevice | None, asked: str, processes: int) -> dict[str, Any]:
     """Return the device of a run's frames, which ``asked`` named, and the memory that each process may take there."""
-    from lfcal.reconstruct.projectors.device import device_count
+    from lfcal.reconstruct.projectors import device_count
 
     if device is None:
         return {}
@@ -209,8 +202,8 @@ def device_hints(device: ArrayDevice | None, asked: str, processes: int) -> dict
 
 def device_for(text: str, room: int | None) -> ArrayDevice | None:
     """Return the device of this worker, with the memory that it may take there."""
-    from lfcal.reconstruct.projectors.device import find_device
-    from lfcal.work.numbers import worker_number
+    from lfcal.reconstruct.projectors import find_device
+    from lfcal.work import worker_number
 
     found = find_device(text, worker=worker_number())
     return None if found is None else replace(found, room=room)
@@ -254,9 +247,8 @@ def iter_collect(parts: Sequence[Path], names: Sequence[str], saved: Saved, resu
 
     Where no frame has a volume nothing is saved.
     """
-    from lfcal.base.progress import Clock
-    from lfcal.reconstruct.series import FrameResult
-    from lfcal.reconstruct.volumes import load_volume
+    from lfcal.base import Clock
+    from lfcal.reconstruct import FrameResult, load_volume
 
     told = [_details(part) for part in parts]
     for name, known in zip(names, told, strict=True):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 
 if TYPE_CHECKING:
     from lfcal.camera import RegionPlan, ScanPlan
@@ -21,8 +21,7 @@ Made = Callable[["ScanPlan", str, Path], dict[str, Any]]
 
 def ready_regions(path: str) -> RegionPlan | None:
     """Return the plan of regions in a JSON file; None where it holds something else."""
-    from lfcal.base.files import read_text
-    from lfcal.base.plain import parse_json
+    from lfcal.base import parse_json, read_text
     from lfcal.camera import RegionPlan
 
     if not path.endswith(".json"):
@@ -39,7 +38,7 @@ def make_regions(plan: RegionPlan, out: Path, made: Made, given: dict[str, bool]
     InputError
         If one of the options ``given`` is of one region.
     """
-    from lfcal.campaign.regions import parts_beside, save_parts
+    from lfcal.campaign import parts_beside, save_parts
 
     named = [name for name, there in given.items() if there]
     if named:
@@ -57,8 +56,7 @@ def make_regions(plan: RegionPlan, out: Path, made: Made, given: dict[str, bool]
 def told_loss(source: Path, *, workers: int | None, quiet: bool) -> Any:
     """Return what is lost between the regions of an H file; None where it has one."""
     from lfcal.cli.console import run_work
-    from lfcal.psf.opening import regions_of
-    from lfcal.psf.region_loss import iter_region_loss
+    from lfcal.psf import iter_region_loss, regions_of
 
     if len(regions_of(source)) < 2:
         return None
@@ -67,7 +65,7 @@ def told_loss(source: Path, *, workers: int | None, quiet: bool) -> Any:
 
 def show_loss(loss: Any) -> None:
     """Print it: the number of each region, and the worst."""
-    from lfcal.base.units import format_share
+    from lfcal.base import format_share
     from lfcal.cli.console import print_table
 
     rows = [

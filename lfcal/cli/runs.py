@@ -6,11 +6,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from lfcal.base.errors import LfcalError
+from lfcal.base import LfcalError
 from lfcal.cli.console import KEPT, report, run_work
 
 if TYPE_CHECKING:
-    from lfcal.base.progress import Work
+    from lfcal.base import Work
     from lfcal.work import RunChoice
 
 __all__ = ["LONG", "may_replace", "run_choice", "run_kept"]
@@ -50,8 +50,7 @@ def run_choice(
     InputError
         If these do not go together, or an earlier run left something and neither of them says what becomes of it.
     """
-    from lfcal.work import RunChoice, parts_folder
-    from lfcal.work.runs import check_begun
+    from lfcal.work import RunChoice, check_begun, parts_folder
 
     folder = parts_folder(out)
     asked = bool(executor or scheduler or resume)
@@ -71,7 +70,7 @@ def run_choice(
 
 def may_replace(out: Path, *, resume: bool, force: bool) -> bool:
     """Return whether what lies at ``out`` may be replaced: by ``--force``, or as an earlier run began to write it."""
-    from lfcal.work.runs import was_joining
+    from lfcal.work import was_joining
 
     return force or (resume and was_joining(out))
 
@@ -88,9 +87,7 @@ def run_kept(work: Work[R], out: Path, *, quiet: bool) -> R:
 
 def _say_kept(error: BaseException, out: Path) -> None:
     """Say what is kept of work that ``error`` ended; the folder of a run that has done nothing goes."""
-    from lfcal.work import parts_folder, read_run
-    from lfcal.work.journal import PASS, read_events
-    from lfcal.work.runs import discard, unit_files
+    from lfcal.work import PASS, discard, parts_folder, read_events, read_run, unit_files
 
     folder = parts_folder(out)
     state = read_run(folder)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import lfcal
-from lfcal.base.errors import StorageError
+from lfcal.base import StorageError
 
 __all__ = ["sample_recording", "sample_session"]
 

@@ -45,7 +45,7 @@ class ScanFrames:
         InputError
             If there is no plan, or the one named is not of the scan that the frames belong to.
         """
-        from lfcal.base.errors import InputError
+        from lfcal.base import InputError
         from lfcal.cli.planned import no_plan
         from lfcal.frames import open_frames
 
@@ -103,7 +103,7 @@ class ScanFrames:
 
 def find_plan(frames: Path, plan: Path | None) -> ScanPlan | None:
     """Return the plan of a file, or of ``plan.json`` in or above the folder of the frames; None without one."""
-    from lfcal.base.files import read_text
+    from lfcal.base import read_text
     from lfcal.camera import ScanPlan
 
     places = _plans(frames, plan)

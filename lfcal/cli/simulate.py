@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_number
 from lfcal.cli.completing import complete_camera
 from lfcal.cli.console import print_json, print_table, report, run_work
 from lfcal.cli.options import (
@@ -32,7 +31,7 @@ from lfcal.cli.regions import make_regions, ready_regions
 from lfcal.cli.runs import may_replace, run_choice, run_kept
 
 if TYPE_CHECKING:
-    from lfcal.base.progress import Work
+    from lfcal.base import Work
     from lfcal.camera import ScanPlan
     from lfcal.psf import PSFMatrix
     from lfcal.simulate import EffectSelection
@@ -90,10 +89,10 @@ def command(
 
     Example: `lfcal simulate bench --virtual-depths 3,4 -o H.h5`
     """
-    from lfcal.psf.steps import check_store_tolerance
+    from lfcal.psf import check_store_tolerance
     from lfcal.simulate import effects as known
     from lfcal.simulate import plan_effects, predict_seconds
-    from lfcal.simulate.effects.described import parse_effects
+    from lfcal.simulate.effects import parse_effects
 
     for reason in known.CATALOGUE.failures().values():
         report(f"left out: {reason}")
@@ -187,7 +186,7 @@ class _Task:
 
 
 def _show(found: EffectSelection, planned: ScanPlan, json: bool) -> None:
-    from lfcal.base.units import format_seconds
+    from lfcal.base import format_seconds
 
     if json:
         print_json(
@@ -248,9 +247,8 @@ class _Runner:
 
 
 def _write_h(task: _Task, runner: _Runner, choose: Callable[[float], EffectSelection] | None) -> dict[str, Any]:
-    from lfcal.base.units import format_bytes, format_seconds
-    from lfcal.simulate import predict_seconds
-    from lfcal.simulate.cutout_light import light_in_cutout
+    from lfcal.base import format_bytes, format_seconds
+    from lfcal.simulate import light_in_cutout, predict_seconds
 
     plan, out, workers = task.planned, runner.out, runner.workers
     predicted = predict_seconds(plan, task.found, task.level, tolerance=task.tolerance)
@@ -290,9 +288,9 @@ def _write_h(task: _Task, runner: _Runner, choose: Callable[[float], EffectSelec
 
 def _memory(task: _Task, run: RunChoice | None, workers: int | None) -> int:
     """Return the bytes that all planes under way take at most together."""
-    from lfcal.base.threads import worker_count
+    from lfcal.base import worker_count
     from lfcal.simulate import predict_bytes
-    from lfcal.work.executors.threads import at_once, memory_beside
+    from lfcal.work.executors import at_once, memory_beside
 
     plan, count = task.planned, worker_count(workers)
 
@@ -412,8 +410,7 @@ def _tell_period(plan: ScanPlan) -> None:
 
 
 def _write_frames(task: _Task, folder: Path, seed: int, peak: float) -> dict[str, Any]:
-    from lfcal.simulate.sensor.camera_source import SimulatedCamera
-    from lfcal.simulate.sensor.session import iter_write_session
+    from lfcal.simulate import SimulatedCamera, iter_write_session
 
     # frames of two sessions in one folder would be read as one.
     if folder.exists() and any(folder.iterdir()):

@@ -83,7 +83,7 @@ def _plain(run: Path, state: RunState) -> dict[str, Any]:
 
 def _show(folder: Path, state: RunState) -> None:
     from lfcal.cli.console import print_table
-    from lfcal.work.table import HEADER, run_table
+    from lfcal.work import HEADER, run_table
 
     found = run_table(state)
     typer.echo(found.headline)

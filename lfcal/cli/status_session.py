@@ -10,21 +10,21 @@ import typer
 from lfcal.cli.console import print_json
 
 if TYPE_CHECKING:
-    from lfcal.acquire.session_file import SessionFile
+    from lfcal.acquire import SessionFile
 
 __all__ = ["is_session", "tell_session"]
 
 
 def is_session(path: Path) -> bool:
     """Return whether ``path`` is the folder of a session."""
-    from lfcal.acquire.session_file import NAME
+    from lfcal.acquire import NAME
 
     return (path / NAME).is_file()
 
 
 def tell_session(folder: Path, *, json: bool) -> None:
     """Print how far a session is, how its last run ended, and how it goes on."""
-    from lfcal.acquire.session_file import SessionFile
+    from lfcal.acquire import SessionFile
 
     session = SessionFile.read(folder)
     facts = _facts(folder, session)
@@ -54,7 +54,7 @@ def tell_session(folder: Path, *, json: bool) -> None:
 
 
 def _facts(folder: Path, session: SessionFile) -> dict[str, Any]:
-    from lfcal.acquire.recording.durable import holder_of
+    from lfcal.acquire.recording import holder_of
 
     done = _recorded(folder, session)
     target = session.target
@@ -84,7 +84,7 @@ def _facts(folder: Path, session: SessionFile) -> dict[str, Any]:
 
 def _recorded(folder: Path, session: SessionFile) -> int:
     """Return how many of the plan's positions are acknowledged."""
-    from lfcal.acquire.recording.reader import RecordingFile
+    from lfcal.acquire.recording import RecordingFile
 
     there: set[int] = set()
     for name in session.recordings:

@@ -7,10 +7,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lfcal.base.errors import InputError, StorageError
+from lfcal.base import InputError, StorageError
 
 if TYPE_CHECKING:
-    from lfcal.campaign.points import Points
+    from lfcal.campaign import Points
     from lfcal.frames import CorrectionRecipe, FrameSource
     from lfcal.targets import TargetPlan
 
@@ -22,8 +22,8 @@ TOLD = 8
 
 def wanted_target(source: Path, plan: Path | None) -> TargetPlan | None:
     """Return the plan of the target that frames show, theirs or the one named; None where they are of a scan."""
-    from lfcal.acquire.session_file import NAME
-    from lfcal.targets.frames import read_target_plan
+    from lfcal.acquire import NAME
+    from lfcal.targets import read_target_plan
 
     if source.suffix.lower() in (".h5", ".hdf5", ".mat", ".lfc"):
         return None
@@ -46,10 +46,9 @@ def opened_target(
     source: Path, plan: TargetPlan, recipe: CorrectionRecipe, *, skip_damaged: bool = False
 ) -> Iterator[FrameSource]:
     """Open the frames of a target with their dark level subtracted."""
-    from lfcal.acquire.session_file import NAME
+    from lfcal.acquire import NAME
     from lfcal.frames import corrected_view, open_frames
-    from lfcal.targets.coded import decoded
-    from lfcal.targets.frames import open_target_frames
+    from lfcal.targets import decoded, open_target_frames
 
     if (source / NAME).is_file():
         frames = open_frames(source, skip_damaged=skip_damaged)
@@ -61,7 +60,7 @@ def opened_target(
 
 def found_points(view: FrameSource, plan: TargetPlan, *, quiet: bool) -> Points:
     """Find the points of all frames, and say what is not as described."""
-    from lfcal.campaign.points import iter_points_of
+    from lfcal.campaign import iter_points_of
     from lfcal.cli.console import run_work
 
     points = run_work(iter_points_of(view, plan), quiet=quiet)

@@ -47,12 +47,12 @@ def command(
     """
     import time
 
-    from lfcal.base.units import format_bytes, format_seconds
+    from lfcal.base import format_bytes, format_seconds
     from lfcal.cli.console import print_json, report_dark, run_work
     from lfcal.cli.matrices import check_mat_files, open_matrix, report_missing, report_regions
     from lfcal.cli.outputs import check_output
     from lfcal.cli.runs import may_replace, run_choice, run_kept
-    from lfcal.psf.saving import iter_transpose_file
+    from lfcal.psf import iter_transpose_file
 
     check_output(out, source, force=may_replace(out, resume=resume, force=force))
     start = time.perf_counter()

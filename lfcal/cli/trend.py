@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.cli.options import ForceOption, JsonOption
 
 if TYPE_CHECKING:
-    from lfcal.fit.trend import Trend
+    from lfcal.fit import Trend
 
 __all__ = ["register"]
 
@@ -59,11 +59,10 @@ def command(
 
         tell_quality(fits, out, force=force, json=json)
         return
-    from lfcal.base.plain import plain
+    from lfcal.base import plain
     from lfcal.cli.console import print_json
     from lfcal.cli.outputs import check_output
-    from lfcal.fit.dated import fits_in, read_dated
-    from lfcal.fit.trend import draw_trend, trend
+    from lfcal.fit import draw_trend, fits_in, read_dated, trend
 
     folders = list(dict.fromkeys(found.resolve() for path in fits for found in fits_in(path)))
     if out is not None:
@@ -98,7 +97,7 @@ def command(
 
 
 def _show(found: Trend, out: Path | None) -> None:
-    from lfcal.base.units import format_dates, format_slope
+    from lfcal.base import format_dates, format_slope
     from lfcal.cli.console import print_table, report
 
     rows = []

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 
 if TYPE_CHECKING:
     import typer

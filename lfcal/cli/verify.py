@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.base.errors import InputError, StorageError
-from lfcal.base.units import format_count
+from lfcal.base import InputError, StorageError, format_count
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_output
 
 if TYPE_CHECKING:
-    from lfcal.acquire.recording.verify import SessionReport
-    from lfcal.psf.verify import MatrixCheck
+    from lfcal.acquire import SessionReport
+    from lfcal.psf import MatrixCheck
 
 LISTED = 20
 """Damaged frames that are listed; all of them are in the JSON output."""
@@ -42,7 +41,7 @@ def command(
 
     Example: `lfcal verify session/ --redo redo.json`
     """
-    from lfcal.campaign.regions import is_regions, region_sessions
+    from lfcal.campaign import is_regions, region_sessions
 
     if not path.exists():
         raise StorageError(f"{path}: no such file or folder; check the path")
@@ -61,9 +60,8 @@ def command(
 
 
 def _session(path: Path, redo: Path | None, workers: int | None, json: bool) -> bool:
-    from lfcal.acquire.recording.verify import iter_verify
-    from lfcal.acquire.redo import RedoList
-    from lfcal.base.plain import plain
+    from lfcal.acquire import RedoList, iter_verify
+    from lfcal.base import plain
     from lfcal.cli.console import print_json, run_work
 
     report = run_work(iter_verify(path, workers=workers), quiet=json)
@@ -109,10 +107,9 @@ def _show_session(report: SessionReport, redo: Path | None) -> None:
 
 
 def _matrix(path: Path, redo: Path | None, workers: int | None, json: bool) -> bool:
-    from lfcal.base.errors import FileFormatError
-    from lfcal.base.plain import plain
+    from lfcal.base import FileFormatError, plain
     from lfcal.cli.console import print_json, run_work
-    from lfcal.psf.verify import iter_verify
+    from lfcal.psf import iter_verify
 
     if redo is not None:
         raise InputError.expected("--redo", "a session folder to list positions of", path, "leave it out")

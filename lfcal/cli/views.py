@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.base.checks import check_choice, check_number
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_choice, check_number
 from lfcal.camera import Camera
 from lfcal.cli.colour_planes import CHANNELS, ColourReading, read_planes
 from lfcal.cli.console import print_json, print_table
@@ -87,7 +86,7 @@ def command(
     for what, value, choices in (("axes", axes, ("frame", "lattice")), ("types", types, TYPES)):
         check_choice(what, value, choices)
     check_choice("channel", channel, CHANNELS)
-    from lfcal.frames.part import parse_origin
+    from lfcal.frames import parse_origin
 
     if white is None or lattice is not None:
         refuse(context, "a --white whose lattice is measured", "none", "kind", "pitch")
@@ -101,7 +100,7 @@ def command(
     check_number("samples per lenslet", samples, at_least=1, at_most=32, integer=True)
     wish = _Wish(axes, full, types, _slopes(slopes or SLOPES[types], depths, described), samples, workers)
     if types != "none":
-        from lfcal.lattice.rendering import check_slopes
+        from lfcal.lattice import check_slopes
 
         check_slopes(wish.slopes)
     if out is not None:
@@ -120,7 +119,7 @@ def command(
 
 
 def _slopes(text: str, depths: str, camera: Camera | None) -> tuple[float, ...]:
-    from lfcal.lattice.refocus import sensor_slope
+    from lfcal.lattice import sensor_slope
 
     if depths and camera is None:
         raise InputError("depths: need --camera to know where they are focused; give it, or --slopes instead")

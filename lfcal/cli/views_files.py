@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base.files import replace_whole
+from lfcal.base import replace_whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -31,7 +31,7 @@ def save_stack(path: Path, stack: NDArray[Any], axes: str, labels: list[str] | N
     """Write float32 images as a hyperstack; ``axes`` are those of ``stack``, ``labels`` name the steps along z."""
     import numpy as np
 
-    from lfcal.base.tiff_file import write_tiff
+    from lfcal.base import write_tiff
 
     metadata: dict[str, Any] = {"axes": axes}
     big = 4 * math.prod(stack.shape) > LARGEST

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import Camera
 from lfcal.cli.colour_planes import ColourReading, Planes, mean_plane, read_planes
 from lfcal.cli.lattice_file import load_lattice
 
 if TYPE_CHECKING:
-    from lfcal.lattice.micro_images import FrameLattice, TypeOf
+    from lfcal.lattice import FrameLattice, TypeOf
 
 __all__ = ["Cutting", "Given", "ViewedFrame", "cutting_of"]
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.base.files import replace_whole
+from lfcal.base import replace_whole
 from lfcal.camera import Camera
 from lfcal.cli.colour_planes import read_white
 from lfcal.cli.console import print_json, print_table
@@ -21,10 +21,7 @@ from lfcal.cli.white_files import LATTICE, RESIDUAL_MAP, RESIDUALS, lattice_dict
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lfcal.lattice.fit import LatticeFit
-    from lfcal.lattice.lattice_fit import LatticeErrors
-    from lfcal.lattice.lens_types import LensTypes
-    from lfcal.lattice.vignetting import Vignetting
+    from lfcal.lattice import LatticeErrors, LatticeFit, LensTypes, Vignetting
 
 __all__ = ["register"]
 
@@ -81,7 +78,7 @@ def _rows(fit: LatticeFit, fall: Vignetting, types: LensTypes | None) -> list[li
 
 def _distortion_rows(fit: LatticeFit, errors: LatticeErrors) -> list[list[str]]:
     """Return the distortion's numbers with their errors: displacements at the length scale from its centre."""
-    from lfcal.camera.distortion import polynomial_powers
+    from lfcal.camera import polynomial_powers
 
     bend = fit.distortion
     if bend is None:
@@ -112,7 +109,7 @@ def _as_json(fit: LatticeFit, fall: Vignetting, types: LensTypes | None, camera:
 
 
 def _types(white: NDArray[Any], fit: LatticeFit, camera: Camera | None) -> LensTypes | None:
-    from lfcal.lattice.lens_types import classify_lens_types, expected_blur
+    from lfcal.lattice import classify_lens_types, expected_blur
 
     if camera is None or len(camera.lattice.types) != 3:
         return None
@@ -178,8 +175,7 @@ def command(
 
 def _measure(white: _White, kind: str, pitch: float, types: bool) -> _Found:
     """Return the lattice of the white image; ``kind`` and ``pitch`` (px) where they are known beforehand."""
-    from lfcal.lattice.fit import fit_lattice
-    from lfcal.lattice.vignetting import vignetting_map
+    from lfcal.lattice import fit_lattice, vignetting_map
 
     camera = white.camera
     wanted = kind or (camera.lattice.kind if camera is not None else None)

@@ -6,11 +6,11 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base.files import replace_whole
+from lfcal.base import replace_whole
 from lfcal.cli.lattice_file import FORMAT, VERSION
 
 if TYPE_CHECKING:
-    from lfcal.lattice.fit import LatticeFit
+    from lfcal.lattice import LatticeFit
 
 __all__ = ["LATTICE", "RESIDUALS", "RESIDUAL_MAP", "lattice_dict", "save_lattice"]
 
@@ -83,7 +83,7 @@ def _table(fit: LatticeFit) -> str:
 def _draw(fit: LatticeFit, path: Path) -> None:
     import numpy as np
 
-    from lfcal.base.figures import figure, save_figure
+    from lfcal.base import figure, save_figure
 
     left = fit.residual_map()
     limit = max(float(np.nanpercentile(np.abs(left), 99)), 1e-3)

@@ -1,4 +1,4 @@
-"""The public names of `lfcal.devices`, loaded when the first of them is asked for."""
+"""The public names of `lfcal.devices`: each is loaded when it is asked for."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from lfcal.devices.protocols import (
 )
 from lfcal.devices.registry import Backend, BackendStatus, find_backends, get_backend, open_rig
 from lfcal.devices.rig import Rig
-from lfcal.devices.simulated.backend import simulated_rig
+from lfcal.devices.simulated import simulated_rig
 
 __all__ = [
     "Backend",

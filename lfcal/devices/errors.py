@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.base.errors import InputError, LfcalError, StorageError
+from lfcal.base import InputError, LfcalError, StorageError
 
 __all__ = [
     "CameraError",

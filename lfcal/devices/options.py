@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.devices.protocols import Limits
 
 __all__ = ["limits_option", "number_option"]

@@ -10,8 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
-from lfcal.base.errors import InputError, LfcalError
-from lfcal.base.registry import Registry
+from lfcal.base import InputError, LfcalError, Registry
 from lfcal.camera import ScanPlan
 from lfcal.devices.errors import DeviceError, DeviceMissing, driver_errors
 from lfcal.devices.rig import Rig

@@ -30,5 +30,6 @@ from lfcal._lazy import lazy_face
 
 if TYPE_CHECKING:
     from lfcal.fit._face import *  # noqa: F403
+    from lfcal.fit._shared import *  # noqa: F403
 
 lazy_face(__name__)

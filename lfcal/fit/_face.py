@@ -1,8 +1,9 @@
-"""The public names of `lfcal.fit`, loaded when the first of them is asked for."""
+"""The public names of `lfcal.fit`: each is loaded when it is asked for."""
 
 from __future__ import annotations
 
 from lfcal.fit.convergence import FitProgress
+from lfcal.fit.field import fit_field
 from lfcal.fit.fit import fit_camera, iter_fit_camera
 from lfcal.fit.holds import Check, check
 from lfcal.fit.locate import NewFrame
@@ -25,6 +26,7 @@ __all__ = [
     "Unknown",
     "check",
     "fit_camera",
+    "fit_field",
     "iter_fit_camera",
     "measured_of",
 ]

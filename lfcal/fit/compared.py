@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.fit.judge import ChiSquare, ModelError
 from lfcal.fit.locate import LocatedPattern, NewFrame, window_of
 

@@ -7,8 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from lfcal.base.progress import Progress
-from lfcal.base.units import format_share
+from lfcal.base import Progress, format_share
 from lfcal.fit.judge import chi_square
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.questions import unexplained

@@ -10,9 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.files import read_text
-from lfcal.base.plain import parse_json
+from lfcal.base import FileFormatError, InputError, parse_json, read_text
 from lfcal.camera import Camera
 from lfcal.fit.files import FORMAT
 

@@ -8,9 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work, drained
+from lfcal.base import Clock, InputError, Work, check_number, drained
 from lfcal.camera import Forecast, ScanPlan
 from lfcal.fit.chosen import Chosen, choose
 from lfcal.fit.earlier import Earlier

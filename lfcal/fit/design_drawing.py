@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from lfcal.base.figures import LINES, figure, save_figure
+from lfcal.base import LINES, figure, save_figure
 from lfcal.fit.design import PositionDesign
 
 __all__ = ["draw_design"]

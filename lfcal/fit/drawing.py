@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.figures import COLOURS, LINES, draw_image, figure, save_figure
+from lfcal.base import COLOURS, LINES, draw_image, figure, save_figure
 from lfcal.camera import Camera, ScanPlan
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, predict

@@ -11,16 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.files import read_text
-from lfcal.base.plain import parse_json
+from lfcal.base import FileFormatError, InputError, parse_json, read_text
 from lfcal.camera import Camera, ScanPlan
 from lfcal.fit.files import FORMAT, VERSION
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.parameters import Unknown
 from lfcal.fit.result import Fit
 from lfcal.fit.setup import Setup
-from lfcal.simulate.effects.described import effect_from, read_entries
+from lfcal.simulate.effects import effect_from, read_entries
 
 __all__ = ["Earlier", "read_earlier"]
 

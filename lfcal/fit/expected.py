@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import ScanPlan
 from lfcal.fit.model import Fineness, PlaneModel, predict
 from lfcal.fit.setup import Setup, described_effects
 from lfcal.psf import PSFMatrix
-from lfcal.simulate.effects.described import effect_from
-from lfcal.simulate.engines.base import EnergyError
+from lfcal.simulate.effects import effect_from
+from lfcal.simulate.engines import EnergyError
 
 __all__ = ["Behind", "ExpectedPattern", "behind", "plan_of"]
 

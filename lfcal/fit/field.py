@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.progress import Work, drained
+from lfcal.base import Work, drained
 from lfcal.camera import Camera, ScanPlan
 from lfcal.fit.fit import check_stage, groups_of, iter_retrieved, iter_summarised, problem_of
 from lfcal.fit.lacking import check_groups
@@ -19,8 +19,7 @@ from lfcal.fit.questions import as_described, check_described, check_light
 from lfcal.fit.regional import Regional, regional_of
 from lfcal.fit.result import Fit
 from lfcal.fit.setup import Setup, called_for
-from lfcal.simulate.effects import FieldAberrations, Zernike
-from lfcal.simulate.effects.base import Effect
+from lfcal.simulate.effects import Effect, FieldAberrations, Zernike
 
 __all__ = ["OVER_THE_FIELD", "FieldFit", "Term", "fit_field", "iter_fit_field"]
 

@@ -6,8 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from lfcal.base.plain import plain
-from lfcal.base.progress import Work
+from lfcal.base import Work, plain
 from lfcal.fit.field import FieldFit
 from lfcal.fit.field_report import field_report_files, iter_field_report
 from lfcal.fit.files import fit_dict

@@ -10,15 +10,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.figures import COLOURS, DIFFERENCE_MAP, IMAGE_MAP, figure, save_figure
-from lfcal.base.files import replace_whole
-from lfcal.base.progress import Clock, Work
+from lfcal.base import COLOURS, DIFFERENCE_MAP, IMAGE_MAP, Clock, Work, figure, replace_whole, save_figure
 from lfcal.fit.field import FieldFit
 from lfcal.fit.hybrid import HybridSummary
 from lfcal.fit.page import PAGE, page_of, paragraphs, picture_of, section_of, table_of, text_of
 from lfcal.fit.parameters import field_of
 from lfcal.fit.report import limits, parameters
-from lfcal.simulate.engines.zernike import zernike_wavefront
+from lfcal.simulate.engines import zernike_wavefront
 
 __all__ = ["draw_field", "field_report_files", "iter_field_report", "wavefront_table"]
 

@@ -9,17 +9,14 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from lfcal.base.files import replace_whole
-from lfcal.base.plain import plain
-from lfcal.base.progress import Work
+from lfcal.base import Work, plain, replace_whole
 from lfcal.camera import Camera, quantities_of, value_at
 from lfcal.fit.hybrid import HybridPlane, HybridSummary, hybrid_note, iter_hybrid_planes
 from lfcal.fit.measured import Measured
 from lfcal.fit.model_units import iter_model_units
 from lfcal.fit.result import Fit
-from lfcal.psf import PSFMatrix, PSFWriter
-from lfcal.psf.provenance import OF_FRAMES
-from lfcal.simulate.effects.described import Entry, entries_json
+from lfcal.psf import OF_FRAMES, PSFMatrix, PSFWriter
+from lfcal.simulate.effects import Entry, entries_json
 from lfcal.work import RunChoice
 
 __all__ = [

@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Work, drained
+from lfcal.base import InputError, Work, check_number, drained
 from lfcal.camera import Camera
 from lfcal.fit.convergence import rounds
 from lfcal.fit.lacking import check_groups
@@ -40,7 +38,7 @@ from lfcal.fit.solver import Tell, descend
 from lfcal.fit.stand_ins import StandIns, iter_held_beside
 from lfcal.fit.summary import summarised
 from lfcal.psf import PSFMatrix
-from lfcal.simulate.effects.base import Effect
+from lfcal.simulate.effects import Effect
 
 __all__ = [
     "Finished",

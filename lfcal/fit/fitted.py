@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.progress import Work
+from lfcal.base import Work
 from lfcal.camera import Camera, ScanPlan
 from lfcal.fit.judge import ModelError
 from lfcal.fit.nuisance import Spread

@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.fit.expected import Behind
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.problem import STEP, STEP_PX
 from lfcal.fit.suspects import Changes, Left, Suspect, best_step, shows, sorted_suspects
-from lfcal.simulate.engines.base import EnergyError
+from lfcal.simulate.engines import EnergyError
 
 __all__ = ["followed"]
 

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_number
 from lfcal.fit.locate import NewFrame
 from lfcal.psf import PSFMatrix
 

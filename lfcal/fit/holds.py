@@ -9,10 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work, drained
-from lfcal.base.units import format_share
+from lfcal.base import Clock, InputError, Work, check_number, drained, format_share
 from lfcal.fit.compared import Compared, compared_with
 from lfcal.fit.expected import Behind, ExpectedPattern, behind
 from lfcal.fit.followed import followed

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.progress import Work
+from lfcal.base import Work
 from lfcal.fit.fitted import Fitted
 from lfcal.fit.hybrid_patterns import RecordedPatterns, iter_plane_data, model_uncertainty
 from lfcal.fit.leftover import Leftover, iter_leftover
@@ -22,8 +22,7 @@ from lfcal.fit.leftover_size import PlaneResiduals
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness
 from lfcal.fit.problem import ERRORS
-from lfcal.psf import PSFMatrix
-from lfcal.psf.facts import Facts, Origin, stacked
+from lfcal.psf import Facts, Origin, PSFMatrix, stacked
 
 __all__ = [
     "HybridPlane",

@@ -9,16 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work
-from lfcal.base.threads import for_each_chunk, worker_count
+from lfcal.base import Clock, InputError, Work, for_each_chunk, worker_count
 from lfcal.camera import ScanPlan
 from lfcal.fit.fitted import Fitted
 from lfcal.fit.leftover_size import PlaneResiduals
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, PlaneModel
-from lfcal.psf import PSFMatrix
-from lfcal.psf.facts import Facts, Origin
+from lfcal.psf import Facts, Origin, PSFMatrix
 
 __all__ = ["RecordedPatterns", "iter_plane_data", "model_uncertainty"]
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number
-from lfcal.base.progress import Clock, Work, drain
+from lfcal.base import Clock, Work, check_number, drain
 from lfcal.camera import ScanPlan
 from lfcal.fit.fit import problem_of
 from lfcal.fit.measured import Measured

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.units import format_share
+from lfcal.base import format_share
 from lfcal.fit.normal import Columns
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.solver import shared_of, with_prior

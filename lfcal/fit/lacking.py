@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import ScanPlan
 from lfcal.fit.parameters import GROUPS, ScanScales
 from lfcal.fit.setup import Setup

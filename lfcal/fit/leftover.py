@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.progress import Clock, Work
-from lfcal.base.threads import for_each_chunk, one_blas_thread, worker_count
+from lfcal.base import Clock, Work, for_each_chunk, one_blas_thread, worker_count
 from lfcal.fit.leftover_field import Moving, ResidualField, sampled_variance
 from lfcal.fit.leftover_size import PlaneResiduals, sized
 from lfcal.fit.spread import spread_out

@@ -9,13 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_number
 from lfcal.camera import Camera, ScanPlan
 from lfcal.fit.spread import kept_aside, spread_out
-from lfcal.psf import PSFMatrix
-from lfcal.psf.half_cell import copied_positions
-from lfcal.psf.provenance import optics_of
+from lfcal.psf import PSFMatrix, copied_positions, optics_of
 
 __all__ = ["QUICK_PATTERN", "Measured", "check_optics", "measured_of", "of_quick_pattern"]
 

@@ -8,15 +8,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.progress import Clock, Work
-from lfcal.base.threads import for_each_chunk, worker_count
+from lfcal.base import Clock, Work, for_each_chunk, worker_count
 from lfcal.camera import ScanPlan
 from lfcal.fit.setup import Setup
-from lfcal.simulate.accuracy.sampling import grid_margin
-from lfcal.simulate.engines.base import Displaceable, PlaneEngine, Sampling
-from lfcal.simulate.engines.choose import engine_for
-from lfcal.simulate.response import PlaneResponse, at_wavelength
-from lfcal.simulate.staging import filtered
+from lfcal.simulate import PlaneResponse, Sampling, at_wavelength, filtered
+from lfcal.simulate.accuracy import grid_margin
+from lfcal.simulate.engines import Displaceable, PlaneEngine, engine_for
 
 __all__ = ["LEVEL", "Fineness", "PlaneModel", "iter_model_plane", "predict"]
 

@@ -11,15 +11,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from lfcal.base.plain import plain
-from lfcal.base.progress import Work
+from lfcal.base import Work, plain
 from lfcal.camera import Camera, ScanPlan
 from lfcal.fit.model import Fineness, iter_model_plane
 from lfcal.fit.result import Fit
 from lfcal.fit.setup import Setup
-from lfcal.psf.joining import iter_join
-from lfcal.psf.store import PSFWriter
-from lfcal.simulate.simulate import effects_told, told_effects
+from lfcal.psf import PSFWriter, iter_join
+from lfcal.simulate import effects_told, told_effects
 from lfcal.work import RunChoice, Unit, iter_made
 
 __all__ = ["do_plane", "iter_model_units"]

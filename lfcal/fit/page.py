@@ -8,8 +8,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from lfcal import __version__
-from lfcal.base.files import replace_whole
-from lfcal.psf.report.style import stylesheet
+from lfcal.base import replace_whole
+from lfcal.psf.report import stylesheet
 
 __all__ = ["PAGE", "add_section", "page_of", "paragraphs", "picture_of", "section_of", "table_of", "text_of"]
 

@@ -10,9 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
-from lfcal.base.registry import Registry
+from lfcal.base import InputError, Registry, check_number
 from lfcal.camera import ScanPlan
 from lfcal.fit.setup import Setup
 

@@ -9,15 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work
-from lfcal.base.threads import for_each_chunk, one_blas_thread, worker_count
+from lfcal.base import Clock, InputError, Work, for_each_chunk, one_blas_thread, worker_count
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.normal import Columns, Local, Normal, normal_equations
 from lfcal.fit.parameters import Vector
 from lfcal.fit.weighing import PatternLevels, Weighed, levels_of, weighed
-from lfcal.simulate.engines.base import EnergyError, Sampling
+from lfcal.simulate import Sampling
+from lfcal.simulate.engines import EnergyError
 
 __all__ = ["ERRORS", "STEP", "Point", "Problem"]
 

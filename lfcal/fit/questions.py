@@ -9,11 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Work
-from lfcal.base.units import format_share
-from lfcal.camera import Camera
-from lfcal.camera.shadow import cutout_for
+from lfcal.base import InputError, Work, format_share
+from lfcal.camera import Camera, cutout_for
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness
 from lfcal.fit.normal import Local
@@ -21,7 +18,7 @@ from lfcal.fit.problem import Point, Problem
 from lfcal.fit.solver import Tell, descend
 from lfcal.fit.spread import spread_out
 from lfcal.fit.weighing import flat
-from lfcal.simulate.engines.base import EnergyError
+from lfcal.simulate.engines import EnergyError
 
 __all__ = [
     "PLAIN",

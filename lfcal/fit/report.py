@@ -6,9 +6,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from lfcal.base.files import replace_whole
-from lfcal.base.progress import Clock, Work
-from lfcal.base.units import format_share
+from lfcal.base import Clock, Work, format_share, replace_whole
 from lfcal.fit.drawing import FitResiduals, draw_leftover, draw_parameters, draw_patterns, leftover_of
 from lfcal.fit.measured import Measured
 from lfcal.fit.page import PAGE, add_section, page_of, paragraphs, picture_of, section_of, table_of, text_of

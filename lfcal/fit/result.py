@@ -10,10 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.axes import Position
-from lfcal.base.errors import InputError
-from lfcal.base.plain import plain
-from lfcal.base.progress import Work, drained
+from lfcal.base import InputError, Position, Work, drained, plain
 from lfcal.camera import Camera, ScanPlan
 from lfcal.fit.hybrid import iter_hybrid
 from lfcal.fit.judge import INCOMPLETE, ChiSquare, ModelError
@@ -23,7 +20,7 @@ from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import Setup
 from lfcal.fit.weighing import PatternLevels
 from lfcal.psf import PSFMatrix
-from lfcal.simulate.effects.base import Effect
+from lfcal.simulate.effects import Effect
 
 __all__ = ["Fit", "InRegion", "Outlier", "Parameter"]
 

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.fit.normal import Columns, Normal
 from lfcal.fit.parameters import GROUPS
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.solver import shared_of, solve, stepped, with_prior
-from lfcal.simulate.engines.base import EnergyError
+from lfcal.simulate.engines import EnergyError
 
 __all__ = ["GroupSelection", "choose", "gain_of", "prune"]
 

@@ -6,22 +6,23 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_number
 from lfcal.camera import Camera, ScanPlan
+from lfcal.simulate import outlook_of
 from lfcal.simulate.effects import (
     CATALOGUE,
+    Effect,
     ExactAngles,
+    FrameEffect,
     IrisDiffraction,
     IrisShape,
     LensletDiffraction,
     LensTypeDefocus,
+    MotionEffect,
     PixelFill,
     Telecentricity,
     VectorialPupil,
 )
-from lfcal.simulate.effects.base import Effect, FrameEffect, MotionEffect
-from lfcal.simulate.staging import outlook_of
 
 __all__ = ["RegionPlace", "Setup", "called_for", "described_effects", "with_given"]
 

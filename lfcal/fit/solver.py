@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Progress, Work
+from lfcal.base import InputError, Progress, Work
 from lfcal.fit.normal import Columns, Normal
 from lfcal.fit.problem import Point, Problem
-from lfcal.simulate.engines.base import EnergyError
+from lfcal.simulate.engines import EnergyError
 
 __all__ = ["Tell", "descend", "solve", "stepped"]
 

@@ -8,15 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Work
+from lfcal.base import InputError, Work
 from lfcal.fit.judge import eliminated
 from lfcal.fit.normal import Columns
 from lfcal.fit.parameters import GROUPS, Unknown, Vector
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.solver import with_prior
 from lfcal.fit.spread import spread_out
-from lfcal.simulate.engines.base import EnergyError
+from lfcal.simulate.engines import EnergyError
 
 __all__ = ["StandIns", "iter_held_beside", "stand_ins", "standing_in"]
 

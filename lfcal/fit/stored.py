@@ -11,12 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.files import read_text
-from lfcal.base.plain import parse_json
-from lfcal.base.progress import Clock, Work
-from lfcal.base.threads import for_each_chunk, worker_count
-from lfcal.base.units import format_share
+from lfcal.base import (
+    Clock,
+    FileFormatError,
+    InputError,
+    Work,
+    for_each_chunk,
+    format_share,
+    parse_json,
+    read_text,
+    worker_count,
+)
 from lfcal.camera import Camera, ScanPlan
 from lfcal.fit.files import FORMAT, VERSION
 from lfcal.fit.hybrid_patterns import model_uncertainty
@@ -24,9 +29,8 @@ from lfcal.fit.model import Fineness, PlaneModel
 from lfcal.fit.problem import ERRORS
 from lfcal.fit.setup import Setup
 from lfcal.fit.spread import spread_out
-from lfcal.psf.facts import Facts, Origin
-from lfcal.psf.filling import Filled
-from lfcal.simulate.effects.described import effect_from, read_entries
+from lfcal.psf import Facts, Filled, Origin
+from lfcal.simulate.effects import effect_from, read_entries
 
 __all__ = ["Filler", "StoredFit", "read_fit"]
 

@@ -12,11 +12,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
-from lfcal.base.figures import COLOURS, LINES
+from lfcal.base import COLOURS, LINES, InputError, check_number
 from lfcal.fit.dated import Dated
-from lfcal.psf.quality.trend import SHORTEST_S, TOO_SHORT, months_since_first, panels_over_time
+from lfcal.psf.quality import SHORTEST_S, TOO_SHORT, months_since_first, panels_over_time
 
 __all__ = ["Jump", "ParameterDrift", "Trend", "TrendPoint", "draw_trend", "trend"]
 

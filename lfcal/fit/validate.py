@@ -9,9 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.figures import LINES, figure, save_figure
-from lfcal.base.progress import Clock, Work, drained
+from lfcal.base import LINES, Clock, InputError, Work, drained, figure, save_figure
 from lfcal.fit.compared import Compared, compared_with
 from lfcal.fit.judge import ModelError
 from lfcal.fit.locate import LocatedPattern, NewFrame

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from lfcal.base.progress import Work
+from lfcal.base import Work
 from lfcal.fit.files import (
     effects_text,
     fit_dict,
@@ -22,8 +22,7 @@ from lfcal.fit.measured import Measured
 from lfcal.fit.report import iter_fit_report, report_files
 from lfcal.fit.result import Fit
 from lfcal.psf import PSFMatrix
-from lfcal.work import RunChoice, parts_folder
-from lfcal.work.runs import discard
+from lfcal.work import RunChoice, discard, parts_folder
 
 __all__ = ["CAMERA", "EFFECTS", "MODEL", "NUMBERS", "REPORT", "Written", "fit_outputs", "iter_write_fit", "write_found"]
 

@@ -18,5 +18,6 @@ from lfcal._lazy import lazy_face
 
 if TYPE_CHECKING:
     from lfcal.frames._face import *  # noqa: F403
+    from lfcal.frames._shared import *  # noqa: F403
 
 lazy_face(__name__)

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import FileFormatError, InputError, StorageError
+from lfcal.base import FileFormatError, InputError, StorageError, check_number
 from lfcal.frames.regions import Region
 from lfcal.frames.source import FrameMetadata, Frames, FrameSource, Samples
 from lfcal.frames.view import SourceView

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base import FileFormatError, InputError
 
 __all__ = [
     "cfa_from",

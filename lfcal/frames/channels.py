@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.frames.cfa import channel_names, channel_phase, pattern_side, phases
 from lfcal.frames.regions import Region, check_region, whole
 from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, Samples

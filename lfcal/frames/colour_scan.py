@@ -7,8 +7,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from lfcal.base.axes import Position
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, Position
 from lfcal.camera import ScanPlan
 from lfcal.frames.cfa import channel_names, channel_phase, pattern_side
 from lfcal.frames.regions import Region

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeVar
 
-from lfcal.base.errors import FileFormatError
+from lfcal.base import FileFormatError
 
 __all__ = ["COMPONENTS", "open_component"]
 

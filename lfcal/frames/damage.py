@@ -11,9 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import FileFormatError, StorageError
-from lfcal.base.progress import Clock, Work
-from lfcal.base.threads import worker_count
+from lfcal.base import Clock, FileFormatError, StorageError, Work, worker_count
 from lfcal.frames.regions import Region
 from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, LeftOut, Position, Samples
 from lfcal.frames.view import SourceView
@@ -89,7 +87,7 @@ def iter_undamaged(source: FrameSource, *, workers: int | None = None) -> Work[S
     >>> from pathlib import Path
     >>> import numpy as np
     >>> from lfcal.frames import LeftOut, iter_undamaged, open_frames
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> Path("copied").mkdir()
     >>> for x in range(3):
     ...     np.save(f"copied/y0_x{x}.npy", np.eye(4) + x)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import Camera, ScanPlan, Sensor
 from lfcal.frames.cfa import cfa_from
 from lfcal.frames.regions import Region

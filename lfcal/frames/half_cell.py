@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.camera import ScanPlan
-from lfcal.camera.half_cell import HalfCell, half_cell
+from lfcal.base import InputError
+from lfcal.camera import HalfCell, ScanPlan, half_cell
 from lfcal.frames.regions import Region
 from lfcal.frames.source import FrameInfo, FrameMetadata, FrameSource, Position, Samples
 from lfcal.frames.view import SourceView

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.base.checks import check_exposure, check_number
-from lfcal.base.errors import FileFormatError, InputError, StorageError, UnsafeFileError
+from lfcal.base import FileFormatError, InputError, StorageError, UnsafeFileError, check_exposure, check_number
 from lfcal.frames.cfa import check_cfa
 from lfcal.frames.positions import NamePattern, check_plan_shape, natural_key, scan_positions
 from lfcal.frames.source import Position

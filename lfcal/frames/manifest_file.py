@@ -9,9 +9,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.files import read_text, replace_whole, storage_errors
-from lfcal.base.plain import parse_json
+from lfcal.base import FileFormatError, InputError, parse_json, read_text, replace_whole, storage_errors
 from lfcal.frames.manifest import COLUMNS, FrameEntry, Manifest, entry_from
 
 __all__ = ["read_manifest", "write_manifest"]

@@ -6,15 +6,14 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from lfcal.base.errors import StorageError
-from lfcal.base.registry import Registry
+from lfcal.base import Registry, StorageError
 from lfcal.camera import ScanPlan
 from lfcal.frames.manifest import Manifest
 from lfcal.frames.orientation import AS_IS
 from lfcal.frames.part import check_origin
 from lfcal.frames.positions import NamePattern, check_plan_shape
 from lfcal.frames.source import FrameMetadata, Frames, FrameSource
-from lfcal.frames.sources.base import FrameOptions, SourceKind
+from lfcal.frames.sources import FrameOptions, SourceKind
 from lfcal.frames.view import SourceView
 
 __all__ = ["SOURCES", "open_frames"]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.frames.regions import Region
 
 __all__ = ["AS_IS", "AUTO", "CHECK", "ORIENTATIONS", "Orientation", "named_orientation", "nearest_orientation"]

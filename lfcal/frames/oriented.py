@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.frames.orientation import AS_IS, Orientation
 from lfcal.frames.regions import Region, check_region
 from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, Samples

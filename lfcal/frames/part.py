@@ -7,8 +7,7 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base.checks import check_tuple
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_tuple
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera

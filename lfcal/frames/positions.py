@@ -10,8 +10,7 @@ from pathlib import PurePosixPath
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_choice, check_number
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_choice, check_number
 from lfcal.frames.source import Position
 
 __all__ = ["NamePattern", "first_number", "natural_key", "scan_positions"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TypeAlias
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 
 __all__ = ["Region", "check_region", "clipped", "grow_region", "moved", "part_of", "region_shape", "whole"]
 

@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeAlias, ru
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.axes import Position
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, Position
 from lfcal.frames.regions import Region
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
-    from lfcal.frames.corrections.steps import Dark
+    from lfcal.frames.corrections import Dark
 
 __all__ = [
     "DarkNoise",

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from lfcal.camera import Camera
 from lfcal.frames.orientation import AS_IS, ORIENTATIONS, Orientation
-from lfcal.lattice.camera_check import WRONG, CameraCheck, CheckLine
-from lfcal.lattice.fit import LatticeFit
-from lfcal.lattice.lens_types import LensTypes
+from lfcal.lattice import WRONG, CameraCheck, CheckLine, LatticeFit, LensTypes
 
 __all__ = ["TurnedWhite", "compared_orientations", "find_turned_white"]
 

@@ -7,19 +7,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work
-from lfcal.fit.expected import Behind, behind, plan_of
-from lfcal.fit.measured import QUICK_PATTERN, of_quick_pattern
-from lfcal.fit.setup import Setup
-from lfcal.fit.spread import spread_out
+from lfcal.base import Clock, InputError, Work, check_number
+from lfcal.fit import QUICK_PATTERN, Behind, Setup, behind, of_quick_pattern, plan_of, spread_out
 from lfcal.judge.evidence import Evidence, Unlike, fitted
 from lfcal.judge.modelled import Starts, correlation, depths_seen, modelled, parts, windows_seen
 from lfcal.judge.scatter import rounding_of
-from lfcal.psf import PSFMatrix
-from lfcal.psf.half_cell import copied_positions
-from lfcal.simulate.engines.base import EnergyError
+from lfcal.psf import PSFMatrix, copied_positions
+from lfcal.simulate.engines import EnergyError
 
 __all__ = ["PATTERNS", "iter_evidence", "iter_fitted", "patterns_of"]
 
@@ -75,7 +69,7 @@ def iter_evidence(
     Examples
     --------
     >>> from lfcal.judge import iter_evidence
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> from lfcal.psf import open_psf
     >>> with open_psf("H.h5") as H:
     ...     evidence = drain(iter_evidence(H, patterns=24))

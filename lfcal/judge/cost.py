@@ -9,13 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work
+from lfcal.base import Clock, InputError, Work
 from lfcal.judge.evidence import Evidence
 from lfcal.judge.finding import Finding
 from lfcal.judge.patch import Patch, patch_of
 from lfcal.judge.scenes import SceneTrial
-from lfcal.simulate.engines.base import EnergyError
+from lfcal.simulate.engines import EnergyError
 
 __all__ = ["Costs", "iter_costs"]
 

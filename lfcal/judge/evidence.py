@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
-from lfcal.fit.expected import Behind
+from lfcal.fit import Behind
 from lfcal.judge.modelled import Starts, correlation, modelled, parts
 from lfcal.judge.scatter import misfit, noise_of, start_of, variance_of
 from lfcal.psf import PSFMatrix
-from lfcal.psf.quality.pattern_table import NOISELESS
+from lfcal.psf.quality import NOISELESS
 
 __all__ = ["COLUMNS", "Evidence", "Unlike", "fitted"]
 
@@ -68,7 +68,7 @@ class Unlike:
     --------
     >>> import numpy as np
     >>> from lfcal.judge import Unlike, iter_evidence
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> from lfcal.psf import PSFMatrix
     >>> found = drain(iter_evidence(PSFMatrix(np.ones((1, 3, 3, 5, 5)))))
     >>> if isinstance(found, Unlike):
@@ -119,7 +119,7 @@ class Evidence:
     Examples
     --------
     >>> from lfcal.judge import Evidence, iter_evidence
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> from lfcal.psf import open_psf
     >>> with open_psf("H.h5") as H:
     ...     evidence: Evidence = drain(iter_evidence(H, patterns=24))

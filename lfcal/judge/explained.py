@@ -14,20 +14,16 @@ from numpy.typing import NDArray
 from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.ndimage import uniform_filter
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work
-from lfcal.base.units import format_share
+from lfcal.base import Clock, InputError, Work, format_share
 from lfcal.camera import Camera, MainLens
-from lfcal.fit.expected import Behind
+from lfcal.fit import Behind
 from lfcal.judge.compared import iter_fitted, patterns_of
 from lfcal.judge.evidence import Evidence
 from lfcal.judge.modelled import best_alike, plane_of
 from lfcal.judge.turned import OrientationMatch, few_positions, iter_matches
-from lfcal.psf import PSFMatrix
+from lfcal.psf import AS_IS, ORIENTATIONS, PSFMatrix, origin_of
 from lfcal.psf.aperture import Iris
-from lfcal.psf.orientation import AS_IS, ORIENTATIONS
-from lfcal.psf.provenance import origin_of
-from lfcal.simulate.engines.base import EnergyError
+from lfcal.simulate.engines import EnergyError
 
 __all__ = ["BETTER", "EXPLAINED", "Disagreement", "Explanation", "iter_explained", "iter_rearranged"]
 
@@ -112,7 +108,7 @@ class Explanation:
 
     Examples
     --------
-    >>> from lfcal.judge.explained import Explanation
+    >>> from lfcal.judge import Explanation
     >>> print(Explanation("gap", "the gap is about 1.5 % larger", "Correct the gap.", 0.22, 0.02).sentence)
     the gap is about 1.5 % larger (22 % of the light unexplained as described, 2 % so)
     """
@@ -159,7 +155,7 @@ class Disagreement:
 
     Examples
     --------
-    >>> from lfcal.judge.explained import Disagreement
+    >>> from lfcal.judge import Disagreement
     >>> other = Disagreement("patterns have little in common with those of the camera (correlation 0.11)", None, 0.11)
     >>> print(other.certain, other.sentence)
     True patterns have little in common with those of the camera (correlation 0.11).

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.registry import Registry
+from lfcal.base import Registry
 from lfcal.judge.evidence import Evidence
 
 if TYPE_CHECKING:

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 
-from lfcal.base.progress import Work
-from lfcal.base.units import format_count, format_seconds, format_share
-from lfcal.fit.setup import Setup
+from lfcal.base import Work, format_count, format_seconds, format_share
+from lfcal.fit import Setup
 from lfcal.judge.compared import PATTERNS, iter_evidence
 from lfcal.judge.cost import iter_costs
 from lfcal.judge.evidence import Evidence, Unlike
@@ -20,9 +19,20 @@ from lfcal.judge.metric_costs import FRAMES, as_findings, with_costs
 from lfcal.judge.search import iter_search
 from lfcal.judge.suspects import suspects
 from lfcal.psf import PSFMatrix
-from lfcal.psf.quality import QualityReport
-from lfcal.psf.quality.metric import RANK, Merit, Metric
-from lfcal.psf.quality.verdict import BAD, FAIR, QualityProblem, counted, judged_sentence, listed, problems_of, where
+from lfcal.psf.quality import (
+    BAD,
+    FAIR,
+    RANK,
+    Merit,
+    Metric,
+    QualityProblem,
+    QualityReport,
+    counted,
+    judged_sentence,
+    listed,
+    problems_of,
+    where,
+)
 
 __all__ = ["BAD", "FAIR", "MEASURED", "Inspection", "is_bad", "is_fair", "iter_inspection", "worst_first"]
 
@@ -93,7 +103,7 @@ class Inspection:
     Examples
     --------
     >>> from lfcal.judge import Inspection, iter_inspection
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> from lfcal.psf import PSFMatrix, inspect, open_psf
     >>> with open_psf("H.h5") as H:
     ...     no_camera = PSFMatrix(H[:1])
@@ -320,7 +330,7 @@ def iter_inspection(
     Examples
     --------
     >>> from lfcal.judge import iter_inspection
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> from lfcal.psf import inspect, open_psf
     >>> with open_psf("H.h5") as H:
     ...     found = drain(iter_inspection(H, inspect(H), patterns=24))

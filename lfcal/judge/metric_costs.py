@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from lfcal.judge.cost import Costs
 from lfcal.judge.evidence import Evidence
-from lfcal.judge.faults.places import only_recorded
+from lfcal.judge.faults import only_recorded
 from lfcal.judge.finding import Fault, Finding, PutIn
 from lfcal.judge.patch import Patch
-from lfcal.psf.quality import QualityReport
-from lfcal.psf.quality.metric import Metric
+from lfcal.psf.quality import Metric, QualityReport
 
 __all__ = ["FRAMES", "as_findings", "with_costs"]
 

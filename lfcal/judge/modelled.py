@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 from scipy import fft as sf
 from scipy.ndimage import shift
 
-from lfcal.base.errors import InputError
-from lfcal.fit.expected import Behind
-from lfcal.fit.model import Fineness, PlaneModel
-from lfcal.fit.setup import Setup
-from lfcal.simulate.engines.base import EnergyError
+from lfcal.base import InputError
+from lfcal.fit import Behind, Fineness, PlaneModel, Setup
+from lfcal.simulate.engines import EnergyError
 
 __all__ = [
     "NEAR_ARRAY",

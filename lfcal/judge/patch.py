@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.fit.expected import Behind
+from lfcal.fit import Behind
 from lfcal.judge.evidence import Evidence
 from lfcal.judge.modelled import cut, plane_of
 from lfcal.judge.scatter import noise_terms

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.psf import PSFMatrix
-from lfcal.reconstruct import Projector, richardson_lucy
-from lfcal.reconstruct.phantoms import points
+from lfcal.reconstruct import Projector, points, richardson_lucy
 
 __all__ = ["ITERATIONS", "SCENES", "SceneTrial", "beads", "difference", "lines", "scene", "sparse"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.progress import Clock, Work
+from lfcal.base import Clock, Work
 from lfcal.judge.evidence import Evidence
 from lfcal.judge.finding import FAULTS, Fault, Finding
 
@@ -22,7 +22,7 @@ def iter_search(evidence: Evidence) -> Work[tuple[tuple[Finding, ...], Evidence]
     Examples
     --------
     >>> from lfcal.judge import iter_evidence, iter_search
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> from lfcal.psf import PSFMatrix, open_psf
     >>> with open_psf("H.h5") as H:
     ...     values, own = H[:], {"depths": H.depths, "camera": H.camera, "anchor": H.anchor}

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lfcal.base.figures import LINES, draw_image, figure
-from lfcal.base.units import format_share
+from lfcal.base import LINES, draw_image, figure, format_share
 from lfcal.judge.finding import Finding, Picture
 from lfcal.judge.inspection import Inspection
-from lfcal.psf.report.beside import Beside, ToldFault
+from lfcal.psf.report import Beside, ToldFault
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

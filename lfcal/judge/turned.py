@@ -7,12 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.progress import Clock, Work
-from lfcal.fit.expected import Behind
-from lfcal.fit.spread import spread_out
+from lfcal.base import Clock, Work
+from lfcal.fit import Behind, spread_out
 from lfcal.judge.modelled import modelled
-from lfcal.psf import PSFMatrix
-from lfcal.psf.orientation import AS_IS, ORIENTATIONS
+from lfcal.psf import AS_IS, ORIENTATIONS, PSFMatrix
 
 __all__ = ["OrientationMatch", "few_positions", "iter_matches"]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import Camera, LensletLattice
 from lfcal.lattice.fit import LatticeFit, fit_lattice
 from lfcal.lattice.lens_types import LensTypes, classify_lens_types, expected_blur

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.lattice.model import class_light, neighbour_median
 from lfcal.lattice.smooth_field import fit_field
 

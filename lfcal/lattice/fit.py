@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import check_choice, check_number
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_choice, check_number
 from lfcal.lattice.checkered import check_cell, mean_cell
 from lfcal.lattice.doubts import check_white, evenness
 from lfcal.lattice.forms import DistortionFrame, fit_form

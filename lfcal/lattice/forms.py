@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.camera import LatticeDistortion
-from lfcal.camera.distortion import monomials, polynomial_powers
+from lfcal.base import InputError
+from lfcal.camera import LatticeDistortion, monomials, polynomial_powers
 from lfcal.lattice.model import LatticeModel
 
 __all__ = ["FORMS", "DistortionFrame", "FittedForm", "LatticeForm", "design", "fit_form", "huber"]

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import Camera, LatticeDistortion, LensletLattice
 from lfcal.lattice.forms import DistortionFrame, FittedForm, design
 from lfcal.lattice.local_means import gridded

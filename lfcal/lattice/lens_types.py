@@ -10,8 +10,7 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import as_sensor_frame, check_choice, check_tuple
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, as_sensor_frame, check_choice, check_tuple
 from lfcal.camera import Camera, LensletLattice
 from lfcal.lattice.fit import LatticeFit
 from lfcal.lattice.micro_image import light_of

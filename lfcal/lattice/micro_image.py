@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.threads import chunks, for_each_chunk, worker_count
+from lfcal.base import InputError, chunks, for_each_chunk, worker_count
 from lfcal.lattice._kernels import Template, WhiteLenslets, fold, lenslet_statistics, register
 
 __all__ = ["LensletPlaces", "MicroImage", "light_of", "mean_micro_image", "place_lenslets"]

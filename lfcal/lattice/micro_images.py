@@ -10,8 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import check_tuple
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_tuple
 from lfcal.camera import Camera
 
 __all__ = [

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number
+from lfcal.base import check_number
 from lfcal.camera import Camera
 from lfcal.lattice.views import Views
 

@@ -12,9 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
-from lfcal.base.threads import for_each_chunk
+from lfcal.base import InputError, check_number, for_each_chunk
 from lfcal.camera import Camera
 from lfcal.lattice._rendering_kernels import RefocusPlane, render_rows
 from lfcal.lattice.lens_types import expected_blur

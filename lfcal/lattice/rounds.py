@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import as_sensor_frame
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, as_sensor_frame
 from lfcal.lattice.micro_image import light_of, mean_micro_image, place_lenslets
 from lfcal.lattice.model import LatticeModel, class_median
 from lfcal.lattice.mosaic import levelled

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 
 __all__ = ["SmoothField", "fit_field"]
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_choice
+from lfcal.base import check_choice
 from lfcal.lattice._view_kernels import largest_box
 from lfcal.lattice.micro_images import MicroImageLattice
 from lfcal.lattice.view_cells import Cells, cells_between, cells_in_rows

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.threads import for_each_chunk
+from lfcal.base import for_each_chunk
 from lfcal.lattice._view_kernels import Sites, ViewReading, sample_rows
 from lfcal.lattice.view_grid import ViewGrid
 

@@ -9,8 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import as_sensor_frame, check_number
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, as_sensor_frame, check_number
 from lfcal.lattice.micro_images import FrameLattice, MicroImageLattice
 from lfcal.lattice.view_grid import ViewGrid, view_grid
 from lfcal.lattice.view_samples import sample_views

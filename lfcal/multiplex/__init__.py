@@ -25,5 +25,6 @@ from lfcal._lazy import lazy_face
 
 if TYPE_CHECKING:
     from lfcal.multiplex._face import *  # noqa: F403
+    from lfcal.multiplex._shared import *  # noqa: F403
 
 lazy_face(__name__)

@@ -10,9 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work, drained
+from lfcal.base import Clock, InputError, Work, check_number, drained
 from lfcal.multiplex.demultiplexing import demultiplex, multiplex
 from lfcal.multiplex.modulator import Modulator
 

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import check_number, check_tuple
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_number, check_tuple
 
 __all__ = ["DisplayFit", "display_fit", "display_frames"]
 

@@ -7,8 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_choice, check_number
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_choice, check_number
 
 __all__ = ["CODES", "MOST_POINTS", "code_matrix", "random_code", "s_matrix", "s_matrix_orders"]
 

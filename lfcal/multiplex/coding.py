@@ -15,8 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import check_choice, check_number
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_choice, check_number
 from lfcal.multiplex.codes import code_matrix
 from lfcal.multiplex.sensor_noise import SensorNoise
 

@@ -7,7 +7,7 @@ import os
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.figures import COLOURS, LINES, draw_image, figure, save_figure
+from lfcal.base import COLOURS, LINES, draw_image, figure, save_figure
 from lfcal.multiplex.coding import CodingGain, coding_gain
 from lfcal.multiplex.sensor_noise import SensorNoise
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_number
 from lfcal.multiplex.sensor_noise import SensorNoise
 from lfcal.multiplex.spectra import Spectra, colour_matching, shipped_spectra
 from lfcal.multiplex.spectral_filters import spectral_array

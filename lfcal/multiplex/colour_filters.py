@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from lfcal.base.checks import check_tuple
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_tuple
 from lfcal.multiplex.modulator import Modulator
 
 __all__ = ["CFA_PATTERNS", "FILTERS", "cfa", "parse_pattern"]

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.threads import for_each_chunk
+from lfcal.base import InputError, for_each_chunk
 from lfcal.multiplex._demosaic_kernels import Mosaic, blend_rows, estimate_rows
 from lfcal.multiplex.estimation import (
     ALONG_COLUMNS,

@@ -10,9 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number, check_tuple
-from lfcal.base.errors import InputError
-from lfcal.base.progress import leave_if_unwanted
+from lfcal.base import InputError, check_number, check_tuple, leave_if_unwanted
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS, cfa
 from lfcal.multiplex.mask_bounds import mask_gain_bound, noise_shares
 from lfcal.multiplex.masks import mask, mask_at_distance

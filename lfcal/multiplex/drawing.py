@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lfcal.base.figures import COLOURS, LINES, draw_image, figure, save_figure
+from lfcal.base import COLOURS, LINES, draw_image, figure, save_figure
 from lfcal.multiplex.colour_filters import CFA_PATTERNS
 from lfcal.multiplex.gains import GainMap
 from lfcal.multiplex.modulator import Modulator

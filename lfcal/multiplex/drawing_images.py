@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.figures import draw_image, figure, save_figure
+from lfcal.base import draw_image, figure, save_figure
 from lfcal.multiplex.demultiplexing import demultiplex
 from lfcal.multiplex.modulator import Modulator
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_choice
+from lfcal.base import check_choice
 
 __all__ = [
     "COLOUR_FILTERS",

@@ -15,9 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import check_number, check_tuple
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work, drained
+from lfcal.base import Clock, InputError, Work, check_number, check_tuple, drained
 from lfcal.multiplex.demultiplexing import check_frame
 from lfcal.multiplex.modulator import Modulator
 from lfcal.multiplex.weighted import measured

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_choice, check_tuple
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_choice, check_tuple
 from lfcal.lattice import MicroImageLattice, ViewGrid
 from lfcal.multiplex.modulator import MAX_SAMPLES, Modulator
 

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import check_choice, check_number, check_tuple
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_choice, check_number, check_tuple
 from lfcal.lattice import MicroImageLattice, ViewGrid, sample_views, view_grid
 from lfcal.multiplex.demultiplexing import check_frame
 from lfcal.multiplex.modulator import Modulator

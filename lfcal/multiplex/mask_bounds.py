@@ -7,8 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_number
 from lfcal.multiplex.masks import MAX_SIZE
 
 __all__ = ["MAX_EXHAUSTIVE", "best_binary_mask", "mask_gain_bound", "noise_shares"]

@@ -7,8 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import check_choice, check_number, check_tuple
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_choice, check_number, check_tuple
 from lfcal.multiplex.modulator import MAX_SAMPLES, Modulator
 
 __all__ = ["MASKS", "cell_overlap", "dirichlet_minimum", "mask", "mask_at_distance", "mask_pattern", "shadow_shift_px"]

@@ -10,10 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.files import read_text, replace_whole, storage_errors
-from lfcal.base.npy import map_npy, npy_header
-from lfcal.base.plain import plain
+from lfcal.base import FileFormatError, InputError, map_npy, npy_header, plain, read_text, replace_whole, storage_errors
 from lfcal.multiplex.modulator import MAX_SAMPLES, Modulator, modulator_from_matrix
 
 __all__ = ["MATRIX_SUFFIXES", "load_modulator", "save_modulator"]

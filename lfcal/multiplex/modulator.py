@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import check_number, check_tuple
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_number, check_tuple
 
 __all__ = ["Modulator", "default_rcond", "modulator_from_matrix"]
 

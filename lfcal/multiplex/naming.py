@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.multiplex.colour_filters import cfa
 from lfcal.multiplex.exposures import camera_array, coded_shutter, neutral_density
 from lfcal.multiplex.masks import MASKS, mask

@@ -10,8 +10,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import check_choice
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_choice
 from lfcal.camera import Sensor
 from lfcal.multiplex.modulator import Modulator
 from lfcal.multiplex.sensor_noise import sensor_noise

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.multiplex.acquisition import acquire_light_field
 from lfcal.multiplex.colour_filters import cfa
 from lfcal.multiplex.demultiplexing import demultiplex, multiplex

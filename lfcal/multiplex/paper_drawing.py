@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from lfcal.base.figures import draw_image, figure, save_figure
+from lfcal.base import draw_image, figure, save_figure
 from lfcal.multiplex.paper import PaperFigure, PaperPanel
 
 __all__ = ["save_paper_figure"]

@@ -7,8 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_number
 from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
 
 __all__ = ["STOKES", "degree_of_polarisation", "polarisers"]

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work, drained
+from lfcal.base import Clock, InputError, Work, drained
 from lfcal.multiplex.demosaicing import can_estimate
 from lfcal.multiplex.demultiplexing import demultiplex, multiplex
 from lfcal.multiplex.filters import COLOUR_FILTERS, SPATIAL_FILTERS

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import check_choice
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_choice
 from lfcal.multiplex.demultiplexing import demultiplex, multiplex
 from lfcal.multiplex.modulator import Modulator
 

@@ -11,9 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Progress, Work, drained, leave_if_unwanted
+from lfcal.base import Clock, InputError, Progress, Work, check_number, drained, leave_if_unwanted
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS, cfa
 from lfcal.multiplex.mask_bounds import MAX_EXHAUSTIVE, best_binary_mask, mask_gain_bound, noise_shares
 from lfcal.multiplex.masks import MASKS, mask, mask_at_distance, mask_pattern

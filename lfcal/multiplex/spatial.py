@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.threads import for_each_chunk, one_blas_thread
+from lfcal.base import for_each_chunk, one_blas_thread
 from lfcal.multiplex._kernels import Channels, Guided, Taps, bilateral_rows, linear_rows
 from lfcal.multiplex.filters import EDGE_PRESERVING, dirichlet_table, tap_table
 from lfcal.multiplex.modulator import Modulator

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.files import read_text
+from lfcal.base import FileFormatError, InputError, read_text
 
 __all__ = ["TABLES", "Spectra", "colour_matching", "daylight", "read_spectra", "shipped_spectra"]
 

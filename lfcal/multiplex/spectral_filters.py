@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import check_number, check_tuple
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_number, check_tuple
 from lfcal.multiplex.modulator import MAX_SAMPLES, Modulator
 from lfcal.multiplex.spectra import Spectra, shipped_spectra
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import check_choice, check_number, check_tuple
+from lfcal.base import check_choice, check_number, check_tuple
 
 __all__ = ["SuperPixelLattice"]
 

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import check_tuple
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_tuple
 from lfcal.multiplex.modulator import MAX_SAMPLES, Modulator, modulator_from_matrix
 
 __all__ = ["tile_pixels", "tiled_modulator"]

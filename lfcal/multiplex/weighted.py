@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.multiplex.filters import tap_table
 from lfcal.multiplex.modulator import Modulator
 

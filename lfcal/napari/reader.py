@@ -10,16 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.recording.source import RecordingSource
-from lfcal.acquire.session_file import NAME
-from lfcal.base.errors import FileFormatError, LfcalError
-from lfcal.base.h5.file import H5File
+from lfcal.acquire import NAME, RecordingSource
+from lfcal.base import FileFormatError, LfcalError
+from lfcal.base.h5 import H5File
 from lfcal.napari.lazy import Index, Lazy
-from lfcal.psf.opening import open_psf, regions_of
-from lfcal.psf.store import FORMAT
-from lfcal.psf.voxels import pixel_um, voxel_um
-from lfcal.reconstruct.ome_zarr import open_ome_zarr, told_of
-from lfcal.reconstruct.volumes import DATASET, VOLUME_FORMAT
+from lfcal.psf import FORMAT, open_psf, pixel_um, regions_of, voxel_um
+from lfcal.reconstruct import DATASET, VOLUME_FORMAT, open_ome_zarr, told_of
 
 if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix

@@ -1,4 +1,4 @@
-"""The public names of `lfcal.psf`, loaded when the first of them is asked for."""
+"""The public names of `lfcal.psf`: each is loaded when it is asked for."""
 
 from __future__ import annotations
 
@@ -6,14 +6,17 @@ from lfcal.psf.assembly import AssemblySettings, assemble, assemble_plan, iter_a
 from lfcal.psf.assembly_report import AssemblyReport
 from lfcal.psf.compare import Comparison, compare, iter_compare
 from lfcal.psf.cutout import Cutout, find_cutout
+from lfcal.psf.denoising import denoised
 from lfcal.psf.export import export, iter_export
 from lfcal.psf.facts import Facts
+from lfcal.psf.layout import Stored
+from lfcal.psf.make import units_of
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.opening import open_psf, regions_of
-from lfcal.psf.quality.inspect import inspect, iter_inspect
-from lfcal.psf.quality.report import QualityReport
+from lfcal.psf.provenance import codec_of, noise_of, origin_of
+from lfcal.psf.quality import QualityReport, inspect, iter_inspect
 from lfcal.psf.report import iter_report, report
-from lfcal.psf.saving import iter_save, iter_save_regions, save, save_regions
+from lfcal.psf.saving import MatrixPlanes, iter_save, iter_save_regions, save, save_regions
 from lfcal.psf.store import PSFWriter
 from lfcal.psf.transpose import transpose
 from lfcal.psf.verify import MatrixCheck, iter_verify, verify
@@ -25,12 +28,16 @@ __all__ = [
     "Cutout",
     "Facts",
     "MatrixCheck",
+    "MatrixPlanes",
     "PSFMatrix",
     "PSFWriter",
     "QualityReport",
+    "Stored",
     "assemble",
     "assemble_plan",
+    "codec_of",
     "compare",
+    "denoised",
     "export",
     "find_cutout",
     "inspect",
@@ -43,11 +50,14 @@ __all__ = [
     "iter_save",
     "iter_save_regions",
     "iter_verify",
+    "noise_of",
     "open_psf",
+    "origin_of",
     "regions_of",
     "report",
     "save",
     "save_regions",
     "transpose",
+    "units_of",
     "verify",
 ]

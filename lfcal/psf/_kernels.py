@@ -19,7 +19,7 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from lfcal.base.compiled import njit
+from lfcal.base import njit
 
 __all__ = ["LANES", "Batches", "batch_rows", "source_rows", "transpose_batches", "transpose_rows"]
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.compiled import njit
+from lfcal.base import njit
 
 __all__ = ["add_rounded", "error_of_step", "light_by_line", "round_pattern", "values_of_steps", "write_steps"]
 

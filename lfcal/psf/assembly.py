@@ -16,15 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
-from lfcal.base.plain import plain
-from lfcal.base.progress import Clock, Progress, Work, drained
-from lfcal.base.threads import worker_count
+from lfcal.base import Clock, InputError, Progress, Work, check_number, drained, plain, worker_count
 from lfcal.camera import Camera, ScanPlan
-from lfcal.frames.orientation import AS_IS
-from lfcal.frames.part import check_stated
-from lfcal.frames.source import FrameSource, Noise, Position
+from lfcal.frames import AS_IS, FrameSource, Noise, Position, check_stated
 from lfcal.psf.assembly_report import AssemblyReport
 from lfcal.psf.cutout import Cutout, find_cutout
 from lfcal.psf.facts import Facts, pack_valid
@@ -448,7 +442,7 @@ def iter_assemble(
     --------
     >>> import numpy as np
     >>> from lfcal.frames import ArraySource
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> from lfcal.psf import Cutout, iter_assemble
     >>> frames = ArraySource(np.ones((3, 16, 16), np.uint16), [(0, 0, 0), (0, 0, 1), (0, 1, 0)])
     >>> report = drain(iter_assemble(frames, (1, 2, 2), Cutout((5, 5), anchor=(7, 8))))

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lfcal.base.units import format_count
-from lfcal.frames.orientation import AS_IS, ORIENTATIONS
-from lfcal.frames.source import LeftOut, Position
+from lfcal.base import format_count
+from lfcal.frames import AS_IS, ORIENTATIONS, LeftOut, Position
 from lfcal.psf.matrix import PSFMatrix
 
 __all__ = ["AssemblyReport"]

@@ -17,11 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.h5.chunks import FILTER_NAMES
-from lfcal.base.h5.dataset import H5Data
-from lfcal.base.h5.filters import encode_chunk
-from lfcal.base.threads import worker_count
+from lfcal.base import InputError, worker_count
+from lfcal.base.h5 import FILTER_NAMES, H5Data, encode_chunk
 
 __all__ = ["chunk_pipeline", "copy_plane", "parallel_read", "parallel_write"]
 

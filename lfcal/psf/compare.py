@@ -8,9 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work, drained
-from lfcal.base.threads import for_each_chunk
+from lfcal.base import Clock, InputError, Work, drained, for_each_chunk
 from lfcal.psf.matrix import PSFMatrix
 
 __all__ = ["Comparison", "centroids", "compare", "iter_compare"]

@@ -10,10 +10,9 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.axes import centre, check_cutout
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, centre, check_cutout
 from lfcal.camera import ScanPlan
-from lfcal.frames.source import Position
+from lfcal.frames import Position
 
 __all__ = ["INTERPOLATIONS", "Cutout", "Window", "find_cutout"]
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.threads import for_each_chunk
+from lfcal.base import for_each_chunk
 from lfcal.psf._noise_kernels import NoiseRule, reduce_noise
 from lfcal.psf.facts import Origin, unpack_valid
 from lfcal.psf.matrix import PSFMatrix
@@ -59,7 +59,7 @@ def denoised(H: Any, z: int, plane: NDArray[Any]) -> NDArray[Any]:
     --------
     >>> import numpy as np
     >>> from lfcal.psf import Facts, PSFMatrix
-    >>> from lfcal.psf.denoising import denoised
+    >>> from lfcal.psf import denoised
     >>> t = np.arange(-10, 11)
     >>> true = 400 * np.exp(-(t[:, None] ** 2 + t**2) / 500) * np.ones((1, 9, 9, 1, 1))
     >>> frames = np.random.default_rng(0).poisson(true).astype(float)

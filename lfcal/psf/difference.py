@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.progress import Clock, Work, drained
-from lfcal.base.threads import for_each_chunk, worker_count
+from lfcal.base import Clock, Work, drained, for_each_chunk, worker_count
 from lfcal.psf.compare import centroids
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.pairing import Pair, pair

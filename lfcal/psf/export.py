@@ -11,10 +11,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.files import check_other_file, replace_whole, require_space, storage_errors
-from lfcal.base.npy import npy_header
-from lfcal.base.progress import Clock, Work, drained
+from lfcal.base import (
+    Clock,
+    InputError,
+    Work,
+    check_other_file,
+    drained,
+    npy_header,
+    replace_whole,
+    require_space,
+    storage_errors,
+)
 from lfcal.psf.light import empty_positions, empty_words
 from lfcal.psf.matlab import MatOptions, iter_write_mat, mat_notes
 from lfcal.psf.matrix import PSFMatrix

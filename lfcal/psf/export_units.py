@@ -11,10 +11,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from lfcal.base.files import require_space
-from lfcal.base.h5.file import H5File
-from lfcal.base.h5.writing import new_h5
-from lfcal.base.progress import Clock, Work
+from lfcal.base import Clock, Work, require_space
+from lfcal.base.h5 import H5File, new_h5
 from lfcal.psf.chunk_codec import copy_plane
 from lfcal.psf.export import ExportOptions, check_export, iter_export, iter_write_npy
 from lfcal.psf.matlab import MatOptions, create_mat_data, iter_write_mat, mat_plane, mat_written

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 
 __all__ = ["Facts", "Origin", "fitting", "pack_valid", "packed_bytes", "stacked", "unpack_valid"]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.progress import Work
+from lfcal.base import Work
 from lfcal.psf.facts import Facts
 
 __all__ = ["Fill", "Filled"]

@@ -9,9 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.frames.regions import Region, clipped, moved, part_of, region_shape
-from lfcal.frames.source import FrameInfo, FrameSource, Noise, Position, Samples
+from lfcal.base import InputError
+from lfcal.frames import FrameInfo, FrameSource, Noise, Position, Region, Samples, clipped, moved, part_of, region_shape
 from lfcal.psf.cutout import Cutout, Window
 
 __all__ = ["Gatherer", "Pattern", "by_position"]

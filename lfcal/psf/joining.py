@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lfcal.base.errors import FileFormatError
-from lfcal.base.h5.file import H5File
-from lfcal.base.progress import Clock, Work
+from lfcal.base import Clock, FileFormatError, Work
+from lfcal.base.h5 import H5File
 from lfcal.psf.layout import StoredPlane
 from lfcal.psf.opening import depth_sums_of, facts_in, provenance_of, scaling_of
 from lfcal.psf.provenance import simulated_planes

@@ -16,11 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.axes import AXES, check_psf_shape
-from lfcal.base.errors import InputError
-from lfcal.base.h5.dataset import H5Data
-from lfcal.base.threads import for_each_chunk
-from lfcal.base.version import full_version
+from lfcal.base import AXES, InputError, check_psf_shape, for_each_chunk, full_version
+from lfcal.base.h5 import H5Data
 from lfcal.psf._step_kernels import add_rounded, round_pattern
 from lfcal.psf.chunk_codec import copy_plane, parallel_write
 from lfcal.psf.facts import Facts, stacked

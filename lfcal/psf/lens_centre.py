@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.axes import Position
-from lfcal.camera.lens_centre import nearest_lens
+from lfcal.base import Position
+from lfcal.camera import nearest_lens
 from lfcal.psf.cutout import Cutout
 from lfcal.psf.facts import Facts
 from lfcal.psf.matrix import PSFMatrix

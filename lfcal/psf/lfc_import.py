@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.axes import centre
-from lfcal.base.errors import FileFormatError
-from lfcal.base.h5.file import H5File
+from lfcal.base import FileFormatError, centre
+from lfcal.base.h5 import H5File
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.plain_pickle import Record, load_plain
 from lfcal.psf.planes import Planes, TransposedPlanes

@@ -18,10 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.files import require_space
-from lfcal.base.plain import plain
-from lfcal.base.progress import Clock, Progress, Work, drain
+from lfcal.base import Clock, InputError, Progress, Work, drain, plain, require_space
 from lfcal.psf.facts import stacked
 from lfcal.psf.joining import adopt
 from lfcal.psf.layout import Header, MatrixGroup, Plane, Stored
@@ -30,7 +27,7 @@ from lfcal.psf.nexus import mark_default_plot
 from lfcal.psf.opening import open_psf
 from lfcal.psf.provenance import with_simulated
 from lfcal.psf.store import REGIONS, PSFWriter, check_storable, new_file, stored_bytes
-from lfcal.work.held import Held
+from lfcal.work import Held
 
 if TYPE_CHECKING:
     from lfcal.work import RunChoice, Unit

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.files import storage_errors
-from lfcal.base.h5.file import H5File
+from lfcal.base import FileFormatError, InputError, storage_errors
+from lfcal.base.h5 import H5File
 from lfcal.psf.matlab import COLUMNS_FIRST, ROWS_FIRST
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.planes import DatasetPlanes, FilePlanes, Planes

@@ -16,10 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.files import require_space
-from lfcal.base.h5.writing import new_h5
-from lfcal.base.progress import Clock, Work
+from lfcal.base import Clock, InputError, Work, require_space
+from lfcal.base.h5 import new_h5
 from lfcal.psf.lens_centre import first_pixel, lens_centre_of, lens_centred, sampling
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.rearranged import PlacedPlanes

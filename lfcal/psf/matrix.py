@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from lfcal.base.axes import check_psf_shape
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_psf_shape
 from lfcal.psf.facts import Facts, Origin, fitting, unpack_valid
 from lfcal.psf.indexing import in_range, resolved
 from lfcal.psf.planes import ArrayPlanes, DatasetPlanes, FilePlanes, Planes, ScaledPlanes, as_planes, as_stored

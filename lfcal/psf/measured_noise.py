@@ -18,10 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import LfcalError
+from lfcal.base import LfcalError
 from lfcal.camera import ScanPlan
-from lfcal.frames.regions import Region, moved
-from lfcal.frames.source import Frames, FrameSource
+from lfcal.frames import Frames, FrameSource, Region, moved
 from lfcal.psf.cutout import Cutout
 from lfcal.psf.gather import Gatherer, by_position
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.base.axes import centre
+from lfcal.base import centre
 
 __all__ = ["mark_default_plot"]
 

@@ -12,14 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.axes import AXES, check_psf_shape
-from lfcal.base.checks import MAX_SAMPLE
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.h5.attributes import Attributes
-from lfcal.base.h5.dataset import H5Data
-from lfcal.base.h5.file import H5File
-from lfcal.base.npy import map_npy
-from lfcal.base.plain import parse_json
+from lfcal.base import AXES, MAX_SAMPLE, FileFormatError, InputError, check_psf_shape, map_npy, parse_json
+from lfcal.base.h5 import Attributes, H5Data, H5File
 from lfcal.camera import Camera
 from lfcal.psf.chunk_codec import parallel_read
 from lfcal.psf.facts import Facts

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.progress import Work, drained
+from lfcal.base import Work, drained
 from lfcal.camera import ScanPlan
-from lfcal.frames.orientation import AS_IS, ORIENTATIONS
-from lfcal.frames.source import FrameSource
+from lfcal.frames import AS_IS, ORIENTATIONS, FrameSource
 from lfcal.psf.spot_path import SpotPath, iter_spot_path
 
 __all__ = [

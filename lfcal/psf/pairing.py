@@ -7,9 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.axes import centre
-from lfcal.base.errors import InputError
-from lfcal.base.units import format_plane
+from lfcal.base import InputError, centre, format_plane
 from lfcal.psf.matrix import PSFMatrix
 
 __all__ = ["Pair", "pair"]

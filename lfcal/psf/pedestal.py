@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.frames.regions import clipped
+from lfcal.base import FileFormatError, InputError
+from lfcal.frames import clipped
 from lfcal.psf.gather import Gatherer
 
 __all__ = ["LIMIT", "check_pedestal", "pedestal_share"]

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work
+from lfcal.base import Clock, InputError, Work
 from lfcal.camera import ScanPlan
-from lfcal.frames.source import FrameSource, Noise
+from lfcal.frames import FrameSource, Noise
 from lfcal.psf.cutout import Cutout
 from lfcal.psf.facts import Facts, pack_valid, packed_bytes
 from lfcal.psf.gather import Gatherer, by_position

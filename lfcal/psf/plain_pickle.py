@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import FileFormatError, UnsafeFileError
+from lfcal.base import FileFormatError, UnsafeFileError
 
 __all__ = ["Record", "load_plain"]
 

@@ -9,10 +9,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.axes import check_psf_shape
-from lfcal.base.checks import MAX_SAMPLE
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.h5.dataset import H5Data
+from lfcal.base import MAX_SAMPLE, FileFormatError, InputError, check_psf_shape
+from lfcal.base.h5 import H5Data
 
 __all__ = [
     "ArrayPlanes",

@@ -70,7 +70,7 @@ def codec_of(provenance: Mapping[str, Any]) -> Codec | None:
 
     Examples
     --------
-    >>> from lfcal.psf.provenance import codec_of
+    >>> from lfcal.psf import codec_of
     >>> codec_of({"frames": {"count": 627, "codec": {"name": "lzw", "lossless": True}}})
     Codec(name='lzw', lossless=True)
     >>> print(codec_of({"frames": 627}))  # a file of lfcal 0.1
@@ -88,7 +88,7 @@ def origin_of(provenance: Mapping[str, Any]) -> tuple[int, int] | None:
 
     Examples
     --------
-    >>> from lfcal.psf.provenance import origin_of
+    >>> from lfcal.psf import origin_of
     >>> origin_of({"frames": {"count": 627, "origin": [120, 64]}})
     (120, 64)
     """
@@ -103,7 +103,7 @@ def noise_of(provenance: Mapping[str, Any]) -> FrameNoise | None:
 
     Examples
     --------
-    >>> from lfcal.psf.provenance import noise_of
+    >>> from lfcal.psf import noise_of
     >>> noise_of({"noise": {"floor": 4.0, "slope": 0.25, "from": "darks and repeats"}})
     FrameNoise(floor=4.0, slope=0.25, source='darks and repeats')
     """

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.axes import centre
+from lfcal.base import centre
 from lfcal.psf.planes import Planes, TransposedPlanes
 
 __all__ = ["MirroredPlanes", "PlacedPlanes", "placed"]

@@ -9,9 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.figures import figure, save_figure
-from lfcal.base.progress import Work, drained
+from lfcal.base import InputError, Work, drained, figure, save_figure
 from lfcal.psf.compare import iter_compare
 from lfcal.psf.opening import open_psf, regions_of
 

@@ -8,9 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base.errors import InputError
-from lfcal.base.files import check_other_file
-from lfcal.base.progress import Clock, Work, drained
+from lfcal.base import Clock, InputError, Work, check_other_file, drained
 from lfcal.psf.layout import Plane, Stored
 from lfcal.psf.make import PlaneSource, Reopening, Zeros, iter_write, iter_write_regions
 from lfcal.psf.matrix import PSFMatrix

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.base.errors import LfcalError
-from lfcal.base.h5.file import H5File
+from lfcal.base import LfcalError
+from lfcal.base.h5 import H5File
 from lfcal.psf.json_schema import Deviation, deviations
 from lfcal.psf.store import REGIONS, VERSION
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.progress import Clock, Work
-from lfcal.frames.source import FrameInfo, FrameSource
+from lfcal.base import Clock, Work
+from lfcal.frames import FrameInfo, FrameSource
 
 __all__ = ["SpotPath", "iter_spot_path", "path_frames"]
 

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.threads import for_each_chunk
+from lfcal.base import InputError, for_each_chunk
 from lfcal.psf._step_kernels import error_of_step, light_by_line, values_of_steps, write_steps
 from lfcal.psf.planes import Planes, TransposedPlanes
 

@@ -13,10 +13,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.files import require_space
-from lfcal.base.h5.writing import new_h5
-from lfcal.base.version import full_version
+from lfcal.base import InputError, full_version, require_space
+from lfcal.base.h5 import new_h5
 from lfcal.camera import Camera
 from lfcal.psf.chunk_codec import chunk_pipeline, parallel_write
 from lfcal.psf.facts import Facts

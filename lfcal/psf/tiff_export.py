@@ -15,10 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.files import require_space
-from lfcal.base.progress import Clock, Work
-from lfcal.base.tiff_file import write_tiff
+from lfcal.base import Clock, InputError, Work, require_space, write_tiff
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.voxels import pixel_um, voxel_um
 

@@ -18,9 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.axes import centre, check_psf_shape
-from lfcal.base.errors import InputError
-from lfcal.base.threads import for_each_chunk
+from lfcal.base import InputError, centre, check_psf_shape, for_each_chunk
 
 __all__ = ["BORDER_LIMIT", "border_energy", "border_warning", "depth_sum", "ht_slice", "transpose"]
 

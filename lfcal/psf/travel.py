@@ -8,7 +8,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.psf.planes import ArrayPlanes, Planes, as_stored
 
 __all__ = ["reduced"]

@@ -5,12 +5,20 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Work
+from lfcal.base import InputError, Work
 from lfcal.camera import ScanPlan
-from lfcal.frames.orientation import AS_IS, AUTO, CHECK, ORIENTATIONS, Orientation, named_orientation
-from lfcal.frames.part import check_stated, part_refusal, smaller
-from lfcal.frames.source import FrameSource
+from lfcal.frames import (
+    AS_IS,
+    AUTO,
+    CHECK,
+    ORIENTATIONS,
+    FrameSource,
+    Orientation,
+    check_stated,
+    named_orientation,
+    part_refusal,
+    smaller,
+)
 from lfcal.psf.orientation import FoundOrientation, iter_find_orientation
 
 __all__ = ["AUTO", "CHECK", "check_found", "check_place", "iter_upright"]

@@ -11,11 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import FileFormatError, InputError, StorageError
-from lfcal.base.h5.dataset import H5Data
-from lfcal.base.h5.file import H5File
-from lfcal.base.progress import Clock, Work, drained
-from lfcal.frames.source import Position
+from lfcal.base import Clock, FileFormatError, InputError, StorageError, Work, drained
+from lfcal.base.h5 import H5Data, H5File
+from lfcal.frames import Position
 from lfcal.psf.chunk_codec import parallel_read
 from lfcal.psf.layout import plane_checksum
 from lfcal.psf.opening import FOREIGN, open_psf, regions_of, scaling_of, steps_in

@@ -12,5 +12,6 @@ from lfcal._lazy import lazy_face
 
 if TYPE_CHECKING:
     from lfcal.reconstruct._face import *  # noqa: F403
+    from lfcal.reconstruct._shared import *  # noqa: F403
 
 lazy_face(__name__)

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lfcal.base.errors import InputError
-from lfcal.base.system import free_memory, memory_in_use
-from lfcal.base.units import format_bytes
-from lfcal.reconstruct.projectors.projector import Projector
-from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice
-from lfcal.reconstruct.solvers.planes import UPDATING, plane_threads
+from lfcal.base import InputError, format_bytes, free_memory, memory_in_use
+from lfcal.reconstruct.projectors import Projector
+from lfcal.reconstruct.solvers import SOLVERS, UPDATING, SolverChoice, plane_threads
 
 __all__ = ["RunMemory", "room_for_projections", "run_memory"]
 

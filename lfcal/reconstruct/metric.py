@@ -16,10 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
-from lfcal.psf import PSFMatrix
-from lfcal.psf.voxels import voxel_um
+from lfcal.base import InputError, check_number
+from lfcal.psf import PSFMatrix, voxel_um
 
 __all__ = ["MetricGrid"]
 

@@ -18,8 +18,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import FileFormatError, InputError, StorageError
-from lfcal.base.files import MAX_EXPANSION, check_writable, replace_store, storage_errors, storage_words
+from lfcal.base import (
+    MAX_EXPANSION,
+    FileFormatError,
+    InputError,
+    StorageError,
+    check_writable,
+    replace_store,
+    storage_errors,
+    storage_words,
+)
 from lfcal.reconstruct.facts import VolumeFacts
 
 if TYPE_CHECKING:

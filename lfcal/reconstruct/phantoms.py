@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 
 __all__ = ["PHANTOMS", "phantom", "plume", "points", "vesicle"]
 

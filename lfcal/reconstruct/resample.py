@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.threads import for_each_chunk
+from lfcal.base import InputError, for_each_chunk
 
 __all__ = ["MOST_DRIFT", "Resampling", "drift_note", "drift_words", "lattice_anchor_of", "resampling_for"]
 
@@ -270,7 +269,7 @@ def resampling_for(H: Any, shape: tuple[int, int]) -> Resampling | None:
     >>> import numpy as np
     >>> from lfcal.camera import preset
     >>> from lfcal.psf import PSFMatrix
-    >>> from lfcal.reconstruct.resample import resampling_for
+    >>> from lfcal.reconstruct import resampling_for
     >>> camera = preset("lfm_60x12")  # lenslets of 15.385 pixels
     >>> H = PSFMatrix(np.ones((1, 15, 15, 3, 3)), depths=[0.0], camera=camera, anchor=(1000, 1000))
     >>> view = resampling_for(H, camera.sensor.shape)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.progress import Clock, Work, drained
-from lfcal.reconstruct.projectors.projector import Projector
-from lfcal.reconstruct.solvers.richardson_lucy import richardson_lucy
+from lfcal.base import Clock, Work, drained
+from lfcal.reconstruct.projectors import Projector
+from lfcal.reconstruct.solvers import richardson_lucy
 
 __all__ = ["TwoPoint", "bead_widths", "dip", "fwhm", "iter_two_point", "two_point"]
 

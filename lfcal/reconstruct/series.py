@@ -9,12 +9,9 @@ from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.progress import Progress, Work
-from lfcal.reconstruct.projectors.projector import Projector
-from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, iter_solve
-from lfcal.reconstruct.solvers.measurement import NothingMeasured
-from lfcal.reconstruct.solvers.records import Reconstruction, SolverProgress
+from lfcal.base import FileFormatError, InputError, Progress, Work
+from lfcal.reconstruct.projectors import Projector
+from lfcal.reconstruct.solvers import SOLVERS, NothingMeasured, Reconstruction, SolverChoice, SolverProgress, iter_solve
 
 __all__ = ["FrameResult", "check_any", "check_warm", "iter_frame", "iter_series"]
 
@@ -137,7 +134,7 @@ def iter_series(
     Examples
     --------
     >>> import numpy as np
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> from lfcal.reconstruct import FrameResult, Projector, SolverChoice, iter_series, load_volume, save_volume
     >>> P = Projector(np.full((1, 1, 1, 3, 3), 1 / 9), (16, 16))
     >>> frames = [("dim", lambda: np.full((16, 16), 10.0)), ("bright", lambda: np.full((16, 16), 20.0))]

@@ -13,11 +13,18 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import FileFormatError, InputError, StorageError
-from lfcal.base.files import check_regular, replace_whole, require_space, storage_errors
-from lfcal.base.h5.file import H5File
-from lfcal.base.h5.writing import new_h5
-from lfcal.base.npy import map_npy, npy_header
+from lfcal.base import (
+    FileFormatError,
+    InputError,
+    StorageError,
+    check_regular,
+    map_npy,
+    npy_header,
+    replace_whole,
+    require_space,
+    storage_errors,
+)
+from lfcal.base.h5 import H5File, new_h5
 from lfcal.reconstruct.facts import VolumeFacts
 from lfcal.reconstruct.ome_zarr import read_ome_zarr, write_ome_zarr
 

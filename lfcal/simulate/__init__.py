@@ -17,5 +17,6 @@ from lfcal._lazy import lazy_face
 
 if TYPE_CHECKING:
     from lfcal.simulate._face import *  # noqa: F403
+    from lfcal.simulate._shared import *  # noqa: F403
 
 lazy_face(__name__)

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.compiled import njit
-from lfcal.base.threads import chunks, for_each_chunk
+from lfcal.base import chunks, for_each_chunk, njit
 
 __all__ = ["Row", "scatter"]
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import fields, replace
 from typing import Any, Protocol
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import Camera, LensletLattice, Microscope
 from lfcal.simulate.pupil import PupilIris
 from lfcal.simulate.scene import Scene

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from lfcal.camera import ScanPlan
 from lfcal.psf import PSFMatrix
 from lfcal.simulate.plane_task import EffectsLike, budgeted
-from lfcal.simulate.sensor.white import white_tile
+from lfcal.simulate.sensor import white_tile
 
 __all__ = ["light_in_cutout"]
 

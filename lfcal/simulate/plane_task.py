@@ -11,14 +11,11 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Progress, Work
-from lfcal.base.threads import worker_count
+from lfcal.base import Clock, InputError, Progress, Work, worker_count
 from lfcal.camera import ScanPlan
-from lfcal.simulate.accuracy.cost import learn
-from lfcal.simulate.accuracy.planner import FOR_EFFECTS, EffectSelection, plan_effects
-from lfcal.simulate.effects.base import Effect
-from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.accuracy import FOR_EFFECTS, EffectSelection, learn, plan_effects
+from lfcal.simulate.effects import Effect
+from lfcal.simulate.engines import Sampling
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.staging import outlook_of
 

@@ -11,20 +11,25 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.base.checks import check_number
-from lfcal.base.progress import Progress, Work
+from lfcal.base import Progress, Work, check_number
 from lfcal.camera import Camera, ScanPlan
-from lfcal.psf import PSFMatrix, open_psf
-from lfcal.psf.facts import Facts
-from lfcal.psf.layout import Plane, Stored
-from lfcal.psf.make import PlaneSource, Reopening, Zeros, iter_units, iter_write, units_of
-from lfcal.psf.provenance import simulated_planes
+from lfcal.psf import (
+    Facts,
+    Plane,
+    PlaneSource,
+    PSFMatrix,
+    Reopening,
+    Stored,
+    Zeros,
+    iter_units,
+    iter_write,
+    open_psf,
+    simulated_planes,
+    units_of,
+)
 from lfcal.simulate.plane_task import EffectsLike, tolerance_for
 from lfcal.simulate.simulate import Simulation
-from lfcal.work import RunChoice, parts_folder
-from lfcal.work.journal import PASS, Journal, read_notes
-from lfcal.work.runs import discard
-from lfcal.work.unit import stamp_of
+from lfcal.work import PASS, Journal, RunChoice, discard, parts_folder, read_notes, stamp_of
 
 __all__ = ["Pass", "iter_refine_psf", "passes_for"]
 
@@ -110,7 +115,7 @@ def iter_refine_psf(
     Examples
     --------
     >>> from lfcal.camera import ScanPlan, preset
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> from lfcal.simulate import iter_refine_psf
     >>> camera = preset("bench")
     >>> plan = ScanPlan(camera, (1, 3), cutout=(41, 41), depths_um=(camera.depth_of(4.0),), anchor=(160, 160))

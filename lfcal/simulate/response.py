@@ -11,13 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.progress import leave_if_unwanted
+from lfcal.base import leave_if_unwanted
 from lfcal.camera import ScanPlan
-from lfcal.simulate.accuracy.probe import RETRIES, balanced, settle
-from lfcal.simulate.accuracy.sampling import finer, step_for
-from lfcal.simulate.effects.base import Effect, LightSample
-from lfcal.simulate.engines.base import Certificate, Displaceable, EnergyError, PlaneEngine, Sampling
-from lfcal.simulate.engines.choose import engine_for
+from lfcal.simulate.accuracy import RETRIES, balanced, finer, settle, step_for
+from lfcal.simulate.effects import Effect, LightSample
+from lfcal.simulate.engines import Certificate, Displaceable, EnergyError, PlaneEngine, Sampling, engine_for
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.staging import filter_kernel, filtered, light_samples, outlook_of, resolve_level, scene_for
 from lfcal.simulate.symmetry import mirrored_rows

@@ -20,9 +20,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.axes import check_cutout
-from lfcal.base.checks import check_choice, check_number, check_wavelength
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_choice, check_cutout, check_number, check_wavelength
 from lfcal.camera import LensletLattice, Microscope
 from lfcal.simulate.pupil import PupilIris, Wavefront, check_wavefront, seidel
 from lfcal.simulate.specimen import Specimen, cone_radius_um

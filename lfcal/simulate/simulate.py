@@ -9,20 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lfcal.base.errors import InputError
-from lfcal.base.plain import plain
-from lfcal.base.progress import Work, drained
-from lfcal.base.units import format_bytes
+from lfcal.base import InputError, Work, drained, format_bytes, plain
 from lfcal.camera import Camera, ScanPlan
-from lfcal.psf import PSFMatrix
-from lfcal.psf.facts import Facts
-from lfcal.psf.layout import Header, Plane, Stored
-from lfcal.psf.make import PlaneSource, Reopening, Zeros, iter_make
-from lfcal.simulate.accuracy.memory import task_bytes
-from lfcal.simulate.effects import CATALOGUE
-from lfcal.simulate.effects.base import Effect
-from lfcal.simulate.effects.described import effect_from
-from lfcal.simulate.engines.base import Sampling
+from lfcal.psf import Facts, Header, Plane, PlaneSource, PSFMatrix, Reopening, Stored, Zeros, iter_make
+from lfcal.simulate.accuracy import task_bytes
+from lfcal.simulate.effects import CATALOGUE, Effect, effect_from
+from lfcal.simulate.engines import Sampling
 from lfcal.simulate.plane_task import EffectsLike, PlaneTask, budgeted, describe
 
 if TYPE_CHECKING:

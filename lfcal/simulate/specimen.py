@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number
+from lfcal.base import check_number
 from lfcal.camera import Microscope
 
 __all__ = ["Crossing", "Specimen", "cone_radius_um", "ray_heights"]

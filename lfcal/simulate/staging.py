@@ -10,13 +10,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError, choose
+from lfcal.base import InputError, choose
 from lfcal.camera import Camera, ScanPlan
 from lfcal.simulate.camera_scene import scene_of
-from lfcal.simulate.effects.base import Effect, LightEffect, LightSample, PsfEffect, SceneEffect
-from lfcal.simulate.effects.light import Bandwidth
-from lfcal.simulate.effects.outlook import Outlook
-from lfcal.simulate.engines.base import LEVELS
+from lfcal.simulate.effects import Bandwidth, Effect, LightEffect, LightSample, Outlook, PsfEffect, SceneEffect
+from lfcal.simulate.engines import LEVELS
 from lfcal.simulate.scene import PupilIris, Scene
 
 __all__ = [
@@ -131,7 +129,7 @@ def resolve_level(scene: Scene, level: str = "auto") -> tuple[Scene, str]:
 
     A named wave level always computes lenslet diffraction; ``microscope`` is the Debye path.
     """
-    from lfcal.simulate.engines.field import choose_mode  # compiled code: not loaded before it is needed
+    from lfcal.simulate.engines import choose_mode  # compiled code: not loaded before it is needed
 
     if level not in ALL_LEVELS:
         raise InputError.expected("level", " or ".join(ALL_LEVELS), repr(level), choose(level, ALL_LEVELS))

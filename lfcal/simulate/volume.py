@@ -8,15 +8,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.axes import centre
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work, drained
-from lfcal.base.threads import worker_count
+from lfcal.base import Clock, InputError, Work, centre, check_number, drained, worker_count
 from lfcal.camera import ScanPlan
 from lfcal.psf import PSFMatrix
 from lfcal.simulate._scatter import Row, scatter
-from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.engines import Sampling
 from lfcal.simulate.plane_task import EffectsLike, budgeted
 from lfcal.simulate.response import PlaneResponse
 

@@ -12,21 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work
-from lfcal.base.threads import for_each_chunk, one_blas_thread, worker_count
-from lfcal.camera.shadow import half_extent_px
-from lfcal.frames.regions import Region, check_region
-from lfcal.frames.source import FrameInfo, FrameMetadata, Frames
-from lfcal.simulate.accuracy.planner import plan_effects
-from lfcal.simulate.effects.base import MotionEffect
-from lfcal.simulate.effects.light import FiniteSource
-from lfcal.simulate.engines.base import Sampling
-from lfcal.simulate.plane_task import EffectsLike, budgeted, tolerance_for
-from lfcal.simulate.sensor.camera_source import SimulatedCamera
-from lfcal.simulate.sensor.noise import FrameKind
-from lfcal.simulate.sensor.responses import Responses, Window
-from lfcal.simulate.sensor.windows import place
+from lfcal.base import Clock, InputError, Work, for_each_chunk, one_blas_thread, worker_count
+from lfcal.camera import half_extent_px
+from lfcal.frames import FrameInfo, FrameMetadata, Frames, Region, check_region
+from lfcal.simulate import EffectsLike, Sampling, SimulatedCamera, budgeted, plan_effects, tolerance_for
+from lfcal.simulate.effects import FiniteSource, MotionEffect
+from lfcal.simulate.sensor import FrameKind, Responses, Window, place
 from lfcal.targets.images import HoleImages, hole_images
 from lfcal.targets.plan import TargetPlan
 from lfcal.targets.target import Target

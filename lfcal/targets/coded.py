@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.frames.regions import Region
-from lfcal.frames.source import FrameInfo, FrameMetadata, FrameSource, Noise, Samples
-from lfcal.frames.view import SourceView
+from lfcal.base import InputError
+from lfcal.frames import FrameInfo, FrameMetadata, FrameSource, Noise, Region, Samples, SourceView
 from lfcal.targets.lit import lit_blocks, lit_matrix
 from lfcal.targets.plan import TargetPlan
 

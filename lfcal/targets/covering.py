@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number
-from lfcal.base.progress import Clock, Work
+from lfcal.base import Clock, Work, check_number
 from lfcal.targets.images import HoleImages
 from lfcal.targets.lines import line_offsets
 from lfcal.targets.phases import Phases

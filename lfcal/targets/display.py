@@ -9,9 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number, check_tuple
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Work
+from lfcal.base import InputError, Work, check_number, check_tuple
 from lfcal.camera import ScanPlan
 from lfcal.targets.images import hole_images
 from lfcal.targets.lit import lit_by
@@ -97,7 +95,7 @@ def iter_plan_display(scan: ScanPlan, display: Display, wishes: Wishes | None = 
     Examples
     --------
     >>> from lfcal.camera import ScanPlan, preset
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> from lfcal.targets import Display, Wishes, iter_plan_display
     >>> scan = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,), cutout=31)
     >>> wishes = Wishes(tolerance_px=0.3, crosstalk=0.02, most_frames=3, level="geometric")

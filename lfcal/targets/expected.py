@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
-from lfcal.simulate.accuracy.planner import plan_effects
-from lfcal.simulate.sensor.camera_source import SimulatedCamera
+from lfcal.simulate import SimulatedCamera, plan_effects
 from lfcal.targets.images import whole_at
 from lfcal.targets.nearest import nearest_positions
 from lfcal.targets.phases import Phases

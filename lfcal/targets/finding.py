@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.camera import Camera
-from lfcal.camera.shadow import half_extent_px
+from lfcal.base import InputError
+from lfcal.camera import Camera, half_extent_px
 from lfcal.targets.images import HoleImages, hole_images
 from lfcal.targets.lattice_labels import lattice_labels, refined_basis
 from lfcal.targets.match import Match, holes_of, matches, turned_absent

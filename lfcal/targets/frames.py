@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.base.errors import InputError
-from lfcal.frames.opening import open_frames
-from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource
-from lfcal.frames.view import SourceView
+from lfcal.base import InputError
+from lfcal.frames import FrameInfo, FrameMetadata, Frames, FrameSource, SourceView, open_frames
 from lfcal.targets.plan import FORMAT, TargetPlan
 
 __all__ = ["TargetFrames", "frames_of", "open_target_frames", "read_target_plan"]
@@ -70,7 +68,7 @@ def read_target_plan(frames: Path, plan: Path | None) -> TargetPlan | None:
 
     A plan of a scan with a single point is none.
     """
-    from lfcal.base.files import read_text
+    from lfcal.base import read_text
 
     folder = frames if frames.is_dir() else frames.parent
     places = [plan] if plan else [p for p in (folder / "plan.json", folder.parent / "plan.json") if p.is_file()]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 
 __all__ = ["lattice_labels", "refined_basis"]
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from lfcal.base.checks import check_tuple, check_type
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_tuple, check_type
 
 __all__ = ["Lit", "checked_lit", "lit_blocks", "lit_by", "lit_matrix"]
 

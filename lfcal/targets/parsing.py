@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.targets.pose import length_um
 from lfcal.targets.target import Target
 

@@ -11,11 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number, check_tuple, check_type
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.plain import parse_json
-from lfcal.camera import Forecast, ScanPlan
-from lfcal.camera.description import build
+from lfcal.base import FileFormatError, InputError, check_number, check_tuple, check_type, parse_json
+from lfcal.camera import Forecast, ScanPlan, build
 from lfcal.targets.images import HoleImages, hole_images
 from lfcal.targets.lit import Lit, checked_lit
 from lfcal.targets.phases import Phases

@@ -10,10 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work, drained
-from lfcal.base.units import format_length, format_share
+from lfcal.base import Clock, InputError, Work, check_number, drained, format_length, format_share
 from lfcal.camera import ScanPlan
 from lfcal.targets.covering import FINEST_PX, iter_cover
 from lfcal.targets.images import HoleImages, hole_images

@@ -8,8 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_number
 
 __all__ = ["Pose", "length_um"]
 

@@ -7,8 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.simulate.accuracy.planner import plan_effects
-from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate import PlaneResponse, plan_effects
 from lfcal.targets.plan import TargetPlan
 
 __all__ = ["ORDERS", "group_order", "subset_patterns"]

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import ScanPlan
-from lfcal.simulate.accuracy.planner import plan_effects
-from lfcal.simulate.accuracy.sampling import steps_for
+from lfcal.simulate import PlaneResponse, plan_effects
+from lfcal.simulate.accuracy import steps_for
 from lfcal.simulate.effects import Effect, IrisDiffraction, LensletDiffraction
-from lfcal.simulate.engines.base import EnergyError
-from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate.engines import EnergyError
 from lfcal.targets.images import HoleImages
 
 __all__ = ["Tails", "simulated_tails"]

@@ -11,10 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_choice, check_number, check_tuple, check_type
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.plain import parse_json
-from lfcal.camera.description import build
+from lfcal.base import FileFormatError, InputError, check_choice, check_number, check_tuple, check_type, parse_json
+from lfcal.camera import build
 from lfcal.targets.pose import Pose
 
 __all__ = ["KINDS", "MOST_HOLES", "Target"]

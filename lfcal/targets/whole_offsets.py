@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.progress import Clock, Work
+from lfcal.base import Clock, Work
 from lfcal.targets.images import HoleImages, whole_at
 from lfcal.targets.phases import Phases
 from lfcal.targets.search import asked_offsets, covered_by

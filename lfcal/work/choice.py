@@ -7,11 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from lfcal.base.checks import check_choice
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Work
-from lfcal.work.executors import EXECUTORS
-from lfcal.work.executors.base import Executor
+from lfcal.base import InputError, Work, check_choice
+from lfcal.work.executors import EXECUTORS, Executor
 from lfcal.work.following import Following
 from lfcal.work.runs import check_begun, discard, iter_run, note_joining, parts_folder
 from lfcal.work.unit import Unit
@@ -81,11 +78,11 @@ def iter_begun(
 
     Examples
     --------
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> from lfcal.psf import open_psf
-    >>> from lfcal.psf.layout import Stored
-    >>> from lfcal.psf.make import units_of
-    >>> from lfcal.psf.saving import MatrixPlanes
+    >>> from lfcal.psf import Stored
+    >>> from lfcal.psf import units_of
+    >>> from lfcal.psf import MatrixPlanes
     >>> from lfcal.work import RunChoice, iter_begun, parts_folder
     >>> with open_psf("H.h5") as H:
     ...     units = units_of(MatrixPlanes(H.T, title="transpose to"), Stored(compression="none"))
@@ -142,11 +139,11 @@ def iter_made(
     Examples
     --------
     >>> from pathlib import Path
-    >>> from lfcal.base.progress import Progress
+    >>> from lfcal.base import Progress
     >>> from lfcal.psf import open_psf
-    >>> from lfcal.psf.layout import Stored
-    >>> from lfcal.psf.make import units_of
-    >>> from lfcal.psf.saving import MatrixPlanes
+    >>> from lfcal.psf import Stored
+    >>> from lfcal.psf import units_of
+    >>> from lfcal.psf import MatrixPlanes
     >>> from lfcal.work import RunChoice, iter_made
     >>> with open_psf("H.h5") as H:
     ...     units = units_of(MatrixPlanes(H.T, title="transpose to"), Stored(compression="none"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from lfcal.base.progress import Progress, Work
+from lfcal.base import Progress, Work
 
 __all__ = ["Following"]
 

@@ -15,11 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TextIO
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError, LfcalError
-from lfcal.base.files import read_text, storage_errors
-from lfcal.base.plain import parse_json
-from lfcal.base.system import is_alive
+from lfcal.base import InputError, LfcalError, check_number, is_alive, parse_json, read_text, storage_errors
 
 __all__ = [
     "JOURNAL",
@@ -129,7 +125,7 @@ class RunState:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> from lfcal.work import RunChoice, RunState, iter_run, read_run
     >>> _ = drain(iter_run([], Path("HT.h5.parts"), RunChoice("threads", workers=1).make(), title="HT of no plane"))
     >>> state: RunState = read_run(Path("HT.h5.parts"))
@@ -199,11 +195,11 @@ def read_run(folder: Path, now: float | None = None) -> RunState:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> from lfcal.psf import open_psf
-    >>> from lfcal.psf.layout import Stored
-    >>> from lfcal.psf.make import units_of
-    >>> from lfcal.psf.saving import MatrixPlanes
+    >>> from lfcal.psf import Stored
+    >>> from lfcal.psf import units_of
+    >>> from lfcal.psf import MatrixPlanes
     >>> from lfcal.work import RunChoice, iter_run, read_run
     >>> with open_psf("H.h5") as H:
     ...     units = units_of(MatrixPlanes(H.T, title="transpose to"), Stored(compression="none"))

@@ -16,8 +16,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from lfcal.base.errors import FileFormatError, UnsafeFileError
-from lfcal.base.files import replace_whole, storage_errors
+from lfcal.base import FileFormatError, UnsafeFileError, replace_whole, storage_errors
 
 __all__ = ["load_record", "save_record"]
 

@@ -13,11 +13,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from lfcal.base.errors import InputError, StorageError
-from lfcal.base.files import only_writer, require_space, storage_errors, sweep_scratch
-from lfcal.base.h5.probe import trust
-from lfcal.base.progress import Clock, Progress, Work
-from lfcal.work.executors.base import Ended, Event, Executor, What
+from lfcal.base import (
+    Clock,
+    InputError,
+    Progress,
+    StorageError,
+    Work,
+    only_writer,
+    require_space,
+    storage_errors,
+    sweep_scratch,
+)
+from lfcal.base.h5 import trust
+from lfcal.work.executors import Ended, Event, Executor, What
 from lfcal.work.following import Following
 from lfcal.work.journal import JOURNAL, Journal, read_events, read_run, read_seals, read_settled
 from lfcal.work.unit import Job, Unit, file_name, seal_of
@@ -139,11 +147,11 @@ def iter_run(
     Examples
     --------
     >>> from pathlib import Path
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> from lfcal.psf import open_psf
-    >>> from lfcal.psf.layout import Stored
-    >>> from lfcal.psf.make import units_of
-    >>> from lfcal.psf.saving import MatrixPlanes
+    >>> from lfcal.psf import Stored
+    >>> from lfcal.psf import units_of
+    >>> from lfcal.psf import MatrixPlanes
     >>> from lfcal.work import RunChoice, iter_run
     >>> with open_psf("H.h5") as H:
     ...     units = units_of(MatrixPlanes(H.T, title="transpose to"), Stored(compression="none"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from lfcal.base.units import format_seconds
+from lfcal.base import format_seconds
 from lfcal.work.journal import RunState
 
 __all__ = ["HEADER", "RunTable", "run_table"]

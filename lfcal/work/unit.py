@@ -13,10 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from lfcal import __version__
-from lfcal.base.errors import InputError
-from lfcal.base.files import storage_errors
-from lfcal.base.plain import plain
-from lfcal.base.progress import Work
+from lfcal.base import InputError, Work, plain, storage_errors
 
 __all__ = ["Job", "Task", "Unit", "file_name", "seal_of", "stamp_of"]
 

@@ -7,3 +7,13 @@
 - ``display``: how an array becomes a picture: levels, log, gamma, binning
 - ``frame_view``: the visible part of a large frame, its numbers, the lattice over it
 """
+
+from typing import TYPE_CHECKING
+
+from lfcal.base import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal_gui.models._face import *  # noqa: F403
+    from lfcal_gui.models._shared import *  # noqa: F403
+
+lazy_face(__name__)

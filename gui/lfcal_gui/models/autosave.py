@@ -10,8 +10,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Protocol
 
-from lfcal.base.errors import LfcalError
-from lfcal.base.files import read_text, replace_whole
+from lfcal.base import LfcalError, read_text, replace_whole
 from lfcal_gui.models.project import Project, ProjectState, read_project
 
 __all__ = ["Claim", "UnsavedCopy", "find_kept", "keep", "read_kept"]

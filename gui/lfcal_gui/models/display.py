@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.compiled import njit
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, njit
 
 __all__ = ["COLOUR_MAPS", "DisplaySettings", "bin_max", "colour_table", "levels_of", "shades", "to_uint8"]
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.progress import Progress
+from lfcal.base import Progress
 from lfcal_gui.models.words import plane_words
 
 if TYPE_CHECKING:
-    from lfcal.psf.assembly import AssemblyProgress
+    from lfcal.psf import AssemblyProgress
 
 __all__ = ["Filling"]
 
@@ -64,6 +64,6 @@ def _of_assembly(record: Progress | None) -> AssemblyProgress | None:
     """Return a record of an assembly; None for any other."""
     if record is None or type(record) is Progress:
         return None
-    from lfcal.psf.assembly import AssemblyProgress
+    from lfcal.psf import AssemblyProgress
 
     return record if isinstance(record, AssemblyProgress) else None

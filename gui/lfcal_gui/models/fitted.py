@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from lfcal_gui.models.stamp import Stamp
 
 if TYPE_CHECKING:
-    from lfcal.fit.setup import Setup
+    from lfcal.fit import Setup
 
 __all__ = ["FittedCamera"]
 

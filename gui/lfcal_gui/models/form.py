@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from lfcal.base.checks import check_commas
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_commas
 
 __all__ = ["Field", "parse", "text_of"]
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from typing import Any, Protocol
 
-from lfcal.base.progress import Progress
-from lfcal.base.units import format_seconds
+from lfcal.base import Progress, format_seconds
 from lfcal_gui.models.history import Taken
 
 __all__ = ["JobState", "Keeping", "WindowJob", "plain_record"]

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Protocol, runtime_checkable
 
-from lfcal.base.progress import Progress
-from lfcal.base.units import format_seconds
+from lfcal.base import Progress, format_seconds
 from lfcal_gui.models.job import plain_record
 
 __all__ = ["MOST", "JobLog", "Said", "notes_of", "warnings_to"]

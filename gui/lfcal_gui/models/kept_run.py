@@ -6,11 +6,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from lfcal.base.errors import InputError, LfcalError
-from lfcal.work import RunChoice, RunState, parts_folder, read_run
-from lfcal.work.journal import PASS, read_events
-from lfcal.work.runs import discard
-from lfcal.work.unit import stamp_of
+from lfcal.base import InputError, LfcalError
+from lfcal.work import PASS, RunChoice, RunState, discard, parts_folder, read_events, read_run, stamp_of
 
 __all__ = ["KeptRun", "going_on", "stamp_of_files"]
 
@@ -25,7 +22,7 @@ def stamp_of_files(*places: str, but: str) -> str:
 
     Of a recorded session only what was recorded counts: what is made of it often lies beside that.
     """
-    from lfcal.cli.outputs import RECORDINGS, files_of
+    from lfcal.cli import RECORDINGS, files_of
 
     made, found = Path(but).absolute(), set()
     for place in places:

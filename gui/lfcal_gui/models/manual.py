@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import lfcal
-from lfcal.base.errors import StorageError
+from lfcal.base import StorageError
 
 __all__ = ["ATLAS", "manual_folder", "section_of"]
 

@@ -9,7 +9,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, Protocol
 
-from lfcal.base.registry import Registry
+from lfcal.base import Registry
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.models.stamp import Stamp, stamp_of
 

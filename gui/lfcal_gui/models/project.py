@@ -9,10 +9,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from lfcal.base.errors import FileFormatError, LfcalError
-from lfcal.base.files import read_text, replace_whole
-from lfcal.base.plain import parse_json
-from lfcal.base.system import on_network
+from lfcal.base import FileFormatError, LfcalError, on_network, parse_json, read_text, replace_whole
 from lfcal.camera import Camera, ScanPlan, preset
 
 __all__ = ["Hold", "Project", "ProjectState", "RecentProjects", "read_project"]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Self
 
-from lfcal.base.errors import InputError, LfcalError
+from lfcal.base import InputError, LfcalError
 from lfcal_gui.models.project import ProjectState
 
 __all__ = ["PageSettings"]

@@ -13,8 +13,7 @@ from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal_gui.app import safe_now
 from lfcal_gui.crash_dialog import CrashDialog
 from lfcal_gui.job_panel import JobPanel
-from lfcal_gui.models.autosave import UnsavedCopy
-from lfcal_gui.models.mishaps import Mishap
+from lfcal_gui.models import Mishap, UnsavedCopy
 from lfcal_gui.restore_dialog import RestoreDialog
 from lfcal_gui.scenes.sample import open_sample
 from lfcal_gui.scenes.stage import Shot, Stage

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import preset
-from lfcal.frames.source import Position
+from lfcal.frames import Position
 from lfcal.psf import PSFMatrix
 from lfcal_gui.scenes.stage import Shot, Stage
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from lfcal_gui.scenes.sample import open_sample
 from lfcal_gui.scenes.stage import Shot, Stage
-from lfcal_gui.widgets.enlarging import toggle_in
+from lfcal_gui.widgets import toggle_in
 
 __all__ = ["parts"]
 

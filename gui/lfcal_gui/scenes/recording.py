@@ -8,8 +8,8 @@ from dataclasses import replace
 from typing import Any
 
 from lfcal.camera import ScanPlan
-from lfcal.cli.sample import sample_session
-from lfcal.devices.simulated.faults import DeviceFault
+from lfcal.cli import sample_session
+from lfcal.devices.simulated import DeviceFault
 from lfcal_gui.scenes.stage import Shot, Stage
 
 __all__ = ["recording"]

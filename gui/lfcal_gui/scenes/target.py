@@ -7,7 +7,7 @@ from shutil import rmtree
 from typing import Any
 
 from lfcal.camera import preset
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import ProjectState
 from lfcal_gui.scenes.stage import Shot, Stage
 
 __all__ = ["target"]

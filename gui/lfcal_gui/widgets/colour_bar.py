@@ -16,7 +16,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QImage, QPainter, QPixmap
 from PySide6.QtWidgets import QGraphicsGridLayout, QSizePolicy
 
-from lfcal_gui.models.display import colour_table, shades
+from lfcal_gui.models import colour_table, shades
 from lfcal_gui.theme import current_theme
 
 __all__ = ["ColourBar", "bar_table", "theme_table"]

@@ -16,8 +16,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from lfcal.base.errors import InputError
-from lfcal_gui.models.form import Field, parse, text_of
+from lfcal.base import InputError
+from lfcal_gui.models import Field, parse, text_of
 from lfcal_gui.widgets.words import set_look
 
 __all__ = ["Form"]

@@ -14,8 +14,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from lfcal.camera import Camera
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.models.display import DisplaySettings
-from lfcal_gui.models.frame_view import Tile, lattice_points, render_tile, visible_tile
+from lfcal_gui.models import DisplaySettings, Tile, lattice_points, render_tile, visible_tile
 from lfcal_gui.theme import TYPE_COLOURS
 from lfcal_gui.widgets.blank import Blank
 from lfcal_gui.widgets.colour_bar import theme_table

@@ -12,7 +12,7 @@ from PySide6.QtCore import QEvent, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QPen
 from PySide6.QtWidgets import QGraphicsItem, QVBoxLayout, QWidget
 
-from lfcal_gui.models.display import DisplaySettings, levels_of, to_uint8
+from lfcal_gui.models import DisplaySettings, levels_of, to_uint8
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets.blank import Blank
 from lfcal_gui.widgets.colour_bar import ColourBar, bar_table, theme_table

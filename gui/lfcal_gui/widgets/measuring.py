@@ -10,7 +10,7 @@ from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QDialog, QLabel, QPushButton, QVBoxLayout, QWidget
 
-from lfcal_gui.models.measure import line_profile, region_numbers, value_histogram
+from lfcal_gui.models import line_profile, region_numbers, value_histogram
 from lfcal_gui.theme import style_sheet
 from lfcal_gui.widgets.cards import heading, line
 from lfcal_gui.widgets.plots import LinePlot

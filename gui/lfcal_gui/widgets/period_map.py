@@ -12,7 +12,7 @@ from PySide6.QtCore import QEvent, QObject, QRectF, Qt, Signal
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
-from lfcal_gui.models.display import levels_of
+from lfcal_gui.models import levels_of
 from lfcal_gui.widgets.colour_bar import theme_table
 from lfcal_gui.widgets.picture_menu import offer_menu, table_entries
 from lfcal_gui.widgets.pixel_axis import count_pixels, pixel_axes

@@ -12,7 +12,7 @@ from PySide6.QtCore import QPoint, QRect, QSize, Qt
 from PySide6.QtGui import QAction, QPainter
 from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
-from lfcal.base.npy import npy_header
+from lfcal.base import npy_header
 from lfcal_gui.saving import ask_target, write_file, write_picture
 from lfcal_gui.widgets.enlarging import can_be_enlarged, enlarge, enlarged_of
 

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from lfcal.accuracy.base import Rung
 from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import Camera, MainLens, Sensor
 from lfcal.psf.aperture import fit_aperture
-from lfcal.simulate import plan_effects
-from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate import PlaneResponse, plan_effects
 
 __all__ = ["PLACE", "iris_diameter_px", "noisy_sum"]
 

@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from lfcal.accuracy.base import Rung
 from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
-from lfcal.base.units import format_seconds, format_share
+from lfcal.base import format_seconds, format_share
 from lfcal.camera import Camera, Forecast, ScanPlan
-from lfcal.frames.source import Noise
+from lfcal.frames import Noise
 from lfcal.simulate import expose
-from lfcal.simulate.effects.base import FrameEffect
-from lfcal.simulate.effects.sensor import Quantisation, ReadNoise, Saturation, ShotNoise
-from lfcal.simulate.sensor.noise import FrameKind, temporal_noise
+from lfcal.simulate.effects import FrameEffect, Quantisation, ReadNoise, Saturation, ShotNoise
+from lfcal.simulate.sensor import FrameKind, temporal_noise
 
 __all__ = ["EFFECTS", "PLACE", "dark_level", "expected_noise"]
 

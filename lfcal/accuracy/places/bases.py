@@ -9,7 +9,7 @@ import numpy as np
 from lfcal.accuracy.base import Rung
 from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
-from lfcal.base.units import format_seconds
+from lfcal.base import format_seconds
 from lfcal.camera import Sensor
 from lfcal.multiplex import MASKS, Modulator, amplification, mask
 

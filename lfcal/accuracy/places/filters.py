@@ -10,9 +10,7 @@ from lfcal.accuracy.base import Rung
 from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.camera import Sensor
-from lfcal.multiplex import cfa
-from lfcal.multiplex.quality import WAYS, iter_measure_filters
-from lfcal.multiplex.scenes import zone_plate
+from lfcal.multiplex import WAYS, cfa, iter_measure_filters, zone_plate
 
 __all__ = ["PLACE"]
 

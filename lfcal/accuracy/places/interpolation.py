@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 from lfcal.accuracy.base import Rung
 from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
-from lfcal.base.axes import Position
+from lfcal.base import Position
 from lfcal.camera import ScanPlan
-from lfcal.psf import Cutout
-from lfcal.psf.cutout import INTERPOLATIONS
-from lfcal.simulate import plan_effects
+from lfcal.psf import INTERPOLATIONS, Cutout
+from lfcal.simulate import PlaneResponse, plan_effects
 from lfcal.simulate.effects import Effect
-from lfcal.simulate.response import PlaneResponse
 
 __all__ = ["PLACE"]
 

@@ -16,9 +16,8 @@ from lfcal.accuracy.subject import Subject
 from lfcal.camera import Camera
 from lfcal.lattice import MicroImageLattice, fit_lattice, lattice_of
 from lfcal.simulate import expose
-from lfcal.simulate.effects.base import FrameEffect
-from lfcal.simulate.effects.sensor import Quantisation, ReadNoise, Saturation, ShotNoise
-from lfcal.simulate.sensor.noise import FrameKind
+from lfcal.simulate.effects import FrameEffect, Quantisation, ReadNoise, Saturation, ShotNoise
+from lfcal.simulate.sensor import FrameKind
 
 __all__ = ["PLACE", "white_discs"]
 

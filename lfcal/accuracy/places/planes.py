@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 from lfcal.accuracy.base import Rung
 from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import Forecast, ScanPlan
-from lfcal.simulate import plan_effects
-from lfcal.simulate.accuracy.sampling import step_for
+from lfcal.simulate import PlaneResponse, plan_effects, resolve_level, scene_for
+from lfcal.simulate.accuracy import step_for
 from lfcal.simulate.effects import Effect
-from lfcal.simulate.response import PlaneResponse
-from lfcal.simulate.staging import resolve_level, scene_for
 
 __all__ = ["PLACE"]
 

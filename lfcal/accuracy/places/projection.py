@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from lfcal.accuracy.base import Rung
 from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.psf import PSFMatrix
-from lfcal.reconstruct import Projector
-from lfcal.reconstruct.metrics import nrmse
+from lfcal.reconstruct import Projector, nrmse
 
 __all__ = ["PLACE", "PointByPoint"]
 

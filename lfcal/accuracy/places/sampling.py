@@ -7,11 +7,9 @@ from dataclasses import replace
 from lfcal.accuracy.base import Rung
 from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
-from lfcal.base.plain import plain
-from lfcal.simulate import iter_ladder, plan_effects
-from lfcal.simulate.accuracy.ladder import LadderRung, shown_steps
-from lfcal.simulate.engines.base import Sampling
-from lfcal.simulate.staging import resolve_level, scene_for
+from lfcal.base import plain
+from lfcal.simulate import Sampling, iter_ladder, plan_effects, resolve_level, scene_for
+from lfcal.simulate.accuracy import LadderRung, shown_steps
 
 __all__ = ["PLACE"]
 

@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 from lfcal.accuracy.base import Rung
 from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
-from lfcal.base.units import format_length
+from lfcal.base import format_length
 from lfcal.camera import ScanPlan
-from lfcal.simulate import plan_effects
-from lfcal.simulate.accuracy.forecast import engine_clock, plane_seconds, whole_of
-from lfcal.simulate.engines.choose import engine_for
-from lfcal.simulate.plane_task import Budget, budgeted
-from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate import Budget, PlaneResponse, budgeted, plan_effects
+from lfcal.simulate.accuracy import engine_clock, plane_seconds, whole_of
+from lfcal.simulate.engines import engine_for
 
 __all__ = ["PLACE", "TOLERANCES"]
 

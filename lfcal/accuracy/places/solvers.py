@@ -9,11 +9,9 @@ import numpy as np
 from lfcal.accuracy.base import Rung
 from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
-from lfcal.base.errors import LfcalError
+from lfcal.base import LfcalError
 from lfcal.camera import Sensor
-from lfcal.reconstruct import SOLVERS, Projector, SolverChoice, iter_reconstruct
-from lfcal.reconstruct.metrics import nrmse
-from lfcal.reconstruct.phantoms import phantom
+from lfcal.reconstruct import SOLVERS, Projector, SolverChoice, iter_reconstruct, nrmse, phantom
 
 __all__ = ["PLACE"]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lfcal.accuracy.base import Rung
 from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Patterns, Subject
-from lfcal.base.h5.filters import encode_chunk
+from lfcal.base.h5 import encode_chunk
 from lfcal.psf import PSFWriter, open_psf
 
 __all__ = ["HALF", "PLACE", "relative_error"]

@@ -10,3 +10,12 @@ A frame is judged by what was recorded before it, never by a model: any camera a
 unusual is no fault yet: `lfcal.acquire.attempts` takes the frame again, and then a frame that is known, to see whether
 the rig changed or the pattern.
 """
+
+from typing import TYPE_CHECKING
+
+from lfcal._lazy import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.acquire.guard._shared import *  # noqa: F403
+
+lazy_face(__name__)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from lfcal.acquire.guard.doubts import NO_DOUBT, Doubt
 from lfcal.acquire.guard.neighbours import MeasuredFrame, Neighbours, SensorLimits, measured, same_place
 from lfcal.acquire.guard.repeats import FramePlace, Repeats, RowSample
-from lfcal.acquire.recording.records import Kind, Suspicion
-from lfcal.frames.source import Position
+from lfcal.acquire.recording import Kind, Suspicion
+from lfcal.frames import Position
 
 __all__ = ["CheckedFrame", "Content", "ContentGuard"]
 

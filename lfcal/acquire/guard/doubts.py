@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lfcal.acquire.recording.records import Suspicion
+from lfcal.acquire.recording import Suspicion
 
 __all__ = ["CERTAIN", "NO_DOUBT", "Doubt"]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.compiled import njit
+from lfcal.base import njit
 
 __all__ = ["COLUMNS", "count_lit", "expect", "learn", "measure", "same_rows"]
 

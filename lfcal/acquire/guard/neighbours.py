@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.guard.doubts import NO_DOUBT, Doubt
 from lfcal.acquire.guard.kernels import COLUMNS, expect, learn, measure
-from lfcal.acquire.recording.records import Suspicion
-from lfcal.frames.source import Position
+from lfcal.acquire.recording import Suspicion
+from lfcal.frames import Position
 
 __all__ = ["MeasuredFrame", "Neighbours", "SensorLimits", "measured", "same_place"]
 

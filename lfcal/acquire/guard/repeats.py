@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.guard.doubts import NO_DOUBT, Doubt
 from lfcal.acquire.guard.kernels import count_lit, same_rows
-from lfcal.acquire.recording.records import Suspicion, frame_crc
-from lfcal.frames.source import Position
+from lfcal.acquire.recording import Suspicion, frame_crc
+from lfcal.frames import Position
 
 __all__ = ["FramePlace", "Repeats", "RowSample"]
 

@@ -8,3 +8,12 @@
 - ``reader``: one recording file, read; ``contents``: what belongs into it; ``recorded``: what is left of it
 - ``source``: a recorded session as frames; ``darks``: its dark frames
 """
+
+from typing import TYPE_CHECKING
+
+from lfcal._lazy import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.acquire.recording._shared import *  # noqa: F403
+
+lazy_face(__name__)

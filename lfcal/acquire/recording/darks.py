@@ -13,9 +13,9 @@ from lfcal.acquire.recording.recorded import RecordedFile
 from lfcal.acquire.recording.records import Kind
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session_file import SessionFile
-from lfcal.base.errors import FileFormatError, StorageError
-from lfcal.frames.corrections.steps import Dark, average_frames, difference_variance
-from lfcal.frames.source import LeftOut
+from lfcal.base import FileFormatError, StorageError
+from lfcal.frames import Dark, LeftOut, average_frames
+from lfcal.frames.corrections import difference_variance
 
 __all__ = ["RecordedDarks", "read_darks"]
 

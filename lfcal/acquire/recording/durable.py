@@ -10,11 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from lfcal.base.errors import StorageError
-from lfcal.base.files import read_text, storage_errors
-from lfcal.base.plain import parse_json
-from lfcal.base.system import OPEN_FLAGS, lock, write_at
-from lfcal.base.units import format_bytes
+from lfcal.base import OPEN_FLAGS, StorageError, format_bytes, lock, parse_json, read_text, storage_errors, write_at
 
 __all__ = ["DiskGuard", "FolderLock", "Holder", "holder_of"]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.recording.whole_frames import TargetRecording
 from lfcal.acquire.session_file import NAME, SessionFile
-from lfcal.frames.sources.base import FrameOptions, SourceKind
+from lfcal.frames.sources import FrameOptions, SourceKind
 
 __all__ = ["SOURCE", "open_session"]
 

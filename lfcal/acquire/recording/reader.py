@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.recording.records import RECORD, frame_crc, intact
 from lfcal.acquire.recording.slots import Layout, read_at, read_layout
-from lfcal.base.errors import FileFormatError
-from lfcal.base.files import storage_errors
-from lfcal.base.h5.file import H5File
-from lfcal.base.system import OPEN_FLAGS
+from lfcal.base import OPEN_FLAGS, FileFormatError, storage_errors
+from lfcal.base.h5 import H5File
 
 __all__ = ["RecordingFile"]
 

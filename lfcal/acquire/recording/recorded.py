@@ -15,7 +15,7 @@ from lfcal.acquire.recording.records import Kind, file_name
 from lfcal.acquire.recording.recovery import opened
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session_file import SessionFile
-from lfcal.base.errors import FileFormatError
+from lfcal.base import FileFormatError
 
 __all__ = ["RecordedFile"]
 

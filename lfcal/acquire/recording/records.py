@@ -11,7 +11,7 @@ from typing import Annotated, Any, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.devices.protocols import Point
+from lfcal.devices import Point
 
 __all__ = ["FILES", "RECORD", "Kind", "Note", "Suspicion", "file_name", "frame_crc", "intact", "pack", "suspicions"]
 

@@ -20,10 +20,8 @@ from numpy.typing import NDArray
 from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.records import FILES, Kind
 from lfcal.acquire.recording.slots import Layout, lay_out, read_layout
-from lfcal.base.errors import LfcalError
-from lfcal.base.files import storage_errors
-from lfcal.base.h5.probe import trust
-from lfcal.base.system import OPEN_FLAGS, reserve, sync_data, write_at
+from lfcal.base import OPEN_FLAGS, LfcalError, reserve, storage_errors, sync_data, write_at
+from lfcal.base.h5 import trust
 
 __all__ = ["Made", "opened", "recovered", "restore"]
 

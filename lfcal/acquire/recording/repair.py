@@ -13,10 +13,8 @@ from lfcal.acquire.recording.recovery import restore
 from lfcal.acquire.recording.slots import RecordingJournal
 from lfcal.acquire.recording.verify import SessionReport
 from lfcal.acquire.session_file import SessionFile
-from lfcal.base.errors import FileFormatError
-from lfcal.base.files import replace_whole, require_space
-from lfcal.base.progress import Clock, Work
-from lfcal.frames.source import Position
+from lfcal.base import Clock, FileFormatError, Work, replace_whole, require_space
+from lfcal.frames import Position
 
 __all__ = ["iter_repair"]
 

@@ -17,11 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.recording.records import RECORD, Note, frame_crc, pack
-from lfcal.base.errors import FileFormatError, StorageError
-from lfcal.base.files import storage_errors
-from lfcal.base.h5.file import H5File
-from lfcal.base.system import OPEN_FLAGS, replace, reserve, sync_data, sync_folder, write_at
-from lfcal.base.system import read_at as read_bytes
+from lfcal.base import (
+    OPEN_FLAGS,
+    FileFormatError,
+    StorageError,
+    replace,
+    reserve,
+    storage_errors,
+    sync_data,
+    sync_folder,
+    write_at,
+)
+from lfcal.base import read_at as read_bytes
+from lfcal.base.h5 import H5File
 
 __all__ = ["FORMAT", "VERSION", "Layout", "RecordingJournal", "lay_out", "read_at", "read_layout"]
 

@@ -18,15 +18,24 @@ from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.recorded import RecordedFile
 from lfcal.acquire.recording.records import Kind, Suspicion, file_name, suspicions
 from lfcal.acquire.session_file import Devices, SessionFile, frame_dtype
-from lfcal.base.axes import position_at
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, position_at
 from lfcal.camera import ScanPlan
-from lfcal.frames.damage import named
-from lfcal.frames.described import stated_noise
-from lfcal.frames.formats.codecs import codec_fact
-from lfcal.frames.regions import Region, check_region
-from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, Noise, Position, Samples, check_index
-from lfcal.frames.sources.array import ArraySource
+from lfcal.frames import (
+    ArraySource,
+    FrameInfo,
+    FrameMetadata,
+    Frames,
+    FrameSource,
+    Noise,
+    Position,
+    Region,
+    Samples,
+    check_index,
+    check_region,
+    named,
+    stated_noise,
+)
+from lfcal.frames.formats import codec_fact
 
 __all__ = ["CheckFrame", "RecordingSource", "read_checks"]
 

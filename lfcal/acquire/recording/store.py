@@ -13,8 +13,7 @@ from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.records import FILES, RECORD, Kind, Note, file_name
 from lfcal.acquire.recording.slots import RecordingJournal
 from lfcal.acquire.schedule import Schedule, ScheduledFrame
-from lfcal.base.errors import FileFormatError
-from lfcal.base.files import require_space
+from lfcal.base import FileFormatError, require_space
 
 __all__ = ["Store", "files_of", "recording_bytes"]
 

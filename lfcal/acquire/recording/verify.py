@@ -16,9 +16,8 @@ from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.records import Kind, file_name
 from lfcal.acquire.recording.recovery import opened
 from lfcal.acquire.session_file import SessionFile
-from lfcal.base.progress import Clock, Work, drained
-from lfcal.base.threads import worker_count
-from lfcal.frames.source import Position
+from lfcal.base import Clock, Work, drained, worker_count
+from lfcal.frames import Position
 
 __all__ = ["DamagedFrame", "FileReport", "SessionReport", "iter_verify", "verify"]
 
@@ -140,7 +139,7 @@ def iter_verify(folder: Path, *, workers: int | None = None) -> Work[SessionRepo
     --------
     >>> from pathlib import Path
     >>> from lfcal.acquire import iter_verify
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> for file in drain(iter_verify(Path("recorded"))).files:
     ...     print(file.file, file.whole, "of", file.frames)
     recording.h5 627 of 627

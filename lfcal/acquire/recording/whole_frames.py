@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.recording.source import RecordingSource
-from lfcal.frames.source import FrameInfo, FrameMetadata, Position, check_index
+from lfcal.frames import FrameInfo, FrameMetadata, Position, check_index
 
 if TYPE_CHECKING:
-    from lfcal.targets import TargetPlan
-    from lfcal.targets.phases import Phases
+    from lfcal.targets import Phases, TargetPlan
 
 __all__ = ["TargetRecording"]
 
@@ -83,13 +82,13 @@ class TargetRecording(RecordingSource):
 
     @cached_property
     def _phases(self) -> Phases:
-        from lfcal.targets.phases import Phases
+        from lfcal.targets import Phases
 
         return Phases.of(self.plan)
 
     @cached_property
     def _points(self) -> list[tuple[Position, ...]]:
-        from lfcal.targets.nearest import nearest_positions
+        from lfcal.targets import nearest_positions
 
         found = []
         for z, k in self.frames:

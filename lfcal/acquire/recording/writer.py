@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.recording.records import Kind, Note
 from lfcal.acquire.schedule import ScheduledFrame
-from lfcal.base.errors import LfcalError
+from lfcal.base import LfcalError
 
 __all__ = ["Acknowledged", "Sink", "Writer"]
 

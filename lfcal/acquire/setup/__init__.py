@@ -14,5 +14,6 @@ from lfcal._lazy import lazy_face
 
 if TYPE_CHECKING:
     from lfcal.acquire.setup._face import *  # noqa: F403
+    from lfcal.acquire.setup._shared import *  # noqa: F403
 
 lazy_face(__name__)

@@ -11,10 +11,9 @@ from lfcal.acquire.control import Control
 from lfcal.acquire.looking import Looker
 from lfcal.acquire.options import Options
 from lfcal.acquire.schedule import Schedule
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work
+from lfcal.base import Clock, InputError, Work
 from lfcal.camera import ScanPlan
-from lfcal.devices.rig import Rig
+from lfcal.devices import Rig
 
 __all__ = ["iter_exposures", "suggest_exposure"]
 
@@ -69,7 +68,7 @@ def iter_exposures(
     >>> plan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21), period=(2, 3))
     >>> from lfcal.devices import simulated_rig
     >>> from lfcal.acquire.setup import iter_exposures
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> (seconds,) = drain(iter_exposures(simulated_rig(plan), plan, target=0.7))
     >>> print(f"{seconds:.2f} s bring the brightest pixel to 70 % of full scale")
     0.02 s bring the brightest pixel to 70 % of full scale

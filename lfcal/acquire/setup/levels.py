@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.compiled import njit
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, njit
 
 __all__ = ["Levels", "levels"]
 

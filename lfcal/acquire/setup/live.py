@@ -11,12 +11,9 @@ from lfcal.acquire.control import Control
 from lfcal.acquire.preview import LiveFrame, Preview
 from lfcal.acquire.setup.levels import Levels, levels
 from lfcal.acquire.spots import Spot, find_spot
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import ScanPlan
-from lfcal.devices.checked import CheckedCamera
-from lfcal.devices.errors import FrameTimeout, IncompleteFrame
-from lfcal.devices.protocols import Point, Roi
-from lfcal.devices.rig import Rig
+from lfcal.devices import CheckedCamera, FrameTimeout, IncompleteFrame, Point, Rig, Roi
 
 __all__ = ["LiveState", "iter_live", "predicted_image"]
 

@@ -11,10 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.acquire.control import Control
 from lfcal.acquire.looking import Looker
 from lfcal.acquire.options import Options
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work
+from lfcal.base import Clock, InputError, Work
 from lfcal.camera import ScanPlan
-from lfcal.devices.rig import Rig
+from lfcal.devices import Rig
 
 __all__ = ["OpticalAxis", "find_optical_axis", "iter_optical_axis"]
 
@@ -121,7 +120,7 @@ def iter_optical_axis(
     >>> from lfcal.acquire.setup import iter_optical_axis
     >>> from lfcal.camera import ScanPlan, preset
     >>> from lfcal.devices import simulated_rig
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0, 5.0], cutout=21)
     >>> axis = drain(iter_optical_axis(simulated_rig(plan), plan))
     >>> print(f"{max(abs(v - 159.5) for v in axis.image_px):.0f} pixels from the sensor's centre")

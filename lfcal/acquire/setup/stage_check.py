@@ -32,13 +32,9 @@ from lfcal.acquire.setup.stage_fit import (
     room,
 )
 from lfcal.acquire.spots import Spot, find_spot
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work
+from lfcal.base import Clock, InputError, Work
 from lfcal.camera import ScanPlan
-from lfcal.devices.checked import CheckedStage
-from lfcal.devices.errors import CameraError, DeviceLost, LimitError, StageError, WrongFrame
-from lfcal.devices.protocols import Point
-from lfcal.devices.rig import Rig
+from lfcal.devices import CameraError, CheckedStage, DeviceLost, LimitError, Point, Rig, StageError, WrongFrame
 
 __all__ = ["STAGE", "StageCheck", "iter_stage_check"]
 
@@ -127,7 +123,7 @@ def iter_stage_check(
     >>> from lfcal.acquire.setup import StageCheck, iter_stage_check
     >>> from lfcal.camera import ScanPlan, preset
     >>> from lfcal.devices import simulated_rig
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[2.0, 4.0])
     >>> found: StageCheck = drain(iter_stage_check(simulated_rig(plan), plan))
     >>> print(found.frames, "frames:", [round(scale, 2) for scale in found.fits[0].scale], found.notes)

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.setup.stage_fit import CELL_PX, StageFit
-from lfcal.base.errors import InputError
-from lfcal.camera import ScanPlan
-from lfcal.camera.shadow import half_extent_px, rms_radius_px
+from lfcal.base import InputError
+from lfcal.camera import ScanPlan, half_extent_px, rms_radius_px
 
 __all__ = ["DepthFit", "DepthLook", "check_depth", "depth_fit"]
 

@@ -15,14 +15,11 @@ from lfcal.acquire.control import Control
 from lfcal.acquire.looking import Looker
 from lfcal.acquire.motion import check_limits
 from lfcal.acquire.options import Options
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work
+from lfcal.base import Clock, InputError, Work
 from lfcal.camera import ScanPlan, StageAxes
-from lfcal.devices.errors import LimitError
-from lfcal.devices.protocols import Limits
-from lfcal.devices.rig import Rig
-from lfcal.frames.orientation import AS_IS, nearest_orientation
-from lfcal.psf.orientation import either_words
+from lfcal.devices import LimitError, Limits, Rig
+from lfcal.frames import AS_IS, nearest_orientation
+from lfcal.psf import either_words
 
 __all__ = [
     "CELL_PX",
@@ -194,8 +191,8 @@ def check_stage(fit: StageFit, plan: ScanPlan, *, cell_px: float = CELL_PX, resi
     >>> from lfcal.acquire.setup import check_stage, iter_stage_fit
     >>> from lfcal.camera import ScanPlan, StageAxes, preset
     >>> from lfcal.devices import simulated_rig
-    >>> from lfcal.base.errors import InputError
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import InputError
+    >>> from lfcal.base import drain
     >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21)
     >>> rig = simulated_rig(plan, axes=StageAxes("-x", "+y", "+z"))  # mounted the other way round
     >>> try:
@@ -243,7 +240,7 @@ def iter_stage_fit(
     >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21)
     >>> from lfcal.devices import simulated_rig
     >>> from lfcal.acquire.setup import iter_stage_fit
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> found = drain(iter_stage_fit(simulated_rig(plan), plan))
     >>> print(found.axes.right, found.axes.down, [round(s, 2) for s in found.scale])
     +x +y [1.0, 1.0]

@@ -5,3 +5,12 @@
 - ``file``, ``attributes``, ``dataset``: the file, its attributes and its data, each entry checked as it is asked for
 - ``writing``: new files
 """
+
+from typing import TYPE_CHECKING
+
+from lfcal._lazy import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.base.h5._shared import *  # noqa: F403
+
+lazy_face(__name__)

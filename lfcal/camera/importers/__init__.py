@@ -8,3 +8,13 @@
 - ``napari_lf``: metadata of napari-LF
 - ``micro_manager``: system configuration and metadata of Micro-Manager
 """
+
+from typing import TYPE_CHECKING
+
+from lfcal._lazy import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.camera.importers._face import *  # noqa: F403
+    from lfcal.camera.importers._shared import *  # noqa: F403
+
+lazy_face(__name__)

@@ -9,8 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from lfcal.base.errors import FileFormatError, UnsafeFileError
-from lfcal.base.files import check_regular, storage_errors
+from lfcal.base import FileFormatError, UnsafeFileError, check_regular, storage_errors
 from lfcal.camera.description import Camera
 
 __all__ = ["CameraFormat", "Imported", "Wanted", "file_text", "number", "required"]

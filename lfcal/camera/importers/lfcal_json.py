@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base import FileFormatError, InputError
 from lfcal.camera.description import Camera
 from lfcal.camera.draft import Draft
 from lfcal.camera.importers.camera_format import CameraFormat, Imported, Wanted

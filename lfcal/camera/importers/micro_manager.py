@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.plain import parse_json
+from lfcal.base import FileFormatError, InputError, parse_json
 from lfcal.camera.draft import Draft
 from lfcal.camera.importers.camera_format import CameraFormat, Imported, Wanted
 

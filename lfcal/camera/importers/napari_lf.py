@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.plain import parse_json
+from lfcal.base import FileFormatError, InputError, parse_json
 from lfcal.camera.draft import Draft
 from lfcal.camera.importers.camera_format import CameraFormat, Imported, Wanted, number, required
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base import FileFormatError, InputError
 from lfcal.camera.draft import Draft
 from lfcal.camera.importers.camera_format import CameraFormat, Imported, Wanted, number, required
 

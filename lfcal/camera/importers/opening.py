@@ -5,8 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from lfcal.base.errors import FileFormatError
-from lfcal.base.registry import Registry
+from lfcal.base import FileFormatError, Registry
 from lfcal.camera.importers.camera_format import CameraFormat, Imported, Wanted, file_text
 
 __all__ = ["CAMERA_FORMATS", "import_camera"]

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import FileFormatError
+from lfcal.base import FileFormatError
 from lfcal.camera.lattice import LensletLattice, LensType
 
 __all__ = ["entry_of", "float_of", "lens_types", "number_of", "pair_of", "placement"]

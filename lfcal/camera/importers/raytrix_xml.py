@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from lfcal.base.errors import FileFormatError, InputError, UnsafeFileError
+from lfcal.base import FileFormatError, InputError, UnsafeFileError
 from lfcal.camera.description import Camera
 from lfcal.camera.distortion import BrownDistortion
 from lfcal.camera.draft import Draft

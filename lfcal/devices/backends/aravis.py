@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import ScanPlan
 from lfcal.devices.backends._aravis_lib import STATUS, AravisError, Library, library
 from lfcal.devices.backends._camera import CameraFacts

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError, LfcalError
-from lfcal.base.files import replace_whole
+from lfcal.base import InputError, LfcalError, replace_whole
 from lfcal.camera import ScanPlan
 from lfcal.devices.backends._camera import CameraFacts
 from lfcal.devices.backends._fixed_stage import ExternalStage
@@ -25,7 +24,8 @@ from lfcal.devices.errors import DeviceLost, FrameTimeout, IncompleteFrame
 from lfcal.devices.options import number_option
 from lfcal.devices.protocols import Frame, Roi, Setting
 from lfcal.devices.rig import Rig
-from lfcal.frames.formats.opening import image_suffixes, read_image
+from lfcal.frames import read_image
+from lfcal.frames.formats import image_suffixes
 
 __all__ = ["BACKEND", "FolderBackend"]
 

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import ScanPlan
 from lfcal.devices.backends._camera import CameraFacts
 from lfcal.devices.backends._settings import off_value, read_settings, switch_off

@@ -1,6 +1,6 @@
 """The simulator, listed with the other backends."""
 
-from lfcal.devices.simulated.backend import SimBackend
+from lfcal.devices.simulated import SimBackend
 
 __all__ = ["BACKEND"]
 

@@ -4,3 +4,12 @@
 - ``camera``, ``stage``: the devices; ``optics``: what light reaches the sensor, ``targets``: of many points
 - ``faults``: what can be made to go wrong
 """
+
+from typing import TYPE_CHECKING
+
+from lfcal._lazy import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.devices.simulated._shared import *  # noqa: F403
+
+lazy_face(__name__)

@@ -6,8 +6,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 
 from lfcal import __version__
-from lfcal.base.checks import check_choice
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_choice
 from lfcal.camera import ScanPlan, StageAxes
 from lfcal.devices.checked import CheckedCamera, CheckedStage
 from lfcal.devices.options import limits_option, number_option
@@ -18,7 +17,7 @@ from lfcal.devices.simulated.faults import DeviceFault, parse_faults
 from lfcal.devices.simulated.gauges import SimGauge, simulated_gauges
 from lfcal.devices.simulated.optics import FramesRenderer, PatternRenderer, simulated_optics
 from lfcal.devices.simulated.stage import SimStage, StageModel, VirtualTime
-from lfcal.frames.source import FrameSource
+from lfcal.frames import FrameSource
 
 __all__ = ["SimBackend", "inject", "simulated_rig", "with_defaults"]
 

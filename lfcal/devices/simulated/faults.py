@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from lfcal.base.checks import check_choice, check_number
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_choice, check_number
 
 __all__ = [
     "CAMERA_FAULTS",

@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.camera import ScanPlan
-from lfcal.camera.shadow import half_extent_px
+from lfcal.base import InputError
+from lfcal.camera import ScanPlan, half_extent_px
 from lfcal.devices.protocols import Point, Roi
 from lfcal.devices.simulated.camera import LightPatch
-from lfcal.frames.source import FrameSource
+from lfcal.frames import FrameSource
 
 if TYPE_CHECKING:
-    from lfcal.simulate.effects.base import Effect
+    from lfcal.simulate.effects import Effect
 
 __all__ = ["FramesRenderer", "PatternRenderer", "chosen_effects", "simulated_optics"]
 
@@ -188,7 +187,7 @@ def simulated_optics(plan: ScanPlan, level: str, effects: str = "") -> FramesRen
 def chosen_effects(plan: ScanPlan, effects: str, tolerance: float = TOLERANCE) -> tuple[Effect, ...]:
     """Return the effects of a JSON file with what is necessary beside them, or of ``"auto"`` what is necessary."""
     from lfcal.simulate import plan_effects
-    from lfcal.simulate.effects.described import parse_entries
+    from lfcal.simulate.effects import parse_entries
 
     if effects == "auto":
         return plan_effects(plan.camera, plan, tolerance).effects

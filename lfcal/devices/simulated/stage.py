@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from lfcal.base.checks import check_number
+from lfcal.base import check_number
 from lfcal.devices.errors import DeviceLost, StageError
 from lfcal.devices.protocols import Limits, Point, TimeSource
 from lfcal.devices.simulated.faults import STAGE_FAULTS, DeviceFault, FaultBook

@@ -8,9 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.files import read_text
-from lfcal.base.plain import parse_json
+from lfcal.base import InputError, parse_json, read_text
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Point, Rendered, Roi
 from lfcal.devices.simulated.camera import LightPatch, Renderer

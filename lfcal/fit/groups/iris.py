@@ -10,8 +10,8 @@ from typing import Any
 from lfcal.camera import Camera, MainLens, Microscope
 from lfcal.fit.parameters import Group, ScanScales, Unknown
 from lfcal.fit.setup import Setup
+from lfcal.simulate import LAWS
 from lfcal.simulate.effects import ExactAngles, LensLaw, MechanicalVignetting
-from lfcal.simulate.scene import LAWS
 
 __all__ = ["ApertureGroup", "BladeCurvature", "Law", "SecondStop"]
 

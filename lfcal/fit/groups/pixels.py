@@ -7,8 +7,7 @@ from dataclasses import replace
 
 from lfcal.fit.parameters import Group, ScanScales, Unknown
 from lfcal.fit.setup import Setup
-from lfcal.simulate.effects import Crosstalk, PixelKernel
-from lfcal.simulate.effects.kernel import NEIGHBOURS
+from lfcal.simulate.effects import NEIGHBOURS, Crosstalk, PixelKernel
 
 __all__ = ["CrosstalkGroup", "Filter"]
 

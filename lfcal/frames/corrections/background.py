@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_choice, check_number
+from lfcal.base import check_choice, check_number
 from lfcal.frames.regions import Region
 
 __all__ = ["Background", "border_strips"]

@@ -10,8 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.threads import for_each_chunk
+from lfcal.base import InputError, for_each_chunk
 from lfcal.frames.corrections import _kernels
 from lfcal.frames.corrections.background import Background, Plane
 from lfcal.frames.corrections.defects import Defects, repair_nan

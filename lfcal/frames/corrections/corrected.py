@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError, LfcalError
+from lfcal.base import InputError, LfcalError
 from lfcal.frames.corrections.chain import CorrectionChain
 from lfcal.frames.corrections.noise import corrected_noise
 from lfcal.frames.corrections.steps import Exposure, White

@@ -7,10 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work, drained
-from lfcal.base.threads import for_each_chunk
+from lfcal.base import Clock, InputError, Work, check_number, drained, for_each_chunk
 from lfcal.frames.cfa import pattern_side, same_colour_offsets
 from lfcal.frames.corrections import _kernels
 from lfcal.frames.corrections.defects import Defects

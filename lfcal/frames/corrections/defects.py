@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.frames.cfa import check_cfa, pattern_side, same_colour_offsets
 from lfcal.frames.corrections import _kernels
 from lfcal.frames.corrections.steps import fingerprint

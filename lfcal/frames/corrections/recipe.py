@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_choice
-from lfcal.base.errors import InputError, StorageError
+from lfcal.base import InputError, StorageError, check_choice
 from lfcal.camera import ScanPlan
 from lfcal.frames.aligned import ShiftedSource, shifted
 from lfcal.frames.channels import channel_source
@@ -22,7 +21,7 @@ from lfcal.frames.corrections.chain import CorrectionChain, Step
 from lfcal.frames.corrections.corrected import CorrectedSource
 from lfcal.frames.corrections.steps import Dark, DarkSet, Exposure, White, average_frames, difference_variance
 from lfcal.frames.described import DescribedSource
-from lfcal.frames.formats.opening import image_suffixes, open_image
+from lfcal.frames.formats import image_suffixes, open_image
 from lfcal.frames.orientation import AS_IS
 from lfcal.frames.source import FrameSource
 
@@ -140,7 +139,7 @@ def check_turned_colours(frames: FrameSource, plan: ScanPlan, recipe: Correction
     >>> from dataclasses import replace
     >>> import numpy as np
     >>> from lfcal.camera import ScanPlan, preset
-    >>> from lfcal.base.errors import InputError
+    >>> from lfcal.base import InputError
     >>> from lfcal.frames import ArraySource, CorrectionRecipe, check_turned_colours
     >>> camera = preset("bench")
     >>> colour = replace(camera, sensor=replace(camera.sensor, cfa="RGGB"))
@@ -339,8 +338,7 @@ def _white(
 ) -> White:
     if recipe.white_mode == "pixels":
         return White(white, dark, floor=recipe.white_floor, cfa=cfa, saturation=saturation)
-    from lfcal.lattice.fit import fit_lattice
-    from lfcal.lattice.vignetting import vignetting_map
+    from lfcal.lattice import fit_lattice, vignetting_map
 
     try:
         field = vignetting_map(fit_lattice(white, dark=dark)).frame()

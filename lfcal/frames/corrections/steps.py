@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import as_sensor_frame, check_exposure, check_number
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, as_sensor_frame, check_exposure, check_number
 from lfcal.frames.cfa import phases
 from lfcal.frames.regions import Region, clipped, moved
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from lfcal.base.errors import FileFormatError
+from lfcal.base import FileFormatError
 
 __all__ = ["LOSSLESS", "check_tiff_codec", "codec_fact"]
 

@@ -13,10 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import MAX_SAMPLE
-from lfcal.base.errors import FileFormatError, LfcalError, UnsafeFileError
-from lfcal.base.files import MAX_EXPANSION, storage_errors
-from lfcal.base.units import format_bytes
+from lfcal.base import (
+    MAX_EXPANSION,
+    MAX_SAMPLE,
+    FileFormatError,
+    LfcalError,
+    UnsafeFileError,
+    format_bytes,
+    storage_errors,
+)
 from lfcal.frames.regions import check_region
 
 __all__ = ["MAX_SIDE", "Format", "ImageFile", "check_declared", "check_grey", "check_samples", "decoding"]

@@ -8,9 +8,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.files import check_regular, storage_errors
-from lfcal.base.registry import Registry
+from lfcal.base import FileFormatError, InputError, Registry, check_regular, storage_errors
 from lfcal.frames.formats.image_file import Format, ImageFile
 
 __all__ = ["FORMATS", "image_suffixes", "open_image", "read_image"]

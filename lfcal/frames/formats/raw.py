@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import FileFormatError
-from lfcal.base.files import storage_errors
+from lfcal.base import FileFormatError, storage_errors
 from lfcal.frames.formats.codecs import LOSSLESS, check_tiff_codec, codec_fact
 from lfcal.frames.formats.decoder_messages import caught_messages
 from lfcal.frames.formats.image_file import Format, ImageFile, decoding

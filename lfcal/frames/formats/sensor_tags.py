@@ -7,7 +7,7 @@ import struct
 from pathlib import Path
 from typing import Any
 
-from lfcal.base.errors import FileFormatError
+from lfcal.base import FileFormatError
 
 __all__ = ["check_pattern", "needs_raw_reader", "sensor_facts"]
 

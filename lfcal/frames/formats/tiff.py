@@ -10,8 +10,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import FileFormatError
-from lfcal.base.files import storage_errors
+from lfcal.base import FileFormatError, storage_errors
 from lfcal.frames.formats.codecs import check_tiff_codec, codec_fact
 from lfcal.frames.formats.image_file import Format, ImageFile, check_declared, check_grey, check_samples, decoding
 from lfcal.frames.formats.ome import ome_facts

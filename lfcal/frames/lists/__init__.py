@@ -12,3 +12,12 @@
 - ``placing``: stage coordinates to positions of a scan plan
 - ``derived``: the scan plan that a list was recorded by
 """
+
+from typing import TYPE_CHECKING
+
+from lfcal._lazy import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.frames.lists._shared import *  # noqa: F403
+
+lazy_face(__name__)

@@ -6,8 +6,8 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from lfcal.base.errors import InputError
-from lfcal.frames.formats.opening import image_suffixes
+from lfcal.base import InputError
+from lfcal.frames.formats import image_suffixes
 from lfcal.frames.lists.table import Table
 
 __all__ = ["ROLES", "Column", "clear_columns", "columns_in_words", "find_columns", "parse_columns"]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base import FileFormatError, InputError
 from lfcal.camera import ScanPlan
 from lfcal.frames.lists.listing import Listing
 from lfcal.frames.lists.motion import Part

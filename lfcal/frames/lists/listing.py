@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base import FileFormatError, InputError
 from lfcal.frames.lists.columns import LENGTHS, TIMES, Column, columns_in_words, find_columns, parse_columns
 from lfcal.frames.lists.table import Table, read_table
 

@@ -10,9 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.base.errors import FileFormatError
-from lfcal.base.files import read_text
-from lfcal.base.plain import parse_json
+from lfcal.base import FileFormatError, parse_json, read_text
 from lfcal.frames.lists.listing import Listing
 from lfcal.frames.part import parse_roi
 

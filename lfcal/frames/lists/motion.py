@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import FileFormatError, StorageError
+from lfcal.base import FileFormatError, StorageError
 from lfcal.frames.orientation import AS_IS, named_orientation
 
 __all__ = ["CentroidMotion", "Part", "centre_of_light", "image_motion", "spread_out"]

@@ -8,9 +8,8 @@ import unicodedata
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
-from lfcal.base.errors import StorageError
-from lfcal.base.files import storage_errors
-from lfcal.frames.formats.opening import image_suffixes
+from lfcal.base import StorageError, storage_errors
+from lfcal.frames.formats import image_suffixes
 from lfcal.frames.lists.listing import Listing
 
 __all__ = ["files_below", "find_files"]

@@ -9,9 +9,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from lfcal.base.errors import FileFormatError, StorageError
-from lfcal.base.files import read_text
-from lfcal.frames.formats.opening import image_suffixes, open_image
+from lfcal.base import FileFormatError, StorageError, read_text
+from lfcal.frames.formats import image_suffixes, open_image
 from lfcal.frames.lists.entries import located, manifest_of
 from lfcal.frames.lists.lie import AUTO, CHECK
 from lfcal.frames.lists.listing import LONGEST_S, Listing, read_listing
@@ -21,7 +20,7 @@ from lfcal.frames.lists.table import TABLE_SUFFIXES
 from lfcal.frames.manifest import COLUMNS, Manifest
 from lfcal.frames.manifest_file import read_manifest
 from lfcal.frames.orientation import AS_IS, Orientation, named_orientation
-from lfcal.frames.sources.base import FrameOptions
+from lfcal.frames.sources import FrameOptions
 
 __all__ = ["any_listing", "from_micromanager", "from_stage", "is_plain", "manifest_from", "reader", "sample_of"]
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import ScanPlan, StageAxes
 from lfcal.frames.lists.depths import LEAST, MOST, with_depths
 from lfcal.frames.lists.grid import ScanGrid, find_grid

@@ -9,8 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from lfcal.base.errors import FileFormatError
-from lfcal.base.files import read_text
+from lfcal.base import FileFormatError, read_text
 
 __all__ = ["TABLE_SUFFIXES", "Table", "read_table"]
 

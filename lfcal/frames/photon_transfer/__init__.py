@@ -10,3 +10,12 @@
 - ``measurement``: all of it; ``result``: the figures, and a camera with them
 - ``summary``: in words; ``figure``: the curve as a picture
 """
+
+from typing import TYPE_CHECKING
+
+from lfcal._lazy import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.frames.photon_transfer._shared import *  # noqa: F403
+
+lazy_face(__name__)

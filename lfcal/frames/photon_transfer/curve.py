@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.frames.photon_transfer.pairs import TransferPoints
 from lfcal.frames.photon_transfer.values import MeasuredValue
 

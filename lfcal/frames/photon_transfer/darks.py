@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.frames.photon_transfer.frame_list import CalibrationFrame
 from lfcal.frames.photon_transfer.pairs import Frames2, TransferPoints, measure_pair
 from lfcal.frames.photon_transfer.values import MeasuredValue

@@ -6,7 +6,7 @@ import os
 
 import numpy as np
 
-from lfcal.base.figures import LINES, figure, save_figure
+from lfcal.base import LINES, figure, save_figure
 from lfcal.frames.photon_transfer.result import SensorMeasurement
 
 __all__ = ["save_curve"]

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError, StorageError
+from lfcal.base import InputError, StorageError
 from lfcal.frames.aligned import shifted
-from lfcal.frames.formats.opening import image_suffixes, open_image
+from lfcal.frames.formats import image_suffixes, open_image
 
 __all__ = ["CalibrationFrame", "find_frames"]
 

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work, drained
+from lfcal.base import Clock, InputError, Work, drained
 from lfcal.frames.cfa import channel_names
 from lfcal.frames.photon_transfer.checks import doubts_of, notes_of
 from lfcal.frames.photon_transfer.converter import Converter, ConverterScan

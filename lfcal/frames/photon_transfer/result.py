@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import Camera, Sensor
 from lfcal.frames.photon_transfer.curve import PhotonTransferCurve
 from lfcal.frames.photon_transfer.values import MeasuredValue

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.base.errors import InputError
-from lfcal.base.units import format_number
+from lfcal.base import InputError, format_number
 from lfcal.camera import Sensor
 from lfcal.frames.photon_transfer.result import SensorMeasurement
 from lfcal.frames.photon_transfer.values import MeasuredValue

@@ -4,3 +4,12 @@
 - ``folder``: frames in files, as a manifest, their names, or their order lists them
 - ``array``: frames in one array
 """
+
+from typing import TYPE_CHECKING
+
+from lfcal._lazy import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.frames.sources._shared import *  # noqa: F403
+
+lazy_face(__name__)

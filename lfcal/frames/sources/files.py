@@ -8,13 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.frames.formats.image_file import ImageFile
-from lfcal.frames.formats.opening import image_suffixes, open_image
-from lfcal.frames.lists.micromanager import micromanager_list
-from lfcal.frames.lists.names import files_below
-from lfcal.frames.lists.open_table import from_micromanager, from_stage, manifest_from
-from lfcal.frames.lists.table import TABLE_SUFFIXES
+from lfcal.base import FileFormatError, InputError
+from lfcal.frames.formats import ImageFile, image_suffixes, open_image
+from lfcal.frames.lists import (
+    TABLE_SUFFIXES,
+    files_below,
+    from_micromanager,
+    from_stage,
+    manifest_from,
+    micromanager_list,
+)
 from lfcal.frames.manifest import FrameEntry, Manifest
 from lfcal.frames.name_guess import guess_pattern
 from lfcal.frames.positions import NamePattern, first_number, natural_key

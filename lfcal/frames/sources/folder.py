@@ -13,12 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_choice
-from lfcal.base.errors import FileFormatError, InputError, StorageError
+from lfcal.base import FileFormatError, InputError, StorageError, check_choice
 from lfcal.frames.cfa import check_greens
 from lfcal.frames.damage import named
-from lfcal.frames.formats.image_file import ImageFile
-from lfcal.frames.formats.opening import open_image
+from lfcal.frames.formats import ImageFile, open_image
 from lfcal.frames.manifest import FrameEntry, Manifest, resolve_inside
 from lfcal.frames.part import stated_origin
 from lfcal.frames.regions import Region, check_region

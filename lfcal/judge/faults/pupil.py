@@ -10,14 +10,14 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.fit.expected import Behind
+from lfcal.base import InputError
+from lfcal.fit import Behind
 from lfcal.judge.evidence import Evidence
 from lfcal.judge.faults.series import SURE
 from lfcal.judge.finding import Fault, Finding, Picture, PutIn, adding
 from lfcal.judge.modelled import cut, plane_of
 from lfcal.judge.patch import Patch
-from lfcal.simulate.engines.base import EnergyError
+from lfcal.simulate.engines import EnergyError
 
 __all__ = ["FAULTS", "Pupil", "TypeFocus"]
 

@@ -22,5 +22,6 @@ from lfcal._lazy import lazy_face
 
 if TYPE_CHECKING:
     from lfcal.psf.aperture._face import *  # noqa: F403
+    from lfcal.psf.aperture._shared import *  # noqa: F403
 
 lazy_face(__name__)

@@ -1,4 +1,4 @@
-"""The public names of `lfcal.psf.aperture`, loaded when the first of them is asked for."""
+"""The public names of `lfcal.psf.aperture`: each is loaded when it is asked for."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from lfcal.psf.aperture.expected import expected_aperture, footprint_px
 from lfcal.psf.aperture.f_number import FNumber, working_f_number
 from lfcal.psf.aperture.fit import fit_aperture
 from lfcal.psf.aperture.iris import Iris, joint_iris
-from lfcal.psf.aperture.shape import Aperture
+from lfcal.psf.aperture.shape import Aperture, with_error
 
 __all__ = [
     "Aperture",
@@ -16,5 +16,6 @@ __all__ = [
     "fit_aperture",
     "footprint_px",
     "joint_iris",
+    "with_error",
     "working_f_number",
 ]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.compiled import njit
+from lfcal.base import njit
 
 __all__ = ["Arcs", "arcs_radius"]
 

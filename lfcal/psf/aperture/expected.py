@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import Camera, MainLens
 from lfcal.psf.aperture.shape import Aperture, polygon_area
 

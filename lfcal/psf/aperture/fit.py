@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.psf.aperture.compare import CURVATURE, ROTATION, STUCK, OutlineFit
 from lfcal.psf.aperture.edge import BLUR_ERROR, Edge, measured_edge
 from lfcal.psf.aperture.locate import LitPatch, despike, find_patch

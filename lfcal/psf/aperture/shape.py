@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.psf.aperture.arcs import Arcs
 
 __all__ = [
@@ -98,7 +98,7 @@ def with_error(value: float, sigma: float, digits: int) -> str:
 
     Examples
     --------
-    >>> from lfcal.psf.aperture.shape import with_error
+    >>> from lfcal.psf.aperture import with_error
     >>> with_error(31.86, 0.024, 1), with_error(31.86, 2.4, 1), with_error(31.86, float("nan"), 1)
     ('31.86 ± 0.02', '31.9 ± 2.4', '31.9')
     """

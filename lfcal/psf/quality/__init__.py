@@ -15,5 +15,6 @@ from lfcal._lazy import lazy_face
 
 if TYPE_CHECKING:
     from lfcal.psf.quality._face import *  # noqa: F403
+    from lfcal.psf.quality._shared import *  # noqa: F403
 
 lazy_face(__name__)

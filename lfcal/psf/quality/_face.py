@@ -1,4 +1,4 @@
-"""The public names of `lfcal.psf.quality`, loaded when the first of them is asked for."""
+"""The public names of `lfcal.psf.quality`: each is loaded when it is asked for."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from lfcal.psf.quality.measure import PlaneMeasures
 from lfcal.psf.quality.metric import UNKNOWN, CostModel, Limits, Metric, MetricSpec, Reading
 from lfcal.psf.quality.periodicity import Periodicity, periodicity
 from lfcal.psf.quality.report import QualityReport
+from lfcal.psf.quality.verdict import QualityProblem, judged_sentence
 
 __all__ = [
     "METRICS",
@@ -20,9 +21,11 @@ __all__ = [
     "MetricSpec",
     "Periodicity",
     "PlaneMeasures",
+    "QualityProblem",
     "QualityReport",
     "Reading",
     "inspect",
     "iter_inspect",
+    "judged_sentence",
     "periodicity",
 ]

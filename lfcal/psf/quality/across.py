@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import Camera, Microscope
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality.expected import footprint_variance

@@ -7,7 +7,7 @@ the others are estimates that put a metric in its place among them.
 
 from __future__ import annotations
 
-from lfcal.base.registry import Registry
+from lfcal.base import Registry
 from lfcal.psf.quality.metric import MetricSpec
 
 __all__ = ["METRICS"]

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work, drained
+from lfcal.base import Clock, InputError, Work, drained
 from lfcal.camera import Camera, Microscope
 from lfcal.psf.aperture import Aperture, FNumber, Iris, joint_iris, working_f_number
 from lfcal.psf.matrix import PSFMatrix
@@ -69,7 +68,7 @@ def iter_inspect(
     Examples
     --------
     >>> import numpy as np
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> from lfcal.psf import PSFMatrix, iter_inspect
     >>> drain(iter_inspect(PSFMatrix(np.zeros((2, 3, 3, 9, 9))))).verdict.partition(". ")[0]
     'This PSF should not be used as it is: dark planes'

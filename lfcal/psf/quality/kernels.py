@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.compiled import njit
+from lfcal.base import njit
 
 __all__ = ["FRAME_COLUMNS", "PatternSums", "frame_pass", "spot_pass", "step_pass"]
 

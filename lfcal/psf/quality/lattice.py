@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.threads import for_each_chunk
+from lfcal.base import for_each_chunk
 from lfcal.camera import Camera
 from lfcal.psf.quality.kernels import spot_pass
 

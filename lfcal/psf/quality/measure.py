@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.progress import Clock, Work
-from lfcal.base.threads import for_each_chunk
+from lfcal.base import Clock, Work, for_each_chunk
 from lfcal.psf.aperture import Aperture
 from lfcal.psf.half_cell import copied_positions
 from lfcal.psf.matrix import PSFMatrix

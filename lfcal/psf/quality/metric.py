@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.units import format_number
+from lfcal.base import format_number
 from lfcal.psf.quality.across import MatrixMeasures
 from lfcal.psf.quality.measure import PlaneMeasures
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.threads import for_each_chunk
+from lfcal.base import for_each_chunk
 from lfcal.psf.quality.dark import DarkCorners
 from lfcal.psf.quality.kernels import FRAME_COLUMNS, PatternSums, frame_pass
 

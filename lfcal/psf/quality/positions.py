@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.frames.orientation import AS_IS
+from lfcal.frames import AS_IS
 from lfcal.psf.quality.field import Parts, split
 from lfcal.psf.quality.lattice import SpotLattice, displacements, find_spots
 from lfcal.psf.quality.pattern_table import PatternTable

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.units import format_count, format_length, format_plane
+from lfcal.base import format_count, format_length, format_plane
 from lfcal.psf.aperture import Aperture, FNumber, Iris
 from lfcal.psf.quality.metric import RANK, Merit, Metric
 from lfcal.psf.quality.periodicity import Periodicity

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.psf.quality.trend import NAME
 
 __all__ = ["inspections_in", "labels_of"]

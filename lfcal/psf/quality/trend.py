@@ -15,10 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.figures import COLOURS, LINES, figure, save_figure
-from lfcal.base.files import read_text
-from lfcal.base.plain import parse_json
+from lfcal.base import COLOURS, LINES, FileFormatError, InputError, figure, parse_json, read_text, save_figure
 from lfcal.psf.quality.metric import Merit
 from lfcal.psf.quality.report import QualityReport
 

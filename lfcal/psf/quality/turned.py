@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.frames.orientation import AS_IS, nearest_orientation
+from lfcal.frames import AS_IS, nearest_orientation
 from lfcal.psf.quality.pattern_table import PatternTable
 
 __all__ = ["move_matrix", "turned_frames"]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from lfcal.base.units import format_count
+from lfcal.base import format_count
 from lfcal.psf.quality.metric import RANK, Merit, Metric
 
 __all__ = [
@@ -54,7 +54,7 @@ class QualityProblem:
 
     Examples
     --------
-    >>> from lfcal.psf.quality.verdict import QualityProblem, judged_sentence
+    >>> from lfcal.psf.quality import QualityProblem, judged_sentence
     >>> hot = QualityProblem("hot line", "60 counts too many", "all positions", "0.31", "Subtract a dark frame.", "bad")
     >>> print(judged_sentence([hot], "good").partition(". ")[2])
     Hot line: 60 counts too many; all positions; it costs 0.31. Subtract a dark frame. What remains is good.

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from lfcal.psf.quality.metric import Merit
+from lfcal.psf.quality import Merit
 
 __all__ = ["Beside", "ToldFault"]
 

@@ -10,14 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.base.errors import one_line
-from lfcal.base.units import format_bytes, format_length, format_plane, format_seconds
-from lfcal.psf.aperture import Aperture
-from lfcal.psf.aperture.shape import KINDS, with_error
+from lfcal.base import format_bytes, format_length, format_plane, format_seconds, one_line
+from lfcal.psf.aperture import KINDS, Aperture, with_error
 from lfcal.psf.compare import Comparison
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.quality import Metric, QualityReport
-from lfcal.psf.quality.verdict import counted_words, merit_of, merit_word
+from lfcal.psf.quality import Metric, QualityReport, counted_words, merit_of, merit_word
 from lfcal.psf.report.beside import Beside
 from lfcal.psf.report.parts import document, figures, section, table, text
 from lfcal.psf.report.pictures import ReportPicture

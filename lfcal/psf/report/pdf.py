@@ -12,11 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lfcal import __version__
-from lfcal.base.errors import one_line
-from lfcal.base.figures import COLOURS, figure
+from lfcal.base import COLOURS, figure, one_line
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.quality import QualityReport
-from lfcal.psf.quality.verdict import counted_words, merit_word
+from lfcal.psf.quality import QualityReport, counted_words, merit_word
 from lfcal.psf.report.beside import Beside
 from lfcal.psf.report.page import limits, redo_of, value_text
 from lfcal.psf.report.pictures import ReportPicture

@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.figures import LINES, draw_image, figure
-from lfcal.base.units import format_plane
-from lfcal.psf.aperture import Aperture, expected_aperture
-from lfcal.psf.aperture.shape import KINDS
+from lfcal.base import LINES, draw_image, figure, format_plane
+from lfcal.psf.aperture import KINDS, Aperture, expected_aperture
 from lfcal.psf.compare import Comparison
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality import Metric, QualityReport

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.base.figures import COLOURS
+from lfcal.base import COLOURS
 
 __all__ = ["stylesheet"]
 

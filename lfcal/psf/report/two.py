@@ -12,12 +12,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import StorageError, one_line
-from lfcal.base.figures import draw_image, figure
-from lfcal.base.files import replace_whole
-from lfcal.base.plain import plain
-from lfcal.base.progress import Clock, Work
-from lfcal.base.units import format_length, format_number, format_plane, format_seconds
+from lfcal.base import (
+    Clock,
+    StorageError,
+    Work,
+    draw_image,
+    figure,
+    format_length,
+    format_number,
+    format_plane,
+    format_seconds,
+    one_line,
+    plain,
+    replace_whole,
+)
 from lfcal.psf.difference import Difference, Figures
 from lfcal.psf.report.parts import document, figures, section, table, text
 from lfcal.psf.report.pictures import ReportPicture

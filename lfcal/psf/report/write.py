@@ -10,14 +10,10 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from lfcal.base.errors import InputError, StorageError, one_line
-from lfcal.base.files import replace_whole
-from lfcal.base.plain import plain
-from lfcal.base.progress import Clock, Work, drained
+from lfcal.base import Clock, InputError, StorageError, Work, drained, one_line, plain, replace_whole
 from lfcal.psf.compare import Comparison, iter_compare
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.quality import QualityReport, iter_inspect
-from lfcal.psf.quality.inspect import Controls
+from lfcal.psf.quality import Controls, QualityReport, iter_inspect
 from lfcal.psf.report.beside import Beside
 from lfcal.psf.report.page import page, redo_of
 from lfcal.psf.report.pdf import blocks, pdf

@@ -4,3 +4,12 @@
 - ``grid``, ``tiles``, ``planes``, ``engine``: the lattice of whole periods, overlap-save tiles, H plane by plane
 - ``forecast``, ``rates``: what each method costs on this machine
 """
+
+from typing import TYPE_CHECKING
+
+from lfcal._lazy import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.reconstruct.projectors._shared import *  # noqa: F403
+
+lazy_face(__name__)

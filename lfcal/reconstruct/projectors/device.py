@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.system import free_memory
+from lfcal.base import InputError, free_memory
 
 __all__ = ["DEVICES", "ArrayDevice", "check_arithmetic", "device_count", "driver_present", "find_device"]
 

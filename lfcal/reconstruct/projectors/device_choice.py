@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.reconstruct.projectors.device import ArrayDevice, find_device
 from lfcal.reconstruct.projectors.device_direct import DeviceDirect
 from lfcal.reconstruct.projectors.device_engine import DeviceEngine, Placement

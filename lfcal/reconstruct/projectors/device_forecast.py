@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.base.errors import InputError
-from lfcal.base.units import format_bytes
+from lfcal.base import InputError, format_bytes
 from lfcal.reconstruct.projectors.device import ArrayDevice
 from lfcal.reconstruct.projectors.device_direct import direct_bytes
 from lfcal.reconstruct.projectors.device_polyphase import band_bytes

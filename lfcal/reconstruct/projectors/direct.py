@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.threads import chunks, in_order, one_blas_thread, worker_count
+from lfcal.base import chunks, in_order, one_blas_thread, worker_count
 from lfcal.reconstruct.projectors._kernels import Tiling, gather_windows, lay_patterns, overlap_add
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.nodes import Nodes, source_places

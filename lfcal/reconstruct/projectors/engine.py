@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
-from lfcal.base.units import format_bytes
+from lfcal.base import format_bytes
 
 __all__ = ["Cost", "DeviceUse", "Engine"]
 

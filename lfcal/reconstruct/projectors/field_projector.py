@@ -11,12 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work
-from lfcal.base.system import free_memory
-from lfcal.base.threads import worker_count
-from lfcal.base.units import format_bytes
-from lfcal.psf.matrix import PSFMatrix
+from lfcal.base import Clock, InputError, Work, format_bytes, free_memory, worker_count
+from lfcal.psf import PSFMatrix
 from lfcal.reconstruct.projectors.blending import field_weights
 from lfcal.reconstruct.projectors.device import ArrayDevice, find_device
 from lfcal.reconstruct.projectors.engine import Cost, DeviceUse

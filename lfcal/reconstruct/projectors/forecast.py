@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.base.errors import InputError
-from lfcal.base.units import format_bytes, format_seconds
+from lfcal.base import InputError, format_bytes, format_seconds
 from lfcal.reconstruct.projectors import rates
 from lfcal.reconstruct.projectors.direct import (
     PARTS,

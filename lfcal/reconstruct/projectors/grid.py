@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.axes import centre, check_cutout
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, centre, check_cutout, check_number
 
 __all__ = ["Grid", "anchor_pixel"]
 

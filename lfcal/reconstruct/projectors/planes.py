@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.axes import check_psf_shape
-from lfcal.base.checks import MAX_SAMPLE
-from lfcal.base.errors import InputError
-from lfcal.psf.denoising import denoised
+from lfcal.base import MAX_SAMPLE, InputError, check_psf_shape
+from lfcal.psf import denoised
 from lfcal.reconstruct.projectors.reduction import sampled_share
 
 __all__ = ["PlaneReader", "centre_of", "runs_of_rows", "trim"]

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.threads import for_each_block, for_each_chunk, one_blas_thread, worker_count
+from lfcal.base import for_each_block, for_each_chunk, one_blas_thread, worker_count
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.tiles import TilePlan
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.threads import worker_count
+from lfcal.base import worker_count
 from lfcal.reconstruct.projectors.grid import Grid
 
 __all__ = ["PositionFFT"]

@@ -11,13 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Clock, Work, drained
-from lfcal.base.system import free_memory
-from lfcal.base.threads import for_each_chunk, worker_count
-from lfcal.psf.denoising import mean_noise
-from lfcal.psf.matrix import PSFMatrix
+from lfcal.base import Clock, InputError, Work, check_number, drained, for_each_chunk, free_memory, worker_count
+from lfcal.psf import PSFMatrix, mean_noise
 from lfcal.reconstruct.projectors.device import ArrayDevice
 from lfcal.reconstruct.projectors.device_choice import engine_on, forecast_on
 from lfcal.reconstruct.projectors.direct import Direct

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.base.threads import for_each_chunk, one_blas_thread
+from lfcal.base import for_each_chunk, one_blas_thread
 from lfcal.reconstruct.projectors._kernels import LANES, Entries, Tiling, gather_sums, gather_windows, overlap_add
 
 __all__ = ["copy_rate", "fft_seconds", "gather_rate", "gemm_seconds", "product_seconds", "window_seconds"]

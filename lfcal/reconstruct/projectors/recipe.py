@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.reconstruct.projectors.tiles import TilePlan
 
 __all__ = ["BESIDE", "Tiles", "read_recipe", "recipe_of"]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.threads import for_each_chunk
+from lfcal.base import for_each_chunk
 from lfcal.reconstruct.projectors._reduction_kernels import Corners, left_over
 from lfcal.reconstruct.projectors.nodes import Nodes
 

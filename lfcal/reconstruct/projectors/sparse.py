@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.threads import for_each_chunk, worker_count
+from lfcal.base import InputError, for_each_chunk, worker_count
 from lfcal.reconstruct.projectors._kernels import Entries, PhaseLayout, count_entries, fill_entries, gather_sums
 from lfcal.reconstruct.projectors.grid import Grid
 

@@ -6,3 +6,13 @@
 - ``least_squares``: conjugate gradients, for linear problems
 - ``measurement``, ``penalty``, ``acceleration``, ``subsets``, ``smoothing``: what solvers are made of
 """
+
+from typing import TYPE_CHECKING
+
+from lfcal._lazy import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.reconstruct.solvers._face import *  # noqa: F403
+    from lfcal.reconstruct.solvers._shared import *  # noqa: F403
+
+lazy_face(__name__)

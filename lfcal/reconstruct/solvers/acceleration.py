@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.threads import for_each_chunk
+from lfcal.base import InputError, for_each_chunk
 from lfcal.reconstruct.solvers.planes import plane_threads
 from lfcal.reconstruct.solvers.records import SolverState
 

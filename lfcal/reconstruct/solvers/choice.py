@@ -10,12 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.checks import MAX_SAMPLE, check_choice, check_number
-from lfcal.base.errors import InputError
-from lfcal.base.progress import drained
-from lfcal.base.registry import Registry
+from lfcal.base import MAX_SAMPLE, InputError, Registry, check_choice, check_number, drained
 from lfcal.reconstruct.margin import cropped, widened, widened_start
-from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.resample import drift_note
 from lfcal.reconstruct.solvers.measurement import check_counts, foretold
 from lfcal.reconstruct.solvers.records import Reconstruction, SolverProgress, SolverState, SolverWork

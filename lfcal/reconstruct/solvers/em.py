@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.threads import in_order
-from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.base import InputError, in_order
+from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.solvers.acceleration import check_acceleration, extrapolate, remember
 from lfcal.reconstruct.solvers.measurement import GoodnessOfFit, Measurement, no_light
 from lfcal.reconstruct.solvers.model_noise import ModelNoise

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import drained
-from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.base import InputError, drained
+from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.solvers.measurement import Measurement, no_light
 from lfcal.reconstruct.solvers.records import (
     Reconstruction,

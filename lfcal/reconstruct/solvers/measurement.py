@@ -10,10 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from lfcal.base.checks import MAX_SAMPLE, check_number
-from lfcal.base.errors import InputError
-from lfcal.base.threads import in_order
-from lfcal.base.units import format_count
+from lfcal.base import MAX_SAMPLE, InputError, check_number, format_count, in_order
 
 __all__ = ["GoodnessOfFit", "Measurement", "NothingMeasured", "check_counts", "foretold", "no_light"]
 

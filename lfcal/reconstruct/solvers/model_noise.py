@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.solvers.measurement import Measurement
 from lfcal.reconstruct.solvers.planes import box_mean
 from lfcal.reconstruct.solvers.smoothing import Sieve

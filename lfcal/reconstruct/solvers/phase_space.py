@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.solvers.em import EmOptions, iter_run
 from lfcal.reconstruct.solvers.records import SolverWork
 from lfcal.reconstruct.solvers.solver import EM, Solver, SolverRun

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.system import free_memory
-from lfcal.base.threads import worker_count
+from lfcal.base import free_memory, worker_count
 
 __all__ = ["UPDATING", "box_mean", "plane_threads", "separable"]
 

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.progress import Progress
-from lfcal.base.threads import in_order
+from lfcal.base import Progress, in_order
 from lfcal.reconstruct.solvers.planes import plane_threads
 
 __all__ = [

@@ -6,8 +6,8 @@ from functools import partial
 
 from numpy.typing import ArrayLike
 
-from lfcal.base.progress import drained
-from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.base import drained
+from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.solvers.em import EmOptions, RichardsonLucySettings, iter_em, iter_run
 from lfcal.reconstruct.solvers.records import SolverWork
 from lfcal.reconstruct.solvers.solver import EM, Solver, with_settings

@@ -24,7 +24,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.solvers.em import EmOptions, iter_run
 from lfcal.reconstruct.solvers.model_noise import ModelNoise
 from lfcal.reconstruct.solvers.phase_space import views_of

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.threads import for_each_chunk
+from lfcal.base import InputError, for_each_chunk
 from lfcal.reconstruct.solvers.planes import separable
 
 __all__ = ["SIEVE", "DepthSmoothing", "Sieve", "coarseness", "lanczos_kernel", "smoothing_widths"]

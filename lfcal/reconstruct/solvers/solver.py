@@ -9,9 +9,8 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from numpy.typing import ArrayLike
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import in_place_of
-from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.base import InputError, in_place_of
+from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.solvers.measurement import Measurement
 from lfcal.reconstruct.solvers.records import SolverState, SolverWork
 
@@ -187,7 +186,7 @@ class Solver:
     Examples
     --------
     >>> import numpy as np
-    >>> from lfcal.base.progress import drain
+    >>> from lfcal.base import drain
     >>> from lfcal.reconstruct import Projector, Solver, SolverRun, iter_richardson_lucy
     >>> def iterate(P, image, run):
     ...     return iter_richardson_lucy(P, image, run.iterations, acceleration="nesterov", background=run.background)

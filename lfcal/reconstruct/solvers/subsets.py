@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.reconstruct.projectors.grid import Grid
+from lfcal.base import InputError
+from lfcal.reconstruct.projectors import Grid
 
 __all__ = ["angular_subsets", "by_energy", "interleaved_subsets"]
 

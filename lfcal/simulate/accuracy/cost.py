@@ -14,11 +14,10 @@ import time
 
 import numpy as np
 
-from lfcal.base.threads import one_blas_thread
+from lfcal.base import one_blas_thread
 from lfcal.simulate.accuracy.sampling import grid_extent, step_for
-from lfcal.simulate.effects.base import EngineSeconds
-from lfcal.simulate.effects.outlook import Outlook
-from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.effects import EngineSeconds, Outlook
+from lfcal.simulate.engines import Sampling
 
 __all__ = ["engine_seconds", "engine_times", "few_seconds", "learn", "machine_rate", "table_seconds"]
 

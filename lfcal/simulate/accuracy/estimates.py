@@ -9,9 +9,7 @@ from functools import lru_cache
 
 from lfcal.camera import ScanPlan
 from lfcal.simulate.accuracy.influence import Influence
-from lfcal.simulate.effects.base import Effect, Estimate
-from lfcal.simulate.effects.optics import ExactAngles
-from lfcal.simulate.effects.outlook import Outlook
+from lfcal.simulate.effects import Effect, Estimate, ExactAngles, Outlook
 
 __all__ = ["estimates_of"]
 

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lfcal.base.compiled import preparing_seconds
+from lfcal.base import preparing_seconds
 from lfcal.camera import ScanPlan
 from lfcal.simulate.accuracy.cost import engine_seconds
 from lfcal.simulate.effects import Effect
-from lfcal.simulate.engines.base import PlaneEngine, Sampling
-from lfcal.simulate.engines.choose import engine_for
+from lfcal.simulate.engines import PlaneEngine, Sampling, engine_for
 from lfcal.simulate.plane_task import Budget, EffectsLike, budgeted
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.staging import light_samples, outlook_of

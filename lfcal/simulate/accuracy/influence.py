@@ -8,14 +8,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import LfcalError
+from lfcal.base import LfcalError
 from lfcal.camera import ScanPlan
 from lfcal.simulate.accuracy.cost import few_seconds
 from lfcal.simulate.accuracy.sampling import LevelSampling, finer, step_for
-from lfcal.simulate.effects.base import Effect, FrameEffect, LightEffect, MotionEffect
-from lfcal.simulate.effects.optics import LensletDiffraction
-from lfcal.simulate.engines.base import EnergyError
-from lfcal.simulate.engines.extent import SWITCH
+from lfcal.simulate.effects import Effect, FrameEffect, LensletDiffraction, LightEffect, MotionEffect
+from lfcal.simulate.engines import SWITCH, EnergyError
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.staging import filter_kernel, outlook_of, resolve_level, scene_for
@@ -122,7 +120,7 @@ class Influence:
 
         The Debye path serves separable scenes alone; rays need no sampling.
         """
-        from lfcal.simulate.engines.microscope import is_separable  # compiled code: not loaded before it is needed
+        from lfcal.simulate.engines import is_separable  # compiled code: not loaded before it is needed
 
         def choosy(found: tuple[Scene, str]) -> tuple[bool, bool]:
             scene, level = found

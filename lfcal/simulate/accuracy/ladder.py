@@ -11,14 +11,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError, LfcalError
-from lfcal.base.progress import Clock, Progress, Work, drained
+from lfcal.base import Clock, InputError, LfcalError, Progress, Work, drained
 from lfcal.camera import Camera, ScanPlan
 from lfcal.simulate.accuracy.forecast import Whole, own_rows, whole_of
 from lfcal.simulate.accuracy.probe import LARGEST_GRID
 from lfcal.simulate.accuracy.sampling import LevelSampling, steps_for
-from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
-from lfcal.simulate.engines.choose import engine_for
+from lfcal.simulate.engines import EnergyError, PlaneEngine, Sampling, engine_for
 from lfcal.simulate.plane_task import EffectsLike, budgeted
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.staging import resolve_level, scene_for
@@ -338,7 +336,7 @@ def draw_ladder(found: Ladder, path: str | os.PathLike[str], title: str = "") ->
     >>> Path("ladder.png").read_bytes()[1:4]
     b'PNG'
     """
-    from lfcal.base.figures import COLOURS, LINES, figure, save_figure
+    from lfcal.base import COLOURS, LINES, figure, save_figure
 
     if not found.rungs:
         raise LfcalError("accuracy against time: no rung was computed; try a finer sampling")

@@ -8,12 +8,12 @@ from itertools import product
 
 import numpy as np
 
-from lfcal.base.threads import worker_count
+from lfcal.base import worker_count
 from lfcal.camera import ScanPlan
 from lfcal.simulate.accuracy.probe import places
 from lfcal.simulate.accuracy.sampling import LevelSampling, grid_extent, steps_for, tilt_orders
-from lfcal.simulate.effects.base import Effect
-from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.effects import Effect
+from lfcal.simulate.engines import Sampling
 from lfcal.simulate.plane_task import EffectsLike, PlaneTask, budgeted
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.staging import filter_kernel, resolve_level, scene_for
@@ -183,7 +183,7 @@ def _cell_bytes(scene: Scene, dx: float, reach: float, bent: bool = False) -> tu
     Bent ones, of a grid, are complex.
     """
     # compiled code: loaded when it is needed
-    from lfcal.simulate.engines.masks import MOST_HELD, MOST_TABLE, bent_fineness, fineness
+    from lfcal.simulate.engines import MOST_HELD, MOST_TABLE, bent_fineness, fineness
 
     if scene.round_lenslets:
         return 0.0, 0.0
@@ -194,19 +194,19 @@ def _cell_bytes(scene: Scene, dx: float, reach: float, bent: bool = False) -> tu
 
 
 def _mode(scene: Scene) -> str:
-    from lfcal.simulate.engines.field import choose_mode
+    from lfcal.simulate.engines import choose_mode
 
     return choose_mode(scene)
 
 
 def _fields(scene: Scene) -> int:
-    from lfcal.simulate.engines.field import field_modes
+    from lfcal.simulate.engines import field_modes
 
     return len(field_modes(scene))
 
 
 def _window_bytes(scene: Scene, sampling: Sampling) -> int:
-    from lfcal.simulate.engines.tables import aperture_radius, table_reach, window_of
+    from lfcal.simulate.engines import aperture_radius, table_reach, window_of
 
     mode = _mode(scene)
     kept = made = 0.0
@@ -243,7 +243,7 @@ def _grid_bytes(scene: Scene, sampling: Sampling, workers: int) -> int:
 
 
 def _reference_bytes(scene: Scene, sampling: Sampling) -> int:
-    from lfcal.simulate.engines.reference import HELD_BYTES
+    from lfcal.simulate.engines import HELD_BYTES
 
     extent, px = grid_extent(scene), scene.reduced_pixel_um
     blur = 4 * math.sqrt(scene.wavelength_um * abs(scene.reduced_image_um))
@@ -255,7 +255,7 @@ def _reference_bytes(scene: Scene, sampling: Sampling) -> int:
 
 
 def _debye_bytes(scene: Scene, sampling: Sampling) -> int:
-    from lfcal.simulate.engines.microscope import KEPT_BYTES, MARGIN_PER_NODE, highest_order, is_separable, reach_um
+    from lfcal.simulate.engines import KEPT_BYTES, MARGIN_PER_NODE, highest_order, is_separable, reach_um
 
     if not is_separable(scene):
         margin = max(sampling.margin_px, MARGIN_PER_NODE * sampling.nodes_per_px)

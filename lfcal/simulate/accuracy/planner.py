@@ -6,15 +6,21 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError, choose
-from lfcal.base.units import format_seconds, format_share
+from lfcal.base import InputError, check_number, choose, format_seconds, format_share
 from lfcal.camera import Camera, ScanPlan
 from lfcal.simulate.accuracy.cost import engine_times
 from lfcal.simulate.accuracy.estimates import estimates_of
-from lfcal.simulate.effects import ActsOn, Effect, Estimate, FrameEffect, LensletDiffraction, Outlook, catalogue
-from lfcal.simulate.effects.described import SETTINGS
-from lfcal.simulate.effects.light import Bandwidth
+from lfcal.simulate.effects import (
+    SETTINGS,
+    ActsOn,
+    Bandwidth,
+    Effect,
+    Estimate,
+    FrameEffect,
+    LensletDiffraction,
+    Outlook,
+    catalogue,
+)
 from lfcal.simulate.staging import light_samples, outlook_of
 
 __all__ = ["EffectSelection", "PlannedEffect", "plan_effects"]

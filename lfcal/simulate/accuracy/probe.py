@@ -8,11 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.simulate.accuracy.sampling import DEBYE_GAIN, WIDEST, LevelSampling, finer, steps_for
-from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
-from lfcal.simulate.engines.choose import engine_for
-from lfcal.simulate.engines.extent import SWITCH
+from lfcal.simulate.engines import SWITCH, EnergyError, PlaneEngine, Sampling, engine_for
 from lfcal.simulate.scene import Scene
 
 __all__ = ["LARGEST_GRID", "RETRIES", "Settled", "balanced", "places", "settle"]

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from lfcal.simulate.effects.outlook import Outlook
-from lfcal.simulate.engines.base import Sampling
-from lfcal.simulate.engines.extent import MOST_ORDERS, MOST_SAMPLES, MOST_SIDE, SWITCH, Extent
+from lfcal.simulate.effects import Outlook
+from lfcal.simulate.engines import MOST_ORDERS, MOST_SAMPLES, MOST_SIDE, SWITCH, Extent, Sampling
 from lfcal.simulate.scene import Scene
 
 __all__ = [
@@ -116,8 +115,10 @@ class Fringes:
             steepest = 1 / (2 * described.f_number) + width / 2 / shortest
             angle = 2 * px * min(steepest, 1.0) / described.wavelength_um
         else:
-            from lfcal.simulate.engines.grid import largest_angle  # compiled code: loaded when it is needed
-            from lfcal.simulate.engines.tables import aperture_width
+            from lfcal.simulate.engines import (
+                aperture_width,
+                largest_angle,  # compiled code: loaded when it is needed
+            )
 
             lattice, px = described.lattice, described.reduced_pixel_um
             width, spread = aperture_width(described), described.wavelength_um * described.reduced_gap_um
@@ -231,7 +232,7 @@ def tilt_orders(described: Scene | Outlook, reach_um: float) -> int:
     """Return how many fields a tilted array takes; 1 of one that is not."""
     if not isinstance(described, Scene) or described.tilt == (0.0, 0.0):
         return 1
-    from lfcal.simulate.engines.tilted import orders_of  # compiled code: loaded when it is needed
+    from lfcal.simulate.engines import orders_of  # compiled code: loaded when it is needed
 
     return orders_of(described, reach_um)
 
@@ -239,7 +240,7 @@ def tilt_orders(described: Scene | Outlook, reach_um: float) -> int:
 def grid_extent(described: Scene | Outlook) -> Extent:
     """Return what a grid must hold of the light of one position."""
     if isinstance(described, Scene):
-        from lfcal.simulate.engines.grid import extent_of  # compiled code: loaded when it is needed
+        from lfcal.simulate.engines import extent_of  # compiled code: loaded when it is needed
 
         return extent_of(described)
     outwards = _near(described) or described.shift_um < 0
@@ -248,7 +249,7 @@ def grid_extent(described: Scene | Outlook) -> Extent:
 
 
 def _separable(scene: Scene) -> bool:
-    from lfcal.simulate.engines.microscope import is_separable  # compiled code: loaded when it is needed
+    from lfcal.simulate.engines import is_separable  # compiled code: loaded when it is needed
 
     return is_separable(scene)
 
@@ -257,7 +258,7 @@ def _near(described: Scene | Outlook) -> bool:
     """Return whether the field near the native plane is computed as it is, without its sphere."""
     if isinstance(described, Outlook):
         return described.fresnel_main < SWITCH
-    from lfcal.simulate.engines.field import choose_mode
+    from lfcal.simulate.engines import choose_mode
 
     return choose_mode(described) == "U"
 

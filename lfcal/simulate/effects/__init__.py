@@ -31,5 +31,6 @@ from lfcal._lazy import lazy_face
 
 if TYPE_CHECKING:
     from lfcal.simulate.effects._face import *  # noqa: F403
+    from lfcal.simulate.effects._shared import *  # noqa: F403
 
 lazy_face(__name__)

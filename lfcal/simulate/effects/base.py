@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number
+from lfcal.base import check_number
 from lfcal.camera import Camera, has_value, value_at
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.scene import Scene

@@ -9,9 +9,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from lfcal.base.checks import check_choice
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.files import read_text
+from lfcal.base import FileFormatError, InputError, check_choice, read_text
 from lfcal.simulate.effects import CATALOGUE, Effect
 from lfcal.simulate.effects.magnitudes import GIVEN, TRIPLES, Magnitude, kind_of, magnitudes_of, number_in, units_of
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.simulate.effects.base import Effect, Estimate, SceneEffect
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.scene import ImageMap, Scene

@@ -8,9 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from lfcal.base.checks import check_number, check_tuple
-from lfcal.base.errors import InputError
-from lfcal.camera.lens_centre import nearest_lens
+from lfcal.base import InputError, check_number, check_tuple
+from lfcal.camera import nearest_lens
 from lfcal.simulate.effects.base import Effect, Estimate, SceneEffect
 from lfcal.simulate.effects.field import overlap
 from lfcal.simulate.effects.outlook import Outlook

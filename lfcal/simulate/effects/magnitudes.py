@@ -8,8 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
-from lfcal.base.checks import check_choice, check_commas
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_choice, check_commas
 from lfcal.camera import QUANTITIES, Camera
 from lfcal.simulate.effects.base import Effect
 

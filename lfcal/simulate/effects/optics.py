@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import ClassVar
 
-from lfcal.base.checks import check_number
+from lfcal.base import check_number
 from lfcal.camera import Camera
 from lfcal.simulate.effects.base import EngineSeconds, Estimate, SceneEffect
 from lfcal.simulate.effects.outlook import Outlook, share_widened

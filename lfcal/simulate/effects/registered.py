@@ -6,7 +6,7 @@ import inspect
 import math
 from dataclasses import is_dataclass
 
-from lfcal.base.registry import Registry
+from lfcal.base import Registry
 from lfcal.camera import preset
 from lfcal.simulate.effects.base import ActsOn, Effect, EngineSeconds, Estimate
 from lfcal.simulate.effects.outlook import Outlook

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera
-from lfcal.frames.cfa import check_cfa, pattern_side
+from lfcal.frames import check_cfa, pattern_side
 from lfcal.simulate.effects.base import Estimate, FrameEffect, SensorStrip
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.effects.poisson import poisson_quantile

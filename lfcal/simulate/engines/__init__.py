@@ -7,3 +7,12 @@
 - ``field``: the light in front of the array; ``masks``, ``polygon``: apertures; ``tables``: what a plane needs once
 - ``nodes``, ``quadrature``, ``radial``, ``debye``, ``zernike``: numerical parts
 """
+
+from typing import TYPE_CHECKING
+
+from lfcal._lazy import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.simulate.engines._shared import *  # noqa: F403
+
+lazy_face(__name__)

@@ -23,7 +23,7 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from lfcal.base.compiled import njit
+from lfcal.base import njit
 
 __all__ = ["LANES", "RADICES", "STEP", "Pixels", "ResponseGrid", "Stages", "Way", "Work", "respond"]
 

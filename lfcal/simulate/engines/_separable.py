@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.compiled import njit
+from lfcal.base import njit
 
 __all__ = ["fold_rows", "in_blocks", "node_light", "pixel_sums", "product"]
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from lfcal.base.checks import check_choice
-from lfcal.base.errors import InputError
+from lfcal.base import InputError, check_choice
 from lfcal.simulate.engines.base import LEVELS, PlaneEngine, Sampling
 from lfcal.simulate.scene import Scene
 

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.simulate.engines.objective import field_shares, objective_of, pupil_light, pupil_nodes
 from lfcal.simulate.engines.radial import Radial, hankel_sum, parity_spline
 from lfcal.simulate.scene import Scene

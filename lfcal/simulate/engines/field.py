@@ -19,7 +19,7 @@ import numpy as np
 import scipy.fft as sf
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.simulate.engines.debye import DIPOLE_FIELDS, DebyeField, debye_fields, radial_field
 from lfcal.simulate.engines.extent import SWITCH, SWITCH_EXACT
 from lfcal.simulate.engines.masks import taper

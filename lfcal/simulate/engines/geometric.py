@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.threads import for_each_chunk
+from lfcal.base import for_each_chunk
 from lfcal.simulate.engines._spots import LitLenslets, Shapes, SpotDrawing, draw_spots
 from lfcal.simulate.engines.base import Certificate, Ledger, Pilot
 from lfcal.simulate.engines.polygon import Points, half_planes, iris_outline, regular

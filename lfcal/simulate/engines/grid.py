@@ -19,9 +19,7 @@ import numpy as np
 import scipy.fft as sf
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import leave_if_unwanted
-from lfcal.base.threads import for_each_chunk
+from lfcal.base import InputError, for_each_chunk, leave_if_unwanted
 from lfcal.simulate.engines._binning import bin_light
 from lfcal.simulate.engines._kernels import LensAperture, Split, mask_from_disc, mask_from_table
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling

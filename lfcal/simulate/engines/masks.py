@@ -16,7 +16,7 @@ import scipy.fft as sf
 from numpy.typing import NDArray
 from scipy.special import j0
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.simulate.engines.polygon import Points, disc_transform, spectrum
 from lfcal.simulate.engines.quadrature import gauss_legendre
 

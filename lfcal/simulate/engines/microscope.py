@@ -25,8 +25,7 @@ import numpy as np
 import scipy.fft as sf
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.threads import for_each_chunk
+from lfcal.base import InputError, for_each_chunk
 from lfcal.simulate.engines._separable import fold_rows, in_blocks, node_light, pixel_sums, product
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, PlaneEngine, Sampling
 from lfcal.simulate.engines.debye import debye_fields, radial_field

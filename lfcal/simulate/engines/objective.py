@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import Microscope
 from lfcal.simulate.engines.quadrature import gauss_legendre
 from lfcal.simulate.engines.radial import SPARE_NODES

@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.axes import centre
+from lfcal.base import centre
 from lfcal.simulate.engines.base import Certificate, Pilot, PlaneEngine, Sampling
 from lfcal.simulate.scene import Scene
 

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import j1
 
-from lfcal.base.compiled import njit
-from lfcal.base.threads import for_each_chunk
+from lfcal.base import for_each_chunk, njit
 from lfcal.simulate.scene import PupilIris
 
 __all__ = ["area", "clip", "disc_transform", "half_planes", "iris_outline", "regular", "spectrum", "transform"]

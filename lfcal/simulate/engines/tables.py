@@ -10,7 +10,7 @@ import numpy as np
 import scipy.fft as sf
 from numpy.typing import NDArray
 
-from lfcal.camera.cell import cell_corners
+from lfcal.camera import cell_corners
 from lfcal.simulate.engines._kernels import LensAperture, MainLensField, Zoom
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.field import field_table

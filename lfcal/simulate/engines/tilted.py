@@ -14,7 +14,7 @@ import numpy as np
 import scipy.fft as sf
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.simulate.engines.extent import MOST_ORDERS
 from lfcal.simulate.engines.propagator import sensor_propagator
 from lfcal.simulate.engines.tables import steepest_sine

@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base.progress import leave_if_unwanted
-from lfcal.base.threads import for_each_chunk
+from lfcal.base import for_each_chunk, leave_if_unwanted
 from lfcal.simulate.engines._kernels import LightTarget, Optics, respond
 from lfcal.simulate.engines._lenslets import SPOT, LensletLight, LensletWindow, select, square_fields
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling

@@ -11,19 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.axes import Position, centre
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
-from lfcal.base.files import read_text
+from lfcal.base import InputError, Position, centre, check_number, read_text
+from lfcal.camera import FORMAT as PLAN_FORMAT
 from lfcal.camera import ScanPlan
-from lfcal.camera.plan import FORMAT as PLAN_FORMAT
-from lfcal.frames.regions import Region, check_region
-from lfcal.frames.source import FrameInfo, FrameMetadata, Frames
-from lfcal.frames.sources.base import FrameOptions, SourceKind
-from lfcal.simulate.accuracy.planner import plan_effects
-from lfcal.simulate.effects.base import FrameEffect, MotionEffect
-from lfcal.simulate.effects.light import FiniteSource
-from lfcal.simulate.engines.base import Sampling
+from lfcal.frames import FrameInfo, FrameMetadata, Frames, Region, check_region
+from lfcal.frames.sources import FrameOptions, SourceKind
+from lfcal.simulate.accuracy import plan_effects
+from lfcal.simulate.effects import FiniteSource, FrameEffect, MotionEffect
+from lfcal.simulate.engines import Sampling
 from lfcal.simulate.plane_task import EffectsLike, budgeted, describe, tolerance_for
 from lfcal.simulate.sensor.noise import FrameKind, expose, random_numbers, sample_type, temporal_noise
 from lfcal.simulate.sensor.responses import Responses

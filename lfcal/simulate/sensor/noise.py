@@ -14,11 +14,10 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import Camera
-from lfcal.frames.source import Noise
-from lfcal.simulate.effects.base import Effect, FrameEffect, SensorStrip
-from lfcal.simulate.effects.sensor import ReadNoise, ShotNoise
+from lfcal.frames import Noise
+from lfcal.simulate.effects import Effect, FrameEffect, ReadNoise, SensorStrip, ShotNoise
 
 __all__ = ["FrameKind", "expose", "random_numbers", "sample_type", "temporal_noise"]
 

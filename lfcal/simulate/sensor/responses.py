@@ -9,9 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera import ScanPlan
-from lfcal.camera.shadow import half_extent_px
-from lfcal.simulate.engines.base import Sampling
+from lfcal.camera import ScanPlan, half_extent_px
+from lfcal.simulate.engines import Sampling
 from lfcal.simulate.plane_task import Budget
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.staging import origin_of

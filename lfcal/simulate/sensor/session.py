@@ -11,10 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal import __version__
-from lfcal.base.errors import InputError
-from lfcal.base.files import read_text, replace_whole, require_space, storage_errors
-from lfcal.base.plain import plain
-from lfcal.base.progress import Clock, Work, drained
+from lfcal.base import Clock, InputError, Work, drained, plain, read_text, replace_whole, require_space, storage_errors
 from lfcal.simulate.plane_task import describe
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 

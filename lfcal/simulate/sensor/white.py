@@ -9,13 +9,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera import ScanPlan
-from lfcal.camera.lens_centre import nearest_lens
-from lfcal.camera.shadow import cutout_for
-from lfcal.simulate.effects.base import Effect
-from lfcal.simulate.effects.image import Distortion
-from lfcal.simulate.effects.lenslets import MissingLenslets
-from lfcal.simulate.effects.light import Bandwidth, FiniteSource
+from lfcal.camera import ScanPlan, cutout_for, nearest_lens
+from lfcal.simulate.effects import Bandwidth, Distortion, Effect, FiniteSource, MissingLenslets
 from lfcal.simulate.response import PlaneResponse
 
 __all__ = ["fold", "white_light", "white_tile"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.axes import centre
+from lfcal.base import centre
 
 __all__ = ["joined", "place", "sum_of"]
 

@@ -6,5 +6,6 @@ from lfcal._lazy import lazy_face
 
 if TYPE_CHECKING:
     from lfcal.work.executors._face import *  # noqa: F403
+    from lfcal.work.executors._shared import *  # noqa: F403
 
 lazy_face(__name__)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.base.registry import Registry
+from lfcal.base import Registry
 from lfcal.work.executors.base import ExecutorKind
 
 __all__ = ["EXECUTORS"]

@@ -11,9 +11,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any, Self
 
-from lfcal.base.errors import InputError, LfcalError
-from lfcal.base.progress import drain
-from lfcal.base.threads import bounded_threads, worker_count
+from lfcal.base import InputError, LfcalError, bounded_threads, drain, worker_count
 from lfcal.work.executors.base import Event, ExecutorKind, What
 from lfcal.work.executors.processes import MOMENT, WorkerLost, news, without_script
 from lfcal.work.numbers import numbered

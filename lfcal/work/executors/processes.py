@@ -15,9 +15,7 @@ from multiprocessing.connection import Connection, wait
 from types import ModuleType
 from typing import Any, Self
 
-from lfcal.base.errors import LfcalError, StorageError
-from lfcal.base.progress import Progress, drain
-from lfcal.base.threads import bounded_threads, worker_count
+from lfcal.base import LfcalError, Progress, StorageError, bounded_threads, drain, worker_count
 from lfcal.work.executors.base import Event, ExecutorKind, What
 from lfcal.work.numbers import numbered
 from lfcal.work.unit import Job

@@ -9,9 +9,7 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Self
 
-from lfcal.base.progress import Progress, Unwanted, Work, drain, wanted_while
-from lfcal.base.system import free_memory
-from lfcal.base.threads import worker_count
+from lfcal.base import Progress, Unwanted, Work, drain, free_memory, wanted_while, worker_count
 from lfcal.work.executors.base import Event, ExecutorKind, What
 from lfcal.work.numbers import numbered
 from lfcal.work.unit import Job

@@ -10,7 +10,7 @@ from PySide6.QtCore import Qt, Signal
 
 from lfcal_gui.pages.accuracy.model import ChartPoint
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets.plots import DecadeAxis, LinePlot, line_px
+from lfcal_gui.widgets import DecadeAxis, LinePlot, line_px
 
 __all__ = ["ParetoChart"]
 

@@ -9,15 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
-from lfcal.accuracy import PLACES, Curve, Rung, Subject, iter_measure_curve
-from lfcal.accuracy.base import cost_axis, format_cost
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Work
-from lfcal.base.units import format_share
-from lfcal_gui.models.form import Field
-from lfcal_gui.models.project import ProjectState
-from lfcal_gui.models.settings import PageSettings
-from lfcal_gui.models.words import typeset
+from lfcal.accuracy import PLACES, Curve, Rung, Subject, cost_axis, format_cost, iter_measure_curve
+from lfcal.base import InputError, Work, format_share
+from lfcal_gui.models import Field, PageSettings, ProjectState, typeset
 
 __all__ = [
     "FIELDS",

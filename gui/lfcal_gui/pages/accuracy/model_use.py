@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from lfcal.accuracy import Curve, Rung
-from lfcal.base.errors import LfcalError
-from lfcal_gui.models.project import ProjectState
+from lfcal.base import LfcalError
+from lfcal_gui.models import ProjectState
 
 __all__ = ["RungUse", "use_of"]
 

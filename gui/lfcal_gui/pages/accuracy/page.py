@@ -7,12 +7,11 @@ from dataclasses import replace
 from typing import Any
 
 from lfcal.accuracy import PLACES, Curve
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState, WindowJob
-from lfcal_gui.models.page import PageSpec
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import PageSpec, ProjectState
 from lfcal_gui.pages.accuracy.model import AccuracySettings, MeasuredCurves, iter_measure, key_of, subjects
 from lfcal_gui.pages.accuracy.model_use import use_of
 from lfcal_gui.pages.accuracy.panel import AccuracyPanel

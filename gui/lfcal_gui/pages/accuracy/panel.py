@@ -11,8 +11,7 @@ from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QListWidge
 from lfcal.accuracy import PLACES, Curve
 from lfcal_gui.pages.accuracy.chart import ParetoChart
 from lfcal_gui.pages.accuracy.model import FIELDS, AccuracySettings, axis_labels, points_of, words_of
-from lfcal_gui.widgets.cards import card, column_area
-from lfcal_gui.widgets.form import Form
+from lfcal_gui.widgets import Form, card, column_area
 
 __all__ = ["AccuracyPanel"]
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal_gui.models.project import ProjectState
-from lfcal_gui.models.step import PLAN_FILE, CommandStep, needed_file, needed_plan, options_of
+from lfcal_gui.models import PLAN_FILE, CommandStep, ProjectState, needed_file, needed_plan, options_of
 from lfcal_gui.pages.accuracy.model import AccuracySettings
 
 __all__ = ["step"]

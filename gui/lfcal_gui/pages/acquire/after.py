@@ -8,7 +8,7 @@ from typing import Any
 
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
-from lfcal_gui.models.filling import Filling
+from lfcal_gui.models import Filling
 from lfcal_gui.pages.acquire.model_assembly import iter_assembly
 from lfcal_gui.pages.acquire.model_stills import recipe_of
 from lfcal_gui.pages.acquire.record_panel import RecordPanel
@@ -80,7 +80,7 @@ class Afterwards:
 
     def pack(self) -> None:
         """Compress the finished recording as a job."""
-        from lfcal.acquire.finish import iter_finish
+        from lfcal.acquire import iter_finish
 
         folder = Path(self.context.state.recording)
         self.context.jobs.start(

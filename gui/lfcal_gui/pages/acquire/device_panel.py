@@ -10,8 +10,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import QComboBox, QFormLayout, QLabel, QLineEdit, QPushButton, QVBoxLayout, QWidget
 
-from lfcal_gui.widgets.cards import card, line
-from lfcal_gui.widgets.words import set_role
+from lfcal_gui.widgets import card, line, set_role
 
 __all__ = ["DevicePanel"]
 

@@ -10,7 +10,7 @@ from PySide6.QtCore import Qt
 
 from lfcal_gui.pages.acquire.model_until import ErrorCurve
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets.plots import LINES, DecadeAxis, LinePlot
+from lfcal_gui.widgets import LINES, DecadeAxis, LinePlot
 
 __all__ = ["TITLE", "ErrorView"]
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLabel, QListWidget, QPushButton, QSpinBox, QVBoxLayout, QWidget
 
-from lfcal.base.errors import LfcalError
-from lfcal.devices.simulated.faults import DeviceFault, parse_faults
+from lfcal.base import LfcalError
+from lfcal.devices.simulated import DeviceFault, parse_faults
 from lfcal_gui.pages.acquire.model_faults import COUNTED, KINDS, fault_words
-from lfcal_gui.widgets.cards import choice_box, line
-from lfcal_gui.widgets.folded import Folded
+from lfcal_gui.widgets import Folded, choice_box, line
 
 __all__ = ["FaultPanel"]
 

@@ -6,7 +6,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
 
 from lfcal_gui.pages.acquire.model_lab import KEYS
-from lfcal_gui.widgets.cards import card
+from lfcal_gui.widgets import card
 
 __all__ = ["LabPanel"]
 

@@ -7,12 +7,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from lfcal.acquire.options import Options
-from lfcal.base.checks import check_choice, check_number
-from lfcal.base.errors import InputError
+from lfcal.acquire import Options
+from lfcal.base import InputError, check_choice, check_number
 from lfcal.camera import ScanPlan
-from lfcal_gui.models.form import Field
-from lfcal_gui.models.settings import PageSettings
+from lfcal_gui.models import Field, PageSettings
 
 if TYPE_CHECKING:
     from lfcal.campaign import Goal

@@ -7,9 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lfcal.base.plain import plain
-from lfcal.base.progress import Work
-from lfcal_gui.models.kept_run import going_on, stamp_of_files
+from lfcal.base import Work, plain
+from lfcal_gui.models import going_on, stamp_of_files
 
 if TYPE_CHECKING:
     from lfcal.frames import CorrectionRecipe
@@ -30,10 +29,8 @@ def iter_assembly(
     InputError
         As `lfcal.acquire.finish.iter_assemble_session`.
     """
-    from lfcal.acquire.finish import iter_assemble_session
-    from lfcal.acquire.session_file import SessionFile
-    from lfcal.psf import iter_assemble_plan
-    from lfcal.psf.make import Reopening
+    from lfcal.acquire import SessionFile, iter_assemble_session
+    from lfcal.psf import Reopening, iter_assemble_plan
 
     if SessionFile.read(folder).target is not None:
         return (yield from _iter_points(folder, out, recipe))
@@ -51,8 +48,8 @@ def iter_assembly(
 
 def _iter_points(folder: Path, out: Path, recipe: CorrectionRecipe | None) -> Work[AssemblyReport]:
     """Assemble H of the points of a target's session that show positions."""
-    from lfcal.acquire.recording.whole_frames import TargetRecording
-    from lfcal.campaign.point_assembly import iter_assemble_points
+    from lfcal.acquire import TargetRecording
+    from lfcal.campaign import iter_assemble_points
     from lfcal.frames import CorrectionRecipe, corrected_view
     from lfcal.targets import decoded
 

@@ -12,11 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.live_coverage import SAMPLE, LiveCoverage
-from lfcal.acquire.live_quality import LiveQuality
-from lfcal.acquire.recording.reader import RecordingFile
-from lfcal.acquire.recording.records import RECORD
-from lfcal.base.errors import FileFormatError
+from lfcal.acquire import SAMPLE, LiveCoverage, LiveQuality
+from lfcal.acquire.recording import RECORD, RecordingFile
+from lfcal.base import FileFormatError
 
 __all__ = ["EarlierFrames", "EarlierRuns", "PlaneSum"]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.devices.simulated.faults import CAMERA_FAULTS, FAULTS, GAUGE_FAULTS, STAGE_FAULTS, DeviceFault
+from lfcal.devices.simulated import CAMERA_FAULTS, FAULTS, GAUGE_FAULTS, STAGE_FAULTS, DeviceFault
 
 __all__ = ["COUNTED", "KINDS", "fault_words"]
 

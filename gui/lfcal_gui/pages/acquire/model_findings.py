@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 
 from lfcal.acquire.setup import OpticalAxis, StageFit, check_stage
-from lfcal.base.errors import InputError
-from lfcal.base.units import format_length, format_seconds
+from lfcal.base import InputError, format_length, format_seconds
 from lfcal.camera import ScanPlan
 
 __all__ = ["axis_words", "exposure_words", "fit_words"]

@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import LfcalError
-from lfcal.base.units import format_length, format_seconds
+from lfcal.base import LfcalError, format_length, format_seconds
 from lfcal.camera import ScanPlan, StageAxes
-from lfcal.psf import PSFMatrix
-from lfcal.psf.cutout import Cutout
+from lfcal.psf import Cutout, PSFMatrix
 from lfcal_gui.pages.acquire.model_station import Look, cut
 
 __all__ = [
@@ -204,7 +202,7 @@ def predicted_pattern(
 
 
 def _rays(plan: ScanPlan, depth: float, point: tuple[float, float]) -> NDArray[Any] | None:
-    from lfcal.simulate.simulate import simulate_psf
+    from lfcal.simulate import simulate_psf
 
     try:
         one = replace(

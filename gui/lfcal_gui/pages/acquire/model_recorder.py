@@ -12,20 +12,24 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.blocks import coarse_order
-from lfcal.acquire.control import Control
-from lfcal.acquire.frame_plan import frame_grid, frame_positions
-from lfcal.acquire.live_coverage import LiveCoverage
-from lfcal.acquire.live_quality import LiveQuality, QualityState
-from lfcal.acquire.options import Options
-from lfcal.acquire.preview import Preview
-from lfcal.acquire.recording.records import Kind
-from lfcal.acquire.runner import Outcome
-from lfcal.acquire.schedule import ScheduledFrame, window_shape
-from lfcal.base.progress import Work
-from lfcal.base.units import format_seconds
+from lfcal.acquire import (
+    Control,
+    Kind,
+    LiveCoverage,
+    LiveQuality,
+    Options,
+    Outcome,
+    Preview,
+    QualityState,
+    ScheduledFrame,
+    coarse_order,
+    frame_grid,
+    frame_positions,
+    window_shape,
+)
+from lfcal.base import Work, format_seconds
 from lfcal.camera import ScanPlan
-from lfcal.frames.source import Position
+from lfcal.frames import Position
 from lfcal_gui.pages.acquire.model_earlier import EarlierFrames, EarlierRuns, PlaneSum
 from lfcal_gui.pages.acquire.model_station import Station
 
@@ -88,7 +92,7 @@ class Recorder:
 
     def work(self, station: Station) -> Work[Outcome]:
         """Return the recording, alone on the devices of ``station``."""
-        from lfcal.acquire.session import iter_record
+        from lfcal.acquire import iter_record
 
         if self.goal is not None:
             return station.use(self._until(station, self.goal))
@@ -221,9 +225,9 @@ class FolderState:
 
 def folder_state(folder: str) -> FolderState:
     """Return what is recorded in ``folder``; a damaged session is a problem in words, not an error."""
-    from lfcal.acquire.recording.reader import RecordingFile
-    from lfcal.acquire.session_file import SessionFile
-    from lfcal.base.errors import LfcalError
+    from lfcal.acquire import SessionFile
+    from lfcal.acquire.recording import RecordingFile
+    from lfcal.base import LfcalError
 
     if folder and (Path(folder) / "regions.json").exists():
         return FolderState(problem=ELSEWHERE.format("several regions of the field"))

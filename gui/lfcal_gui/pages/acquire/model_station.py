@@ -13,17 +13,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.control import Control
-from lfcal.acquire.preview import LiveFrame, Preview
-from lfcal.acquire.session_file import Devices
-from lfcal.acquire.setup.live import LiveState, iter_live
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Work
+from lfcal.acquire import Control, Devices, LiveFrame, Preview
+from lfcal.acquire.setup import LiveState, iter_live
+from lfcal.base import InputError, Work
 from lfcal.camera import ScanPlan
-from lfcal.devices.errors import LimitError, StageError
-from lfcal.devices.protocols import Limits, Point
-from lfcal.devices.rig import Rig
-from lfcal.devices.simulated.faults import DeviceFault
+from lfcal.devices import LimitError, Limits, Point, Rig, StageError
+from lfcal.devices.simulated import DeviceFault
 
 __all__ = ["Look", "Station", "in_limits", "open_station", "read_target"]
 
@@ -192,7 +187,7 @@ class Station:
 
     def inject(self, fault: DeviceFault) -> None:
         """Let a fault strike the simulator so many calls from now; also while a session uses it."""
-        from lfcal.devices.simulated.backend import inject
+        from lfcal.devices.simulated import inject
 
         inject(self.rig, fault)
 
@@ -217,8 +212,8 @@ class Station:
 
 def open_station(plan: ScanPlan, backend: str, options: Mapping[str, str], stage: str = "") -> Station:
     """Open the devices of ``backend`` (and the stage of another one); raises what opening raises."""
-    from lfcal.acquire.session import check_devices
-    from lfcal.devices.registry import open_rig
+    from lfcal.acquire import check_devices
+    from lfcal.devices import open_rig
 
     rig = open_rig(plan, backend, options, stage=stage)
     try:

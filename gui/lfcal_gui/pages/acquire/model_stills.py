@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.files import check_writable, replace_whole
-from lfcal.base.progress import Clock, Work
+from lfcal.base import Clock, InputError, Work, check_writable, replace_whole
 from lfcal.camera import ScanPlan
-from lfcal.frames.corrections.recipe import CorrectionRecipe
+from lfcal.frames import CorrectionRecipe
 from lfcal_gui.pages.acquire.model_station import Station
 
 __all__ = ["ASKED", "KINDS", "Stills", "iter_stills", "recipe_of", "still_files"]

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.live_coverage import CoverageState, LiveCoverage
-from lfcal.base.errors import InputError
-from lfcal.base.files import read_text
+from lfcal.acquire import CoverageState, LiveCoverage
+from lfcal.base import InputError, read_text
 from lfcal.camera import ScanPlan
-from lfcal.frames.source import Position
+from lfcal.frames import Position
 from lfcal_gui.pages.acquire.model_recorder import Recorder, RecordPicture, lamp_words, record_picture
 
 if TYPE_CHECKING:

@@ -7,12 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from lfcal.acquire.options import Options
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Progress
-from lfcal.base.units import format_share
+from lfcal.acquire import Options
+from lfcal.base import InputError, Progress, format_share
 from lfcal.camera import ScanPlan
-from lfcal.frames.described import stated_noise
+from lfcal.frames import stated_noise
 from lfcal_gui.pages.acquire.model_recorder import FolderState
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, QTimer, Signal
 
-from lfcal.base.errors import LfcalError
+from lfcal.base import LfcalError
 from lfcal_gui.context import Context
 from lfcal_gui.pages.acquire.model import target_of
 from lfcal_gui.pages.acquire.model_station import Station, read_target

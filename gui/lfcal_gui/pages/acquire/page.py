@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
-from lfcal_gui.models.page import PageSpec
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import PageSpec, ProjectState
 from lfcal_gui.pages.acquire import takes
 from lfcal_gui.pages.acquire.lab import Lab
 from lfcal_gui.pages.acquire.model import AcquireSettings

@@ -25,16 +25,13 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from lfcal.acquire.preview import LiveFrame
+from lfcal.acquire import LiveFrame
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.pages.acquire.model import EXTENTS, FIELDS, UNTIL
 from lfcal_gui.pages.acquire.model_recorder import QUANTITIES, RecordPicture
 from lfcal_gui.pages.acquire.model_until import ErrorCurve
 from lfcal_gui.pages.acquire.record_pictures import RecordPictures
-from lfcal_gui.widgets.cards import card, choice_box, column_area, heading, line
-from lfcal_gui.widgets.form import Form
-from lfcal_gui.widgets.naming import name_controls
-from lfcal_gui.widgets.words import ElidedLabel
+from lfcal_gui.widgets import ElidedLabel, Form, card, choice_box, column_area, heading, line, name_controls
 
 __all__ = ["BUTTONS", "RecordPanel"]
 

@@ -9,18 +9,23 @@ import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtWidgets import QGridLayout, QLabel, QStackedWidget, QWidget
 
-from lfcal.acquire.preview import LiveFrame
+from lfcal.acquire import LiveFrame
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.pages.acquire.error_view import TITLE, ErrorView
 from lfcal_gui.pages.acquire.model_recorder import RecordPicture
 from lfcal_gui.pages.acquire.model_until import ErrorCurve
-from lfcal_gui.widgets.cards import card
-from lfcal_gui.widgets.frame_view import FrameView
-from lfcal_gui.widgets.image_view import ImageView
-from lfcal_gui.widgets.naming import name_controls
-from lfcal_gui.widgets.period_map import PeriodMap
-from lfcal_gui.widgets.plots import LINES, LinePlot, line_px, style_axes
-from lfcal_gui.widgets.words import ElidedLabel
+from lfcal_gui.widgets import (
+    LINES,
+    ElidedLabel,
+    FrameView,
+    ImageView,
+    LinePlot,
+    PeriodMap,
+    card,
+    line_px,
+    name_controls,
+    style_axes,
+)
 
 __all__ = ["RecordPictures"]
 

@@ -9,14 +9,12 @@ from typing import Any
 
 from PySide6.QtCore import QObject, QTimer, Signal
 
-from lfcal.acquire.session import check_fixed
-from lfcal.base.errors import LfcalError, StorageError
-from lfcal.base.units import format_length
-from lfcal.frames.source import Position
+from lfcal.acquire import check_fixed
+from lfcal.base import LfcalError, StorageError, format_length
+from lfcal.frames import Position
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
-from lfcal_gui.models.project import Hold, ProjectState
-from lfcal_gui.models.words import plane_words, said_in_window
+from lfcal_gui.models import Hold, ProjectState, plane_words, said_in_window
 from lfcal_gui.pages.acquire.after import Afterwards
 from lfcal_gui.pages.acquire.folder_choice import FolderChoice
 from lfcal_gui.pages.acquire.model import AcquireSettings

@@ -10,21 +10,26 @@ from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QHBoxLayout, QLabel, QP
 
 from lfcal.camera import ScanPlan
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.models.display import DisplaySettings
+from lfcal_gui.models import DisplaySettings
 from lfcal_gui.pages.acquire.device_panel import DevicePanel
 from lfcal_gui.pages.acquire.fault_panel import FaultPanel
 from lfcal_gui.pages.acquire.model_live import LivePicture, age_words, expected_words
 from lfcal_gui.pages.acquire.model_stills import KINDS
 from lfcal_gui.pages.acquire.stage_panel import StagePanel
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets.axis_arrows import AxisArrows
-from lfcal_gui.widgets.blank import NOTHING
-from lfcal_gui.widgets.cards import card, column_area, heading, line
-from lfcal_gui.widgets.frame_view import FrameView
-from lfcal_gui.widgets.image_view import ImageView
-from lfcal_gui.widgets.plots import LinePlot
-from lfcal_gui.widgets.splitting import split
-from lfcal_gui.widgets.words import ElidedLabel
+from lfcal_gui.widgets import (
+    NOTHING,
+    AxisArrows,
+    ElidedLabel,
+    FrameView,
+    ImageView,
+    LinePlot,
+    card,
+    column_area,
+    heading,
+    line,
+    split,
+)
 
 __all__ = ["FINDINGS", "SetupPanel"]
 

@@ -9,12 +9,12 @@ from typing import Any
 
 from PySide6.QtCore import QObject, QTimer, Signal
 
-from lfcal.acquire.session_file import optics_of
-from lfcal.base.errors import LfcalError
-from lfcal.devices.simulated.faults import DeviceFault
+from lfcal.acquire import optics_of
+from lfcal.base import LfcalError
+from lfcal.devices.simulated import DeviceFault
 from lfcal.psf import PSFMatrix
 from lfcal_gui.context import Context
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import ProjectState
 from lfcal_gui.pages.acquire.measuring import SetupMeasuring
 from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.pages.acquire.model_faults import fault_words
@@ -264,7 +264,7 @@ class SetupTab(QObject):
 
 def _backends() -> tuple[Any, dict[str, Any], dict[str, bool]]:
     """Return what was found, the options of each backend, and whether it brings a stage."""
-    from lfcal.devices.registry import find_backends, get_backend
+    from lfcal.devices import find_backends, get_backend
 
     findings = find_backends()
     options, stages = {}, {}

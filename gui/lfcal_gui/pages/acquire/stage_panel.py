@@ -15,8 +15,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from lfcal.base.units import format_length
-from lfcal_gui.widgets.cards import card, heading, line
+from lfcal.base import format_length
+from lfcal_gui.widgets import card, heading, line
 
 __all__ = ["StagePanel"]
 

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from lfcal.acquire.control import Control
-from lfcal.acquire.options import Options
-from lfcal.acquire.session_file import Devices
-from lfcal.base.progress import Progress
-from lfcal.base.units import format_seconds
+from lfcal.acquire import Control, Devices, Options
+from lfcal.base import Progress, format_seconds
 from lfcal_gui.jobs import JobState, WindowJob
 from lfcal_gui.pages.acquire.model_recorder import FolderState, Recorder
 from lfcal_gui.pages.acquire.model_until import until_words

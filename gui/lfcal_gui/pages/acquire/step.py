@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from lfcal.acquire import RedoList
-from lfcal.base.errors import InputError
-from lfcal.frames.corrections.recipe import CorrectionRecipe
-from lfcal_gui.models.project import ProjectState
-from lfcal_gui.models.step import PLAN_FILE, CommandStep, needed_plan, options_of
+from lfcal.base import InputError
+from lfcal.frames import CorrectionRecipe
+from lfcal_gui.models import PLAN_FILE, CommandStep, ProjectState, needed_plan, options_of
 from lfcal_gui.pages.acquire.model import AcquireSettings
 
 __all__ = ["assembled", "step"]

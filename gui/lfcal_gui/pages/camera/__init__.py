@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lfcal_gui.models.page import PageSpec, PageState, Sketch
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import PageSpec, PageState, ProjectState, Sketch
 
 __all__ = ["PAGE"]
 

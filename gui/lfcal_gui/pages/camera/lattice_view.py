@@ -6,11 +6,10 @@ import pyqtgraph as pg
 from PySide6.QtCore import QRectF
 from PySide6.QtWidgets import QLabel, QStackedWidget, QVBoxLayout, QWidget
 
-from lfcal_gui.models.display import DisplaySettings
+from lfcal_gui.models import DisplaySettings
 from lfcal_gui.pages.camera.model_check import Checked
 from lfcal_gui.pages.camera.model_lattice_map import DISTORTION, RESIDUALS, LatticeMap
-from lfcal_gui.widgets.cards import choice_box
-from lfcal_gui.widgets.image_view import ImageView
+from lfcal_gui.widgets import ImageView, choice_box
 
 __all__ = ["LatticeView"]
 

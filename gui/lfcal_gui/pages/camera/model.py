@@ -7,7 +7,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from lfcal.base.errors import LfcalError
+from lfcal.base import LfcalError
 from lfcal.camera import Camera, Derived, LensletLattice, LensType, MainLens, Microscope, Sensor, derived_of, doubts
 from lfcal_gui.pages.camera.model_fields import MAIN_LENS, MICROSCOPE, SENSOR
 from lfcal_gui.pages.camera.model_marks import stated

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.progress import Clock, Work
+from lfcal.base import Clock, Work
 from lfcal.camera import Camera
-from lfcal.frames import read_image
-from lfcal.frames.corrections.recipe import read_average
-from lfcal.frames.white_orientation import compared_orientations
-from lfcal.lattice.camera_check import CameraCheck, check_camera
+from lfcal.frames import compared_orientations, read_image
+from lfcal.frames.corrections import read_average
+from lfcal.lattice import CameraCheck, check_camera
 from lfcal_gui.pages.camera.model_lattice_map import DISTORTION, RESIDUALS, LatticeMap, distortion_map, residual_map
 
 __all__ = ["Checked", "iter_check"]

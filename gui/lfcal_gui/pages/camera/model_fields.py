@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from lfcal_gui.models.form import Field
+from lfcal_gui.models import Field
 
 __all__ = ["LATTICE", "LIGHT", "MAIN_LENS", "MICROSCOPE", "SENSOR"]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.lattice.lattice_fit import LatticeFit
+from lfcal.lattice import LatticeFit
 
 __all__ = ["DISTORTION", "RESIDUALS", "LatticeMap", "distortion_map", "lattice_words", "residual_map"]
 

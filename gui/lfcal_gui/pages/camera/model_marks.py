@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from lfcal.base.errors import LfcalError
+from lfcal.base import LfcalError
 from lfcal.camera import Camera, Marks, ScanPlan, quantities_of, value_at
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import ProjectState
 
 __all__ = ["TIPS", "Assumed", "assumed_values", "confirmed", "mark_of", "path_of", "state_with", "stated"]
 

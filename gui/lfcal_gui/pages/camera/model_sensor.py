@@ -8,13 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Work
+from lfcal.base import InputError, Work
 from lfcal.camera import Camera
-from lfcal.frames.photon_transfer.frame_list import find_frames
-from lfcal.frames.photon_transfer.measurement import iter_measure_sensor
-from lfcal.frames.photon_transfer.result import SensorMeasurement
-from lfcal.frames.photon_transfer.summary import figures_of, unlike
+from lfcal.frames.photon_transfer import SensorMeasurement, figures_of, find_frames, iter_measure_sensor, unlike
 
 __all__ = ["Curves", "curves_of", "iter_sensor", "rows_of", "taken", "words_of"]
 

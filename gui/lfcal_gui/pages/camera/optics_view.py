@@ -8,10 +8,10 @@ from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QPainter, QPainterPath, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
-from lfcal.base.units import format_length
+from lfcal.base import format_length
 from lfcal.camera import Camera, MainLens, preset
 from lfcal_gui.theme import TYPE_COLOURS, current_theme
-from lfcal_gui.widgets.picture_menu import offer_menu
+from lfcal_gui.widgets import offer_menu
 
 __all__ = ["OpticsView"]
 

@@ -9,12 +9,11 @@ from typing import Any
 from PySide6.QtWidgets import QFileDialog
 
 from lfcal.camera import CAMERA_FORMATS, Camera, Imported, doubts, import_camera, preset
-from lfcal.frames.formats.opening import image_suffixes
+from lfcal.frames.formats import image_suffixes
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
-from lfcal_gui.models.page import PageSpec
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import PageSpec, ProjectState
 from lfcal_gui.pages.camera import takes
 from lfcal_gui.pages.camera.model import apply_change
 from lfcal_gui.pages.camera.model_check import Checked, iter_check

@@ -6,7 +6,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QGridLayout, QLabel, QPushButton, QScrollArea, QVBoxLayout, QWidget
 
 from lfcal_gui.pages.camera.model_marks import Assumed
-from lfcal_gui.widgets.cards import clear, line
+from lfcal_gui.widgets import clear, line
 
 __all__ = ["AssumedList"]
 

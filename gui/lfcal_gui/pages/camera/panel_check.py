@@ -15,15 +15,14 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from lfcal.lattice.camera_check import DIFFERS, FITS, WRONG
+from lfcal.lattice import DIFFERS, FITS, WRONG
 from lfcal_gui.base_page import EmptyState
-from lfcal_gui.models.words import typeset
+from lfcal_gui.models import typeset
 from lfcal_gui.pages.camera.lattice_view import LatticeView
 from lfcal_gui.pages.camera.model_check import Checked
 from lfcal_gui.pages.camera.model_lattice_map import lattice_words
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets.cards import line
-from lfcal_gui.widgets.words import WrappedLabel
+from lfcal_gui.widgets import WrappedLabel, line
 
 __all__ = ["CheckPanel"]
 

@@ -22,11 +22,11 @@ from PySide6.QtWidgets import (
 )
 
 from lfcal.camera import Camera
-from lfcal.frames.photon_transfer.result import SensorMeasurement
+from lfcal.frames.photon_transfer import SensorMeasurement
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
 from lfcal_gui.pages.camera.model_sensor import curves_of, iter_sensor, rows_of, taken, words_of
-from lfcal_gui.widgets.plots import LINES, LinePlot
+from lfcal_gui.widgets import LINES, LinePlot
 
 __all__ = ["SensorDialog"]
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal_gui.models.project import ProjectState
-from lfcal_gui.models.step import CAMERA_FILE, CommandStep
+from lfcal_gui.models import CAMERA_FILE, CommandStep, ProjectState
 
 __all__ = ["step"]
 

@@ -10,8 +10,7 @@
 
 from __future__ import annotations
 
-from lfcal_gui.models.page import PageSpec, PageState, Sketch, found_state, nothing
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import PageSpec, PageState, ProjectState, Sketch, found_state, nothing
 
 __all__ = ["PAGE"]
 

@@ -17,12 +17,9 @@ from PySide6.QtWidgets import (
 )
 
 from lfcal.fit import Fit
-from lfcal_gui.models.project import ProjectState
-from lfcal_gui.models.words import typeset
+from lfcal_gui.models import ProjectState, typeset
 from lfcal_gui.pages.fit.model import FIELDS, FitSettings, Offer, group_rows
-from lfcal_gui.widgets.cards import card, choice_box, scrolling
-from lfcal_gui.widgets.form import Form
-from lfcal_gui.widgets.words import WrappedLabel, set_role
+from lfcal_gui.widgets import Form, WrappedLabel, card, choice_box, scrolling, set_role
 
 __all__ = ["ChoicesPanel"]
 

@@ -13,7 +13,7 @@ from lfcal_gui.pages.fit.model_words import COLUMNS, NUMBERS, findings_of, param
 from lfcal_gui.pages.fit.patterns_view import PatternsView
 from lfcal_gui.pages.fit.rounds_view import RoundsView
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets.rows_table import RowsTable
+from lfcal_gui.widgets import RowsTable
 
 __all__ = ["FoundTabs"]
 

@@ -9,17 +9,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import Camera, ScanPlan
-from lfcal.fit import GROUPS
-from lfcal.fit.lacking import lacking
-from lfcal.fit.setup import Setup, called_for
+from lfcal.fit import GROUPS, Setup, called_for, lacking
 from lfcal.psf import PSFMatrix
-from lfcal_gui.models.form import Field
-from lfcal_gui.models.project import ProjectState
-from lfcal_gui.models.settings import PageSettings
-from lfcal_gui.models.stamp import Stamp
-from lfcal_gui.models.stamp import stamp_of as file_stamp
+from lfcal_gui.models import Field, PageSettings, ProjectState, Stamp
+from lfcal_gui.models import stamp_of as file_stamp
 
 __all__ = [
     "CORE",

@@ -9,15 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Progress, Work
+from lfcal.base import InputError, Progress, Work
 from lfcal.camera import Camera, ScanPlan
-from lfcal.fit import Fit, FitProgress, Measured, iter_fit_camera, measured_of
-from lfcal.fit.drawing import leftover_of
-from lfcal.fit.model import Fineness, predict
-from lfcal.psf import PSFMatrix
-from lfcal.psf.provenance import light_shares
-from lfcal_gui.models.project import ProjectState
+from lfcal.fit import Fineness, Fit, FitProgress, Measured, iter_fit_camera, leftover_of, measured_of, predict
+from lfcal.psf import PSFMatrix, light_shares
+from lfcal_gui.models import ProjectState
 from lfcal_gui.pages.fit.model import FitSettings, Stamp, lacking_of, offer_of, stamp_of
 
 __all__ = ["FitRequest", "FitRun", "FoundFit", "Place", "asked_of", "iter_fit", "iter_taken"]

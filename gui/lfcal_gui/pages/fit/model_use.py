@@ -6,12 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from lfcal.base.errors import LfcalError
-from lfcal.base.plain import plain
-from lfcal.fit import Fit
-from lfcal.fit.files import measured_camera
+from lfcal.base import LfcalError, plain
+from lfcal.fit import Fit, measured_camera
 from lfcal.simulate.effects import CATALOGUE
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import ProjectState
 
 __all__ = ["FitUse", "use_of"]
 

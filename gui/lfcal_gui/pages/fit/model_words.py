@@ -6,9 +6,9 @@ import math
 import re
 from dataclasses import dataclass
 
-from lfcal.base.units import format_length, format_share
+from lfcal.base import format_length, format_share
 from lfcal.fit import GROUPS, Fit, Outlier, Parameter
-from lfcal_gui.models.words import typeset
+from lfcal_gui.models import typeset
 from lfcal_gui.pages.fit.model_run import FoundFit, Place
 
 __all__ = [

@@ -8,16 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Work
-from lfcal.base.units import format_seconds
+from lfcal.base import InputError, Work, format_seconds
 from lfcal.fit import Fit
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
-from lfcal_gui.models.fitted import FittedCamera
-from lfcal_gui.models.page import PageSpec, with_found
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import FittedCamera, PageSpec, ProjectState, with_found
 from lfcal_gui.pages.fit.model import FitSettings, Stamp, offer_of, stamp_of
 from lfcal_gui.pages.fit.model_run import FitRun, FoundFit, Place, asked_of, iter_fit, iter_taken
 from lfcal_gui.pages.fit.model_use import FitUse, use_of

@@ -18,7 +18,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from lfcal.base.progress import Progress
+from lfcal.base import Progress
 from lfcal.fit import FitProgress
 from lfcal_gui.pages.fit.choices_panel import ChoicesPanel
 from lfcal_gui.pages.fit.found_tabs import FoundTabs
@@ -27,8 +27,7 @@ from lfcal_gui.pages.fit.model_words import detail_of, merit_of, verdict_of
 from lfcal_gui.pages.fit.patterns_view import PatternsView
 from lfcal_gui.pages.fit.rounds_view import RoundsView
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets.cards import card
-from lfcal_gui.widgets.naming import name_controls
+from lfcal_gui.widgets import card, name_controls
 
 __all__ = ["FitPanel"]
 

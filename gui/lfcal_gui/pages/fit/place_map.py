@@ -12,10 +12,16 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from lfcal_gui.pages.fit.model_run import FoundFit, Place
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets.colour_bar import ColourBar, theme_table
-from lfcal_gui.widgets.picture_menu import offer_menu, table_entries
-from lfcal_gui.widgets.pixel_axis import count_pixels, pixel_axes
-from lfcal_gui.widgets.plots import style_axes, theme_plot
+from lfcal_gui.widgets import (
+    ColourBar,
+    count_pixels,
+    offer_menu,
+    pixel_axes,
+    style_axes,
+    table_entries,
+    theme_plot,
+    theme_table,
+)
 
 __all__ = ["PlaceMap"]
 

@@ -11,9 +11,7 @@ from PySide6.QtCore import QUrl
 from PySide6.QtGui import QDesktopServices
 from PySide6.QtWidgets import QFileDialog
 
-from lfcal.fit.files import iter_write_model
-from lfcal.fit.report import iter_fit_report
-from lfcal.fit.writing import MODEL, REPORT, fit_outputs, iter_write_fit
+from lfcal.fit import MODEL, REPORT, fit_outputs, iter_fit_report, iter_write_fit, iter_write_model
 from lfcal_gui.jobs import WindowJob
 from lfcal_gui.pages.fit.model_run import FoundFit
 from lfcal_gui.pages.fit.step import step

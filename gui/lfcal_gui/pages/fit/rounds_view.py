@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QLabel, QVBoxLayout, QWidget
 
 from lfcal.fit import FitProgress
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets.plots import LINES, DecadeAxis, LinePlot, line_px
+from lfcal_gui.widgets import LINES, DecadeAxis, LinePlot, line_px
 
 __all__ = ["RoundsView"]
 

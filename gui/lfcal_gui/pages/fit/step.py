@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal_gui.models.project import ProjectState
-from lfcal_gui.models.step import CAMERA_FILE, CommandStep, needed_file, options_of
+from lfcal_gui.models import CAMERA_FILE, CommandStep, ProjectState, needed_file, options_of
 from lfcal_gui.pages.fit.model import FitSettings
 
 __all__ = ["step"]

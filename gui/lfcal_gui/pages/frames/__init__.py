@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from lfcal_gui.models.page import PageSpec, PageState, Sketch, file_state
-from lfcal_gui.models.project import ProjectState
+from lfcal.base import lazy_face
+from lfcal_gui.models import PageSpec, PageState, ProjectState, Sketch, file_state
+
+if TYPE_CHECKING:
+    from lfcal_gui.pages.frames._shared import *  # noqa: F403
 
 __all__ = ["PAGE"]
 
@@ -23,7 +27,7 @@ def icon(sketch: Sketch) -> None:
 
 def takes(path: str) -> bool:
     """Return whether it is a folder, or may be a list of frames."""
-    from lfcal.frames.lists.table import TABLE_SUFFIXES
+    from lfcal.frames.lists import TABLE_SUFFIXES
 
     return Path(path).is_dir() or Path(path).suffix.lower() in TABLE_SUFFIXES
 
@@ -45,3 +49,5 @@ PAGE = PageSpec(
         ("L, G", "log or gamma scaling of the pictures"),
     ),
 )
+
+lazy_face(__name__)

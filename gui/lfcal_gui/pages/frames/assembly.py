@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from lfcal.base.progress import Work
-from lfcal.frames.corrections.recipe import check_turned_colours
-from lfcal.frames.oriented import oriented
-from lfcal.psf.upright import iter_upright
-from lfcal_gui.models.kept_run import going_on, stamp_of_files
+from lfcal.base import Work
+from lfcal.frames import check_turned_colours, oriented
+from lfcal.psf import iter_upright
+from lfcal_gui.models import going_on, stamp_of_files
 from lfcal_gui.pages.frames.model import Opened
 
 if TYPE_CHECKING:
@@ -28,8 +27,7 @@ def iter_assembly(opened: Opened, path: str) -> Work[AssemblyReport]:
     InputError
         As `lfcal.psf.upright.iter_upright` and `lfcal.psf.iter_assemble_plan`.
     """
-    from lfcal.psf import AssemblySettings, iter_assemble_plan
-    from lfcal.psf.make import Reopening
+    from lfcal.psf import AssemblySettings, Reopening, iter_assemble_plan
 
     given = opened.delivered
     notes = given.frames.metadata.notes

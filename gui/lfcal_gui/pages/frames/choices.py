@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QCheckBox, QComboBox, QFormLayout, QHBoxLayout, QL
 
 from lfcal_gui.pages.frames.model import CORRECTIONS, WAYS, FrameSettings
 from lfcal_gui.pages.frames.orientation import CHOICES
-from lfcal_gui.widgets.cards import SPACING, choice_box, heading
+from lfcal_gui.widgets import SPACING, choice_box, heading
 
 __all__ = ["FrameChoices"]
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from PySide6.QtCore import QSignalBlocker, Signal
 from PySide6.QtWidgets import QAbstractItemView, QComboBox, QTableWidget, QTableWidgetItem
 
-from lfcal.frames.lists.columns import Column
-from lfcal.frames.lists.table import Table
+from lfcal.frames.lists import Column, Table
 from lfcal_gui.pages.frames.list_columns import HOLDS, columns_text, not_held, unit_shown, units_of
-from lfcal_gui.widgets.cards import choice_box
+from lfcal_gui.widgets import choice_box
 
 __all__ = ["ColumnsTable"]
 

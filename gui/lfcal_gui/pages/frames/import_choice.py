@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from lfcal.base.errors import InputError
-from lfcal.frames.lists.table import TABLE_SUFFIXES
+from lfcal.base import InputError
+from lfcal.frames.lists import TABLE_SUFFIXES
 
 __all__ = ["ImportChoice", "check_ways", "list_of", "root_of"]
 

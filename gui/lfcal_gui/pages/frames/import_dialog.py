@@ -24,14 +24,13 @@ from PySide6.QtWidgets import (
 
 from lfcal.camera import Camera, ScanPlan
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.models.words import said_in_window
+from lfcal_gui.models import said_in_window
 from lfcal_gui.pages.frames.columns_table import ColumnsTable
 from lfcal_gui.pages.frames.import_choice import ImportChoice
 from lfcal_gui.pages.frames.import_previews import ImportPreviews
 from lfcal_gui.pages.frames.model_import import Survey, survey
 from lfcal_gui.pages.frames.orientation import CHOICES
-from lfcal_gui.widgets.cards import choice_box, clear
-from lfcal_gui.widgets.words import set_role
+from lfcal_gui.widgets import choice_box, clear, set_role
 
 __all__ = ["ImportDialog"]
 

@@ -7,8 +7,7 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QStackedLayout, QVBoxLayout, 
 
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.pages.frames.model_frame import Loaded
-from lfcal_gui.widgets.cards import heading
-from lfcal_gui.widgets.frame_view import FrameView
+from lfcal_gui.widgets import FrameView, heading
 
 __all__ = ["ImportPreviews"]
 

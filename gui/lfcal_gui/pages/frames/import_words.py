@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal_gui.models.words import said_in_window
+from lfcal_gui.models import said_in_window
 
 __all__ = ["said_in_dialog"]
 

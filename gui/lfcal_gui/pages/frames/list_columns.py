@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from lfcal.base.errors import InputError
-from lfcal.frames.lists.columns import LENGTHS, TIMES, Column, clear_columns, find_columns, parse_columns
-from lfcal.frames.lists.table import Table
+from lfcal.base import InputError
+from lfcal.frames.lists import LENGTHS, TIMES, Column, Table, clear_columns, find_columns, parse_columns
 
 __all__ = ["HOLDS", "columns_text", "columns_used", "not_held", "unit_shown", "units_of"]
 

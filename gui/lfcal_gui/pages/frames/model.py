@@ -10,21 +10,16 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.files import read_text
-from lfcal.base.progress import drain
+from lfcal.base import drain, read_text
 from lfcal.camera import ScanPlan
-from lfcal.frames.orientation import named_orientation
-from lfcal.frames.part import parse_origin
-from lfcal.frames.source import FrameSource, Position
-from lfcal.psf.cutout import INTERPOLATIONS
-from lfcal.psf.upright import CHECK
-from lfcal_gui.models.settings import PageSettings
+from lfcal.frames import FrameSource, Position, named_orientation, parse_origin
+from lfcal.psf import CHECK, INTERPOLATIONS
+from lfcal_gui.models import PageSettings
 from lfcal_gui.pages.frames.import_choice import ImportChoice, list_of
 from lfcal_gui.pages.frames.orientation import turned
 
 if TYPE_CHECKING:
-    from lfcal.frames import CorrectionChain, CorrectionRecipe, Frames
-    from lfcal.frames.corrections.corrected import CorrectedSource
+    from lfcal.frames import CorrectedSource, CorrectionChain, CorrectionRecipe, Frames
 
 __all__ = [
     "CORRECTIONS",
@@ -208,8 +203,7 @@ class Opened:
 
 def open_source(folder: str, settings: FrameSettings, plan: ScanPlan | None) -> Frames:
     """Open frames as they lie in their files, as the settings say; raises what opening raises."""
-    from lfcal.frames import open_frames
-    from lfcal.frames.components import open_component
+    from lfcal.frames import open_component, open_frames
 
     opening = partial(
         open_frames,
@@ -229,8 +223,7 @@ def open_source(folder: str, settings: FrameSettings, plan: ScanPlan | None) -> 
 
 def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opened:
     """Open frames and corrections as the settings say; raises what opening raises."""
-    from lfcal.frames import corrected_view, iter_undamaged
-    from lfcal.frames.colour_scan import ThinnedSource, colour_scan
+    from lfcal.frames import ThinnedSource, colour_scan, corrected_view, iter_undamaged
 
     source = open_source(folder, settings, plan)
     if settings.skip_damaged:
@@ -281,7 +274,7 @@ def _recipe(settings: FrameSettings, channel: str) -> CorrectionRecipe:
 def _dark_words(chain: CorrectionChain) -> str:
     """Return what the corrections subtract as no light; empty: nothing."""
     from lfcal.frames import Dark
-    from lfcal.frames.corrections.steps import DarkSet
+    from lfcal.frames.corrections import DarkSet
 
     for step in chain.steps:
         if isinstance(step, DarkSet):

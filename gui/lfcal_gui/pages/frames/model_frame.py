@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.frames.source import Position
-from lfcal.psf.cutout import Cutout, Window
-from lfcal_gui.models.frame_view import FrameNumbers, frame_numbers
+from lfcal.frames import Position
+from lfcal.psf import Cutout, Window
+from lfcal_gui.models import FrameNumbers, frame_numbers
 from lfcal_gui.pages.frames.model import Opened
 from lfcal_gui.pages.frames.orientation import turned
 

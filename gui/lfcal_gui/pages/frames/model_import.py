@@ -7,19 +7,20 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from lfcal.base.errors import FileFormatError, InputError, LfcalError, StorageError
-from lfcal.base.files import read_text
+from lfcal.base import FileFormatError, InputError, LfcalError, StorageError, read_text
 from lfcal.camera import Camera, ScanPlan
-from lfcal.frames.aligned import find_shift
-from lfcal.frames.colour_scan import colours_of
-from lfcal.frames.components import COMPONENTS
-from lfcal.frames.lists.columns import Column
-from lfcal.frames.lists.derived import plan_of_list
-from lfcal.frames.lists.entries import located
-from lfcal.frames.lists.open_table import any_listing, is_plain, reader
-from lfcal.frames.lists.table import TABLE_SUFFIXES, Table, read_table
-from lfcal.frames.orientation import named_orientation
-from lfcal.frames.source import Position
+from lfcal.frames import COMPONENTS, Position, colours_of, find_shift, named_orientation
+from lfcal.frames.lists import (
+    TABLE_SUFFIXES,
+    Column,
+    Table,
+    any_listing,
+    is_plain,
+    located,
+    plan_of_list,
+    read_table,
+    reader,
+)
 from lfcal_gui.pages.frames.import_choice import ImportChoice, check_ways, list_of, root_of
 from lfcal_gui.pages.frames.import_words import said_in_dialog
 from lfcal_gui.pages.frames.list_columns import columns_used

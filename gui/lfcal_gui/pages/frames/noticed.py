@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from lfcal.frames.orientation import ORIENTATIONS
-from lfcal.psf.orientation import FoundOrientation
+from lfcal.frames import ORIENTATIONS
+from lfcal.psf import FoundOrientation
 from lfcal_gui.context import Context
 from lfcal_gui.notice import Notice
 from lfcal_gui.pages.frames.model import Opened

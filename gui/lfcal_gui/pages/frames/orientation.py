@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import ScanPlan
-from lfcal.frames.orientation import AS_IS, ORIENTATIONS, named_orientation
-from lfcal.frames.oriented import oriented
-from lfcal.frames.source import FrameSource
-from lfcal.psf.orientation import FoundOrientation
-from lfcal.psf.upright import CHECK, check_found
-from lfcal_gui.models.words import said_in_window
+from lfcal.frames import AS_IS, ORIENTATIONS, FrameSource, named_orientation, oriented
+from lfcal.psf import CHECK, FoundOrientation, check_found
+from lfcal_gui.models import said_in_window
 
 __all__ = ["CHOICES", "Advice", "advice", "other_sensor", "refusal", "turned"]
 

@@ -10,15 +10,13 @@ from typing import Any
 from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QFileDialog
 
-from lfcal.frames.lists.table import TABLE_SUFFIXES
-from lfcal.frames.source import Position
-from lfcal.psf.orientation import FoundOrientation, find_orientation
+from lfcal.frames import Position
+from lfcal.frames.lists import TABLE_SUFFIXES
+from lfcal.psf import FoundOrientation, find_orientation
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
-from lfcal_gui.models.filling import Filling
-from lfcal_gui.models.page import PageSpec
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import Filling, PageSpec, ProjectState
 from lfcal_gui.pages.frames.assembly import iter_assembly, notes_of
 from lfcal_gui.pages.frames.import_dialog import ImportDialog
 from lfcal_gui.pages.frames.model import FrameSettings, ImportedFrames, Opened, import_folder, open_imported

@@ -21,18 +21,11 @@ from PySide6.QtWidgets import (
 
 from lfcal.camera import Camera
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.models.display import DisplaySettings
-from lfcal_gui.models.frame_view import FrameNumbers
+from lfcal_gui.models import DisplaySettings, FrameNumbers
 from lfcal_gui.pages.frames.choices import FrameChoices
 from lfcal_gui.pages.frames.model_frame import Loaded
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets.cards import card, choice_box, heading
-from lfcal_gui.widgets.frame_view import FrameView
-from lfcal_gui.widgets.image_view import ImageView
-from lfcal_gui.widgets.period_map import PeriodMap
-from lfcal_gui.widgets.plots import LinePlot
-from lfcal_gui.widgets.splitting import split
-from lfcal_gui.widgets.words import WrappedLabel
+from lfcal_gui.widgets import FrameView, ImageView, LinePlot, PeriodMap, WrappedLabel, card, choice_box, heading, split
 
 __all__ = ["FramesPanel"]
 

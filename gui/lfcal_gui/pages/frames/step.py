@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from lfcal.frames.part import parse_origin
-from lfcal_gui.models.project import ProjectState
-from lfcal_gui.models.step import PLAN_FILE, CommandStep, needed_file, needed_plan, options_of
+from lfcal.frames import parse_origin
+from lfcal_gui.models import PLAN_FILE, CommandStep, ProjectState, needed_file, needed_plan, options_of
 from lfcal_gui.pages.frames.model import FrameSettings
 
 __all__ = ["step"]

@@ -6,9 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.multiplex.gains import gain_map
-from lfcal.multiplex.noise import camera_chi2
-from lfcal.multiplex.paper import paper_figure
+from lfcal.multiplex import camera_chi2, gain_map, paper_figure
 from lfcal_gui.context import Context
 from lfcal_gui.pages.multiplex.figures_view import MAP, FiguresView
 from lfcal_gui.pages.multiplex.model import MultiplexSettings

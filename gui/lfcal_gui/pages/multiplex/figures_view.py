@@ -10,15 +10,10 @@ from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QStackedWidget, QVBoxLayout, QWidget
 
-from lfcal.multiplex.gains import GainMap
-from lfcal.multiplex.noise import GainCurves
-from lfcal.multiplex.paper import FIGURES, PaperFigure, PaperPanel
+from lfcal.multiplex import FIGURES, GainCurves, GainMap, PaperFigure, PaperPanel
 from lfcal_gui.pages.multiplex.matrix_view import MatrixView
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets.cards import card, choice_box, line
-from lfcal_gui.widgets.naming import name_controls
-from lfcal_gui.widgets.plots import LINES, LinePlot, shown_tone, style_axes
-from lfcal_gui.widgets.words import set_role
+from lfcal_gui.widgets import LINES, LinePlot, card, choice_box, line, name_controls, set_role, shown_tone, style_axes
 
 __all__ = ["MAP", "FiguresView"]
 

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal_gui.widgets.colour_bar import ColourBar
-from lfcal_gui.widgets.image_view import ImageView
+from lfcal_gui.widgets import ColourBar, ImageView
 
 __all__ = ["MatrixView"]
 

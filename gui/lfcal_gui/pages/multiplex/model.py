@@ -10,13 +10,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number
-from lfcal.base.errors import InputError
-from lfcal.multiplex.colour_filters import CFA_PATTERNS, cfa, parse_pattern
-from lfcal.multiplex.masks import MASKS, mask, mask_pattern
-from lfcal.multiplex.modulator import Modulator
-from lfcal.multiplex.naming import modulator_of
-from lfcal_gui.models.settings import PageSettings
+from lfcal.base import InputError, check_number
+from lfcal.multiplex import CFA_PATTERNS, MASKS, Modulator, cfa, mask, mask_pattern, modulator_of, parse_pattern
+from lfcal_gui.models import PageSettings
 from lfcal_gui.pages.multiplex.model_fields import FIELDS, MAX_SIZE, SEARCH_FIELDS, TYPED
 
 __all__ = [

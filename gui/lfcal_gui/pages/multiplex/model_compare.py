@@ -8,17 +8,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import Sensor
-from lfcal.multiplex.colour_error import colour_error
-from lfcal.multiplex.colour_filters import parse_pattern
-from lfcal.multiplex.gains import sensor_gain
-from lfcal.multiplex.modulator import Modulator
-from lfcal.multiplex.noise import GainCurves, camera_chi2, gain_curves
-from lfcal.multiplex.resolution import modulation_transfer
-from lfcal.multiplex.sensor_noise import sensor_noise
-from lfcal.multiplex.spectra import shipped_spectra
-from lfcal.multiplex.summary import ModulatorNumbers, describe
+from lfcal.multiplex import (
+    GainCurves,
+    Modulator,
+    ModulatorNumbers,
+    camera_chi2,
+    colour_error,
+    describe,
+    gain_curves,
+    modulation_transfer,
+    parse_pattern,
+    sensor_gain,
+    sensor_noise,
+    shipped_spectra,
+)
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.pages.multiplex.model_fields import TYPED
 

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS
-from lfcal.multiplex.filters import SPATIAL_FILTERS
-from lfcal.multiplex.masks import MASKS
-from lfcal.multiplex.naming import GRAMMAR
-from lfcal_gui.models.form import Field
+from lfcal.multiplex import CFA_PATTERNS, FILTERS, GRAMMAR, MASKS, SPATIAL_FILTERS
+from lfcal_gui.models import Field
 
 __all__ = ["FIELDS", "MAX_SIZE", "ROUTE_FIELDS", "SEARCH_FIELDS", "TYPED"]
 

@@ -9,12 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import FileFormatError, InputError, LfcalError
+from lfcal.base import FileFormatError, InputError, LfcalError
 from lfcal.camera import Camera, Sensor
-from lfcal.multiplex.black_level import black_level_map
-from lfcal.multiplex.demultiplexing import multiplex
-from lfcal.multiplex.modulator import Modulator
-from lfcal.multiplex.scenes import colour_edges, filament_light_field, view_edges, zone_plate
+from lfcal.multiplex import (
+    Modulator,
+    black_level_map,
+    colour_edges,
+    filament_light_field,
+    multiplex,
+    view_edges,
+    zone_plate,
+)
 from lfcal_gui.pages.multiplex import model_routes as routes
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.pages.multiplex.model_routes import FramePart
@@ -135,7 +140,7 @@ def opened(path: str) -> tuple[Array | None, Array | None, str]:
 
 def is_frame(path: str) -> bool:
     """Return whether a file is there and holds grey values as a sensor records them."""
-    from lfcal.frames.formats.opening import open_image
+    from lfcal.frames import open_image
 
     try:
         open_image(path).close()
@@ -146,7 +151,7 @@ def is_frame(path: str) -> bool:
 
 def _opened(path: str, side: tuple[int, int], dark: float = 0.0) -> Seen:
     """Return the middle of an image file, from a whole super-pixel on; ``dark``: black level where it states none."""
-    from lfcal.frames.formats.opening import open_image, read_image
+    from lfcal.frames import open_image, read_image
 
     try:
         image = open_image(path)

@@ -12,17 +12,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError, LfcalError
-from lfcal.base.files import storage_errors
-from lfcal.base.npy import map_npy
+from lfcal.base import InputError, LfcalError, map_npy, storage_errors
 from lfcal.camera import Camera
 from lfcal.frames import read_image
-from lfcal.frames.corrections.recipe import read_average
+from lfcal.frames.corrections import read_average
 from lfcal.lattice import FrameLattice, LatticeFit, ViewGrid, cropped, fit_lattice, lattice_of
-from lfcal.multiplex.heterodyne import lattice_transmissions, sample_places
-from lfcal.multiplex.modulator import Modulator
-from lfcal.multiplex.scenes import colour_edges, filament_light_field, view_edges, zone_plate
-from lfcal_gui.models.project import ProjectState
+from lfcal.multiplex import (
+    Modulator,
+    colour_edges,
+    filament_light_field,
+    lattice_transmissions,
+    sample_places,
+    view_edges,
+    zone_plate,
+)
+from lfcal_gui.models import ProjectState
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 
 __all__ = [

@@ -10,15 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.progress import Clock, Work
-from lfcal.base.units import format_seconds
+from lfcal.base import Clock, Work, format_seconds
 from lfcal.camera import Camera, Sensor
-from lfcal.multiplex.demultiplexing import demultiplex
-from lfcal.multiplex.general import iter_demultiplex_generally
-from lfcal.multiplex.heterodyne import is_straight
-from lfcal.multiplex.lattice import channel_grid, demultiplex_lattice
-from lfcal.multiplex.modulator import Modulator
-from lfcal.multiplex.sensor_noise import pixel_weights
+from lfcal.multiplex import (
+    Modulator,
+    channel_grid,
+    demultiplex,
+    demultiplex_lattice,
+    is_straight,
+    iter_demultiplex_generally,
+    pixel_weights,
+)
 from lfcal_gui.pages.multiplex import model_routes as routes
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.pages.multiplex.model_frames import Seen, recorded

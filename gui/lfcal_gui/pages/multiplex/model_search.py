@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lfcal.base.progress import Clock, Work
+from lfcal.base import Clock, Work
 from lfcal.camera import Sensor
-from lfcal.multiplex.design import Design, best_array, best_printed_mask
-from lfcal.multiplex.noise import camera_chi2
+from lfcal.multiplex import Design, best_array, best_printed_mask, camera_chi2
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 
 __all__ = ["FoundDesign", "iter_search"]

@@ -8,15 +8,13 @@ from typing import Any
 
 from PySide6.QtWidgets import QFileDialog
 
-from lfcal.base.errors import LfcalError
-from lfcal.base.progress import drain
+from lfcal.base import LfcalError, drain
 from lfcal.camera import Camera
-from lfcal.frames.formats.opening import image_suffixes
+from lfcal.frames.formats import image_suffixes
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState, WindowJob
-from lfcal_gui.models.page import PageSpec
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import PageSpec, ProjectState
 from lfcal_gui.pages.multiplex import model as view
 from lfcal_gui.pages.multiplex import takes
 from lfcal_gui.pages.multiplex.drawing import Drawing

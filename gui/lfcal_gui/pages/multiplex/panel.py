@@ -34,10 +34,7 @@ from lfcal_gui.pages.multiplex.model_fields import FIELDS, ROUTE_FIELDS
 from lfcal_gui.pages.multiplex.pictures import MultiplexPictures
 from lfcal_gui.pages.multiplex.search_view import SearchView
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets.cards import card, column_area
-from lfcal_gui.widgets.form import Form
-from lfcal_gui.widgets.plots import LINES, LinePlot, shown_tone
-from lfcal_gui.widgets.words import set_role
+from lfcal_gui.widgets import LINES, Form, LinePlot, card, column_area, set_role, shown_tone
 
 __all__ = ["MultiplexPanel"]
 

@@ -7,13 +7,11 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QComboBox, QGridLayout, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
-from lfcal_gui.models.form import Field
+from lfcal_gui.models import Field
 from lfcal_gui.pages.multiplex.matrix_view import MatrixView
 from lfcal_gui.pages.multiplex.model_fields import FIELDS, ROUTE_FIELDS
 from lfcal_gui.pages.multiplex.model_scene import Reconstructions, shown
-from lfcal_gui.widgets.cards import card, line
-from lfcal_gui.widgets.form import Form
-from lfcal_gui.widgets.words import set_role
+from lfcal_gui.widgets import Form, card, line, set_role
 
 __all__ = ["MultiplexPictures"]
 

@@ -8,9 +8,7 @@ from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QLabel, QPushButton, QWi
 from lfcal_gui.pages.multiplex.matrix_view import MatrixView
 from lfcal_gui.pages.multiplex.model_fields import SEARCH_FIELDS
 from lfcal_gui.pages.multiplex.model_search import FoundDesign
-from lfcal_gui.widgets.cards import card
-from lfcal_gui.widgets.form import Form
-from lfcal_gui.widgets.words import set_role
+from lfcal_gui.widgets import Form, card, set_role
 
 __all__ = ["SearchView"]
 

@@ -7,12 +7,11 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 
-from lfcal.base.errors import LfcalError
-from lfcal.multiplex.colour_filters import parse_pattern
-from lfcal.multiplex.matrix_file import save_modulator
+from lfcal.base import LfcalError
+from lfcal.multiplex import parse_pattern, save_modulator
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState, WindowJob
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import ProjectState
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.pages.multiplex.model_fields import SEARCH_FIELDS, TYPED
 from lfcal_gui.pages.multiplex.model_search import iter_search

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lfcal.base.errors import InputError
-from lfcal_gui.models.project import ProjectState
-from lfcal_gui.models.step import CAMERA_FILE, CommandStep, options_of
+from lfcal.base import InputError
+from lfcal_gui.models import CAMERA_FILE, CommandStep, ProjectState, options_of
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.pages.multiplex.model_fields import TYPED
 from lfcal_gui.pages.multiplex.model_frames import is_frame

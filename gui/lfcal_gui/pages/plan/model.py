@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import LfcalError
-from lfcal.base.units import format_bytes, format_length, format_seconds
+from lfcal.base import LfcalError, format_bytes, format_length, format_seconds
 from lfcal.camera import Camera, Forecast, ScanPlan, StageAxes
-from lfcal_gui.models.form import Field
+from lfcal_gui.models import Field
 
 __all__ = [
     "FIELDS",

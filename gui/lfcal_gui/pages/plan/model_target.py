@@ -11,13 +11,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.checks import check_number
-from lfcal.base.files import read_text
-from lfcal.base.progress import Clock, Work, drain
-from lfcal.base.units import format_length, format_seconds, format_share
+from lfcal.base import Clock, Work, check_number, drain, format_length, format_seconds, format_share, read_text
 from lfcal.camera import ScanPlan
-from lfcal_gui.models.form import Field
-from lfcal_gui.models.settings import PageSettings
+from lfcal_gui.models import Field, PageSettings
 
 if TYPE_CHECKING:
     from lfcal.targets import ErrorForecast, Pose, Target, TargetPlan, Wishes
@@ -136,7 +132,7 @@ class TargetSettings(PageSettings):
 
     def field(self) -> tuple[int, int] | None:
         """Return the regions of the field (rows, columns); None: one."""
-        from lfcal.camera.regions import parse_regions
+        from lfcal.camera import parse_regions
 
         return parse_regions(self.regions) if self.regions else None
 
@@ -149,7 +145,7 @@ class TargetSettings(PageSettings):
 
     def proposed_hole(self) -> float | None:
         """Return the holes' diameter (µm) where the pitch is to be proposed, else None."""
-        from lfcal.targets.parsing import proposed_hole
+        from lfcal.targets import proposed_hole
 
         return proposed_hole(self.source)
 
@@ -279,7 +275,7 @@ def iter_drawn(plan: TargetPlan, regions: tuple[int, int] | None = None) -> Work
 
 def _coding(plan: TargetPlan) -> str:
     """Return whether showing several frames at once would pay, at the exposure of a session."""
-    from lfcal.cli.plan_coding import coding_verdict, coding_words  # a command line is slow to load
+    from lfcal.cli import coding_verdict, coding_words  # a command line is slow to load
 
     if plan.lit is not None:
         return "Frames of a display that shows several subsets of points at once, by an S-matrix."
@@ -296,7 +292,7 @@ def _served(plan: TargetPlan, regions: tuple[int, int] | None) -> tuple[int, int
     if regions is None:
         return 1, 0
     from lfcal.camera import RegionPlan
-    from lfcal.targets.region_points import region_points
+    from lfcal.targets import region_points
 
     field = RegionPlan.spread(plan.scan, regions)
     fewest = min(int(region_points(plan, field, z).sum(0).min()) for z in range(len(plan.scan.depths_um)))
@@ -321,7 +317,7 @@ def _target(scan: ScanPlan, settings: TargetSettings) -> Target:
 
 
 def _drawing(plan: TargetPlan, z: int) -> PlaneDrawing:
-    from lfcal.targets.images import whole_at
+    from lfcal.targets import whole_at
 
     images, frames = plan.images(z), []
     for k, offset in enumerate(plan.offsets_px[z]):

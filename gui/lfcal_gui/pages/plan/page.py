@@ -8,13 +8,12 @@ from typing import Any
 
 from PySide6.QtWidgets import QFileDialog
 
-from lfcal.base.errors import LfcalError
+from lfcal.base import LfcalError
 from lfcal.camera import ScanPlan
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
-from lfcal_gui.models.page import PageSpec
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import PageSpec, ProjectState
 from lfcal_gui.pages.plan import takes
 from lfcal_gui.pages.plan.model import apply_change, default_plan
 from lfcal_gui.pages.plan.model_target import PlannedTarget, TargetSettings, iter_target, read_plan

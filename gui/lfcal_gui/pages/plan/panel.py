@@ -13,10 +13,7 @@ from lfcal.camera import ScanPlan
 from lfcal_gui.pages.plan.model import FIELDS, RegionDrawing, forecast_rows, path_lines, region_drawing, values_of
 from lfcal_gui.pages.plan.target_panel import TargetPanel
 from lfcal_gui.theme import TYPE_COLOURS
-from lfcal_gui.widgets.cards import card
-from lfcal_gui.widgets.form import Form
-from lfcal_gui.widgets.picture_menu import offer_menu, table_entries
-from lfcal_gui.widgets.plots import style_axes, theme_plot
+from lfcal_gui.widgets import Form, card, offer_menu, style_axes, table_entries, theme_plot
 
 __all__ = ["PlanPanel"]
 

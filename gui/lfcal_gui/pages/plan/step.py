@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from lfcal_gui.models.project import ProjectState
-from lfcal_gui.models.step import CAMERA_FILE, PLAN_FILE, CommandStep, needed_plan, options_of
+from lfcal_gui.models import CAMERA_FILE, PLAN_FILE, CommandStep, ProjectState, needed_plan, options_of
 from lfcal_gui.pages.plan.model_target import TargetSettings
 
 __all__ = ["scan_step", "step", "target_step"]

@@ -9,7 +9,7 @@ import pyqtgraph as pg
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
-from lfcal.base.units import format_length
+from lfcal.base import format_length
 from lfcal_gui.pages.plan.model_target import (
     TABLE,
     TARGET_FIELDS,
@@ -20,14 +20,21 @@ from lfcal_gui.pages.plan.model_target import (
     table_rows,
 )
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets.cards import card, column_area, line, told_or_shown
-from lfcal_gui.widgets.colour_bar import theme_table
-from lfcal_gui.widgets.form import Form
-from lfcal_gui.widgets.period_map import PeriodMap
-from lfcal_gui.widgets.picture_menu import offer_menu, table_entries
-from lfcal_gui.widgets.plots import style_axes, theme_plot
-from lfcal_gui.widgets.rows_table import RowsTable
-from lfcal_gui.widgets.words import WrappedLabel
+from lfcal_gui.widgets import (
+    Form,
+    PeriodMap,
+    RowsTable,
+    WrappedLabel,
+    card,
+    column_area,
+    line,
+    offer_menu,
+    style_axes,
+    table_entries,
+    theme_plot,
+    theme_table,
+    told_or_shown,
+)
 
 __all__ = ["TargetPanel"]
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lfcal_gui.models.page import PageSpec, PageState, Sketch, file_state
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import PageSpec, PageState, ProjectState, Sketch, file_state
 
 __all__ = ["PAGE"]
 

@@ -11,11 +11,11 @@ from PySide6.QtCore import QPointF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QIcon, QImage, QPainter, QPen, QPixmap, QPolygonF
 from PySide6.QtWidgets import QDialog, QLabel, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
 
-from lfcal.base.units import format_plane
-from lfcal_gui.models.display import DisplaySettings, levels_of, to_uint8
+from lfcal.base import format_plane
+from lfcal_gui.models import DisplaySettings, levels_of, to_uint8
 from lfcal_gui.pages.psf.model_aperture import aperture_tip
 from lfcal_gui.theme import current_theme, style_sheet
-from lfcal_gui.widgets.colour_bar import theme_table
+from lfcal_gui.widgets import theme_table
 
 if TYPE_CHECKING:
     from lfcal.psf.aperture import Aperture

@@ -9,9 +9,9 @@ from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QCheckBox, QDialog, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from lfcal.psf import PSFMatrix
-from lfcal_gui.models.words import said_in_window, typeset
+from lfcal_gui.models import said_in_window, typeset
 from lfcal_gui.pages.psf.export_model import CHOICES, KINDS, ExportIntent
-from lfcal_gui.widgets.cards import card, choice_box
+from lfcal_gui.widgets import card, choice_box
 
 __all__ = ["ExportDialog"]
 

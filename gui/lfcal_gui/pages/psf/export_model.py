@@ -6,15 +6,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Work
-from lfcal.psf import PSFMatrix
-from lfcal.psf.export import ExportOptions, check_missing, export_files, export_notes
-from lfcal.psf.lens_centre import lens_centre_of
-from lfcal.psf.light import empty_positions
-from lfcal_gui.models.kept_run import going_on
-from lfcal_gui.models.settings import PageSettings
-from lfcal_gui.models.words import said_in_window
+from lfcal.base import InputError, Work
+from lfcal.psf import (
+    ExportOptions,
+    PSFMatrix,
+    check_missing,
+    empty_positions,
+    export_files,
+    export_notes,
+    lens_centre_of,
+)
+from lfcal_gui.models import PageSettings, going_on, said_in_window
 
 __all__ = ["KINDS", "Choice", "ExportIntent", "ExportSettings", "iter_exported"]
 
@@ -177,7 +179,7 @@ def iter_exported(psf: str, intent: ExportIntent, path: str) -> Work[Path]:
 
     Planes that are done stay where it is stopped; called again it goes on from them.
     """
-    from lfcal.psf.export_units import iter_export_units
+    from lfcal.psf import iter_export_units
 
     turned = intent.transposed and intent.suffix != ".mat"
     return iter_export_units(psf, path, intent.options, turned=turned, run=going_on())

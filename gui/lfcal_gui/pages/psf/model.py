@@ -9,14 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.axes import centre
-from lfcal.base.errors import InputError
-from lfcal.base.units import format_length
+from lfcal.base import InputError, centre, format_length
 from lfcal.camera import Camera
-from lfcal.psf import PSFMatrix
-from lfcal.psf.provenance import light_shares
-from lfcal_gui.models.display import DisplaySettings
-from lfcal_gui.models.words import plane_words
+from lfcal.psf import PSFMatrix, light_shares
+from lfcal_gui.models import DisplaySettings, plane_words
 
 __all__ = [
     "LoadedPlane",
@@ -91,7 +87,7 @@ class LoadedPlane:
 
     def transposed_pattern(self, y: int, x: int) -> NDArray[Any]:
         """Return HT[z, y, x] as ``(nt, ns)``, computed from H at once."""
-        from lfcal.psf.transpose import ht_slice
+        from lfcal.psf import ht_slice
 
         return ht_slice(self.values, y, x)
 

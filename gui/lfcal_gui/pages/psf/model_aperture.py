@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lfcal.base.units import format_length
+from lfcal.base import format_length
 from lfcal.psf import PSFMatrix
-from lfcal_gui.models.words import plane_words
+from lfcal_gui.models import plane_words
 
 if TYPE_CHECKING:
     from lfcal.psf.aperture import Aperture
@@ -35,7 +35,7 @@ def aperture_words(aperture: Aperture, expected: Aperture | None = None) -> str:
 
     What the fit refuses to say comes first.
     """
-    from lfcal.psf.aperture.shape import REFUSALS
+    from lfcal.psf.aperture import REFUSALS
 
     refused = f"<p><b>{aperture.refusal}</b>: {REFUSALS[aperture.refusal]}</p>" if aperture.refusal else ""
     if aperture.confident and aperture.fault:
@@ -65,7 +65,7 @@ def _value(text: str) -> str:
 
 
 def _numbers(aperture: Aperture) -> dict[str, str]:
-    from lfcal.psf.aperture.shape import KINDS, with_error
+    from lfcal.psf.aperture import KINDS, with_error
 
     row, column = aperture.centre
     # a count that is refused is none to be named

@@ -11,14 +11,11 @@ from typing import Any
 from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QFileDialog
 
-from lfcal.base.units import format_bytes
-from lfcal.psf import PSFMatrix
-from lfcal.psf.opening import opening_notes
+from lfcal.base import format_bytes
+from lfcal.psf import PSFMatrix, opening_notes
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
-from lfcal_gui.models.kept_run import KeptRun
-from lfcal_gui.models.page import PageSpec
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import KeptRun, PageSpec, ProjectState
 from lfcal_gui.pages.psf import takes
 from lfcal_gui.pages.psf.export_dialog import ExportDialog
 from lfcal_gui.pages.psf.export_model import ExportIntent, ExportSettings, iter_exported

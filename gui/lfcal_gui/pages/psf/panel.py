@@ -24,16 +24,22 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from lfcal_gui.models.display import COLOUR_MAPS, DisplaySettings
+from lfcal_gui.models import COLOUR_MAPS, DisplaySettings
 from lfcal_gui.pages.psf.depth_strip import Apertures, DepthStrip, legend_words, outline_tones
 from lfcal_gui.pages.psf.model import PlaneData, PSFIntent, PSFPicture, pixel_words
 from lfcal_gui.pages.psf.model_aperture import aperture_words
-from lfcal_gui.widgets.cards import card, choice_box
-from lfcal_gui.widgets.image_view import ImageView
-from lfcal_gui.widgets.linking import link_views
-from lfcal_gui.widgets.period_map import PeriodMap
-from lfcal_gui.widgets.plots import LINES, LinePlot, line_px, shown_tone
-from lfcal_gui.widgets.splitting import split
+from lfcal_gui.widgets import (
+    LINES,
+    ImageView,
+    LinePlot,
+    PeriodMap,
+    card,
+    choice_box,
+    line_px,
+    link_views,
+    shown_tone,
+    split,
+)
 
 if TYPE_CHECKING:
     from lfcal.psf.aperture import Aperture

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from lfcal.base.errors import InputError
-from lfcal_gui.models.project import ProjectState
-from lfcal_gui.models.step import CommandStep, needed_file, options_of
+from lfcal.base import InputError
+from lfcal_gui.models import CommandStep, ProjectState, needed_file, options_of
 from lfcal_gui.pages.psf.export_model import ExportIntent
 
 __all__ = ["step"]

@@ -19,14 +19,20 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from lfcal_gui.models.display import SCALES, DisplaySettings
+from lfcal_gui.models import SCALES, DisplaySettings
 from lfcal_gui.pages.quality.model_compare import COLUMNS, MODES, TIPS, Both, Place
-from lfcal_gui.widgets.blank import NOTHING
-from lfcal_gui.widgets.cards import card, choice_box, line, told_or_shown
-from lfcal_gui.widgets.image_view import ImageView
-from lfcal_gui.widgets.linking import link_views
-from lfcal_gui.widgets.rows_table import RowsTable
-from lfcal_gui.widgets.words import ElidedLabel, WrappedLabel
+from lfcal_gui.widgets import (
+    NOTHING,
+    ElidedLabel,
+    ImageView,
+    RowsTable,
+    WrappedLabel,
+    card,
+    choice_box,
+    line,
+    link_views,
+    told_or_shown,
+)
 
 __all__ = ["ComparePanel"]
 

@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtWidgets import QFileDialog
 
-from lfcal.base.errors import LfcalError
-from lfcal.base.units import format_plane
+from lfcal.base import LfcalError, format_plane
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
-from lfcal_gui.models.history import Taken
-from lfcal_gui.models.stamp import stamp_of
+from lfcal_gui.models import Taken, stamp_of
 from lfcal_gui.pages.quality.compare_panel import NONE, ComparePanel
 from lfcal_gui.pages.quality.model import QualitySettings, capital
 from lfcal_gui.pages.quality.model_compare import (
@@ -36,8 +34,7 @@ from lfcal_gui.pages.quality.step import compared
 from lfcal_gui.saving import may_replace
 
 if TYPE_CHECKING:
-    from lfcal.psf.difference import Difference
-    from lfcal.psf.pairing import Pair
+    from lfcal.psf import Difference, Pair
 
 __all__ = ["Comparing"]
 
@@ -222,7 +219,7 @@ class Comparing:
 
     def show_place(self, place: Place) -> None:
         """Show a position of both, and where it is."""
-        from lfcal.psf.report.two import map_levels
+        from lfcal.psf.report import map_levels
 
         found = self.found
         if found is None:
@@ -249,7 +246,7 @@ class Comparing:
 
     def _opened(self) -> Pair | None:
         """Return both H as they are open in the window, None: not yet."""
-        from lfcal.psf.pairing import pair
+        from lfcal.psf import pair
 
         if self._pair is None and self._asked is not None:
             a, b = (self._context.matrix(path) for path in (self._asked.first[0], self._asked.second[0]))

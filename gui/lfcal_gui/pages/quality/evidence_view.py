@@ -11,9 +11,7 @@ from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QSlider, QStackedWidget, QVBoxLayout, QWidget
 
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets.cards import card
-from lfcal_gui.widgets.image_view import ImageView
-from lfcal_gui.widgets.plots import LINES, LinePlot
+from lfcal_gui.widgets import LINES, ImageView, LinePlot, card
 
 __all__ = ["EvidenceView"]
 

@@ -10,11 +10,7 @@ from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QLabel, QPushButton, QVBox
 from lfcal_gui.pages.quality.evidence_view import EvidenceView
 from lfcal_gui.pages.quality.model import FaultRow, MetricRow, QualitySettings, camera_choices
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets.cards import card, heading
-from lfcal_gui.widgets.fitted_text import FittedBrowser
-from lfcal_gui.widgets.form import Form
-from lfcal_gui.widgets.rows_table import RowsTable
-from lfcal_gui.widgets.splitting import split
+from lfcal_gui.widgets import FittedBrowser, Form, RowsTable, card, heading, split
 
 __all__ = ["InspectPanel"]
 

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal_gui.models.form import Field
-from lfcal_gui.models.settings import PageSettings
+from lfcal.base import InputError
+from lfcal_gui.models import Field, PageSettings
 
 if TYPE_CHECKING:
     from lfcal.judge import Finding, Inspection
@@ -143,8 +142,8 @@ class MetricRow:
 # -- faults ------------------------------------------------------------------------------------------------
 def weight_of(inspection: Inspection, finding: Finding) -> str:
     """Return how much a fault matters: what it makes of a reconstruction's error, else the light that it changes."""
-    from lfcal.base.units import format_share
-    from lfcal.judge.telling import cost_words
+    from lfcal.base import format_share
+    from lfcal.judge import cost_words
 
     if finding.cost is None:
         return f"{format_share(min(finding.share, 1.0))} of light"
@@ -153,7 +152,7 @@ def weight_of(inspection: Inspection, finding: Finding) -> str:
 
 def merit_of(finding: Finding) -> str:
     """Return the merit that a fault stands for; unknown: too small to matter."""
-    from lfcal.judge.inspection import is_bad, is_fair
+    from lfcal.judge import is_bad, is_fair
 
     return "bad" if is_bad(finding) else "fair" if is_fair(finding) else "unknown"
 
@@ -174,8 +173,8 @@ def fault_rows(inspection: Inspection) -> tuple[FaultRow, ...]:
 
 def fault_words(inspection: Inspection, finding: Finding) -> str:
     """Return what a fault is, what it costs and what to do, as rich text."""
-    from lfcal.base.units import format_share
-    from lfcal.judge.telling import cost_words
+    from lfcal.base import format_share
+    from lfcal.judge import cost_words
 
     parts = [f"<b>{capital(finding.title)}</b>: {finding.detail}"]
     stands = f"stands out by {min(finding.sigmas, 999):.0f} sigma"
@@ -227,14 +226,14 @@ def listed_metrics(inspection: Inspection, *, every: bool = False) -> tuple[Metr
 
 def count_words(inspection: Inspection) -> str:
     """Return how many metrics are good, and how many do not apply."""
-    from lfcal.psf.quality.verdict import counted_words
+    from lfcal.psf.quality import counted_words
 
     return capital(counted_words(inspection.quality.metrics))
 
 
 def metric_rows(inspection: Inspection, *, every: bool = False) -> tuple[MetricRow, ...]:
     """Return `listed_metrics` as rows; with a note where a fault causes it or the camera refutes it."""
-    from lfcal.psf.report.page import limits
+    from lfcal.psf.report import limits
 
     rows = []
     for m in listed_metrics(inspection, every=every):
@@ -246,8 +245,8 @@ def metric_rows(inspection: Inspection, *, every: bool = False) -> tuple[MetricR
 
 def told_of(inspection: Inspection, metric: Metric) -> tuple[str, str]:
     """Return the merit by which a metric is coloured, and the word for it."""
-    from lfcal.psf.quality.verdict import merit_of as merit_of_metric
-    from lfcal.psf.quality.verdict import merit_word
+    from lfcal.psf.quality import merit_of as merit_of_metric
+    from lfcal.psf.quality import merit_word
 
     if metric.merit in ("bad", "fair"):
         if inspection.settled(metric) is not None:
@@ -294,7 +293,7 @@ def map_of(metric: Metric, z: int) -> NDArray[np.float32] | None:
 # -- the whole ---------------------------------------------------------------------------------------------
 def summary_of(inspection: Inspection, source: str) -> str:
     """Return how much was compared, with which camera, or why nothing was."""
-    from lfcal.judge.telling import compared_words
+    from lfcal.judge import compared_words
 
     words = capital(compared_words(inspection))
     return f"{words}. {source}." if inspection.compared and source else f"{words}."

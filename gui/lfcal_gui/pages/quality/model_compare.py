@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.progress import Work
-from lfcal_gui.models.display import levels_of
-from lfcal_gui.models.stamp import Stamp
+from lfcal.base import Work
+from lfcal_gui.models import Stamp, levels_of
 from lfcal_gui.pages.quality.model import capital
 
 if TYPE_CHECKING:
-    from lfcal.psf.difference import Difference
-    from lfcal.psf.pairing import Pair
+    from lfcal.psf import Difference, Pair
 
 __all__ = [
     "COLUMNS",
@@ -85,8 +83,7 @@ class KeptDifference:
 
 def iter_compare(asked: CompareRequest, kept: KeptDifference) -> Work[None]:
     """Compare two files; what is found is in ``kept``, as jobs are remembered long after they ended."""
-    from lfcal.psf import open_psf
-    from lfcal.psf.difference import iter_difference
+    from lfcal.psf import iter_difference, open_psf
 
     with open_psf(asked.first[0]) as a, open_psf(asked.second[0]) as b:
         kept.found = yield from iter_difference(a, b, by_number=asked.by_number)
@@ -94,9 +91,8 @@ def iter_compare(asked: CompareRequest, kept: KeptDifference) -> Work[None]:
 
 def iter_compared(asked: CompareRequest, found: Difference, folder: str) -> Work[Path]:
     """Write what a comparison found, with pictures of both files, which are opened anew; return the page."""
-    from lfcal.psf import open_psf
-    from lfcal.psf.pairing import pair
-    from lfcal.psf.report.two import iter_compared_report
+    from lfcal.psf import open_psf, pair
+    from lfcal.psf.report import iter_compared_report
 
     with open_psf(asked.first[0]) as a, open_psf(asked.second[0]) as b:
         both = replace(found, pair=pair(a, b, by_number=asked.by_number))
@@ -106,7 +102,7 @@ def iter_compared(asked: CompareRequest, found: Difference, folder: str) -> Work
 
 def compared_files(folder: str) -> list[Path]:
     """Return the files of a comparison's report that somebody may have put into ``folder`` before."""
-    from lfcal.psf.report.two import compared_report_files
+    from lfcal.psf.report import compared_report_files
 
     return [Path(one) for one in compared_report_files(Path(folder))]
 
@@ -114,7 +110,7 @@ def compared_files(folder: str) -> list[Path]:
 # -- numbers -----------------------------------------------------------------------------------------------
 def told_of(found: Difference) -> tuple[str, str]:
     """Return the verdict, and what was compared and left out."""
-    from lfcal.psf.report.two import compared_words, verdict
+    from lfcal.psf.report import compared_words, verdict
 
     told = (compared_words(found), *found.notes)
     return verdict(found), " ".join(capital(words if words[-1] == "?" else f"{words}.") for words in told)
@@ -122,7 +118,7 @@ def told_of(found: Difference) -> tuple[str, str]:
 
 def table_of(found: Difference) -> list[tuple[str, ...]]:
     """Return the rows of the table of numbers; what the correlation says stands in ``scaled``."""
-    from lfcal.psf.report.two import figure_rows
+    from lfcal.psf.report import figure_rows
 
     return [(plane if kind == "all" else f"{plane}, {kind}", *rest[:-1]) for plane, kind, *rest in figure_rows(found)]
 

@@ -9,10 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Work
-from lfcal_gui.models.fitted import FittedCamera
-from lfcal_gui.models.stamp import Stamp
+from lfcal.base import InputError, Work
+from lfcal_gui.models import FittedCamera, Stamp
 from lfcal_gui.pages.quality.model import QualitySettings
 
 if TYPE_CHECKING:
@@ -114,8 +112,7 @@ def iter_judge(asked: InspectionRequest, kept: InspectionRun) -> Work[None]:
 
 def _setup_of(asked: InspectionRequest, matrix: PSFMatrix) -> Setup | None:
     """Return the camera as a fit found it, None: as described; raises where a fit is of another scan."""
-    from lfcal.fit.expected import plan_of
-    from lfcal.fit.stored import read_fit
+    from lfcal.fit import plan_of, read_fit
 
     if not asked.folder or not asked.seconds:
         return asked.setup
@@ -139,7 +136,7 @@ def judged(kept: InspectionRun, why_not: str) -> Inspection | None:
 
 def iter_write_report(psf: str, folder: str, inspection: Inspection | None) -> Work[Path]:
     """Write the report of the H in a file; what was found is not measured again."""
-    from lfcal.judge.telling import told
+    from lfcal.judge import told
     from lfcal.psf import open_psf
     from lfcal.psf.report import iter_report
 

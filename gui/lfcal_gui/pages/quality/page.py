@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from PySide6.QtWidgets import QFileDialog
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
-from lfcal_gui.models.page import PageSpec, with_found
-from lfcal_gui.models.project import ProjectState
-from lfcal_gui.models.stamp import Stamp, stamp_of
+from lfcal_gui.models import PageSpec, ProjectState, Stamp, stamp_of, with_found
 from lfcal_gui.pages.quality.comparing import Comparing
 from lfcal_gui.pages.quality.model import (
     QualitySettings,

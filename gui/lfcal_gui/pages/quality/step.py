@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal_gui.models.project import ProjectState
-from lfcal_gui.models.step import CommandStep, needed_file, options_of
+from lfcal_gui.models import CommandStep, ProjectState, needed_file, options_of
 from lfcal_gui.pages.quality.model import QualitySettings
 
 __all__ = ["compared", "step"]

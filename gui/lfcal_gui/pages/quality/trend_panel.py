@@ -10,11 +10,7 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QSplitter, QVBox
 
 from lfcal_gui.pages.quality.model_trend import TREND_COLUMNS, TrendCurve
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets.cards import card, told_or_shown
-from lfcal_gui.widgets.plots import LINES, LinePlot
-from lfcal_gui.widgets.rows_table import RowsTable
-from lfcal_gui.widgets.splitting import split
-from lfcal_gui.widgets.words import WrappedLabel
+from lfcal_gui.widgets import LINES, LinePlot, RowsTable, WrappedLabel, card, split, told_or_shown
 
 __all__ = ["TrendPanel"]
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lfcal_gui.models.page import PageSpec, PageState, Sketch, file_state
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import PageSpec, PageState, ProjectState, Sketch, file_state
 
 __all__ = ["PAGE"]
 
@@ -29,7 +28,7 @@ def icon(sketch: Sketch) -> None:
 
 def takes(path: str) -> bool:
     """Return whether a file may be a picture."""
-    from lfcal.frames.formats.opening import image_suffixes
+    from lfcal.frames.formats import image_suffixes
 
     return Path(path).is_file() and Path(path).suffix.lower() in image_suffixes()
 

@@ -7,21 +7,23 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from lfcal.base.errors import InputError
-from lfcal.base.units import format_bytes, format_seconds
+from lfcal.base import InputError, format_bytes, format_seconds
 from lfcal.psf import PSFMatrix
-from lfcal.reconstruct.margin import usual_margin
-from lfcal.reconstruct.projectors.forecast import METHODS
-from lfcal.reconstruct.resample import Resampling, lattice_anchor_of, resampling_for
-from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice
-from lfcal.reconstruct.solvers.solver import OPTIONS
-from lfcal.reconstruct.solvers.stopping import GOALS, MOST_ITERATIONS, STOPS
-from lfcal_gui.models.form import Field
-from lfcal_gui.models.settings import PageSettings
+from lfcal.reconstruct import (
+    METHODS,
+    SOLVERS,
+    Resampling,
+    SolverChoice,
+    lattice_anchor_of,
+    resampling_for,
+    usual_margin,
+)
+from lfcal.reconstruct.solvers import GOALS, MOST_ITERATIONS, OPTIONS, STOPS
+from lfcal_gui.models import Field, PageSettings
 from lfcal_gui.pages.reconstruct.model_device import DEVICE
 
 if TYPE_CHECKING:
-    from lfcal.reconstruct.metric import MetricGrid
+    from lfcal.reconstruct import MetricGrid
 
 __all__ = [
     "FIELDS",
@@ -286,7 +288,7 @@ class ReconstructSettings(PageSettings):
         InputError
             If H has no camera, or the size makes too many voxels.
         """
-        from lfcal.reconstruct.metric import MetricGrid
+        from lfcal.reconstruct import MetricGrid
 
         if not self.voxel:
             return None
@@ -338,8 +340,7 @@ def _side(text: str) -> float:
 # -- projector ---------------------------------------------------------------------------------------------
 def projector_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSettings) -> Any:
     """Return the projector of a light field's used region and its margin, with the memory that solvers leave."""
-    from lfcal.reconstruct.memory import room_for_projections
-    from lfcal.reconstruct.projectors.projector import Projector
+    from lfcal.reconstruct import Projector, room_for_projections
 
     choice, view = settings.choice_for(H, shape), settings.view(H, shape)
     rows, columns = settings.window(shape if view is None else view.shape)
@@ -361,7 +362,7 @@ def projector_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSet
 
 def forecast_words(P: Any, choice: SolverChoice) -> str:
     """Return what the reconstruction will cost, as rich text."""
-    from lfcal.reconstruct.memory import run_memory
+    from lfcal.reconstruct import run_memory
 
     found, iterations, memory = P.forecast(), choice.iterations, run_memory(P, choice)
     cost = found.chosen

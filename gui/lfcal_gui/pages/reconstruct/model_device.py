@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal_gui.models.form import Field
+from lfcal_gui.models import Field
 
 __all__ = ["DEVICE", "NO_DEVICE", "device_reason"]
 
@@ -25,7 +25,7 @@ def device_reason() -> str:
 
     One that computes wrongly counts as none.
     """
-    from lfcal.reconstruct.projectors.device import find_device
+    from lfcal.reconstruct.projectors import find_device
 
     # a machine without a driver loads no library for it
     return "" if find_device("auto") is not None else NO_DEVICE

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.psf import PSFMatrix
 
 __all__ = ["Synthetic", "light_field", "make_light_field", "synthetic_shape"]
@@ -20,7 +20,7 @@ COUNTS = 2000.0
 
 def light_field(path: str) -> NDArray[Any]:
     """Return the light field in an image file, ``(rows, columns)``."""
-    from lfcal.frames.formats.opening import read_image
+    from lfcal.frames import read_image
 
     return read_image(Path(path))
 
@@ -59,9 +59,8 @@ def make_light_field(
     seed
         Of phantom and noise.
     """
-    from lfcal.base.tiff_file import write_tiff
-    from lfcal.reconstruct.phantoms import phantom
-    from lfcal.reconstruct.projectors.projector import Projector
+    from lfcal.base import write_tiff
+    from lfcal.reconstruct import Projector, phantom
 
     if not path.lower().endswith((".tif", ".tiff")):
         raise InputError.expected("light field", "a .tif file", Path(path).name, "use that suffix")

@@ -10,14 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.progress import Work
-from lfcal.base.units import format_seconds
+from lfcal.base import Work, format_seconds
 from lfcal.psf import PSFMatrix
-from lfcal.reconstruct.margin import cropped
-from lfcal.reconstruct.metrics import nrmse
-from lfcal.reconstruct.resample import Resampling, drift_note, drift_words
-from lfcal.reconstruct.solvers.choice import iter_solve
-from lfcal.reconstruct.solvers.records import SolverProgress, SolverState
+from lfcal.reconstruct import Resampling, SolverProgress, SolverState, cropped, drift_note, drift_words, nrmse
+from lfcal.reconstruct.solvers import iter_solve
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings, projector_for
 
 __all__ = ["Placed", "Solving"]
@@ -166,8 +162,7 @@ class Solving:
     def _prepare(self) -> Work[None]:
         if self._projector is not None:
             return
-        from lfcal.psf import open_psf
-        from lfcal.psf.voxels import voxel_um
+        from lfcal.psf import open_psf, voxel_um
 
         if self._matrix is None:
             self._matrix = open_psf(self.psf)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal_gui.models.display import DisplaySettings
+from lfcal_gui.models import DisplaySettings
 
 __all__ = ["VolumeIntent", "VolumePicture", "resolve"]
 

@@ -9,14 +9,12 @@ from typing import Any
 from numpy.typing import NDArray
 from PySide6.QtWidgets import QFileDialog
 
-from lfcal.base.errors import LfcalError
-from lfcal.base.units import format_seconds
-from lfcal.psf.light import empty_words
+from lfcal.base import LfcalError, format_seconds
+from lfcal.psf import empty_words
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
-from lfcal_gui.models.page import PageSpec
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import PageSpec, ProjectState
 from lfcal_gui.pages.reconstruct import takes
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings, forecast_words, projector_for
 from lfcal_gui.pages.reconstruct.model_device import device_reason

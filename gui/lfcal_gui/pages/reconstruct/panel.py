@@ -23,18 +23,24 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from lfcal.reconstruct.phantoms import PHANTOMS
-from lfcal.reconstruct.solvers.choice import SOLVERS
-from lfcal_gui.models.words import unbroken
+from lfcal.reconstruct import PHANTOMS, SOLVERS
+from lfcal_gui.models import unbroken
 from lfcal_gui.pages.reconstruct.model import FIELDS, ReconstructSettings, used_by
 from lfcal_gui.pages.reconstruct.model_device import DEVICE, NO_DEVICE
 from lfcal_gui.pages.reconstruct.volume_view import VolumeView
-from lfcal_gui.widgets.cards import card, column_area, line
-from lfcal_gui.widgets.form import Form
-from lfcal_gui.widgets.image_view import ImageView
-from lfcal_gui.widgets.plots import LinePlot, line_px
-from lfcal_gui.widgets.splitting import split
-from lfcal_gui.widgets.words import ElidedLabel, WrappedLabel, set_role
+from lfcal_gui.widgets import (
+    ElidedLabel,
+    Form,
+    ImageView,
+    LinePlot,
+    WrappedLabel,
+    card,
+    column_area,
+    line,
+    line_px,
+    set_role,
+    split,
+)
 
 __all__ = ["BUTTONS", "ReconstructPanel"]
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-from lfcal.base.errors import InputError
-from lfcal.reconstruct.solvers.choice import SolverChoice
-from lfcal.reconstruct.solvers.stopping import GOALS, STOPS
-from lfcal_gui.models.project import ProjectState
-from lfcal_gui.models.step import CommandStep, needed_file, options_of
+from lfcal.base import InputError
+from lfcal.reconstruct import SolverChoice
+from lfcal.reconstruct.solvers import GOALS, STOPS
+from lfcal_gui.models import CommandStep, ProjectState, needed_file, options_of
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings
 
 __all__ = ["step"]

@@ -8,7 +8,7 @@ from pathlib import Path
 from PySide6.QtCore import QObject, Signal
 
 from lfcal_gui.base_page import BasePage
-from lfcal_gui.models.history import Taken
+from lfcal_gui.models import Taken
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings
 from lfcal_gui.pages.reconstruct.model_solving import Solving
 from lfcal_gui.pages.reconstruct.step import step
@@ -39,7 +39,7 @@ class VolumeFile(QObject):
 
     def save(self, solving: Solving, path: str = "") -> None:
         """Write what was reconstructed; asks for a name where none is given."""
-        from lfcal.reconstruct.volumes import save_volume
+        from lfcal.reconstruct import save_volume
 
         if solving.state is None:
             return
@@ -75,7 +75,7 @@ class VolumeFile(QObject):
 
     def load(self) -> None:
         """Read the project's volume if there is one."""
-        from lfcal.reconstruct.volumes import load_volume
+        from lfcal.reconstruct import load_volume
 
         path = self._context.state.volume
         self._context.jobs.drop("reconstruct volume")

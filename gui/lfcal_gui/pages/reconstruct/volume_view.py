@@ -11,14 +11,21 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QRectF, Qt, Signal
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QSlider, QVBoxLayout, QWidget
 
-from lfcal.base.units import format_length
-from lfcal_gui.models.display import COLOUR_MAPS, to_uint8
+from lfcal.base import format_length
+from lfcal_gui.models import COLOUR_MAPS, to_uint8
 from lfcal_gui.pages.reconstruct.model_volume import VolumeIntent, VolumePicture, resolve
-from lfcal_gui.widgets.colour_bar import ColourBar, bar_table, theme_table
-from lfcal_gui.widgets.measured_part import MeasuredPart, entries_at
-from lfcal_gui.widgets.picture_menu import offer_menu
-from lfcal_gui.widgets.pixel_axis import count_pixels, pixel_axes
-from lfcal_gui.widgets.plots import style_axes, theme_plot
+from lfcal_gui.widgets import (
+    ColourBar,
+    MeasuredPart,
+    bar_table,
+    count_pixels,
+    entries_at,
+    offer_menu,
+    pixel_axes,
+    style_axes,
+    theme_plot,
+    theme_table,
+)
 
 __all__ = ["VolumeView"]
 

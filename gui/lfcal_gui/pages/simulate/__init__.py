@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from lfcal_gui.models.page import PageSpec, PageState, Sketch, file_state, nothing
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import PageSpec, PageState, ProjectState, Sketch, file_state, nothing
 
 __all__ = ["PAGE"]
 

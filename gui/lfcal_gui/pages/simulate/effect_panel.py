@@ -5,13 +5,13 @@ from __future__ import annotations
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QComboBox, QLabel, QPushButton, QScrollArea, QSpinBox, QSplitter, QVBoxLayout, QWidget
 
-from lfcal.base.units import format_length
+from lfcal.base import format_length
 from lfcal.camera import ScanPlan
 from lfcal_gui.pages.simulate.influence_view import InfluenceView
 from lfcal_gui.pages.simulate.magnitude_form import MagnitudeForm
 from lfcal_gui.pages.simulate.model_effects import FRAMES_ONLY, EffectRow
 from lfcal_gui.pages.simulate.model_influence import InfluencePictures
-from lfcal_gui.widgets.cards import clear, heading, line
+from lfcal_gui.widgets import clear, heading, line
 
 __all__ = ["EffectPanel"]
 

@@ -8,11 +8,10 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLabel, QPushButton, QVBoxLayout, QWidget
 
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.models.display import levels_of
+from lfcal_gui.models import levels_of
 from lfcal_gui.pages.simulate.model_frames import SimulatedFrame, write_frame
 from lfcal_gui.saving import ask_target, write_file
-from lfcal_gui.widgets.cards import line
-from lfcal_gui.widgets.frame_view import FrameView
+from lfcal_gui.widgets import FrameView, line
 
 __all__ = ["FramePanel"]
 

@@ -10,14 +10,20 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QRectF
 from PySide6.QtWidgets import QLabel, QVBoxLayout, QWidget
 
-from lfcal_gui.models.display import DisplaySettings, levels_of, to_uint8
+from lfcal_gui.models import DisplaySettings, levels_of, to_uint8
 from lfcal_gui.pages.simulate.model_influence import InfluencePictures
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets.colour_bar import ColourBar, bar_table, theme_table
-from lfcal_gui.widgets.linking import link_plots
-from lfcal_gui.widgets.measured_part import MeasuredPart, entries_at
-from lfcal_gui.widgets.picture_menu import offer_menu
-from lfcal_gui.widgets.plots import style_axes, theme_plot
+from lfcal_gui.widgets import (
+    ColourBar,
+    MeasuredPart,
+    bar_table,
+    entries_at,
+    link_plots,
+    offer_menu,
+    style_axes,
+    theme_plot,
+    theme_table,
+)
 
 __all__ = ["InfluenceView"]
 

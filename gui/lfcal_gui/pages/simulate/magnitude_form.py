@@ -7,11 +7,11 @@ from typing import Any
 from PySide6.QtCore import QSignalBlocker, Signal
 from PySide6.QtWidgets import QComboBox, QGridLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
 
-from lfcal.simulate.effects.magnitudes import Magnitude
+from lfcal.simulate.effects import Magnitude
 from lfcal_gui.pages.simulate.model import GIVEN
 from lfcal_gui.pages.simulate.model_effects import EffectRow, refused
 from lfcal_gui.pages.simulate.terms_table import TermsTable
-from lfcal_gui.widgets.words import set_look
+from lfcal_gui.widgets import set_look
 
 __all__ = ["MagnitudeForm"]
 

@@ -9,15 +9,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError
-from lfcal.base.units import format_length
-from lfcal.camera import Camera, ScanPlan
-from lfcal.camera.planes import checked_depths
-from lfcal_gui.models.settings import PageSettings
+from lfcal.base import InputError, format_length
+from lfcal.camera import Camera, ScanPlan, checked_depths
+from lfcal_gui.models import PageSettings
 
 if TYPE_CHECKING:
-    from lfcal.simulate.accuracy.planner import EffectSelection
-    from lfcal.simulate.effects.base import Effect
+    from lfcal.simulate import EffectSelection
+    from lfcal.simulate.effects import Effect
 
 __all__ = [
     "LEVELS",
@@ -124,8 +122,7 @@ class SimulateSettings(PageSettings):
 
     def effects(self) -> tuple[Effect, ...]:
         """Return the effects that have magnitudes given, of those that are installed."""
-        from lfcal.simulate.effects import CATALOGUE
-        from lfcal.simulate.effects.described import effect_from
+        from lfcal.simulate.effects import CATALOGUE, effect_from
 
         names = dict.fromkeys(entry[0] for entry in self.magnitudes if entry[0] in CATALOGUE)
         return tuple(effect_from(n, {field: value for field, (value, _) in self.given(n).items()}) for n in names)
@@ -159,7 +156,7 @@ def preview(
     plan: ScanPlan, z_um: float, effects: EffectSelection | tuple[Effect, ...], level: str, tolerance: float
 ) -> NDArray[np.float32]:
     """Return the pattern of the middle position at depth ``z_um``, ``(nt, ns)``; one preview is computed at a time."""
-    from lfcal.simulate.simulate import simulate_psf
+    from lfcal.simulate import simulate_psf
 
     ny, nx = plan.period
     middle = (plan.anchor[0] + ny // 2, plan.anchor[1] + nx // 2)

@@ -7,17 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Work
-from lfcal.base.units import format_seconds, format_share
+from lfcal.base import InputError, Work, format_seconds, format_share
 from lfcal.camera import ScanPlan
-from lfcal_gui.models.kept_run import going_on
+from lfcal_gui.models import going_on
 from lfcal_gui.pages.simulate.model import SimulateSettings
 
 if TYPE_CHECKING:
-    from lfcal.simulate.accuracy.planner import EffectSelection, PlannedEffect
-    from lfcal.simulate.effects.base import Effect
-    from lfcal.simulate.effects.magnitudes import Magnitude
+    from lfcal.simulate import EffectSelection, PlannedEffect
+    from lfcal.simulate.effects import Effect, Magnitude
 
 __all__ = [
     "FRAMES_ONLY",
@@ -131,7 +128,7 @@ class EffectsVerdict:
 
 def verdict_of(plan: ScanPlan, settings: SimulateSettings) -> EffectsVerdict:
     """Ask the planner, for H and for frames, and put its answer into words."""
-    from lfcal.simulate.accuracy.planner import plan_effects
+    from lfcal.simulate import plan_effects
 
     asked = (plan.camera, plan, settings.tolerance, settings.choices())
     found = plan_effects(*asked, effects=settings.effects())
@@ -143,7 +140,7 @@ def verdict_of(plan: ScanPlan, settings: SimulateSettings) -> EffectsVerdict:
 
 
 def _row(planned: PlannedEffect, plan: ScanPlan, settings: SimulateSettings) -> EffectRow:
-    from lfcal.simulate.effects.magnitudes import magnitudes_of
+    from lfcal.simulate.effects import magnitudes_of
 
     effect, estimate = planned.effect, planned.estimate
     marks = {field: mark for field, (_, mark) in settings.given(effect.name).items()}
@@ -184,7 +181,7 @@ def summary_of(found: EffectSelection, settings: SimulateSettings) -> str:
 
 def refused(effect: str, magnitude: Magnitude, text: str) -> tuple[Any, str]:
     """Return the value that a typed text means, and why the effect cannot have it, or an empty string."""
-    from lfcal.simulate.effects.described import effect_from
+    from lfcal.simulate.effects import effect_from
 
     try:
         value = magnitude.read(text)
@@ -209,8 +206,7 @@ def read_terms(effect: str, magnitude: Magnitude, rows: Sequence[Sequence[str]])
     InputError
         In one line that names the row, for what the effect cannot have.
     """
-    from lfcal.simulate.effects.described import effect_from
-    from lfcal.simulate.effects.magnitudes import number_in
+    from lfcal.simulate.effects import effect_from, number_in
 
     terms = []
     for k, row in enumerate(rows):
@@ -237,7 +233,7 @@ def iter_simulation(
 
     Planes that are done stay where it is stopped; called again it goes on from them.
     """
-    from lfcal.simulate.simulate import iter_simulate_psf
+    from lfcal.simulate import iter_simulate_psf
 
     if verdict is None or not verdict.fits(plan, settings):
         verdict = verdict_of(plan, settings)

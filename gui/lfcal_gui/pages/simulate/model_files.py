@@ -12,7 +12,7 @@ __all__ = ["read_settings", "settings_text"]
 
 def settings_text(settings: SimulateSettings) -> str:
     """Return the text of a JSON file with what is given and chosen; effects that are not installed are left out."""
-    from lfcal.simulate.effects.described import Entry, entries_json
+    from lfcal.simulate.effects import Entry, entries_json
 
     effects = {effect.name: effect for effect in settings.effects()}
     choices = settings.choices()
@@ -33,7 +33,7 @@ def read_settings(path: Path, settings: SimulateSettings) -> tuple[SimulateSetti
     LfcalError
         If the file holds no effects, or others than this program knows.
     """
-    from lfcal.simulate.effects.described import read_entries
+    from lfcal.simulate.effects import read_entries
 
     entries = read_entries(path)
     names = {entry.name for entry in entries}

@@ -11,17 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.axes import centre
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Work
-from lfcal.base.units import format_length
+from lfcal.base import InputError, Work, centre, format_length
 from lfcal.camera import ScanPlan
 from lfcal_gui.pages.simulate.model import SimulateSettings
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict, verdict_of
 
 if TYPE_CHECKING:
-    from lfcal.simulate.effects.base import Effect
-    from lfcal.simulate.sensor.camera_source import SimulatedCamera
+    from lfcal.simulate import SimulatedCamera
+    from lfcal.simulate.effects import Effect
 
 __all__ = [
     "FrameBench",
@@ -74,7 +71,7 @@ class SimulatedFrame:
 
     def window(self) -> tuple[int, int]:
         """Return the first pixel (row, column) of the position's cutout; it may lie off the sensor."""
-        from lfcal.simulate.staging import origin_of
+        from lfcal.simulate import origin_of
 
         plan = self.question.plan
         row, column, _, _ = origin_of(plan)
@@ -110,7 +107,7 @@ class SimulatedFrame:
 
 def frame_question(verdict: EffectsVerdict, position: tuple[int, int, int]) -> FrameQuestion:
     """Return the question for the frame of a position with everything that the planner has on for frames."""
-    from lfcal.simulate.plane_task import budgeted
+    from lfcal.simulate import budgeted
 
     depth = verdict.plan.depths_um[position[0]]
     effects, share = budgeted(verdict.frames, verdict.plan, verdict.settings.tolerance).at(depth)
@@ -135,8 +132,8 @@ class FrameBench:
         InputError
             If plan and effects do not fit.
         """
-        from lfcal.simulate.effects.base import FrameEffect
-        from lfcal.simulate.sensor.noise import expose
+        from lfcal.simulate import expose
+        from lfcal.simulate.effects import FrameEffect
 
         with self._lock:
             camera, index, light = self._lit(asked)
@@ -149,8 +146,8 @@ class FrameBench:
         return None if stopped() else SimulatedFrame(samples, asked)
 
     def _lit(self, asked: FrameQuestion) -> tuple[SimulatedCamera, int, NDArray[np.float32]]:
-        from lfcal.simulate.effects.base import FrameEffect
-        from lfcal.simulate.sensor.camera_source import SimulatedCamera
+        from lfcal.simulate import SimulatedCamera
+        from lfcal.simulate.effects import FrameEffect
 
         before = tuple(effect for effect in asked.effects if not isinstance(effect, FrameEffect))
         key = (replace(asked, effects=before), asked.plan.camera)
@@ -172,7 +169,7 @@ def write_frame(frame: SimulatedFrame, path: Path, part: Path) -> None:
         For another kind of file, or PNG of samples that are not rounded.
     """
     if path.suffix.lower() in (".tif", ".tiff"):
-        from lfcal.base.tiff_file import write_tiff
+        from lfcal.base import write_tiff
 
         write_tiff(part, frame.samples)
         return
@@ -193,7 +190,7 @@ def check_folder(folder: Path) -> None:
 
     One that was stopped may be gone on with.
     """
-    from lfcal.simulate.sensor.session import unfinished
+    from lfcal.simulate.sensor import unfinished
 
     if unfinished(folder) is not None:
         return
@@ -208,8 +205,7 @@ def iter_session(
 
     Frames that are written stay where it is stopped; called again it goes on from them.
     """
-    from lfcal.simulate.sensor.camera_source import SimulatedCamera
-    from lfcal.simulate.sensor.session import iter_write_session
+    from lfcal.simulate import SimulatedCamera, iter_write_session
 
     check_folder(Path(folder))
     if verdict is None or not verdict.fits(plan, settings):
@@ -226,7 +222,7 @@ class KeptFrames:
 
     def look(self) -> str:
         """Return how many frames are written; where none is, nothing stays."""
-        from lfcal.simulate.sensor.session import unfinished
+        from lfcal.simulate.sensor import unfinished
 
         found = unfinished(self.out)
         if found is None:
@@ -238,6 +234,6 @@ class KeptFrames:
 
     def discard(self) -> None:
         """Remove the frames."""
-        from lfcal.simulate.sensor.session import discard_unfinished
+        from lfcal.simulate.sensor import discard_unfinished
 
         discard_unfinished(self.out)

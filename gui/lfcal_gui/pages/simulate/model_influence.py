@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.units import format_length, format_share
+from lfcal.base import format_length, format_share
 from lfcal.camera import ScanPlan
 from lfcal_gui.pages.simulate.model_effects import EffectRow, EffectsVerdict
 from lfcal_gui.pages.simulate.model_frames import FrameBench, FrameQuestion
 
 if TYPE_CHECKING:
-    from lfcal.simulate.effects.base import Effect
-    from lfcal.simulate.response import PlaneResponse
+    from lfcal.simulate import PlaneResponse
+    from lfcal.simulate.effects import Effect
 
 __all__ = ["InfluencePictures", "InfluenceQuestion", "Influences", "influence_question"]
 
@@ -100,7 +100,7 @@ class InfluencePictures:
 
 def influence_question(verdict: EffectsVerdict, row: EffectRow, position: tuple[int, int, int]) -> InfluenceQuestion:
     """Return the question what the effect of ``row`` does at a position, beside what the planner has on."""
-    from lfcal.simulate.plane_task import budgeted
+    from lfcal.simulate import budgeted
 
     plan, settings = verdict.plan, verdict.settings
     selection = verdict.found if row.enters_h else verdict.frames
@@ -169,7 +169,7 @@ class Influences:
 
     @staticmethod
     def _response(asked: InfluenceQuestion, *, with_it: bool) -> PlaneResponse:
-        from lfcal.simulate.response import PlaneResponse
+        from lfcal.simulate import PlaneResponse
 
         z = asked.position[0]
         return PlaneResponse(

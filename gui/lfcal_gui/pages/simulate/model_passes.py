@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from lfcal.base.progress import Work
+from lfcal.base import Work
 from lfcal.camera import ScanPlan
-from lfcal_gui.models.kept_run import going_on
+from lfcal_gui.models import going_on
 from lfcal_gui.pages.simulate.model import SimulateSettings
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict, sources_of, verdict_of
 
@@ -30,8 +30,7 @@ class Passes:
 
     def work(self) -> Work[Any]:
         """Simulate; asks the planner first unless the verdict is its answer."""
-        from lfcal.simulate.accuracy.planner import EffectSelection, plan_effects
-        from lfcal.simulate.progressive import iter_refine_psf
+        from lfcal.simulate import EffectSelection, iter_refine_psf, plan_effects
 
         plan, settings, verdict = self.plan, self.settings, self.verdict
         if verdict is None or not verdict.fits(plan, settings):

@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtWidgets import QFileDialog
 
-from lfcal.base.errors import LfcalError
+from lfcal.base import LfcalError
 from lfcal.camera import ScanPlan
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState, WindowJob
-from lfcal_gui.models.page import PageSpec
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import PageSpec, ProjectState
 from lfcal_gui.pages.simulate.model import SimulateSettings, depth_of, preview, preview_words
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict, iter_simulation, verdict_of
 from lfcal_gui.pages.simulate.model_files import read_settings, settings_text
@@ -348,7 +347,7 @@ class Page(BasePage):
 
     def ladder(self) -> None:
         """Measure time and error of every level, as a job."""
-        from lfcal.simulate.accuracy.ladder import iter_ladder
+        from lfcal.simulate import iter_ladder
 
         plan = self._plan()
         if plan is not None:
@@ -362,7 +361,7 @@ class Page(BasePage):
         """Show the rungs as they come; those of a measurement that is stopped stay."""
         if job.number != self._measuring:
             return
-        from lfcal.simulate.accuracy.ladder import LadderProgress
+        from lfcal.simulate import LadderProgress
 
         found = job.progress.ladder if isinstance(job.progress, LadderProgress) else None
         if found is not None and found.rungs and found is not self._ladder:

@@ -19,17 +19,14 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from lfcal.base.units import format_seconds
+from lfcal.base import format_seconds
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.pages.simulate.effect_panel import EffectPanel
 from lfcal_gui.pages.simulate.effects_table import EffectsTable
 from lfcal_gui.pages.simulate.frame_panel import FramePanel
 from lfcal_gui.pages.simulate.model import LEVELS, STEPS, Z_STEPS, SimulateSettings, tolerance_of, tolerance_step
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict
-from lfcal_gui.widgets.cards import card, choice_box, heading, line
-from lfcal_gui.widgets.image_view import ImageView
-from lfcal_gui.widgets.plots import LinePlot
-from lfcal_gui.widgets.splitting import split
+from lfcal_gui.widgets import ImageView, LinePlot, card, choice_box, heading, line, split
 
 __all__ = ["SimulatePanel"]
 

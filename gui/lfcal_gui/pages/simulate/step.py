@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal_gui.models.project import ProjectState
-from lfcal_gui.models.step import PLAN_FILE, CommandStep, needed_plan, options_of
+from lfcal_gui.models import PLAN_FILE, CommandStep, ProjectState, needed_plan, options_of
 from lfcal_gui.pages.simulate.model import SimulateSettings
 from lfcal_gui.pages.simulate.model_files import settings_text
 

@@ -14,8 +14,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from lfcal.base.errors import InputError
-from lfcal.simulate.effects.magnitudes import Magnitude
+from lfcal.base import InputError
+from lfcal.simulate.effects import Magnitude
 from lfcal_gui.pages.simulate.model_effects import read_terms
 
 __all__ = ["TermsTable"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.frames.orientation import AS_IS
+from lfcal.frames import AS_IS
 from lfcal.psf.orientation import either_words
 from lfcal.psf.quality.lattice import ORDERS
 from lfcal.psf.quality.measure import PlaneMeasures

@@ -1,0 +1,9 @@
+"""The public names of `lfcal_gui`: each is loaded when it is asked for."""
+
+from __future__ import annotations
+
+from lfcal_gui.base_page import BasePage
+
+__all__ = [
+    "BasePage",
+]

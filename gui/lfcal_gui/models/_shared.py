@@ -1,0 +1,107 @@
+"""What other packages of lfcal use of `lfcal_gui.models`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal_gui.models.autosave import Claim, UnsavedCopy, find_kept, keep
+from lfcal_gui.models.display import COLOUR_MAPS, SCALES, DisplaySettings, colour_table, levels_of, shades, to_uint8
+from lfcal_gui.models.doctor import doctor_html, doctor_text
+from lfcal_gui.models.filling import Filling
+from lfcal_gui.models.fitted import FittedCamera
+from lfcal_gui.models.form import Field, parse, text_of
+from lfcal_gui.models.frame_view import FrameNumbers, Tile, frame_numbers, lattice_points, render_tile, visible_tile
+from lfcal_gui.models.history import History, Taken
+from lfcal_gui.models.job import JobState, Keeping, WindowJob
+from lfcal_gui.models.job_log import JobLog, notes_of, warnings_to
+from lfcal_gui.models.kept_run import KeptRun, going_on, stamp_of_files
+from lfcal_gui.models.manual import ATLAS, manual_folder, section_of
+from lfcal_gui.models.measure import line_profile, region_numbers, value_histogram
+from lfcal_gui.models.mishaps import Mishap, Mishaps, safe_words
+from lfcal_gui.models.page import (
+    ICON_SIDE,
+    PAGES,
+    Sketch,
+    available_pages,
+    file_state,
+    found_state,
+    nothing,
+    page_states,
+    with_found,
+)
+from lfcal_gui.models.project import Hold, Project, ProjectState, RecentProjects, read_project
+from lfcal_gui.models.stamp import Stamp, stamp_of
+from lfcal_gui.models.step import CAMERA_FILE, PLAN_FILE, CommandStep, needed_file, needed_plan, options_of, step_of
+from lfcal_gui.models.words import plane_words, said_in_window, typeset, unbroken
+
+__all__ = [
+    "ATLAS",
+    "CAMERA_FILE",
+    "COLOUR_MAPS",
+    "ICON_SIDE",
+    "PAGES",
+    "PLAN_FILE",
+    "SCALES",
+    "Claim",
+    "CommandStep",
+    "DisplaySettings",
+    "Field",
+    "Filling",
+    "FittedCamera",
+    "FrameNumbers",
+    "History",
+    "Hold",
+    "JobLog",
+    "JobState",
+    "Keeping",
+    "KeptRun",
+    "Mishap",
+    "Mishaps",
+    "Project",
+    "ProjectState",
+    "RecentProjects",
+    "Sketch",
+    "Stamp",
+    "Taken",
+    "Tile",
+    "UnsavedCopy",
+    "WindowJob",
+    "available_pages",
+    "colour_table",
+    "doctor_html",
+    "doctor_text",
+    "file_state",
+    "find_kept",
+    "found_state",
+    "frame_numbers",
+    "going_on",
+    "keep",
+    "lattice_points",
+    "levels_of",
+    "line_profile",
+    "manual_folder",
+    "needed_file",
+    "needed_plan",
+    "notes_of",
+    "nothing",
+    "options_of",
+    "page_states",
+    "parse",
+    "plane_words",
+    "read_project",
+    "region_numbers",
+    "render_tile",
+    "safe_words",
+    "said_in_window",
+    "section_of",
+    "shades",
+    "stamp_of",
+    "stamp_of_files",
+    "step_of",
+    "text_of",
+    "to_uint8",
+    "typeset",
+    "unbroken",
+    "value_histogram",
+    "visible_tile",
+    "warnings_to",
+    "with_found",
+]

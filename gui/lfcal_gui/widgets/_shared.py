@@ -1,0 +1,84 @@
+"""What other packages of lfcal use of `lfcal_gui.widgets`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal_gui.widgets.axis_arrows import AxisArrows
+from lfcal_gui.widgets.blank import NOTHING
+from lfcal_gui.widgets.cards import (
+    SPACING,
+    card,
+    choice_box,
+    clear,
+    column_area,
+    heading,
+    line,
+    scrolling,
+    told_or_shown,
+)
+from lfcal_gui.widgets.colour_bar import ColourBar, bar_table, theme_table
+from lfcal_gui.widgets.enlarging import toggle_in, whole_page
+from lfcal_gui.widgets.fitted_text import FittedBrowser, lines_px
+from lfcal_gui.widgets.folded import Folded
+from lfcal_gui.widgets.form import Form
+from lfcal_gui.widgets.frame_view import FrameView
+from lfcal_gui.widgets.headed_card import HeadedCard
+from lfcal_gui.widgets.image_view import ImageView
+from lfcal_gui.widgets.linking import link_plots, link_views
+from lfcal_gui.widgets.measured_part import MeasuredPart, entries_at
+from lfcal_gui.widgets.naming import name_controls
+from lfcal_gui.widgets.period_map import PeriodMap
+from lfcal_gui.widgets.picture_menu import offer_menu, table_entries
+from lfcal_gui.widgets.pixel_axis import count_pixels, pixel_axes
+from lfcal_gui.widgets.plots import LINES, DecadeAxis, LinePlot, line_px, shown_tone, style_axes, theme_plot
+from lfcal_gui.widgets.rows_table import RowsTable
+from lfcal_gui.widgets.splitting import split
+from lfcal_gui.widgets.words import ElidedLabel, WrappedLabel, set_look, set_role
+
+__all__ = [
+    "LINES",
+    "NOTHING",
+    "SPACING",
+    "AxisArrows",
+    "ColourBar",
+    "DecadeAxis",
+    "ElidedLabel",
+    "FittedBrowser",
+    "Folded",
+    "Form",
+    "FrameView",
+    "HeadedCard",
+    "ImageView",
+    "LinePlot",
+    "MeasuredPart",
+    "PeriodMap",
+    "RowsTable",
+    "WrappedLabel",
+    "bar_table",
+    "card",
+    "choice_box",
+    "clear",
+    "column_area",
+    "count_pixels",
+    "entries_at",
+    "heading",
+    "line",
+    "line_px",
+    "lines_px",
+    "link_plots",
+    "link_views",
+    "name_controls",
+    "offer_menu",
+    "pixel_axes",
+    "scrolling",
+    "set_look",
+    "set_role",
+    "shown_tone",
+    "split",
+    "style_axes",
+    "table_entries",
+    "theme_plot",
+    "theme_table",
+    "toggle_in",
+    "told_or_shown",
+    "whole_page",
+]

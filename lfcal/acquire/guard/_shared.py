@@ -1,0 +1,21 @@
+"""What other packages of lfcal use of `lfcal.acquire.guard`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal.acquire.guard.content import CheckedFrame, Content, ContentGuard
+from lfcal.acquire.guard.doubts import NO_DOUBT, Doubt
+from lfcal.acquire.guard.neighbours import MeasuredFrame, SensorLimits, measured, same_place
+from lfcal.acquire.guard.repeats import FramePlace
+
+__all__ = [
+    "NO_DOUBT",
+    "CheckedFrame",
+    "Content",
+    "ContentGuard",
+    "Doubt",
+    "FramePlace",
+    "MeasuredFrame",
+    "SensorLimits",
+    "measured",
+    "same_place",
+]

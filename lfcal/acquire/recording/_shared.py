@@ -1,0 +1,42 @@
+"""What other packages of lfcal use of `lfcal.acquire.recording`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal.acquire.recording.durable import DiskGuard, FolderLock, holder_of
+from lfcal.acquire.recording.opening import open_session
+from lfcal.acquire.recording.reader import RecordingFile
+from lfcal.acquire.recording.records import RECORD, Kind, Note, Suspicion, file_name, frame_crc
+from lfcal.acquire.recording.repair import iter_repair
+from lfcal.acquire.recording.source import CheckFrame, RecordingSource, read_checks
+from lfcal.acquire.recording.store import Store, recording_bytes
+from lfcal.acquire.recording.verify import DamagedFrame, SessionReport, iter_verify, verify
+from lfcal.acquire.recording.whole_frames import TargetRecording
+from lfcal.acquire.recording.writer import Acknowledged, Sink, Writer
+
+__all__ = [
+    "RECORD",
+    "Acknowledged",
+    "CheckFrame",
+    "DamagedFrame",
+    "DiskGuard",
+    "FolderLock",
+    "Kind",
+    "Note",
+    "RecordingFile",
+    "RecordingSource",
+    "SessionReport",
+    "Sink",
+    "Store",
+    "Suspicion",
+    "TargetRecording",
+    "Writer",
+    "file_name",
+    "frame_crc",
+    "holder_of",
+    "iter_repair",
+    "iter_verify",
+    "open_session",
+    "read_checks",
+    "recording_bytes",
+    "verify",
+]

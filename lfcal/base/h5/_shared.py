@@ -1,0 +1,21 @@
+"""What other packages of lfcal use of `lfcal.base.h5`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal.base.h5.attributes import Attributes
+from lfcal.base.h5.chunks import FILTER_NAMES
+from lfcal.base.h5.dataset import H5Data
+from lfcal.base.h5.file import H5File
+from lfcal.base.h5.filters import encode_chunk
+from lfcal.base.h5.probe import trust
+from lfcal.base.h5.writing import new_h5
+
+__all__ = [
+    "FILTER_NAMES",
+    "Attributes",
+    "H5Data",
+    "H5File",
+    "encode_chunk",
+    "new_h5",
+    "trust",
+]

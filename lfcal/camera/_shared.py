@@ -1,0 +1,36 @@
+"""What other packages of lfcal use of `lfcal.camera`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal.camera.cell import cell_corners
+from lfcal.camera.derived import DEPTH, STEP, WHOLE_FRAMES, assumed_of
+from lfcal.camera.description import build
+from lfcal.camera.distortion import monomials, polynomial_powers
+from lfcal.camera.forecast import readout_hours
+from lfcal.camera.half_cell import HalfCell, half_cell
+from lfcal.camera.lens_centre import nearest_lens
+from lfcal.camera.plan import FORMAT
+from lfcal.camera.planes import checked_depths
+from lfcal.camera.regions import parse_regions
+from lfcal.camera.shadow import cutout_for, half_extent_px, rms_radius_px
+
+__all__ = [
+    "DEPTH",
+    "FORMAT",
+    "STEP",
+    "WHOLE_FRAMES",
+    "HalfCell",
+    "assumed_of",
+    "build",
+    "cell_corners",
+    "checked_depths",
+    "cutout_for",
+    "half_cell",
+    "half_extent_px",
+    "monomials",
+    "nearest_lens",
+    "parse_regions",
+    "polynomial_powers",
+    "readout_hours",
+    "rms_radius_px",
+]

@@ -1,0 +1,31 @@
+"""What other packages of lfcal use of `lfcal.campaign`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal.campaign.point_assembly import iter_assemble_points
+from lfcal.campaign.point_facts import target_facts
+from lfcal.campaign.point_files import iter_write_points, point_outputs
+from lfcal.campaign.point_fit import MOST, iter_fit_points
+from lfcal.campaign.point_hole import hole_words
+from lfcal.campaign.points import Points, iter_points_of
+from lfcal.campaign.regions import first_begun, is_regions, parts_beside, region_sessions, save_parts
+from lfcal.campaign.turned_frames import find_turned_frames, seen_patterns
+
+__all__ = [
+    "MOST",
+    "Points",
+    "find_turned_frames",
+    "first_begun",
+    "hole_words",
+    "is_regions",
+    "iter_assemble_points",
+    "iter_fit_points",
+    "iter_points_of",
+    "iter_write_points",
+    "parts_beside",
+    "point_outputs",
+    "region_sessions",
+    "save_parts",
+    "seen_patterns",
+    "target_facts",
+]

@@ -1,0 +1,18 @@
+"""What other packages of lfcal use of `lfcal.devices.simulated`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal.devices.simulated.backend import SimBackend, inject, simulated_rig
+from lfcal.devices.simulated.faults import CAMERA_FAULTS, FAULTS, GAUGE_FAULTS, STAGE_FAULTS, DeviceFault, parse_faults
+
+__all__ = [
+    "CAMERA_FAULTS",
+    "FAULTS",
+    "GAUGE_FAULTS",
+    "STAGE_FAULTS",
+    "DeviceFault",
+    "SimBackend",
+    "inject",
+    "parse_faults",
+    "simulated_rig",
+]

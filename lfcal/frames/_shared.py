@@ -1,0 +1,56 @@
+"""What other packages of lfcal use of `lfcal.frames`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal.frames.aligned import chosen_shift, find_shift
+from lfcal.frames.cfa import cfa_from, check_cfa, pattern_side
+from lfcal.frames.colour_scan import ThinnedSource, colour_scan, colours_of
+from lfcal.frames.components import COMPONENTS, open_component
+from lfcal.frames.damage import SelectedSource, named
+from lfcal.frames.described import stated_noise
+from lfcal.frames.half_cell import with_partners
+from lfcal.frames.opening import SOURCES
+from lfcal.frames.orientation import AUTO, CHECK
+from lfcal.frames.part import binned, check_inside, check_stated, parse_origin, part_refusal, smaller, stated_origin
+from lfcal.frames.positions import natural_key
+from lfcal.frames.regions import Region, clipped, moved, part_of, region_shape
+from lfcal.frames.source import check_index
+from lfcal.frames.view import SourceView
+from lfcal.frames.white_orientation import TurnedWhite, compared_orientations
+
+__all__ = [
+    "AUTO",
+    "CHECK",
+    "COMPONENTS",
+    "SOURCES",
+    "Region",
+    "SelectedSource",
+    "SourceView",
+    "ThinnedSource",
+    "TurnedWhite",
+    "binned",
+    "cfa_from",
+    "check_cfa",
+    "check_index",
+    "check_inside",
+    "check_stated",
+    "chosen_shift",
+    "clipped",
+    "colour_scan",
+    "colours_of",
+    "compared_orientations",
+    "find_shift",
+    "moved",
+    "named",
+    "natural_key",
+    "open_component",
+    "parse_origin",
+    "part_of",
+    "part_refusal",
+    "pattern_side",
+    "region_shape",
+    "smaller",
+    "stated_noise",
+    "stated_origin",
+    "with_partners",
+]

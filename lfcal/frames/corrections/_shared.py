@@ -1,0 +1,38 @@
+"""What other packages of lfcal use of `lfcal.frames.corrections`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal.frames.corrections.background import Background
+from lfcal.frames.corrections.chain import CorrectionChain
+from lfcal.frames.corrections.corrected import CorrectedSource, corrected
+from lfcal.frames.corrections.defect_search import find_defects, iter_find_defects
+from lfcal.frames.corrections.defects import Defects
+from lfcal.frames.corrections.recipe import (
+    CorrectionRecipe,
+    check_turned_colours,
+    corrected_view,
+    first_image,
+    read_average,
+)
+from lfcal.frames.corrections.steps import Dark, DarkSet, Exposure, White, average_frames, difference_variance
+
+__all__ = [
+    "Background",
+    "CorrectedSource",
+    "CorrectionChain",
+    "CorrectionRecipe",
+    "Dark",
+    "DarkSet",
+    "Defects",
+    "Exposure",
+    "White",
+    "average_frames",
+    "check_turned_colours",
+    "corrected",
+    "corrected_view",
+    "difference_variance",
+    "find_defects",
+    "first_image",
+    "iter_find_defects",
+    "read_average",
+]

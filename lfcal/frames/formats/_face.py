@@ -1,0 +1,11 @@
+"""The public names of `lfcal.frames.formats`: each is loaded when it is asked for."""
+
+from __future__ import annotations
+
+from lfcal.frames.formats.image_file import Format, ImageFile, check_declared
+
+__all__ = [
+    "Format",
+    "ImageFile",
+    "check_declared",
+]

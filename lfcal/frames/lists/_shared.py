@@ -1,0 +1,49 @@
+"""What other packages of lfcal use of `lfcal.frames.lists`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal.frames.lists.columns import LENGTHS, TIMES, Column, clear_columns, find_columns, parse_columns
+from lfcal.frames.lists.derived import plan_of_list
+from lfcal.frames.lists.entries import located
+from lfcal.frames.lists.listing import Listing
+from lfcal.frames.lists.micromanager import micromanager_list
+from lfcal.frames.lists.motion import Part, centre_of_light
+from lfcal.frames.lists.names import files_below
+from lfcal.frames.lists.open_table import (
+    any_listing,
+    from_micromanager,
+    from_stage,
+    is_plain,
+    manifest_from,
+    reader,
+    sample_of,
+)
+from lfcal.frames.lists.placing import place
+from lfcal.frames.lists.table import TABLE_SUFFIXES, Table, read_table
+
+__all__ = [
+    "LENGTHS",
+    "TABLE_SUFFIXES",
+    "TIMES",
+    "Column",
+    "Listing",
+    "Part",
+    "Table",
+    "any_listing",
+    "centre_of_light",
+    "clear_columns",
+    "files_below",
+    "find_columns",
+    "from_micromanager",
+    "from_stage",
+    "is_plain",
+    "located",
+    "manifest_from",
+    "micromanager_list",
+    "parse_columns",
+    "place",
+    "plan_of_list",
+    "read_table",
+    "reader",
+    "sample_of",
+]

@@ -1,0 +1,20 @@
+"""What other packages of lfcal use of `lfcal.frames.photon_transfer`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal.frames.photon_transfer.figure import save_curve
+from lfcal.frames.photon_transfer.frame_list import find_frames
+from lfcal.frames.photon_transfer.measurement import iter_measure_sensor
+from lfcal.frames.photon_transfer.result import SensorMeasurement
+from lfcal.frames.photon_transfer.summary import figures_of, unlike
+from lfcal.frames.photon_transfer.values import MeasuredValue
+
+__all__ = [
+    "MeasuredValue",
+    "SensorMeasurement",
+    "figures_of",
+    "find_frames",
+    "iter_measure_sensor",
+    "save_curve",
+    "unlike",
+]

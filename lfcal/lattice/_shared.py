@@ -1,0 +1,20 @@
+"""What other packages of lfcal use of `lfcal.lattice`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal.lattice.camera_check import DIFFERS, FITS, WRONG, CameraCheck, CheckLine, check_camera
+from lfcal.lattice.lattice_fit import LatticeErrors
+from lfcal.lattice.micro_images import TypeOf
+from lfcal.lattice.rendering import check_slopes
+
+__all__ = [
+    "DIFFERS",
+    "FITS",
+    "WRONG",
+    "CameraCheck",
+    "CheckLine",
+    "LatticeErrors",
+    "TypeOf",
+    "check_camera",
+    "check_slopes",
+]

@@ -1,0 +1,58 @@
+"""What other packages of lfcal use of `lfcal.multiplex`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal.multiplex.black_level import black_level_map
+from lfcal.multiplex.codes import CODES
+from lfcal.multiplex.coding_drawing import save_coding
+from lfcal.multiplex.colour_filters import FILTERS, parse_pattern
+from lfcal.multiplex.drawing import draw_modulator, save_filter_choice, save_frontier, save_gain_curves, save_gain_map
+from lfcal.multiplex.drawing_images import save_colour_routes
+from lfcal.multiplex.filters import SPATIAL_FILTERS
+from lfcal.multiplex.general import iter_demultiplex_generally
+from lfcal.multiplex.heterodyne import is_straight, sample_places
+from lfcal.multiplex.matrix_file import MATRIX_SUFFIXES, save_modulator
+from lfcal.multiplex.naming import GRAMMAR, is_whole
+from lfcal.multiplex.paper import FIGURES, PaperFigure, PaperPanel, paper_figure
+from lfcal.multiplex.paper_drawing import save_paper_figure
+from lfcal.multiplex.quality import WAYS, iter_measure_filters
+from lfcal.multiplex.scenes import colour_edges, filament_light_field, view_edges, zone_plate
+from lfcal.multiplex.search import SearchProgress, iter_mask_frontier
+from lfcal.multiplex.summary import ModulatorNumbers, describe
+
+__all__ = [
+    "CODES",
+    "FIGURES",
+    "FILTERS",
+    "GRAMMAR",
+    "MATRIX_SUFFIXES",
+    "SPATIAL_FILTERS",
+    "WAYS",
+    "ModulatorNumbers",
+    "PaperFigure",
+    "PaperPanel",
+    "SearchProgress",
+    "black_level_map",
+    "colour_edges",
+    "describe",
+    "draw_modulator",
+    "filament_light_field",
+    "is_straight",
+    "is_whole",
+    "iter_demultiplex_generally",
+    "iter_mask_frontier",
+    "iter_measure_filters",
+    "paper_figure",
+    "parse_pattern",
+    "sample_places",
+    "save_coding",
+    "save_colour_routes",
+    "save_filter_choice",
+    "save_frontier",
+    "save_gain_curves",
+    "save_gain_map",
+    "save_modulator",
+    "save_paper_figure",
+    "view_edges",
+    "zone_plate",
+]

@@ -1,0 +1,96 @@
+"""What other packages of lfcal use of `lfcal.psf`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal.psf.assembly import AssembledPlanes, AssemblyProgress, planes_of_frames
+from lfcal.psf.cutout import INTERPOLATIONS, Window
+from lfcal.psf.denoising import mean_noise
+from lfcal.psf.difference import Difference, iter_difference
+from lfcal.psf.export import ExportOptions, check_missing, export_files, export_notes
+from lfcal.psf.export_units import iter_export_units
+from lfcal.psf.facts import Origin, stacked
+from lfcal.psf.filling import Fill, Filled
+from lfcal.psf.half_cell import copied_positions
+from lfcal.psf.joining import iter_join
+from lfcal.psf.layout import COMPRESSIONS, Header, Plane
+from lfcal.psf.lens_centre import lens_centre_of
+from lfcal.psf.light import dark_planes, empty_positions, empty_words
+from lfcal.psf.make import PlaneSource, Reopening, Zeros, iter_make, iter_units, iter_write
+from lfcal.psf.mat_import import MAT_ORDERS, check_mat_order
+from lfcal.psf.measured_noise import scan_noise
+from lfcal.psf.opening import mat_order_of, opening_notes
+from lfcal.psf.orientation import AS_IS, ORIENTATIONS, FoundOrientation, either_words, find_orientation
+from lfcal.psf.pairing import Pair, pair
+from lfcal.psf.picked import iter_pick
+from lfcal.psf.provenance import OF_FRAMES, light_shares, optics_of, simulated_planes
+from lfcal.psf.region_loss import draw_region_loss, iter_region_loss
+from lfcal.psf.saving import iter_transpose_file
+from lfcal.psf.steps import check_store_tolerance
+from lfcal.psf.store import FORMAT
+from lfcal.psf.transpose import ht_slice
+from lfcal.psf.upright import AUTO, CHECK, check_found, iter_upright
+from lfcal.psf.voxels import pixel_um, voxel_um
+
+__all__ = [
+    "AS_IS",
+    "AUTO",
+    "CHECK",
+    "COMPRESSIONS",
+    "FORMAT",
+    "INTERPOLATIONS",
+    "MAT_ORDERS",
+    "OF_FRAMES",
+    "ORIENTATIONS",
+    "AssembledPlanes",
+    "AssemblyProgress",
+    "Difference",
+    "ExportOptions",
+    "Fill",
+    "Filled",
+    "FoundOrientation",
+    "Header",
+    "Origin",
+    "Pair",
+    "Plane",
+    "PlaneSource",
+    "Reopening",
+    "Window",
+    "Zeros",
+    "check_found",
+    "check_mat_order",
+    "check_missing",
+    "check_store_tolerance",
+    "copied_positions",
+    "dark_planes",
+    "draw_region_loss",
+    "either_words",
+    "empty_positions",
+    "empty_words",
+    "export_files",
+    "export_notes",
+    "find_orientation",
+    "ht_slice",
+    "iter_difference",
+    "iter_export_units",
+    "iter_join",
+    "iter_make",
+    "iter_pick",
+    "iter_region_loss",
+    "iter_transpose_file",
+    "iter_units",
+    "iter_upright",
+    "iter_write",
+    "lens_centre_of",
+    "light_shares",
+    "mat_order_of",
+    "mean_noise",
+    "opening_notes",
+    "optics_of",
+    "pair",
+    "pixel_um",
+    "planes_of_frames",
+    "scan_noise",
+    "simulated_planes",
+    "stacked",
+    "voxel_um",
+]

@@ -1,0 +1,31 @@
+"""What other packages of lfcal use of `lfcal.psf.report`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal.psf.report.beside import Beside, ToldFault
+from lfcal.psf.report.page import limits, value_text
+from lfcal.psf.report.style import stylesheet
+from lfcal.psf.report.two import (
+    COLUMNS,
+    compared_report_files,
+    compared_words,
+    figure_rows,
+    iter_compared_report,
+    map_levels,
+    verdict,
+)
+
+__all__ = [
+    "COLUMNS",
+    "Beside",
+    "ToldFault",
+    "compared_report_files",
+    "compared_words",
+    "figure_rows",
+    "iter_compared_report",
+    "limits",
+    "map_levels",
+    "stylesheet",
+    "value_text",
+    "verdict",
+]

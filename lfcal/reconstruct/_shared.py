@@ -1,0 +1,42 @@
+"""What other packages of lfcal use of `lfcal.reconstruct`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal.reconstruct.facts import VolumeFacts
+from lfcal.reconstruct.margin import cropped, usual_margin
+from lfcal.reconstruct.memory import room_for_projections, run_memory
+from lfcal.reconstruct.metric import MetricGrid
+from lfcal.reconstruct.metrics import nrmse
+from lfcal.reconstruct.ome_zarr import check_zarr, open_ome_zarr, told_of
+from lfcal.reconstruct.phantoms import PHANTOMS, phantom, points
+from lfcal.reconstruct.resample import MOST_DRIFT, drift_note, drift_words, lattice_anchor_of
+from lfcal.reconstruct.series import check_any, check_warm, iter_frame
+from lfcal.reconstruct.volumes import DATASET, SUFFIXES, VOLUME_FORMAT, check_suffix, write_volumes
+
+__all__ = [
+    "DATASET",
+    "MOST_DRIFT",
+    "PHANTOMS",
+    "SUFFIXES",
+    "VOLUME_FORMAT",
+    "MetricGrid",
+    "VolumeFacts",
+    "check_any",
+    "check_suffix",
+    "check_warm",
+    "check_zarr",
+    "cropped",
+    "drift_note",
+    "drift_words",
+    "iter_frame",
+    "lattice_anchor_of",
+    "nrmse",
+    "open_ome_zarr",
+    "phantom",
+    "points",
+    "room_for_projections",
+    "run_memory",
+    "told_of",
+    "usual_margin",
+    "write_volumes",
+]

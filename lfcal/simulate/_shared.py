@@ -1,0 +1,28 @@
+"""What other packages of lfcal use of `lfcal.simulate`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal.simulate.cutout_light import light_in_cutout
+from lfcal.simulate.plane_task import Budget, EffectsLike, budgeted, tolerance_for
+from lfcal.simulate.response import PlaneResponse, at_wavelength
+from lfcal.simulate.scene import LAWS
+from lfcal.simulate.simulate import effects_told, told_effects
+from lfcal.simulate.staging import filtered, origin_of, outlook_of, resolve_level, scene_for
+
+__all__ = [
+    "LAWS",
+    "Budget",
+    "EffectsLike",
+    "PlaneResponse",
+    "at_wavelength",
+    "budgeted",
+    "effects_told",
+    "filtered",
+    "light_in_cutout",
+    "origin_of",
+    "outlook_of",
+    "resolve_level",
+    "scene_for",
+    "told_effects",
+    "tolerance_for",
+]

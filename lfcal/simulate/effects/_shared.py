@@ -1,0 +1,29 @@
+"""What other packages of lfcal use of `lfcal.simulate.effects`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal.simulate.effects.described import (
+    SETTINGS,
+    Entry,
+    effect_from,
+    entries_json,
+    parse_effects,
+    parse_entries,
+    read_entries,
+)
+from lfcal.simulate.effects.kernel import NEIGHBOURS
+from lfcal.simulate.effects.magnitudes import Magnitude, magnitudes_of, number_in
+
+__all__ = [
+    "NEIGHBOURS",
+    "SETTINGS",
+    "Entry",
+    "Magnitude",
+    "effect_from",
+    "entries_json",
+    "magnitudes_of",
+    "number_in",
+    "parse_effects",
+    "parse_entries",
+    "read_entries",
+]

@@ -1,0 +1,50 @@
+"""What other packages of lfcal use of `lfcal.simulate.engines`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal.simulate.engines.base import LEVELS, Certificate, Displaceable, EnergyError, PlaneEngine, Sampling
+from lfcal.simulate.engines.choose import engine_for
+from lfcal.simulate.engines.extent import MOST_ORDERS, MOST_SAMPLES, MOST_SIDE, SWITCH, Extent
+from lfcal.simulate.engines.field import choose_mode, field_modes
+from lfcal.simulate.engines.grid import extent_of, largest_angle
+from lfcal.simulate.engines.masks import MOST_HELD, MOST_TABLE, bent_fineness, fineness
+from lfcal.simulate.engines.microscope import KEPT_BYTES, MARGIN_PER_NODE, highest_order, is_separable, reach_um
+from lfcal.simulate.engines.reference import HELD_BYTES
+from lfcal.simulate.engines.tables import aperture_radius, aperture_width, table_reach, window_of
+from lfcal.simulate.engines.tilted import orders_of
+from lfcal.simulate.engines.zernike import zernike_wavefront
+
+__all__ = [
+    "HELD_BYTES",
+    "KEPT_BYTES",
+    "LEVELS",
+    "MARGIN_PER_NODE",
+    "MOST_HELD",
+    "MOST_ORDERS",
+    "MOST_SAMPLES",
+    "MOST_SIDE",
+    "MOST_TABLE",
+    "SWITCH",
+    "Certificate",
+    "Displaceable",
+    "EnergyError",
+    "Extent",
+    "PlaneEngine",
+    "Sampling",
+    "aperture_radius",
+    "aperture_width",
+    "bent_fineness",
+    "choose_mode",
+    "engine_for",
+    "extent_of",
+    "field_modes",
+    "fineness",
+    "highest_order",
+    "is_separable",
+    "largest_angle",
+    "orders_of",
+    "reach_um",
+    "table_reach",
+    "window_of",
+    "zernike_wavefront",
+]

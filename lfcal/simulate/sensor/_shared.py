@@ -1,0 +1,25 @@
+"""What other packages of lfcal use of `lfcal.simulate.sensor`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal.simulate.sensor.camera_source import SimulatedCamera
+from lfcal.simulate.sensor.noise import FrameKind, expose, temporal_noise
+from lfcal.simulate.sensor.responses import Responses, Window
+from lfcal.simulate.sensor.session import discard_unfinished, iter_write_session, unfinished, write_session
+from lfcal.simulate.sensor.white import white_tile
+from lfcal.simulate.sensor.windows import place
+
+__all__ = [
+    "FrameKind",
+    "Responses",
+    "SimulatedCamera",
+    "Window",
+    "discard_unfinished",
+    "expose",
+    "iter_write_session",
+    "place",
+    "temporal_noise",
+    "unfinished",
+    "white_tile",
+    "write_session",
+]

@@ -1,0 +1,33 @@
+"""What other packages of lfcal use of `lfcal.targets`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal.targets.frames import frames_of, open_target_frames, read_target_plan
+from lfcal.targets.images import whole_at
+from lfcal.targets.mistakes import Mistake
+from lfcal.targets.nearest import nearest_positions
+from lfcal.targets.parsing import proposed_hole
+from lfcal.targets.phases import Phases
+from lfcal.targets.planning import shown_within
+from lfcal.targets.region_points import region_points
+from lfcal.targets.sampling import may_resample, resampling_words
+from lfcal.targets.search import covered_by
+from lfcal.targets.subsets import group_order, subset_patterns
+
+__all__ = [
+    "Mistake",
+    "Phases",
+    "covered_by",
+    "frames_of",
+    "group_order",
+    "may_resample",
+    "nearest_positions",
+    "open_target_frames",
+    "proposed_hole",
+    "read_target_plan",
+    "region_points",
+    "resampling_words",
+    "shown_within",
+    "subset_patterns",
+    "whole_at",
+]

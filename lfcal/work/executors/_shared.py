@@ -1,0 +1,15 @@
+"""What other packages of lfcal use of `lfcal.work.executors`, and nobody else: it may change."""
+
+from __future__ import annotations
+
+from lfcal.work.executors.base import Ended, Event, Executor, What
+from lfcal.work.executors.threads import at_once, memory_beside
+
+__all__ = [
+    "Ended",
+    "Event",
+    "Executor",
+    "What",
+    "at_once",
+    "memory_beside",
+]
