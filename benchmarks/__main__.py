@@ -8,7 +8,7 @@ from typing import Any
 import typer
 
 from lfcal import cli
-from lfcal.cli.lazy import LazyCommands, LazyGroup, listed_commands
+from lfcal.cli._lazy import LazyCommands, LazyGroup, listed_commands
 
 __all__ = ["command_line", "main"]
 

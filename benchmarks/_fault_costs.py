@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.judge.scenes import SceneTrial, beads, lines, scene
+from lfcal.judge._scenes import SceneTrial, beads, lines, scene
 
 __all__ = ["TrueCost"]
 

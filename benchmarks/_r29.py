@@ -48,7 +48,7 @@ class R29Result:
     def show(self) -> None:
         """Print forecast and measurement side by side."""
         from lfcal.base.units import format_bytes
-        from lfcal.cli.console import print_table, seconds
+        from lfcal.cli._console import print_table, seconds
 
         scaled = "" if self.planes_measured == PLANES else f" ({self.planes_measured} measured, scaled)"
         rows = [

@@ -15,7 +15,7 @@ from lfcal.reconstruct import Projector
 from lfcal.reconstruct.metrics import nrmse
 from lfcal.reconstruct.resolution import bead_widths
 from lfcal.reconstruct.solvers.choice import SolverChoice, iter_reconstruct, reconstruct
-from lfcal.reconstruct.solvers.richardson_lucy import richardson_lucy
+from lfcal.reconstruct.solvers.multiplicative import richardson_lucy
 
 __all__ = ["TIE", "UNITS", "Trial", "trial", "unit_of"]
 

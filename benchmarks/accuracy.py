@@ -12,15 +12,15 @@ import typer
 
 from lfcal.base.checks import check_number
 from lfcal.base.units import format_seconds
-from lfcal.cli.console import print_json, print_table, run_work
-from lfcal.cli.options import CameraArgument, ForceOption, JsonOption
+from lfcal.cli._console import print_json, print_table, run_work
+from lfcal.cli._options import CameraArgument, ForceOption, JsonOption
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from lfcal.camera import ScanPlan
-    from lfcal.simulate.accuracy.ladder import Ladder
+    from lfcal.simulate.accuracy._ladder import Ladder
     from lfcal.simulate.engines.base import PlaneEngine
 
 __all__ = ["register"]
@@ -56,7 +56,7 @@ def command(
     from lfcal.camera import ScanPlan
     from lfcal.cli.outputs import check_output
     from lfcal.cli.plan import load_camera, parse_depths
-    from lfcal.simulate.accuracy.ladder import draw_ladder, iter_ladder
+    from lfcal.simulate.accuracy._ladder import draw_ladder, iter_ladder
 
     wanted = parse_depths(asked, lengths=False)
     for share in wanted:
@@ -149,8 +149,8 @@ def _reached(plan: ScanPlan, asked: float, positions: int) -> Reached:
     import numpy as np
 
     from lfcal.simulate import plan_effects
+    from lfcal.simulate.accuracy._ladder import rung_label
     from lfcal.simulate.accuracy.forecast import plane_seconds
-    from lfcal.simulate.accuracy.ladder import rung_label
     from lfcal.simulate.accuracy.sampling import steps_for
     from lfcal.simulate.engines.choose import engine_for
     from lfcal.simulate.response import PlaneResponse

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import typer
 
-from lfcal.cli.options import FolderOption, JsonOption
+from lfcal.cli._options import FolderOption, JsonOption
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
@@ -34,7 +34,7 @@ def command(
 
     Example: `python -m benchmarks acquire`
     """
-    from lfcal.cli.console import print_json, print_table
+    from lfcal.cli._console import print_json, print_table
 
     planning = time_planning()
     plan = bench_plan(cutout)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import typer
 
-from lfcal.cli.options import JsonOption
+from lfcal.cli._options import JsonOption
 
 BLADES = (5, 6, 7, 8, 9, 10, 11)
 CURVATURES = (0.0, 0.3, 0.6)
@@ -106,7 +106,7 @@ def run(trial: Trial) -> Outcome:
     import numpy as np
 
     from lfcal.psf.aperture import fit_aperture
-    from lfcal.psf.aperture.synthetic import Disturbance, IrisFault, depth_sum_of
+    from lfcal.psf.aperture._synthetic import Disturbance, IrisFault, depth_sum_of
 
     seed = [trial.blades, round(100 * trial.curvature), round(100 * trial.snr), trial.number, trial.side]
     disturbance = Disturbance(1 / trial.snr, 2.0, trial.ripple, trial.pitch_px, trial.pattern)
@@ -155,7 +155,7 @@ def command(
     from concurrent.futures import ProcessPoolExecutor
 
     from lfcal.base.threads import worker_count
-    from lfcal.cli.console import print_json
+    from lfcal.cli._console import print_json
 
     work = [*trials(per_cell, side), *round_stops(rounds, side), *stuck_blades(stuck, side)]
     run(work[0])  # compile once, into the cache that the processes share
@@ -178,7 +178,7 @@ def table(outcomes: Sequence[Outcome]) -> None:
     """Print medians per curvature and SNR, then round stops and stuck blades, then the whole."""
     from statistics import median
 
-    from lfcal.cli.console import seconds
+    from lfcal.cli._console import seconds
 
     _irises([o for o in outcomes if o.trial.case == "iris"])
     for name in ("round", "stuck"):
@@ -192,7 +192,7 @@ def table(outcomes: Sequence[Outcome]) -> None:
 def _irises(outcomes: Sequence[Outcome]) -> None:
     from statistics import median
 
-    from lfcal.cli.console import print_table
+    from lfcal.cli._console import print_table
 
     rows = []
     for curvature in CURVATURES:
@@ -227,7 +227,7 @@ def _irises(outcomes: Sequence[Outcome]) -> None:
 
 
 def _rounds(outcomes: Sequence[Outcome]) -> None:
-    from lfcal.cli.console import print_table
+    from lfcal.cli._console import print_table
 
     rows = []
     for pattern in PATTERNS:
@@ -243,7 +243,7 @@ def _rounds(outcomes: Sequence[Outcome]) -> None:
 
 
 def _stuck(outcomes: Sequence[Outcome]) -> None:
-    from lfcal.cli.console import print_table
+    from lfcal.cli._console import print_table
 
     rows = []
     for out in OUT:

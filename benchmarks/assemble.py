@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import typer
 
-from lfcal.cli.options import JsonOption
+from lfcal.cli._options import JsonOption
 
 
 def register(app: typer.Typer) -> None:
@@ -35,7 +35,7 @@ def assemble_command(
     Example: `python -m benchmarks assemble`
     """
     from lfcal.base.units import format_seconds
-    from lfcal.cli.console import print_json, print_table
+    from lfcal.cli._console import print_json, print_table
 
     with TemporaryDirectory() as name:
         folder = Path(name)
@@ -129,7 +129,7 @@ def transpose_command(
     Example: `python -m benchmarks transpose-file`
     """
     from lfcal.base.units import format_bytes, format_seconds
-    from lfcal.cli.console import print_json, print_table
+    from lfcal.cli._console import print_json, print_table
 
     with TemporaryDirectory() as name:
         found = _transpose_file(Path(name), gigabytes, planes)

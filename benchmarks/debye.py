@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from lfcal.base.errors import InputError
 from lfcal.base.units import format_seconds
-from lfcal.cli.console import print_json, print_table
-from lfcal.cli.options import JsonOption
+from lfcal.cli._console import print_json, print_table
+from lfcal.cli._options import JsonOption
 
 __all__ = ["Row", "measure", "register"]
 
@@ -93,7 +93,7 @@ def _show(rows: list[Row], title: str) -> None:
 def measure(depth_um: float, cutout: int, repeat: int) -> list[Row]:
     """Return the times and errors of one plane; pyolaf's row last, where it is installed."""
     from lfcal.camera import preset
-    from lfcal.simulate.camera_scene import scene_of
+    from lfcal.simulate._camera_scene import scene_of
     from lfcal.simulate.engines.base import Sampling
     from lfcal.simulate.engines.microscope import DebyePlane
     from lfcal.simulate.engines.reference import ReferencePlane

@@ -16,8 +16,8 @@ import typer
 from numpy.typing import NDArray
 
 from lfcal.base.errors import InputError
-from lfcal.cli.console import print_json, print_table
-from lfcal.cli.options import JsonOption
+from lfcal.cli._console import print_json, print_table
+from lfcal.cli._options import JsonOption
 from lfcal.multiplex import Modulator, cfa, demultiplex, multiplex
 from lfcal.multiplex.filters import COLOUR_FILTERS, LINEAR_FILTERS, SPATIAL_FILTERS
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.cli.console import print_json, print_table
-from lfcal.cli.options import JsonOption
+from lfcal.cli._console import print_json, print_table
+from lfcal.cli._options import JsonOption
 
 if TYPE_CHECKING:
     import numpy as np

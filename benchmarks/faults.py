@@ -13,8 +13,8 @@ import typer
 
 from lfcal.base.errors import InputError
 from lfcal.base.files import read_text, storage_errors
-from lfcal.cli.console import print_json, print_table
-from lfcal.cli.options import JsonOption
+from lfcal.cli._console import print_json, print_table
+from lfcal.cli._options import JsonOption
 
 if TYPE_CHECKING:
     from benchmarks._fault_costs import TrueCost

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli.console import print_json, print_table
-from lfcal.cli.options import JsonOption, WorkersOption
+from lfcal.cli._console import print_json, print_table
+from lfcal.cli._options import JsonOption, WorkersOption
 
 if TYPE_CHECKING:
     from benchmarks._fit_cameras import Truth

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.cli.console import print_json, print_table
-from lfcal.cli.options import CameraArgument, JsonOption
+from lfcal.cli._console import print_json, print_table
+from lfcal.cli._options import CameraArgument, JsonOption
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera, ScanPlan

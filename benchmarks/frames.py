@@ -14,8 +14,8 @@ import typer
 
 from lfcal.base.progress import Clock, Work
 from lfcal.base.units import format_seconds
-from lfcal.cli.console import print_json, print_table, run_work
-from lfcal.cli.options import JsonOption
+from lfcal.cli._console import print_json, print_table, run_work
+from lfcal.cli._options import JsonOption
 
 if TYPE_CHECKING:
     import numpy as np

@@ -14,8 +14,8 @@ import typer
 
 from lfcal.base.system import peak_memory
 from lfcal.base.units import format_bytes
-from lfcal.cli.console import print_json, print_table, seconds
-from lfcal.cli.options import CompressionOption, FolderOption, JsonOption, WorkersOption
+from lfcal.cli._console import print_json, print_table, seconds
+from lfcal.cli._options import CompressionOption, FolderOption, JsonOption, WorkersOption
 
 if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from benchmarks._white_cameras import COUNT, WhiteCamera, white_camera
-from lfcal.cli.console import print_json, print_table
-from lfcal.cli.options import JsonOption, WorkersOption
+from lfcal.cli._console import print_json, print_table
+from lfcal.cli._options import JsonOption, WorkersOption
 
 if TYPE_CHECKING:
     from lfcal.lattice import LatticeFit
@@ -83,7 +83,7 @@ def _against(fit: LatticeFit, camera: WhiteCamera) -> tuple[float, float, float]
     import numpy as np
     from scipy.spatial import cKDTree
 
-    from lfcal.lattice.forms import FORMS, DistortionFrame, design
+    from lfcal.lattice._forms import FORMS, DistortionFrame, design
 
     fitted = fit.centres_px(fit.index[:, 0], fit.index[:, 1])[:, ::-1]
     true = camera.places[cKDTree(camera.places).query(fitted)[1]]

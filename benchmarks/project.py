@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli.options import FolderOption, JsonOption, WorkersOption
+from lfcal.cli._options import FolderOption, JsonOption, WorkersOption
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -76,7 +76,7 @@ def command(
     """
     from benchmarks._r29 import FRAME, run_r29
     from lfcal.base.threads import worker_count
-    from lfcal.cli.console import print_json
+    from lfcal.cli._console import print_json
     from lfcal.cli.plan import parse_depths
 
     count = worker_count(workers)
@@ -180,7 +180,7 @@ def _best(run: Callable[[], NDArray[Any]], repeats: int) -> tuple[NDArray[Any], 
 def show(rows: list[Row], title: str) -> None:
     """Print the table, with how many times faster lfcal is than each."""
     from benchmarks._projectors import pyolaf_version
-    from lfcal.cli.console import print_table, seconds
+    from lfcal.cli._console import print_table, seconds
 
     ours = min(r.pair_s for r in rows if r.name.endswith("float32"))
     cells = [

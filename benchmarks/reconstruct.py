@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli.options import JsonOption, WorkersOption
+from lfcal.cli._options import JsonOption, WorkersOption
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -91,7 +91,7 @@ def command(
     Example: `python -m benchmarks reconstruct -n 60 --chart error.png`
     """
     from lfcal.base.threads import worker_count
-    from lfcal.cli.console import print_json
+    from lfcal.cli._console import print_json
 
     count = worker_count(workers)
     H = simulated() if psf is None else _opened(psf)
@@ -132,7 +132,7 @@ def against_reference(H: PSFMatrix, image: int, workers: int) -> dict[str, float
     import numpy as np
 
     from lfcal.reconstruct import Projector
-    from lfcal.reconstruct.solvers.richardson_lucy import richardson_lucy
+    from lfcal.reconstruct.solvers.multiplicative import richardson_lucy
 
     shape = (image, image)
     g = np.random.default_rng(0).random((H.shape[0], *shape), np.float32)
@@ -196,7 +196,7 @@ def measure(
 
 def show(curves: list[Curve], reference: dict[str, float], title: str) -> None:
     """Print the table: least error, when it was reached, and when 5 % above the best of plain Richardson-Lucy."""
-    from lfcal.cli.console import print_table, seconds
+    from lfcal.cli._console import print_table, seconds
 
     # time to the same error: the only fair comparison of solvers whose iterations cost differently.
     goal = 1.05 * min(curves[0].errors)
@@ -239,7 +239,7 @@ def show(curves: list[Curve], reference: dict[str, float], title: str) -> None:
 def show_resolution(H: PSFMatrix, image: int, iterations: int, photons: float, chart: Path, json: bool) -> None:
     """Print and draw the least distance at which two points are seen apart, plane by plane."""
     from lfcal.base.figures import LINES, figure, save_figure
-    from lfcal.cli.console import print_json, print_table, run_work
+    from lfcal.cli._console import print_json, print_table, run_work
     from lfcal.reconstruct import Projector, iter_two_point
 
     P = Projector(H, (image, image))

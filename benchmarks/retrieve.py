@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli.console import print_json, print_table
-from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
+from lfcal.cli._console import print_json, print_table
+from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan

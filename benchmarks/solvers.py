@@ -7,8 +7,8 @@ from pathlib import Path
 
 import typer
 
-from lfcal.cli.console import print_json, print_table, report
-from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
+from lfcal.cli._console import print_json, print_table, report
+from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 
 __all__ = ["register"]
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli.console import print_json, print_table, run_work
-from lfcal.cli.options import JsonOption, WorkersOption
+from lfcal.cli._console import print_json, print_table, run_work
+from lfcal.cli._options import JsonOption, WorkersOption
 
 if TYPE_CHECKING:
     import numpy as np
@@ -146,7 +146,7 @@ def _modulo(scene: TargetScene, found: FieldFit, view: FrameSource, points: Any,
     ``camera_chi2`` is that of the camera which the points told where they are: no other description is to blame.
     """
     from lfcal.base.errors import InputError
-    from lfcal.campaign.point_parts import measured_modulo
+    from lfcal.campaign._point_parts import measured_modulo
     from lfcal.fit import iter_fit_camera
     from lfcal.fit.setup import called_for, with_given
 

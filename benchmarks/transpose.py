@@ -12,7 +12,7 @@ import typer
 from lfcal.base.errors import InputError
 from lfcal.base.progress import Clock, Work
 from lfcal.base.units import format_bytes
-from lfcal.cli.options import JsonOption, WorkersOption
+from lfcal.cli._options import JsonOption, WorkersOption
 
 if TYPE_CHECKING:
     from benchmarks._transposers import Scaled
@@ -174,7 +174,7 @@ def measure_plane(settings: Settings) -> PlaneTimes | None:
     import numpy as np
 
     from benchmarks import _transposers as ways
-    from lfcal.psf.transpose import depth_sum, ht_slice
+    from lfcal.psf._transpose import depth_sum, ht_slice
 
     size = TABLE_1[-1]
     if size.plane_bytes > settings.memory:
@@ -243,7 +243,7 @@ def command(
     Example: `python -m benchmarks transpose --quick --sizes 111/11,187/31`
     """
     from lfcal.base.system import free_memory
-    from lfcal.cli.console import print_json, run_work
+    from lfcal.cli._console import print_json, run_work
 
     # not all of the free memory: a machine that swaps would time its disk.
     limit = int(memory * 1e9) if memory is not None else int(0.6 * free_memory())
@@ -299,7 +299,7 @@ def _seconds(value: float | None, mark: str) -> str:
 def show(rows: list[Row], plane: PlaneTimes | None, pyolaf: Pyolaf, settings: Settings, *, markdown: bool) -> None:
     """Print the table, what was scaled, and the lines on single slices, sums and pyolaf."""
     from lfcal.base.threads import worker_count
-    from lfcal.cli.console import print_table
+    from lfcal.cli._console import print_table
 
     table = [cells(row) for row in rows]
     threads = worker_count(settings.workers)

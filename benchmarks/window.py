@@ -20,8 +20,8 @@ import typer
 
 from benchmarks._window_holds import first_visits, holds
 from lfcal.base.errors import InputError
-from lfcal.cli.console import print_json
-from lfcal.cli.options import JsonOption
+from lfcal.cli._console import print_json
+from lfcal.cli._options import JsonOption
 
 MEASURED = ("first_visits", "start_up", "scrubbing", "live_frames", "holds")
 R29_PLANE = (55, 95, 181, 181)

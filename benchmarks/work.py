@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.cli.console import print_json, print_table
-from lfcal.cli.options import CameraArgument, FolderOption, JsonOption
+from lfcal.cli._console import print_json, print_table
+from lfcal.cli._options import CameraArgument, FolderOption, JsonOption
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from lfcal.reconstruct.projectors import rates
+from lfcal.reconstruct.projectors import _rates as rates
 
 __all__ = ["measured_speeds", "same_speeds"]
 

@@ -68,7 +68,7 @@ DEAR = (
     "lfcal.judge.search",
     "lfcal.psf.assembly",
     "lfcal.psf.report.write",
-    "lfcal.simulate.accuracy.ladder",
+    "lfcal.simulate.accuracy._ladder",
     "lfcal.fit.holds",
     "lfcal.reconstruct.resolution",
 )

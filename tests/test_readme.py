@@ -17,7 +17,7 @@ import pytest
 import tifffile
 from typer.main import get_command
 
-from lfcal.cli.app import build_app
+from lfcal.cli._app import build_app
 from lfcal.psf import inspect, open_psf
 
 ROOT = Path(__file__).parents[1]

@@ -9,8 +9,8 @@ from PySide6.QtCore import QObject, Signal
 
 from lfcal.base import LfcalError, Work
 from lfcal.psf import PSFMatrix
+from lfcal_gui._matrices import Matrices
 from lfcal_gui.jobs import Jobs, JobState, WindowJob
-from lfcal_gui.matrices import Matrices
 from lfcal_gui.models import (
     PAGES,
     CommandStep,

@@ -16,9 +16,9 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from lfcal_gui.job_row import JobRow
+from lfcal_gui._job_row import JobRow
+from lfcal_gui._run_panel import RunView
 from lfcal_gui.jobs import Jobs, WindowJob
-from lfcal_gui.run_panel import RunView
 
 __all__ = ["ROWS", "JobPanel"]
 

@@ -15,9 +15,9 @@ from typing import Any
 from PySide6.QtCore import QObject, Signal
 
 from lfcal.base import Work
-from lfcal_gui.background import COMPUTATIONS_S, LOADS_S, BackgroundThreads
-from lfcal_gui.job_line import Line
-from lfcal_gui.job_thread import JobRequest, JobThread
+from lfcal_gui._background import COMPUTATIONS_S, LOADS_S, BackgroundThreads
+from lfcal_gui._job_line import Line
+from lfcal_gui._job_thread import JobRequest, JobThread
 from lfcal_gui.models import JobLog, JobState, Keeping, Taken, WindowJob, notes_of
 from lfcal_gui.workers import wait_for
 
@@ -80,7 +80,7 @@ class Jobs(BackgroundThreads):
         title, page
             What it is called, and the page it belongs to.
         work, on_done, on_failed, on_end, before
-            As in `lfcal_gui.job_thread.JobRequest`.
+            As in `lfcal_gui._job_thread.JobRequest`.
         abandon
             Until its first record it only opens files, so that stopping it then need not wait for it.
         leave

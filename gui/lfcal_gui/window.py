@@ -20,23 +20,23 @@ from PySide6.QtWidgets import (
 )
 
 from lfcal.base import LfcalError
+from lfcal_gui._docks import LogView, add_dock
+from lfcal_gui._icons import icon_of
+from lfcal_gui._leaving import Leaving
+from lfcal_gui._manual import Manual
+from lfcal_gui._menus import WindowMenus, page_key
+from lfcal_gui._project_files import ProjectFiles
+from lfcal_gui._scripts import Scripts
+from lfcal_gui._tools import Tools
+from lfcal_gui._window_size import fit_screen
 from lfcal_gui.base_page import BasePage, page_class
 from lfcal_gui.context import Context
-from lfcal_gui.docks import LogView, add_dock
-from lfcal_gui.icons import icon_of
 from lfcal_gui.job_panel import JobPanel
 from lfcal_gui.jobs import JOBS_S, Jobs, JobState, WindowJob
-from lfcal_gui.leaving import Leaving
-from lfcal_gui.manual import Manual
-from lfcal_gui.menus import WindowMenus, page_key
 from lfcal_gui.models import PAGES, PageSpec, PageState, Project, ProjectState, available_pages, page_states
 from lfcal_gui.palette import Palette, doable
-from lfcal_gui.project_files import ProjectFiles
-from lfcal_gui.scripts import Scripts
 from lfcal_gui.theme import DARK, LIGHT, THEMES, Themed, apply_theme, current_theme, style_sheet
-from lfcal_gui.tools import Tools
 from lfcal_gui.widgets import name_controls, toggle_in
-from lfcal_gui.window_size import fit_screen
 from lfcal_gui.workers import LOG
 
 __all__ = ["MainWindow"]

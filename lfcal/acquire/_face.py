@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from lfcal.acquire._forecast import SessionForecast, forecast
 from lfcal.acquire.blocks import coarse_order, window_shape
 from lfcal.acquire.control import Control
 from lfcal.acquire.errors import AcquisitionStopped, SuspectFrame
 from lfcal.acquire.finish import iter_assemble_session, iter_finish
-from lfcal.acquire.forecast import SessionForecast, forecast
 from lfcal.acquire.frame_plan import FramePlan
 from lfcal.acquire.live_coverage import CoverageState, LiveCoverage
 from lfcal.acquire.live_quality import Alarm, LiveQuality, QualityState

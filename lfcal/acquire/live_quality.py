@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.acquire._references import HotPixels, References, light_where
 from lfcal.acquire.recording import Kind, Note
-from lfcal.acquire.references import HotPixels, References, light_where
 from lfcal.acquire.schedule import ScheduledFrame
 from lfcal.base import position_at
 from lfcal.camera import ScanPlan

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from lfcal.acquire.motion import Motion
+from lfcal.acquire._motion import Motion
 from lfcal.acquire.suspending import Bound
 from lfcal.base import InputError, check_choice, check_number, check_type
 from lfcal.camera import ScanPlan, build

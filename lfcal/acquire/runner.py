@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.attempts import Attempts
+from lfcal.acquire._attempts import Attempts
+from lfcal.acquire._known import Known
+from lfcal.acquire._motion import check_limits
+from lfcal.acquire._taking import Taker
 from lfcal.acquire.control import Aborted, Control
 from lfcal.acquire.errors import AcquisitionStopped, SuspectFrame
 from lfcal.acquire.guard import ContentGuard, SensorLimits
-from lfcal.acquire.known import Known
 from lfcal.acquire.lighting import check_light
-from lfcal.acquire.motion import check_limits
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import LiveFrame, Preview
 from lfcal.acquire.recording import Acknowledged, Kind, Note, Sink, Writer
 from lfcal.acquire.schedule import Schedule, ScheduledFrame
-from lfcal.acquire.taking import Taker
 from lfcal.base import LfcalError, Progress, Work
 from lfcal.camera import ScanPlan
 from lfcal.devices import Rig, Roi

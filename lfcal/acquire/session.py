@@ -13,12 +13,12 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.acquire._known import Known, known_around
+from lfcal.acquire._origin import check_origin
 from lfcal.acquire.control import Control
 from lfcal.acquire.errors import AcquisitionStopped
 from lfcal.acquire.frame_plan import FramePlan
-from lfcal.acquire.known import Known, known_around
 from lfcal.acquire.options import Options
-from lfcal.acquire.origin import check_origin
 from lfcal.acquire.preview import Preview
 from lfcal.acquire.recording import (
     DiskGuard,

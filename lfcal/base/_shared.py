@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from lfcal._lazy import lazy_face
+from lfcal.base._plain import parse_json, plain
 from lfcal.base.axes import AXES, Position, centre, check_cutout, check_psf_shape, position_at
 from lfcal.base.checks import (
     MAX_SAMPLE,
@@ -33,7 +34,6 @@ from lfcal.base.files import (
     sweep_scratch,
 )
 from lfcal.base.npy import map_npy, npy_header
-from lfcal.base.plain import parse_json, plain
 from lfcal.base.progress import Unwanted, in_place_of, leave_if_unwanted, wanted_while
 from lfcal.base.registry import Registry
 from lfcal.base.system import (

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from lfcal.camera._doubts import doubts
 from lfcal.camera.derived import Derived, derived_of
 from lfcal.camera.description import Camera
 from lfcal.camera.distortion import BrownDistortion, LatticeDistortion
-from lfcal.camera.doubts import doubts
 from lfcal.camera.draft import Draft
 from lfcal.camera.forecast import Forecast
 from lfcal.camera.importers import CAMERA_FORMATS, Imported, Wanted, import_camera, read_raytrix_xml

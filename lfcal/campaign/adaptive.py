@@ -28,7 +28,7 @@ from lfcal.acquire import (
 )
 from lfcal.base import InputError, Progress, Work
 from lfcal.camera import ScanPlan
-from lfcal.campaign.patterns import iter_session_patterns
+from lfcal.campaign._patterns import iter_session_patterns
 from lfcal.campaign.steps import FEWEST, Adapted, AdaptiveStep, Goal
 from lfcal.devices import Rig
 from lfcal.fit import Earlier, Expected, Fit, Measured, PositionDesign, iter_fit_camera, iter_next_positions

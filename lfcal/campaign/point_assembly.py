@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from lfcal.base import Work
+from lfcal.campaign._point_frames import PointFrames
 from lfcal.campaign.point_facts import target_facts
-from lfcal.campaign.point_frames import PointFrames
 from lfcal.campaign.points import Points, iter_points_of
 from lfcal.frames import FrameSource
 from lfcal.psf import AssemblyReport, AssemblySettings, iter_assemble_plan

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import Work, drained
+from lfcal.campaign._point_optics import OwnOptics, iter_with_own_light
+from lfcal.campaign._point_parts import measured_points
 from lfcal.campaign.point_hole import HOLE, is_told, iter_called_for, moved_far, not_told, without_hole
-from lfcal.campaign.point_optics import OwnOptics, iter_with_own_light
-from lfcal.campaign.point_parts import measured_points
 from lfcal.campaign.points import Points
 from lfcal.fit import (
     FieldFit,

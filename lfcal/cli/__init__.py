@@ -61,7 +61,7 @@ def main(command_line: Callable[[], Any] | None = None, program: str = "lfcal") 
             _run(command_line, program)
     except _Ended as ended:
         # what shells expect of a program that a signal has ended.
-        from lfcal.cli.console import KEPT
+        from lfcal.cli._console import KEPT
 
         kept = KEPT in getattr(ended, "__notes__", ())
         _stop(
@@ -83,13 +83,13 @@ def _run(command_line: Callable[[], Any] | None, program: str) -> None:
     usage_error = cast(type[Exception], typer.BadParameter.__mro__[2])
     try:
         with bounded_threads():
-            from lfcal.cli import app
+            from lfcal.cli import _app as app
 
             parser = (command_line or app.command_line)()
             code = parser(standalone_mode=False, prog_name=program)
         sys.exit(code if isinstance(code, int) else 0)
     except usage_error as error:
-        from lfcal.cli.usage import usage_line
+        from lfcal.cli._usage import usage_line
 
         _stop(2, usage_line(error, sys.argv[1:]))
     except (typer.Abort, Cancelled) as error:
@@ -126,7 +126,7 @@ def _system_words(error: OSError) -> str:
 
 
 def _stop(code: int, message: str) -> None:
-    from lfcal.cli.console import report
+    from lfcal.cli._console import report
 
     if message:
         report(message)

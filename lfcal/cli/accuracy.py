@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import typer
 
 from lfcal.base import InputError
-from lfcal.cli.console import print_json, print_table, report, run_work
-from lfcal.cli.matrices import check_mat_files, open_matrix
-from lfcal.cli.options import (
+from lfcal.cli._console import print_json, print_table, report, run_work
+from lfcal.cli._matrices import check_mat_files, open_matrix
+from lfcal.cli._options import (
     CutoutOption,
     DepthsOption,
     ForceOption,
@@ -22,8 +22,8 @@ from lfcal.cli.options import (
     VirtualDepthsOption,
     WorkersOption,
 )
+from lfcal.cli._usage import refuse
 from lfcal.cli.outputs import check_output
-from lfcal.cli.usage import refuse
 
 if TYPE_CHECKING:
     from lfcal.accuracy import Curve, Place, Subject
@@ -145,8 +145,8 @@ def _subject(
 ) -> Iterator[Subject]:
     """Give what is measured: H, closed at the end, or a plan."""
     from lfcal.accuracy import Subject
-    from lfcal.cli.cameras import tell_assumed
-    from lfcal.cli.planned import planned_scan
+    from lfcal.cli._cameras import tell_assumed
+    from lfcal.cli._planned import planned_scan
 
     path = Path(name)
     if path.suffix.lower() not in MATRICES:

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
-from lfcal.cli.acquire_outcome import list_suspects, show_outcome, simulated_optics, simulated_words
-from lfcal.cli.acquire_until import adapted_facts, parse_goal, show_adapted, tell_step
-from lfcal.cli.acquire_words import numbers, options_of, pairs, read_plan, reported_holds
-from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
-from lfcal.cli.plan_pace import WITHOUT_READOUT, FrameRateOption
+from lfcal.cli._acquire_outcome import list_suspects, show_outcome, simulated_optics, simulated_words
+from lfcal.cli._acquire_until import adapted_facts, parse_goal, show_adapted, tell_step
+from lfcal.cli._acquire_words import numbers, options_of, pairs, read_plan, reported_holds
+from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
+from lfcal.cli._plan_pace import WITHOUT_READOUT, FrameRateOption
 
 if TYPE_CHECKING:
     from lfcal.acquire import Control, LiveCoverage, LiveQuality, Options, Outcome, RedoList
@@ -115,12 +115,12 @@ def command(
     from lfcal.acquire import Outcome, RedoList
     from lfcal.base import InputError, LfcalError
     from lfcal.camera import RegionPlan
-    from lfcal.cli.acquire_regions import check_region_options
-    from lfcal.cli.acquire_target import check_target_options, simulated_options
-    from lfcal.cli.cameras import tell_assumed
-    from lfcal.cli.console import report
+    from lfcal.cli._acquire_regions import check_region_options
+    from lfcal.cli._acquire_target import check_target_options, simulated_options
+    from lfcal.cli._cameras import tell_assumed
+    from lfcal.cli._console import report
+    from lfcal.cli._usage import refuse
     from lfcal.cli.outputs import check_output
-    from lfcal.cli.usage import refuse
     from lfcal.devices import open_rig
 
     if frame_rate is not None and not dry_run:
@@ -210,9 +210,9 @@ def command(
 def _ending(plan: ScanPlan | TargetPlan | RegionPlan) -> Callable[[Path, Path | None, bool, bool], dict[str, Any]]:
     """Return what is done after the last frame of such a session."""
     from lfcal.camera import RegionPlan, ScanPlan
-    from lfcal.cli.acquire_outcome import finish
-    from lfcal.cli.acquire_regions import finish_regions
-    from lfcal.cli.assemble_target import finish_target
+    from lfcal.cli._acquire_outcome import finish
+    from lfcal.cli._acquire_regions import finish_regions
+    from lfcal.cli._assemble_target import finish_target
 
     if isinstance(plan, ScanPlan):
         return finish
@@ -236,7 +236,7 @@ class _Task:
 def _run(task: _Task, rig: Rig) -> tuple[Outcome | Adapted, dict[str, Any], int]:
     """Check the light, then record until the end or a signal; return what came of it and was seen, and the signal."""
     from lfcal.acquire import Control, check_light
-    from lfcal.cli.acquire_words import tell_automatic
+    from lfcal.cli._acquire_words import tell_automatic
 
     tell_automatic(task.plan, rig, task.options, goes_on=task.resume)
     # a session that goes on has its darks already, and its positions are compared with the frames themselves.
@@ -251,9 +251,9 @@ def _run(task: _Task, rig: Rig) -> tuple[Outcome | Adapted, dict[str, Any], int]
 def _record(task: _Task, rig: Rig, control: Control) -> tuple[Outcome | Adapted, dict[str, Any]]:
     from lfcal.acquire import LiveQuality, QualityState, RedoList, iter_record, window_shape
     from lfcal.camera import RegionPlan, ScanPlan
-    from lfcal.cli.acquire_regions import record_regions
-    from lfcal.cli.acquire_target import coverage_facts, recorded_before
-    from lfcal.cli.console import run_work
+    from lfcal.cli._acquire_regions import record_regions
+    from lfcal.cli._acquire_target import coverage_facts, recorded_before
+    from lfcal.cli._console import run_work
 
     if isinstance(task.plan, RegionPlan):
         how = {"resume": task.resume, "quiet": task.quiet}
@@ -285,7 +285,7 @@ def _record(task: _Task, rig: Rig, control: Control) -> tuple[Outcome | Adapted,
 
 def _adapted(task: _Task, rig: Rig, control: Control, quality: LiveQuality | LiveCoverage) -> Adapted:
     from lfcal.campaign import iter_adaptive
-    from lfcal.cli.console import run_work
+    from lfcal.cli._console import run_work
 
     assert task.goal is not None
     work = iter_adaptive(
@@ -304,7 +304,7 @@ def _adapted(task: _Task, rig: Rig, control: Control, quality: LiveQuality | Liv
 
 def _watched(work: Work[R], quality: LiveQuality | LiveCoverage) -> Work[R]:
     """Yield the progress of ``work``, and report every alarm once while there is time to act on it."""
-    from lfcal.cli.console import report
+    from lfcal.cli._console import report
 
     reported: set[str] = set()
     look = time.monotonic() + ALARM_EVERY_S
@@ -326,7 +326,7 @@ def _watched(work: Work[R], quality: LiveQuality | LiveCoverage) -> Work[R]:
 @contextmanager
 def _stoppable(control: Control) -> Iterator[list[int]]:
     """Let Ctrl-C, a hang-up and the request to terminate stop in order, a second one abort; yield those that came."""
-    from lfcal.cli.console import report
+    from lfcal.cli._console import report
 
     came: list[int] = []
 
@@ -355,7 +355,7 @@ class _Cover:
 
     def switch(self, on: bool) -> None:
         """Ask for it and wait for the Enter key."""
-        from lfcal.cli.console import report
+        from lfcal.cli._console import report
         from lfcal.devices import DeviceError
 
         report(f"{'uncover' if on else 'cover'} the lens, then press Enter")
@@ -368,8 +368,8 @@ def _show_forecast(task: _Task, rig: Rig, frame_rate: float | None) -> None:
     from lfcal.acquire import forecast
     from lfcal.base import format_bytes, format_seconds, plain
     from lfcal.camera import RegionPlan
-    from lfcal.cli.acquire_regions import forecast_regions
-    from lfcal.cli.console import print_json, print_table, report
+    from lfcal.cli._acquire_regions import forecast_regions
+    from lfcal.cli._console import print_json, print_table, report
     from lfcal.frames import Position
 
     only: tuple[Position, ...] = () if task.only is None else task.only.positions

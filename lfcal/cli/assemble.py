@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from lfcal.base import InputError
-from lfcal.cli.channels import ChannelPart, open_colour, parts_of
-from lfcal.cli.completing import complete_orientation
-from lfcal.cli.listed import ColumnsOption, OriginOption, report_notes, tell_size
-from lfcal.cli.options import (
+from lfcal.cli._channels import ChannelPart, open_colour, parts_of
+from lfcal.cli._completing import complete_orientation
+from lfcal.cli._listed import ColumnsOption, OriginOption, report_notes, tell_size
+from lfcal.cli._options import (
     CompressionOption,
     ExecutorOption,
     ForceOption,
@@ -25,10 +25,10 @@ from lfcal.cli.options import (
     StoreToleranceOption,
     WorkersOption,
 )
-from lfcal.cli.regions import make_regions
-from lfcal.cli.runs import may_replace, run_choice, run_kept
-from lfcal.cli.scan_frames import ScanFrames
-from lfcal.cli.usage import refuse
+from lfcal.cli._regions import make_regions
+from lfcal.cli._runs import may_replace, run_choice, run_kept
+from lfcal.cli._scan_frames import ScanFrames
+from lfcal.cli._usage import refuse
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
@@ -136,13 +136,13 @@ def command(
     Example: `lfcal assemble session/frames --dark session/dark --white session/white -o H.h5`
     """
     from lfcal.campaign import is_regions
-    from lfcal.cli.assemble_target import assemble_target
-    from lfcal.cli.cameras import tell_assumed
-    from lfcal.cli.console import print_json
-    from lfcal.cli.orientation import check_choice
+    from lfcal.cli._assemble_target import assemble_target
+    from lfcal.cli._cameras import tell_assumed
+    from lfcal.cli._console import print_json
+    from lfcal.cli._orientation import check_choice
+    from lfcal.cli._target_frames import refuse_options, wanted_target
     from lfcal.cli.outputs import check_output
     from lfcal.cli.plan import parse_cutout
-    from lfcal.cli.target_frames import refuse_options, wanted_target
     from lfcal.frames import CorrectionRecipe, chosen_shift, parse_origin, smaller
     from lfcal.psf import AssemblySettings
 
@@ -273,9 +273,9 @@ def _assemble(
     part: ChannelPart, scan: ScanPlan, recipe: CorrectionRecipe, how: _How, words: ScanFrames, run: RunChoice | None
 ) -> dict[str, Any]:
     """Correct, crop and write H; print what was made, or return it for ``json``."""
-    from lfcal.cli.console import run_work
-    from lfcal.cli.orientation import upright
-    from lfcal.cli.part_frames import PartFrames
+    from lfcal.cli._console import run_work
+    from lfcal.cli._orientation import upright
+    from lfcal.cli._part_frames import PartFrames
     from lfcal.frames import check_turned_colours, corrected_view, iter_undamaged, with_partners
     from lfcal.psf import iter_assemble_plan
 
@@ -331,7 +331,7 @@ def _assemble_regions(
 def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -> dict[str, Any]:
     """Return what was assembled, and print it but for ``json``; what nobody measured is null or "unknown"."""
     from lfcal.base import format_bytes, format_seconds
-    from lfcal.cli.console import report as line
+    from lfcal.cli._console import report as line
     from lfcal.psf import Origin
 
     matrix = report.matrix

@@ -8,7 +8,7 @@ from pathlib import Path
 import typer
 
 from lfcal.camera import Wanted
-from lfcal.cli.camera_values import (
+from lfcal.cli._camera_values import (
     ArrayOption,
     FocusOption,
     GapOption,
@@ -20,11 +20,11 @@ from lfcal.cli.camera_values import (
     WavelengthOption,
     stated,
 )
-from lfcal.cli.cameras import load_file
-from lfcal.cli.console import report
-from lfcal.cli.options import ForceOption, JsonOption
+from lfcal.cli._cameras import load_file
+from lfcal.cli._console import report
+from lfcal.cli._options import ForceOption, JsonOption
+from lfcal.cli._usage import refuse
 from lfcal.cli.outputs import check_output
-from lfcal.cli.usage import refuse
 
 __all__ = ["register"]
 

@@ -11,7 +11,7 @@ import typer
 
 from lfcal.base import InputError
 from lfcal.camera import PRESETS, Draft, Marks, preset, quantities_of, value_at
-from lfcal.cli.camera_values import (
+from lfcal.cli._camera_values import (
     ArrayOption,
     FocusOption,
     GapOption,
@@ -25,8 +25,8 @@ from lfcal.cli.camera_values import (
     parse_value,
     stated,
 )
-from lfcal.cli.console import report
-from lfcal.cli.options import ForceOption, JsonOption
+from lfcal.cli._console import report
+from lfcal.cli._options import ForceOption, JsonOption
 from lfcal.cli.outputs import check_output
 
 __all__ = ["register"]

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from lfcal.base import InputError, replace_whole
-from lfcal.cli.console import print_json, print_table, report, run_work
-from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
+from lfcal.cli._console import print_json, print_table, report, run_work
+from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_outputs
 from lfcal.cli.plan import load_camera
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import typer
 
 from lfcal.base import InputError
-from lfcal.cli.options import ForceOption, JsonOption, MatOrderOption, MatrixArgument, WorkersOption
+from lfcal.cli._options import ForceOption, JsonOption, MatOrderOption, MatrixArgument, WorkersOption
 
 __all__ = ["register"]
 
@@ -42,8 +42,8 @@ def command(
 
     Example: `lfcal compare may/H.h5 june/H.h5 --report compared/`
     """
-    from lfcal.cli.console import print_json, print_table, run_work
-    from lfcal.cli.matrices import check_mat_files, open_matrix
+    from lfcal.cli._console import print_json, print_table, run_work
+    from lfcal.cli._matrices import check_mat_files, open_matrix
     from lfcal.cli.outputs import check_outputs
     from lfcal.psf import iter_difference
     from lfcal.psf.report import (

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
+from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
@@ -57,10 +57,10 @@ def command(
     Example: `lfcal demo demo_out`
     """
     from lfcal.base import format_seconds
-    from lfcal.cli.console import print_json, print_table
+    from lfcal.cli._console import print_json, print_table
+    from lfcal.cli._scan_frames import ScanFrames
     from lfcal.cli.outputs import check_outputs
     from lfcal.cli.sample import sample_session
-    from lfcal.cli.scan_frames import ScanFrames
     from lfcal.psf.report import report_files
 
     check_outputs([*(out / name for name in FILES), *report_files(out / REPORT)], force=force)
@@ -97,7 +97,7 @@ def command(
 def _assembled(
     source: Frames, session: Path, plan: ScanPlan, out: Path, steps: _Steps, *, quiet: bool
 ) -> Iterator[PSFMatrix]:
-    from lfcal.cli.console import run_work
+    from lfcal.cli._console import run_work
     from lfcal.frames import CorrectionRecipe, corrected_view
     from lfcal.psf import AssemblySettings, iter_assemble_plan
 
@@ -155,9 +155,9 @@ def _against_truth(matrix: PSFMatrix, plan: ScanPlan, out: Path, steps: _Steps) 
 
 def _recorded(out: Path, steps: _Steps, *, quiet: bool) -> dict[str, Any]:
     """Assemble the session that lfcal recorded itself, its own darks subtracted, and compare its plane."""
-    from lfcal.cli.console import run_work
+    from lfcal.cli._console import run_work
+    from lfcal.cli._scan_frames import ScanFrames
     from lfcal.cli.sample import sample_recording
-    from lfcal.cli.scan_frames import ScanFrames
     from lfcal.frames import CorrectionRecipe, corrected_view
     from lfcal.psf import AssemblySettings, PSFMatrix, compare, iter_assemble_plan, open_psf
 
@@ -174,7 +174,7 @@ def _recorded(out: Path, steps: _Steps, *, quiet: bool) -> dict[str, Any]:
 
 
 def _report(matrix: PSFMatrix, out: Path, steps: _Steps, *, quiet: bool) -> None:
-    from lfcal.cli.console import run_work
+    from lfcal.cli._console import run_work
     from lfcal.psf.report import iter_report
 
     with steps.step("quality report") as made:
@@ -183,7 +183,7 @@ def _report(matrix: PSFMatrix, out: Path, steps: _Steps, *, quiet: bool) -> None
 
 
 def _export(matrix: PSFMatrix, out: Path, steps: _Steps, *, quiet: bool) -> None:
-    from lfcal.cli.console import run_work
+    from lfcal.cli._console import run_work
     from lfcal.psf import iter_export
 
     with steps.step("export for the published codes") as made:

@@ -14,7 +14,7 @@ from typing import Any
 import typer
 
 from lfcal.base import Registry
-from lfcal.cli.options import JsonOption
+from lfcal.cli._options import JsonOption
 
 LIBRARIES = (
     "numpy",
@@ -54,7 +54,7 @@ def command(
     """
     from rich.markup import escape
 
-    from lfcal.cli.console import print_json, print_table
+    from lfcal.cli._console import print_json, print_table
 
     if gui:
         _tell_window(json)
@@ -74,7 +74,7 @@ def command(
 
 def _tell_window(json: bool) -> None:
     """Print whether each library that the window needs is there."""
-    from lfcal.cli.console import print_json, print_table, report
+    from lfcal.cli._console import print_json, print_table, report
     from lfcal.cli.window_libraries import NEEDED, ON_X11, missing_libraries, without
 
     packages = {name: _version(name) for name in OPTIONAL}

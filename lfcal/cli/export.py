@@ -8,7 +8,7 @@ from pathlib import Path
 import typer
 
 from lfcal.base import InputError
-from lfcal.cli.options import ForceOption, JsonOption, MatOrderOption, MatrixArgument, WorkersOption
+from lfcal.cli._options import ForceOption, JsonOption, MatOrderOption, MatrixArgument, WorkersOption
 
 
 def register(app: typer.Typer) -> None:
@@ -48,8 +48,8 @@ def command(
     Example: `lfcal export H.h5 -o H.mat`
     """
     from lfcal.base import format_bytes, format_seconds
-    from lfcal.cli.console import print_json, report, report_dark, run_work
-    from lfcal.cli.matrices import check_mat_files, report_regions
+    from lfcal.cli._console import print_json, report, report_dark, run_work
+    from lfcal.cli._matrices import check_mat_files, report_regions
     from lfcal.cli.outputs import check_outputs
     from lfcal.psf import ExportOptions, export_files, export_notes, iter_export, open_psf, opening_notes
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from lfcal.base import InputError
-from lfcal.cli.options import (
+from lfcal.cli._options import (
     ExecutorOption,
     ForceOption,
     JsonOption,
@@ -112,12 +112,12 @@ def command(
     Example: `lfcal fit H.h5 -o fit/`; `lfcal fit centre.h5 edge.h5 corner.h5`; `lfcal fit --check old.h5 frame.tif`
     """
     from lfcal.campaign import point_outputs
-    from lfcal.cli.cameras import load_camera
-    from lfcal.cli.console import print_json, run_work
-    from lfcal.cli.fit_check import CheckRequest, check_h
-    from lfcal.cli.fit_field import Regions, fit_regions, names_of
-    from lfcal.cli.fit_object import ObjectPlace, object_dict, object_error, object_words, read_object
-    from lfcal.cli.fit_source import (
+    from lfcal.cli._cameras import load_camera
+    from lfcal.cli._console import print_json, run_work
+    from lfcal.cli._fit_check import CheckRequest, check_h
+    from lfcal.cli._fit_field import Regions, fit_regions, names_of
+    from lfcal.cli._fit_object import ObjectPlace, object_dict, object_error, object_words, read_object
+    from lfcal.cli._fit_source import (
         SOME,
         PatternReading,
         check_frame_options,
@@ -126,18 +126,18 @@ def command(
         parse_noise,
         read_patterns,
     )
-    from lfcal.cli.fit_target import fit_target
-    from lfcal.cli.fit_validate import (
+    from lfcal.cli._fit_target import fit_target
+    from lfcal.cli._fit_validate import (
         VALIDATION,
         iter_write_validation,
         show_validation,
         validation_dict,
         withheld_points,
     )
-    from lfcal.cli.orientation import check_choice
+    from lfcal.cli._orientation import check_choice
+    from lfcal.cli._runs import may_replace, run_choice, run_kept
+    from lfcal.cli._target_frames import refuse_options, wanted_target
     from lfcal.cli.outputs import check_outputs
-    from lfcal.cli.runs import may_replace, run_choice, run_kept
-    from lfcal.cli.target_frames import refuse_options, wanted_target
     from lfcal.fit import MODEL, called_for, fit_dict, iter_fit_camera, iter_write_fit, with_given
     from lfcal.frames import CorrectionRecipe
     from lfcal.simulate.effects import parse_effects
@@ -302,7 +302,7 @@ def _check_regions(
     force: bool,
 ) -> None:
     """Raise where an output of several regions cannot be written, is an input, exists, or lies beside another fit's."""
-    from lfcal.cli.fit_field import names_of
+    from lfcal.cli._fit_field import names_of
     from lfcal.cli.outputs import check_outputs
     from lfcal.fit import MODEL, NUMBERS, field_outputs
 
@@ -314,7 +314,7 @@ def _check_regions(
 
 
 def _show(fit: Fit, out: Path, written: list[Path], summary: HybridSummary | None) -> None:
-    from lfcal.cli.console import print_table, report
+    from lfcal.cli._console import print_table, report
 
     rows = [
         [one.name, f"{one.value:.6g}", f"{one.sigma:.2g}", f"{one.start:.6g}", one.unit]

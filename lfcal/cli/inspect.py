@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli.options import (
+from lfcal.cli._options import (
     ExecutorOption,
     ForceOption,
     JsonOption,
@@ -81,14 +81,14 @@ def command(
     Example: `lfcal inspect H.h5 --report report/`
     """
     from lfcal.base import InputError
-    from lfcal.cli.cameras import tell_assumed
-    from lfcal.cli.console import print_json, run_work
-    from lfcal.cli.inspect_controls import control_frames
-    from lfcal.cli.inspect_units import iter_inspect_units
-    from lfcal.cli.matrices import check_mat_files, open_matrix
-    from lfcal.cli.regions import show_loss, told_loss
-    from lfcal.cli.runs import may_replace, run_choice, run_kept
-    from lfcal.cli.usage import refuse
+    from lfcal.cli._cameras import tell_assumed
+    from lfcal.cli._console import print_json, run_work
+    from lfcal.cli._inspect_controls import control_frames
+    from lfcal.cli._inspect_units import iter_inspect_units
+    from lfcal.cli._matrices import check_mat_files, open_matrix
+    from lfcal.cli._regions import show_loss, told_loss
+    from lfcal.cli._runs import may_replace, run_choice, run_kept
+    from lfcal.cli._usage import refuse
     from lfcal.judge import iter_inspection
     from lfcal.psf import draw_region_loss, iter_compare
     from lfcal.psf.quality import iter_inspect
@@ -184,7 +184,7 @@ def _write(
     every: bool,
     quiet: bool,
 ) -> Path:
-    from lfcal.cli.console import run_work
+    from lfcal.cli._console import run_work
     from lfcal.judge import told
     from lfcal.psf.report import iter_report
 
@@ -204,7 +204,7 @@ def _show(
 ) -> None:
     """Print verdict, metrics, apertures and the comparison."""
     from lfcal.base import format_seconds
-    from lfcal.cli.console import print_table
+    from lfcal.cli._console import print_table
     from lfcal.psf.quality import counted_words, merit_word
     from lfcal.psf.report import limits, value_text
 
@@ -255,7 +255,7 @@ def _show(
 def _show_faults(found: Inspection) -> None:
     """Print what the comparison with the camera found."""
     from lfcal.base import format_share
-    from lfcal.cli.console import print_table
+    from lfcal.cli._console import print_table
     from lfcal.judge import compared_words, cost_words
 
     typer.echo(compared_words(found))

@@ -13,7 +13,7 @@ from pathlib import Path
 import typer
 
 from lfcal.base import InputError, StorageError
-from lfcal.cli.options import JsonOption
+from lfcal.cli._options import JsonOption
 
 __all__ = ["desktop_files", "window_program"]
 
@@ -64,7 +64,7 @@ def command(
 
     Example: `lfcal install-desktop`, and to take it out again: `lfcal install-desktop --uninstall`
     """
-    from lfcal.cli.console import print_json
+    from lfcal.cli._console import print_json
 
     if not sys.platform.startswith("linux"):
         raise InputError.expected("install-desktop", "a Linux desktop", sys.platform, "pin lfcal-gui by hand")

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from lfcal.base import InputError
-from lfcal.cli import multiplex_figures as pictures
-from lfcal.cli.console import print_json, print_table, report, run_work
-from lfcal.cli.multiplex_coding import coding
-from lfcal.cli.multiplex_frames import check_told, level_of, read_frame, write_tiff
-from lfcal.cli.multiplex_merits import design, gain_map_command, merits
-from lfcal.cli.multiplex_recover import recover
-from lfcal.cli.multiplex_views import views
-from lfcal.cli.options import Chi2Option, ForceOption, GainOption, JsonOption, PresetOption, WorkersOption
+from lfcal.cli import _multiplex_figures as pictures
+from lfcal.cli._console import print_json, print_table, report, run_work
+from lfcal.cli._multiplex_coding import coding
+from lfcal.cli._multiplex_frames import check_told, level_of, read_frame, write_tiff
+from lfcal.cli._multiplex_merits import design, gain_map_command, merits
+from lfcal.cli._multiplex_recover import recover
+from lfcal.cli._multiplex_views import views
+from lfcal.cli._options import Chi2Option, ForceOption, GainOption, JsonOption, PresetOption, WorkersOption
+from lfcal.cli._usage import refuse
 from lfcal.cli.outputs import check_output, check_outputs
-from lfcal.cli.usage import refuse
 from lfcal.multiplex import GRAMMAR, is_whole, modulator_of
 
 if TYPE_CHECKING:

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, format_bytes, format_length, format_seconds, replace_whole
 from lfcal.camera import DEPTH, STEP, WHOLE_FRAMES, Forecast, ScanPlan, StageAxes, assumed_of
-from lfcal.cli.cameras import load_camera
-from lfcal.cli.console import print_json, print_table
-from lfcal.cli.listed import ColumnsOption, OriginOption, plan_from_list
-from lfcal.cli.options import (
+from lfcal.cli._cameras import load_camera
+from lfcal.cli._console import print_json, print_table
+from lfcal.cli._listed import ColumnsOption, OriginOption, plan_from_list
+from lfcal.cli._options import (
     CameraArgument,
     CutoutOption,
     DepthsOption,
@@ -25,8 +25,7 @@ from lfcal.cli.options import (
     VirtualDepthsOption,
     WorkersOption,
 )
-from lfcal.cli.outputs import check_output
-from lfcal.cli.plan_for_fit import (
+from lfcal.cli._plan_for_fit import (
     WantedPositions,
     check_wanted,
     half_positions,
@@ -34,9 +33,9 @@ from lfcal.cli.plan_for_fit import (
     show_chosen,
     write_positions,
 )
-from lfcal.cli.plan_pace import WITHOUT_READOUT, FrameRateOption, Pace
-from lfcal.cli.plan_regions import RegionsOption, plan_regions
-from lfcal.cli.plan_target import (
+from lfcal.cli._plan_pace import WITHOUT_READOUT, FrameRateOption, Pace
+from lfcal.cli._plan_regions import RegionsOption, plan_regions
+from lfcal.cli._plan_target import (
     CrosstalkOption,
     MostFramesOption,
     PatternsOption,
@@ -48,7 +47,8 @@ from lfcal.cli.plan_target import (
     WithinOption,
     plan_source,
 )
-from lfcal.cli.usage import refuse
+from lfcal.cli._usage import refuse
+from lfcal.cli.outputs import check_output
 
 __all__ = ["load_camera", "parse_cutout", "parse_depths", "parse_pair", "parse_planes", "register"]
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli.completing import complete_solver
-from lfcal.cli.options import (
+from lfcal.cli._completing import complete_solver
+from lfcal.cli._options import (
     ExecutorOption,
     ForceOption,
     JsonOption,
@@ -22,14 +22,14 @@ from lfcal.cli.options import (
     SchedulerOption,
     WorkersOption,
 )
-from lfcal.cli.reconstruct_frames import Cleaner, FrameFile, cleaner, frames_of, placed_anchor
-from lfcal.cli.runs import may_replace, run_choice, run_kept
+from lfcal.cli._reconstruct_frames import Cleaner, FrameFile, cleaner, frames_of, placed_anchor
+from lfcal.cli._runs import may_replace, run_choice, run_kept
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lfcal.cli.reconstruct_saving import Save, Saved
-    from lfcal.cli.reconstruct_units import Settings
+    from lfcal.cli._reconstruct_saving import Save, Saved
+    from lfcal.cli._reconstruct_units import Settings
     from lfcal.reconstruct import FrameResult, Projector, Reconstruction, Resampling, SolverChoice
     from lfcal.work import RunChoice
 
@@ -150,14 +150,14 @@ def command(
     Example: `lfcal reconstruct H.h5 frame.tif -o volume.tif --solver rl-tv --iterations 30`
     """
     from lfcal.base import InputError, check_number
-    from lfcal.cli.matrices import check_mat_files, report_missing, report_regions
+    from lfcal.cli._matrices import check_mat_files, report_missing, report_regions
+    from lfcal.cli._reconstruct_forecast import show_forecast, total_seconds
+    from lfcal.cli._reconstruct_grid import anchor_of, check_as_is, grid_of, view_for, wide
+    from lfcal.cli._reconstruct_numbers import iterations_of, margin_of, noise_of
+    from lfcal.cli._reconstruct_regions import files_of_regions, open_regions, projector_of
+    from lfcal.cli._reconstruct_saving import saving, targets_of
+    from lfcal.cli._reconstruct_units import Settings
     from lfcal.cli.outputs import check_outputs
-    from lfcal.cli.reconstruct_forecast import show_forecast, total_seconds
-    from lfcal.cli.reconstruct_grid import anchor_of, check_as_is, grid_of, view_for, wide
-    from lfcal.cli.reconstruct_numbers import iterations_of, margin_of, noise_of
-    from lfcal.cli.reconstruct_regions import files_of_regions, open_regions, projector_of
-    from lfcal.cli.reconstruct_saving import saving, targets_of
-    from lfcal.cli.reconstruct_units import Settings
     from lfcal.psf import voxel_um
     from lfcal.reconstruct import SolverChoice, room_for_projections
 
@@ -291,7 +291,7 @@ class _Task:
 
 def _solve(task: _Task, P: Projector, clean: Cleaner, view: Resampling | None, save: Save) -> tuple[FrameResult, ...]:
     """Reconstruct and save frame by frame; one volume is in memory at a time."""
-    from lfcal.cli.console import report, run_work
+    from lfcal.cli._console import report, run_work
     from lfcal.reconstruct import iter_series, run_memory
 
     weights = None if view is None else view.inside(task.shape)
@@ -330,7 +330,7 @@ def _solve_in_units(
     ``where``: what gives the memory of projections where processes ``share`` it, and the device that was asked for.
     """
     from lfcal.base import InputError, worker_count
-    from lfcal.cli.reconstruct_units import device_hints, frame_units, iter_collect
+    from lfcal.cli._reconstruct_units import device_hints, frame_units, iter_collect
     from lfcal.reconstruct import check_any
     from lfcal.work import iter_made
 
@@ -358,7 +358,7 @@ def _solve_in_units(
 
 def _list_solvers() -> None:
     """Print every solver, and why those of other distributions could not be had."""
-    from lfcal.cli.console import print_table, report
+    from lfcal.cli._console import print_table, report
     from lfcal.reconstruct.solvers import choice
 
     for reason in choice.SOLVERS.failures().values():
@@ -369,7 +369,7 @@ def _list_solvers() -> None:
 def _show_results(
     P: Projector, shape: tuple[int, ...], results: tuple[FrameResult, ...], targets: dict[str, Path], json: bool
 ) -> None:
-    from lfcal.cli.console import print_json
+    from lfcal.cli._console import print_json
 
     if json:
         whole = len(set(targets.values())) < len(results)  # one file holds all, and a place for each
@@ -400,7 +400,7 @@ def _cleaned(frame: FrameFile, clean: Cleaner) -> NDArray[Any]:
 
 def _show(result: Any, target: Path, shape: tuple[int, ...]) -> None:
     from lfcal.base import format_seconds
-    from lfcal.cli.console import report
+    from lfcal.cli._console import report
 
     if result.failed:
         report(f"{result.name}: no volume; {result.failed}")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from lfcal.cli.options import (
+from lfcal.cli._options import (
     CompressionOption,
     ExecutorOption,
     ForceOption,
@@ -48,10 +48,10 @@ def command(
     import time
 
     from lfcal.base import format_bytes, format_seconds
-    from lfcal.cli.console import print_json, run_work
-    from lfcal.cli.matrices import check_mat_files, open_matrix, report_missing, report_regions
+    from lfcal.cli._console import print_json, run_work
+    from lfcal.cli._matrices import check_mat_files, open_matrix, report_missing, report_regions
+    from lfcal.cli._runs import may_replace, run_choice, run_kept
     from lfcal.cli.outputs import check_output
-    from lfcal.cli.runs import may_replace, run_choice, run_kept
     from lfcal.psf import check_store_tolerance, iter_save, open_psf
 
     check_store_tolerance(tolerance)

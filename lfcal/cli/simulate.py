@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from lfcal.base import InputError, check_number
-from lfcal.cli.completing import complete_camera
-from lfcal.cli.console import print_json, print_table, report, run_work
-from lfcal.cli.options import (
+from lfcal.cli._completing import complete_camera
+from lfcal.cli._console import print_json, print_table, report, run_work
+from lfcal.cli._options import (
     CutoutOption,
     DepthsOption,
     ExecutorOption,
@@ -25,10 +25,10 @@ from lfcal.cli.options import (
     VirtualDepthsOption,
     WorkersOption,
 )
+from lfcal.cli._planned import planned_scan
+from lfcal.cli._regions import make_regions, ready_regions
+from lfcal.cli._runs import may_replace, run_choice, run_kept
 from lfcal.cli.outputs import check_output
-from lfcal.cli.planned import planned_scan
-from lfcal.cli.regions import make_regions, ready_regions
-from lfcal.cli.runs import may_replace, run_choice, run_kept
 
 if TYPE_CHECKING:
     from lfcal.base import Work

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli.options import JsonOption
+from lfcal.cli._options import JsonOption
 
 if TYPE_CHECKING:
     from lfcal.work import RunState
@@ -32,8 +32,8 @@ def command(
 
     Example: `lfcal status H.h5`
     """
-    from lfcal.cli.console import print_json
-    from lfcal.cli.status_session import is_session, tell_session
+    from lfcal.cli._console import print_json
+    from lfcal.cli._status_session import is_session, tell_session
     from lfcal.work import parts_folder, read_run
 
     if is_session(run):
@@ -82,7 +82,7 @@ def _plain(run: Path, state: RunState) -> dict[str, Any]:
 
 
 def _show(folder: Path, state: RunState) -> None:
-    from lfcal.cli.console import print_table
+    from lfcal.cli._console import print_table
     from lfcal.work import HEADER, run_table
 
     found = run_table(state)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from lfcal.base import InputError
-from lfcal.cli.options import ForceOption, JsonOption
+from lfcal.cli._options import ForceOption, JsonOption
 
 if TYPE_CHECKING:
     from lfcal.fit import Trend
@@ -55,12 +55,12 @@ def command(
     if quality and sigmas != SIGMAS:
         raise InputError.expected("--sigmas", "fits", "inspections (--quality)", "leave it out")
     if quality:
-        from lfcal.cli.trend_quality import tell_quality
+        from lfcal.cli._trend_quality import tell_quality
 
         tell_quality(fits, out, force=force, json=json)
         return
     from lfcal.base import plain
-    from lfcal.cli.console import print_json
+    from lfcal.cli._console import print_json
     from lfcal.cli.outputs import check_output
     from lfcal.fit import draw_trend, fits_in, read_dated, trend
 
@@ -98,7 +98,7 @@ def command(
 
 def _show(found: Trend, out: Path | None) -> None:
     from lfcal.base import format_dates, format_slope
-    from lfcal.cli.console import print_table, report
+    from lfcal.cli._console import print_table, report
 
     rows = []
     for one in found.drifts:

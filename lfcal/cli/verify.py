@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from lfcal.base import InputError, StorageError, format_count
-from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
+from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_output
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def command(
 def _session(path: Path, redo: Path | None, workers: int | None, json: bool) -> bool:
     from lfcal.acquire import RedoList, iter_verify
     from lfcal.base import plain
-    from lfcal.cli.console import print_json, run_work
+    from lfcal.cli._console import print_json, run_work
 
     report = run_work(iter_verify(path, workers=workers), quiet=json)
     if redo is not None and report.to_redo:
@@ -108,7 +108,7 @@ def _show_session(report: SessionReport, redo: Path | None) -> None:
 
 def _matrix(path: Path, redo: Path | None, workers: int | None, json: bool) -> bool:
     from lfcal.base import FileFormatError, plain
-    from lfcal.cli.console import print_json, run_work
+    from lfcal.cli._console import print_json, run_work
     from lfcal.psf import iter_verify
 
     if redo is not None:

@@ -11,16 +11,16 @@ import typer
 
 from lfcal.base import InputError, check_choice, check_number
 from lfcal.camera import Camera
-from lfcal.cli.colour_planes import CHANNELS, ColourReading, read_planes
-from lfcal.cli.console import print_json, print_table
-from lfcal.cli.listed import OriginOption
-from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
+from lfcal.cli._colour_planes import CHANNELS, ColourReading, read_planes
+from lfcal.cli._console import print_json, print_table
+from lfcal.cli._listed import OriginOption
+from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
+from lfcal.cli._usage import refuse
+from lfcal.cli._views_files import save_picture, save_stack, stack_names, view_names
+from lfcal.cli._views_input import Given, ViewedFrame, cutting_of
+from lfcal.cli._views_report import as_json, rows
 from lfcal.cli.outputs import check_outputs
 from lfcal.cli.plan import load_camera, parse_depths
-from lfcal.cli.usage import refuse
-from lfcal.cli.views_files import save_picture, save_stack, stack_names, view_names
-from lfcal.cli.views_input import Given, ViewedFrame, cutting_of
-from lfcal.cli.views_report import as_json, rows
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -11,12 +11,12 @@ import typer
 
 from lfcal.base import replace_whole
 from lfcal.camera import Camera
-from lfcal.cli.colour_planes import read_white
-from lfcal.cli.console import print_json, print_table
-from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
+from lfcal.cli._colour_planes import read_white
+from lfcal.cli._console import print_json, print_table
+from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
+from lfcal.cli._white_files import LATTICE, RESIDUAL_MAP, RESIDUALS, lattice_dict, save_lattice
 from lfcal.cli.outputs import check_outputs
 from lfcal.cli.plan import load_camera
-from lfcal.cli.white_files import LATTICE, RESIDUAL_MAP, RESIDUALS, lattice_dict, save_lattice
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from lfcal.fit._lacking import lacking
+from lfcal.fit._trend import Trend, draw_trend, trend
 from lfcal.fit.compared import Compared
 from lfcal.fit.dated import fits_in, read_dated
 from lfcal.fit.design import PositionDesign, iter_next_positions
@@ -18,7 +20,6 @@ from lfcal.fit.holds import iter_check
 from lfcal.fit.hybrid import HybridSummary
 from lfcal.fit.information import Expected
 from lfcal.fit.judge import ModelError, chi_square, covariance
-from lfcal.fit.lacking import lacking
 from lfcal.fit.measured import LEFT_OUT, QUICK_PATTERN, check_optics, of_quick_pattern
 from lfcal.fit.model import Fineness, PlaneModel, predict
 from lfcal.fit.normal import Columns, Local
@@ -32,7 +33,6 @@ from lfcal.fit.setup import RegionPlace, called_for, with_given
 from lfcal.fit.solver import descend
 from lfcal.fit.spread import spread_out
 from lfcal.fit.stored import Filler, read_fit
-from lfcal.fit.trend import Trend, draw_trend, trend
 from lfcal.fit.validate import PointError, Validation, draw_validation, iter_validate, predicted_frame
 from lfcal.fit.writing import CAMERA, EFFECTS, MODEL, NUMBERS, REPORT, fit_outputs, iter_write_fit, write_found
 

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from lfcal.base import Clock, InputError, Work, check_number, drained
 from lfcal.camera import Forecast, ScanPlan
-from lfcal.fit.chosen import Chosen, choose
+from lfcal.fit._chosen import Chosen, choose
+from lfcal.fit._lacking import check_groups
 from lfcal.fit.earlier import Earlier
 from lfcal.fit.information import Expected, Information, iter_information
-from lfcal.fit.lacking import check_groups
 from lfcal.fit.parameters import GROUPS
 from lfcal.fit.setup import Setup, called_for
 from lfcal.fit.spread import kept_aside, spread_out

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from lfcal.base import COLOURS, LINES, draw_image, figure, save_figure
 from lfcal.camera import Camera, ScanPlan
+from lfcal.fit._weighing import BEND
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.result import Fit
-from lfcal.fit.weighing import BEND
 
 __all__ = ["FitResiduals", "draw_leftover", "draw_parameters", "draw_patterns", "leftover_of"]
 

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import Work, drained
 from lfcal.camera import Camera, ScanPlan
+from lfcal.fit._lacking import check_groups
 from lfcal.fit.fit import check_stage, groups_of, iter_retrieved, iter_summarised, problem_of
-from lfcal.fit.lacking import check_groups
 from lfcal.fit.measured import Measured
 from lfcal.fit.parameters import ScanScales, Vector, field_of
 from lfcal.fit.problem import Problem

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import COLOURS, DIFFERENCE_MAP, IMAGE_MAP, Clock, Work, figure, replace_whole, save_figure
+from lfcal.fit._page import PAGE, page_of, paragraphs, picture_of, section_of, table_of, text_of
 from lfcal.fit.field import FieldFit
 from lfcal.fit.hybrid import HybridSummary
-from lfcal.fit.page import PAGE, page_of, paragraphs, picture_of, section_of, table_of, text_of
 from lfcal.fit.parameters import field_of
 from lfcal.fit.report import limits, parameters
 from lfcal.simulate.engines import zernike_wavefront

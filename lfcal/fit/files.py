@@ -11,9 +11,9 @@ from typing import Any
 
 from lfcal.base import Work, plain, replace_whole
 from lfcal.camera import Camera, quantities_of, value_at
+from lfcal.fit._model_units import iter_model_units
 from lfcal.fit.hybrid import HybridPlane, HybridSummary, hybrid_note, iter_hybrid_planes
 from lfcal.fit.measured import Measured
-from lfcal.fit.model_units import iter_model_units
 from lfcal.fit.result import Fit
 from lfcal.psf import OF_FRAMES, PSFMatrix, PSFWriter
 from lfcal.simulate.effects import Entry, entries_json
@@ -139,7 +139,7 @@ def iter_write_model(
     """Write H of the fitted camera to a file, one plane in memory at a time; yields progress in rows.
 
     Closing it leaves nothing half-written. ``provenance`` is kept beside the fit's own. With ``run`` each plane is a
-    unit of long work, whose files stay with ``keep``, see `lfcal.fit.model_units`.
+    unit of long work, whose files stay with ``keep``, see `lfcal.fit._model_units`.
 
     Raises
     ------

@@ -11,13 +11,16 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, Work, check_number, drained
 from lfcal.camera import Camera
+from lfcal.fit._lacking import check_groups
+from lfcal.fit._outliers import outliers_of
+from lfcal.fit._response import response_of
+from lfcal.fit._stand_ins import StandIns, iter_held_beside
+from lfcal.fit._summary import summarised
 from lfcal.fit.convergence import rounds
-from lfcal.fit.lacking import check_groups
 from lfcal.fit.measured import Measured, measured_of
 from lfcal.fit.model import Fineness
 from lfcal.fit.normal import Columns, Local
 from lfcal.fit.nuisance import Spread, own_steps, spread_of
-from lfcal.fit.outliers import outliers_of
 from lfcal.fit.parameters import GROUPS, ScanScales, Vector
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.questions import (
@@ -30,13 +33,10 @@ from lfcal.fit.questions import (
     check_light,
     misfit,
 )
-from lfcal.fit.response import response_of
 from lfcal.fit.result import Fit, Outlier
 from lfcal.fit.select import choose, prune
 from lfcal.fit.setup import Setup, called_for
 from lfcal.fit.solver import Tell, descend
-from lfcal.fit.stand_ins import StandIns, iter_held_beside
-from lfcal.fit.summary import summarised
 from lfcal.psf import PSFMatrix
 from lfcal.simulate.effects import Effect
 

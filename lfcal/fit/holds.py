@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import Clock, InputError, Work, check_number, drained, format_share
+from lfcal.fit._followed import followed
+from lfcal.fit._frame_noise import DARK, noises_of
+from lfcal.fit._suspects import Left, Suspect, changes_of, held_against
 from lfcal.fit.compared import Compared, compared_with
 from lfcal.fit.expected import Behind, ExpectedPattern, behind
-from lfcal.fit.followed import followed
-from lfcal.fit.frame_noise import DARK, noises_of
 from lfcal.fit.judge import ChiSquare, ModelError
 from lfcal.fit.locate import LocatedPattern, NewFrame, find_source
 from lfcal.fit.spread import spread_out
-from lfcal.fit.suspects import Left, Suspect, changes_of, held_against
 from lfcal.psf import PSFMatrix
 
 __all__ = ["Check", "check", "iter_check"]

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import Work
-from lfcal.fit.fitted import Fitted
-from lfcal.fit.hybrid_patterns import RecordedPatterns, iter_plane_data, model_uncertainty
-from lfcal.fit.leftover import Leftover, iter_leftover
-from lfcal.fit.leftover_size import PlaneResiduals
+from lfcal.fit._fitted import Fitted
+from lfcal.fit._hybrid_patterns import RecordedPatterns, iter_plane_data, model_uncertainty
+from lfcal.fit._leftover import Leftover, iter_leftover
+from lfcal.fit._leftover_size import PlaneResiduals
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness
 from lfcal.fit.problem import ERRORS

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import Clock, Work, check_number, drain
 from lfcal.camera import ScanPlan
+from lfcal.fit._weighing import Response
 from lfcal.fit.fit import problem_of
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, predict
@@ -17,7 +18,6 @@ from lfcal.fit.normal import Columns, Local, normal_equations
 from lfcal.fit.parameters import Unknown
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.setup import Setup
-from lfcal.fit.weighing import Response
 
 __all__ = ["Expected", "Information", "iter_information"]
 

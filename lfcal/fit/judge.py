@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import format_share
+from lfcal.fit._weighing import Weighed, flat, variance
 from lfcal.fit.normal import Columns
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.solver import shared_of, with_prior
-from lfcal.fit.weighing import Weighed, flat, variance
 
 __all__ = ["INCOMPLETE", "ChiSquare", "ModelError", "chi_square", "covariance", "eliminated", "left_out_error"]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.fit.weighing import PatternLevels, Response, Weighed
+from lfcal.fit._weighing import PatternLevels, Response, Weighed
 
 __all__ = ["Columns", "Local", "Normal", "normal_equations"]
 

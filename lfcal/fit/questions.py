@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, Work, format_share
 from lfcal.camera import Camera, cutout_for
+from lfcal.fit._weighing import flat
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness
 from lfcal.fit.normal import Local
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.solver import Tell, descend
 from lfcal.fit.spread import spread_out
-from lfcal.fit.weighing import flat
 from lfcal.simulate.engines import EnergyError
 
 __all__ = [

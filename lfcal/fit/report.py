@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from lfcal.base import Clock, Work, format_share, replace_whole
+from lfcal.fit._page import PAGE, add_section, page_of, paragraphs, picture_of, section_of, table_of, text_of
 from lfcal.fit.drawing import FitResiduals, draw_leftover, draw_parameters, draw_patterns, leftover_of
 from lfcal.fit.measured import Measured
-from lfcal.fit.page import PAGE, add_section, page_of, paragraphs, picture_of, section_of, table_of, text_of
 from lfcal.fit.result import Fit
 
 __all__ = ["add_picture", "iter_fit_report", "limits", "parameters", "report_files"]

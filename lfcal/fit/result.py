@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, Position, Work, drained, plain
 from lfcal.camera import Camera, ScanPlan
+from lfcal.fit._weighing import PatternLevels
 from lfcal.fit.hybrid import iter_hybrid
 from lfcal.fit.judge import INCOMPLETE, ChiSquare, ModelError
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, iter_model_plane
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import Setup
-from lfcal.fit.weighing import PatternLevels
 from lfcal.psf import PSFMatrix
 from lfcal.simulate.effects import Effect
 

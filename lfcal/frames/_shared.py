@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from lfcal.frames._colour_scan import ThinnedSource, colour_scan, colours_of
 from lfcal.frames.aligned import chosen_shift, find_shift
 from lfcal.frames.cfa import cfa_from, check_cfa, pattern_side
-from lfcal.frames.colour_scan import ThinnedSource, colour_scan, colours_of
 from lfcal.frames.components import COMPONENTS, open_component
 from lfcal.frames.damage import SelectedSource, named
 from lfcal.frames.described import stated_noise

@@ -78,7 +78,7 @@ def open_frames(
     orientation
         What makes the frames upright (`lfcal.frames.orientation.ORIENTATIONS`), where the light in them shows which
         axis of a list's stage coordinates is which; ``"check"`` or ``"auto"``: it is not known, see
-        `lfcal.frames.lists.lie`. Nothing is turned here: `lfcal.frames.oriented` does.
+        `lfcal.frames.lists._lie`. Nothing is turned here: `lfcal.frames.oriented` does.
     origin
         Row and column, on the sensor as it is delivered, of the first pixel of frames that are a part of it (a camera's
         region of interest); dark and white frames are of the same part, or of the whole sensor.

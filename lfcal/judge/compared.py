@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from lfcal.base import Clock, InputError, Work, check_number
 from lfcal.fit import QUICK_PATTERN, Behind, Setup, behind, of_quick_pattern, plan_of, spread_out
+from lfcal.judge._modelled import Starts, correlation, depths_seen, modelled, parts, windows_seen
+from lfcal.judge._scatter import rounding_of
 from lfcal.judge.evidence import Evidence, Unlike, fitted
-from lfcal.judge.modelled import Starts, correlation, depths_seen, modelled, parts, windows_seen
-from lfcal.judge.scatter import rounding_of
 from lfcal.psf import PSFMatrix, copied_positions
 from lfcal.simulate.engines import EnergyError
 

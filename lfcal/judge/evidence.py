@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
 from lfcal.fit import Behind
-from lfcal.judge.modelled import Starts, correlation, modelled, parts
-from lfcal.judge.scatter import misfit, noise_of, start_of, variance_of
+from lfcal.judge._modelled import Starts, correlation, modelled, parts
+from lfcal.judge._scatter import misfit, noise_of, start_of, variance_of
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import NOISELESS
 

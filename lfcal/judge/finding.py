@@ -14,7 +14,7 @@ from lfcal.base import Registry
 from lfcal.judge.evidence import Evidence
 
 if TYPE_CHECKING:
-    from lfcal.judge.patch import Patch
+    from lfcal.judge._patch import Patch
 
 __all__ = ["FAULTS", "Fault", "Finding", "Picture", "PutIn", "Repair", "adding"]
 

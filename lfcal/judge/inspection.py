@@ -10,14 +10,14 @@ from dataclasses import asdict, dataclass, replace
 
 from lfcal.base import Work, format_count, format_seconds, format_share
 from lfcal.fit import Setup
+from lfcal.judge._cost import iter_costs
+from lfcal.judge._metric_costs import FRAMES, as_findings, with_costs
+from lfcal.judge._suspects import suspects
 from lfcal.judge.compared import PATTERNS, iter_evidence
-from lfcal.judge.cost import iter_costs
 from lfcal.judge.evidence import Evidence, Unlike
 from lfcal.judge.explained import EXPLAINED, Disagreement, iter_explained, iter_rearranged
 from lfcal.judge.finding import Finding
-from lfcal.judge.metric_costs import FRAMES, as_findings, with_costs
 from lfcal.judge.search import iter_search
-from lfcal.judge.suspects import suspects
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import (
     BAD,

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from lfcal.lattice._refocus import refocus, sensor_slope
+from lfcal.lattice._view_grid import ViewGrid, view_grid
 from lfcal.lattice.fit import LatticeFit, fit_lattice
 from lfcal.lattice.lens_types import LensTypes, classify_lens_types, expected_blur
 from lfcal.lattice.micro_images import FrameLattice, MicroImageLattice, TypeLattice, cropped, lattice_of, type_lattice
-from lfcal.lattice.refocus import refocus, sensor_slope
 from lfcal.lattice.rendering import RenderedPlanes, render, sharpness_shares, total_focus
-from lfcal.lattice.view_grid import ViewGrid, view_grid
 from lfcal.lattice.view_samples import sample_views
 from lfcal.lattice.views import Views, extract_views
 from lfcal.lattice.vignetting import Vignetting, vignetting_map

@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError, check_choice, check_number
-from lfcal.lattice.checkered import check_cell, mean_cell
-from lfcal.lattice.doubts import check_white, evenness
-from lfcal.lattice.forms import DistortionFrame, fit_form
-from lfcal.lattice.growth import followed, start_reach
-from lfcal.lattice.iris_centre import iris_centre
+from lfcal.lattice._checkered import check_cell, mean_cell
+from lfcal.lattice._doubts import check_white, evenness
+from lfcal.lattice._forms import DistortionFrame, fit_form
+from lfcal.lattice._growth import followed, start_reach
+from lfcal.lattice._iris_centre import iris_centre
+from lfcal.lattice._local_means import best_places
+from lfcal.lattice._model import LatticeModel
+from lfcal.lattice._rounds import PlacedLenslets, centred, evened, mean_light, place_all, prepare
+from lfcal.lattice._selection import Selection, flexible_form, select_form, thinned
+from lfcal.lattice._spectrum import MIN_LENSLETS, MIN_PITCH, guess_lattice
 from lfcal.lattice.lattice_fit import LatticeErrors, LatticeFit
-from lfcal.lattice.local_means import best_places
-from lfcal.lattice.model import LatticeModel
-from lfcal.lattice.rounds import PlacedLenslets, centred, evened, mean_light, place_all, prepare
-from lfcal.lattice.selection import Selection, flexible_form, select_form, thinned
-from lfcal.lattice.spectrum import MIN_LENSLETS, MIN_PITCH, guess_lattice
 
 __all__ = ["LatticeFit", "fit_lattice"]
 

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError
 from lfcal.camera import Camera, LatticeDistortion, LensletLattice
-from lfcal.lattice.forms import DistortionFrame, FittedForm, design
-from lfcal.lattice.local_means import gridded
-from lfcal.lattice.model import LatticeModel
+from lfcal.lattice._forms import DistortionFrame, FittedForm, design
+from lfcal.lattice._local_means import gridded
+from lfcal.lattice._model import LatticeModel
 
 __all__ = ["LatticeErrors", "LatticeFit"]
 
@@ -31,7 +31,7 @@ class LatticeErrors:
     terms, centre
         Of the distortion's terms, in their order, and of its centre (column, row) (pixels).
     covariance
-        Of all free numbers, in the order of `lfcal.lattice.forms.design`.
+        Of all free numbers, in the order of `lfcal.lattice._forms.design`.
     """
 
     pitch_px: float

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import for_each_chunk
+from lfcal.lattice._view_grid import ViewGrid
 from lfcal.lattice._view_kernels import Sites, ViewReading, sample_rows
-from lfcal.lattice.view_grid import ViewGrid
 
 __all__ = ["TAPS", "sample_views"]
 

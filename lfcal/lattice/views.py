@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError, as_sensor_frame, check_number
+from lfcal.lattice._view_grid import ViewGrid, view_grid
 from lfcal.lattice.micro_images import FrameLattice, MicroImageLattice
-from lfcal.lattice.view_grid import ViewGrid, view_grid
 from lfcal.lattice.view_samples import sample_views
 
 __all__ = ["RADIUS", "Views", "extract_views", "less_dark"]

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.lattice._smooth_field import SmoothField, fit_field
 from lfcal.lattice.fit import LatticeFit
-from lfcal.lattice.smooth_field import SmoothField, fit_field
 
 __all__ = ["Vignetting", "vignetting_map"]
 

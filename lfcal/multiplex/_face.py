@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from lfcal.multiplex._colour_error import ColourError, colour_difference, colour_error
+from lfcal.multiplex._sensor_noise import SensorNoise, pixel_weights, sensor_noise
 from lfcal.multiplex.acquisition import Acquisition, acquire_light_field
 from lfcal.multiplex.black_level import without_black_level
 from lfcal.multiplex.code_display import DisplayFit, display_fit, display_frames
@@ -15,7 +17,6 @@ from lfcal.multiplex.coding import (
     measured_coding_gain,
     overlapping_patterns,
 )
-from lfcal.multiplex.colour_error import ColourError, colour_difference, colour_error
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, cfa
 from lfcal.multiplex.demultiplexing import arrange, demultiplex, demultiplex_weighted, multiplex
 from lfcal.multiplex.design import Design, best_array, best_printed_mask, with_crosstalk
@@ -51,7 +52,6 @@ from lfcal.multiplex.polarisation import degree_of_polarisation, polarisers
 from lfcal.multiplex.quality import FilterTrial, measure_filters, ringing
 from lfcal.multiplex.resolution import Transfer, modulation_transfer
 from lfcal.multiplex.search import Frontier, best_filter_set, best_mask, filter_set_frontier, mask_frontier
-from lfcal.multiplex.sensor_noise import SensorNoise, pixel_weights, sensor_noise
 from lfcal.multiplex.spectra import Spectra, read_spectra, shipped_spectra
 from lfcal.multiplex.spectral_filters import bandpass_filters, cosine_basis, spectral_array
 from lfcal.multiplex.super_pixels import SuperPixelLattice

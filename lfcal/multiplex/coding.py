@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError, check_choice, check_number
+from lfcal.multiplex._sensor_noise import SensorNoise
 from lfcal.multiplex.codes import code_matrix
-from lfcal.multiplex.sensor_noise import SensorNoise
 
 __all__ = [
     "LIMITS",

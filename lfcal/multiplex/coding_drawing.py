@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import COLOURS, LINES, draw_image, figure, save_figure
+from lfcal.multiplex._sensor_noise import SensorNoise
 from lfcal.multiplex.coding import CodingGain, coding_gain
-from lfcal.multiplex.sensor_noise import SensorNoise
 
 __all__ = ["save_coding"]
 

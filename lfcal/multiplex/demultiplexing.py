@@ -50,7 +50,7 @@ def demultiplex(
     filter
         Of the spatial route: ``"nearest"``, ``"linear"``, ``"cubic"``, ``"lanczos"``, ``"sinc"`` (periodic) or
         ``"bilateral"`` (edge-preserving, guided by the mean over a super-pixel); for colour filter arrays also
-        ``"lmmse"`` and ``"directional"`` (`lfcal.multiplex.demosaicing`), which take no ``rcond``. None:
+        ``"lmmse"`` and ``"directional"`` (`lfcal.multiplex._demosaicing`), which take no ``rcond``. None:
         `default_filter`.
     samples
         Output samples per super-pixel, one number or (rows, columns); by default one per pixel for colours and one
@@ -88,9 +88,9 @@ def demultiplex(
     >>> print(colours.shape, colours[:, 5, 6].round(3))
     (3, 16, 16) [0.2 0.5 0.3]
     """
-    from lfcal.multiplex.demosaicing import reconstruct_by_estimation
-    from lfcal.multiplex.fourier import reconstruct_fourier
-    from lfcal.multiplex.spatial import reconstruct_spatial
+    from lfcal.multiplex._demosaicing import reconstruct_by_estimation
+    from lfcal.multiplex._fourier import reconstruct_fourier
+    from lfcal.multiplex._spatial import reconstruct_spatial
 
     check_choice("route", route, ROUTES)
     if filter is not None:
@@ -179,7 +179,7 @@ def default_filter(modulator: Modulator, samples: tuple[int, int]) -> str:
     ``"directional"`` for filter arrays over red, green and blue that tell all three, at one sample per pixel, otherwise
     ``"cubic"``: samples of other kinds need not be alike as the colours of an image are.
     """
-    from lfcal.multiplex.demosaicing import can_estimate
+    from lfcal.multiplex._demosaicing import can_estimate
 
     image = modulator.colours == ("R", "G", "B") and can_estimate(modulator, samples)
     return "directional" if image and modulator.rank() == modulator.count else "cubic"

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError, check_choice
+from lfcal.multiplex._sensor_noise import SensorNoise
 from lfcal.multiplex.modulator import Modulator
 from lfcal.multiplex.noise import noise_optimal_inverse, transmission
-from lfcal.multiplex.sensor_noise import SensorNoise
 
 __all__ = ["DECORRELATIONS", "GainMap", "gain_map", "sample_deviation", "sensor_gain"]
 

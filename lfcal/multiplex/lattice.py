@@ -141,7 +141,7 @@ def lattice_channels_weighted(
     >>> print(found.samples[1, 1, 0, 0].round(3), found.deviation[1, 1, 0, 1:].round(3))  # centres 15.5, 26, 36.5
     7.0 [0.071 0.1   0.071]
     """
-    from lfcal.multiplex.lattice_taps import Offsets, weighted_samples
+    from lfcal.multiplex._lattice_taps import Offsets, weighted_samples
     from lfcal.multiplex.weighted import WeightedSamples, measured
 
     seen, known = measured(frame, weights)
@@ -333,7 +333,7 @@ def demultiplex_lattice_weighted(
     >>> print(found.samples.shape, found.samples[4, 1, 1].round(3), found.deviation[4, 0, 0].round(3))
     (9, 10, 10) 9.0 0.5
     """
-    from lfcal.multiplex.lattice_taps import Offsets, weighted_samples
+    from lfcal.multiplex._lattice_taps import Offsets, weighted_samples
     from lfcal.multiplex.weighted import measured
 
     _check_single(modulator)

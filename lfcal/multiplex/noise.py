@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError, check_choice
 from lfcal.camera import Sensor
+from lfcal.multiplex._sensor_noise import sensor_noise
 from lfcal.multiplex.modulator import Modulator
-from lfcal.multiplex.sensor_noise import sensor_noise
 
 __all__ = [
     "PAPER_CAMERAS",

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import Clock, InputError, Work, drained
-from lfcal.multiplex.demosaicing import can_estimate
+from lfcal.multiplex._demosaicing import can_estimate
 from lfcal.multiplex.demultiplexing import demultiplex, multiplex
 from lfcal.multiplex.filters import COLOUR_FILTERS, SPATIAL_FILTERS
 from lfcal.multiplex.modulator import Modulator

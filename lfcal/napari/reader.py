@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lfcal.acquire import NAME, RecordingSource
 from lfcal.base import FileFormatError, LfcalError
 from lfcal.base.h5 import H5File
-from lfcal.napari.lazy import Index, Lazy
+from lfcal.napari._lazy import Index, Lazy
 from lfcal.psf import FORMAT, open_psf, pixel_um, regions_of, voxel_um
 from lfcal.reconstruct import DATASET, VOLUME_FORMAT, open_ome_zarr, told_of
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from lfcal.psf._compare import Comparison, compare, iter_compare
+from lfcal.psf._export import export, iter_export
+from lfcal.psf._transpose import transpose
+from lfcal.psf._verify import MatrixCheck, iter_verify, verify
 from lfcal.psf.assembly import AssemblySettings, assemble, assemble_plan, iter_assemble, iter_assemble_plan
 from lfcal.psf.assembly_report import AssemblyReport
-from lfcal.psf.compare import Comparison, compare, iter_compare
 from lfcal.psf.cutout import Cutout, find_cutout
 from lfcal.psf.denoising import denoised
-from lfcal.psf.export import export, iter_export
 from lfcal.psf.facts import Facts
 from lfcal.psf.layout import Stored
 from lfcal.psf.make import units_of
@@ -18,8 +20,6 @@ from lfcal.psf.quality import QualityReport, inspect, iter_inspect
 from lfcal.psf.report import iter_report, report
 from lfcal.psf.saving import MatrixPlanes, iter_save, iter_save_regions, save, save_regions
 from lfcal.psf.store import PSFWriter
-from lfcal.psf.transpose import transpose
-from lfcal.psf.verify import MatrixCheck, iter_verify, verify
 
 __all__ = [
     "AssemblyReport",

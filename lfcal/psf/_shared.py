@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from lfcal.psf._export import ExportOptions, check_missing, export_files, export_notes
+from lfcal.psf._transpose import ht_slice
 from lfcal.psf.assembly import AssembledPlanes, AssemblyProgress, planes_of_frames
 from lfcal.psf.cutout import INTERPOLATIONS, Window
 from lfcal.psf.denoising import mean_noise
 from lfcal.psf.difference import Difference, iter_difference
-from lfcal.psf.export import ExportOptions, check_missing, export_files, export_notes
 from lfcal.psf.export_units import iter_export_units
 from lfcal.psf.facts import Origin, stacked
 from lfcal.psf.filling import Fill, Filled
@@ -27,7 +28,6 @@ from lfcal.psf.region_loss import draw_region_loss, iter_region_loss
 from lfcal.psf.saving import iter_transpose_file
 from lfcal.psf.steps import check_store_tolerance
 from lfcal.psf.store import FORMAT
-from lfcal.psf.transpose import ht_slice
 from lfcal.psf.upright import AUTO, CHECK, check_found, iter_upright
 from lfcal.psf.voxels import pixel_um, voxel_um
 

@@ -19,16 +19,16 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.base import Clock, InputError, Progress, Work, check_number, drained, plain, worker_count
 from lfcal.camera import Camera, ScanPlan
 from lfcal.frames import AS_IS, FrameSource, Noise, Position, check_stated
+from lfcal.psf._gather import Gatherer, by_position
+from lfcal.psf._pedestal import check_pedestal
 from lfcal.psf.assembly_report import AssemblyReport
 from lfcal.psf.cutout import Cutout, find_cutout
 from lfcal.psf.facts import Facts, pack_valid
 from lfcal.psf.filling import Fill
-from lfcal.psf.gather import Gatherer, by_position
 from lfcal.psf.layout import Header, Plane, Stored
 from lfcal.psf.make import PlaneSource, Reopening, Zeros, iter_make
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.measured_noise import MeasuredNoise, measure_noise
-from lfcal.psf.pedestal import check_pedestal
 from lfcal.psf.steps import check_store_tolerance
 
 if TYPE_CHECKING:

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import Clock, Work, drained, for_each_chunk, worker_count
-from lfcal.psf.compare import centroids
+from lfcal.psf._compare import centroids
+from lfcal.psf._shifting import best_shift, shifted
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.pairing import Pair, pair
-from lfcal.psf.shifting import best_shift, shifted
 
 __all__ = ["Difference", "Figures", "PlaneFigures", "difference", "iter_difference"]
 

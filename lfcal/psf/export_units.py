@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from lfcal.base import Clock, Work, require_space
 from lfcal.base.h5 import H5File, new_h5
-from lfcal.psf.chunk_codec import copy_plane
-from lfcal.psf.export import ExportOptions, check_export, iter_export, iter_write_npy
-from lfcal.psf.matlab import MatOptions, create_mat_data, iter_write_mat, mat_plane, mat_written
+from lfcal.psf._chunk_codec import copy_plane
+from lfcal.psf._export import ExportOptions, check_export, iter_export, iter_write_npy
+from lfcal.psf._matlab import MatOptions, create_mat_data, iter_write_mat, mat_plane, mat_written
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.opening import open_psf
 from lfcal.psf.saving import iter_save

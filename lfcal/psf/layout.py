@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import AXES, InputError, check_psf_shape, for_each_chunk, full_version
 from lfcal.base.h5 import H5Data
+from lfcal.psf._chunk_codec import copy_plane, parallel_write
 from lfcal.psf._step_kernels import add_rounded, round_pattern
-from lfcal.psf.chunk_codec import copy_plane, parallel_write
 from lfcal.psf.facts import Facts, stacked
 from lfcal.psf.provenance import with_simulated
 from lfcal.psf.steps import bound_after, check_store_tolerance, step_of_range, stepped_plane
@@ -233,7 +233,7 @@ class MatrixGroup:
             self._simulated[z] = dict(plane.simulated)
 
     def _write_values(self, z: int, plane: NDArray[Any], facts: Facts) -> None:
-        from lfcal.psf.transpose import depth_sum
+        from lfcal.psf._transpose import depth_sum
 
         shape = self._header.shape
         if plane.shape != shape[1:]:
@@ -268,7 +268,7 @@ class MatrixGroup:
 
     def _write_steps(self, z: int, plane: NDArray[Any], facts: Facts, tolerance: float) -> None:
         """Write plane ``z`` in whole steps, within a tolerance."""
-        from lfcal.psf.transpose import depth_sum
+        from lfcal.psf._transpose import depth_sum
 
         workers = self._workers
         found = stepped_plane(plane, tolerance, what=f"plane {z}", workers=workers)

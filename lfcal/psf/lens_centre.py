@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from lfcal.base import Position
 from lfcal.camera import nearest_lens
+from lfcal.psf._planes import Planes, TransposedPlanes
 from lfcal.psf.cutout import Cutout
 from lfcal.psf.facts import Facts
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.planes import Planes, TransposedPlanes
 
 __all__ = ["TOLERANCE_PX", "LensCentre", "first_pixel", "lens_centre_of", "lens_centred", "sampling"]
 

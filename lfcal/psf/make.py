@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import Clock, InputError, Progress, Work, drain, plain, require_space
+from lfcal.psf._nexus import mark_default_plot
 from lfcal.psf.facts import stacked
 from lfcal.psf.joining import adopt
 from lfcal.psf.layout import Header, MatrixGroup, Plane, Stored
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.nexus import mark_default_plot
 from lfcal.psf.opening import open_psf
 from lfcal.psf.provenance import with_simulated
 from lfcal.psf.store import REGIONS, PSFWriter, check_storable, new_file, stored_bytes

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from lfcal.base import FileFormatError, InputError, storage_errors
 from lfcal.base.h5 import H5File
-from lfcal.psf.matlab import COLUMNS_FIRST, ROWS_FIRST
+from lfcal.psf._matlab import COLUMNS_FIRST, ROWS_FIRST
+from lfcal.psf._planes import DatasetPlanes, FilePlanes, Planes
+from lfcal.psf._rearranged import MirroredPlanes, PlacedPlanes, Window
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.planes import DatasetPlanes, FilePlanes, Planes
-from lfcal.psf.rearranged import MirroredPlanes, PlacedPlanes, Window
 
 __all__ = ["MAT_ORDERS", "check_mat_order", "open_mat"]
 

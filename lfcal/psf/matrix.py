@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from lfcal.base import InputError, check_psf_shape
+from lfcal.psf._indexing import in_range, resolved
+from lfcal.psf._planes import ArrayPlanes, DatasetPlanes, FilePlanes, Planes, ScaledPlanes, as_planes, as_stored
+from lfcal.psf._travel import reduced
 from lfcal.psf.facts import Facts, Origin, fitting, unpack_valid
-from lfcal.psf.indexing import in_range, resolved
-from lfcal.psf.planes import ArrayPlanes, DatasetPlanes, FilePlanes, Planes, ScaledPlanes, as_planes, as_stored
-from lfcal.psf.travel import reduced
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera
@@ -334,7 +334,7 @@ class PSFMatrix:
             if self._other is not None and z in self._other._sums:
                 self._sums[z] = self._other._sums[z][::-1, ::-1]
             else:
-                from lfcal.psf.transpose import depth_sum
+                from lfcal.psf._transpose import depth_sum
 
                 self._sums[z] = depth_sum(self.plane(z))
         return _read_only(self._sums[z])

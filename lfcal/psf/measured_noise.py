@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from lfcal.base import LfcalError
 from lfcal.camera import ScanPlan
 from lfcal.frames import Frames, FrameSource, Region, moved
+from lfcal.psf._gather import Gatherer, by_position
 from lfcal.psf.cutout import Cutout
-from lfcal.psf.gather import Gatherer, by_position
 
 __all__ = ["MeasuredNoise", "measure_noise", "scan_noise"]
 

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from lfcal.base import AXES, MAX_SAMPLE, FileFormatError, InputError, check_psf_shape, map_npy, parse_json
 from lfcal.base.h5 import Attributes, H5Data, H5File
 from lfcal.camera import Camera
-from lfcal.psf.chunk_codec import parallel_read
+from lfcal.psf._chunk_codec import parallel_read
+from lfcal.psf._planes import DatasetPlanes, FilePlanes, Planes, ScaledPlanes
 from lfcal.psf.facts import Facts
 from lfcal.psf.layout import CENTRE_RULE, PLANE_NUMBER, plane_checksum
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.planes import DatasetPlanes, FilePlanes, Planes, ScaledPlanes
 from lfcal.psf.steps import SteppedPlanes
 from lfcal.psf.store import CHECKED_VERSION, FORMAT, REGIONS, STEPPED_VERSION, VERSION
 
@@ -102,7 +102,7 @@ def _open(source: Path, region: str, check: bool, mat_order: str) -> PSFMatrix:
 
         return open_mat(source, mat_order=mat_order)
     if suffix == ".lfc":
-        from lfcal.psf.lfc_import import open_lfc
+        from lfcal.psf._lfc_import import open_lfc
 
         return open_lfc(source)
     file = H5File(source)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lfcal.base import Work, drained
 from lfcal.camera import ScanPlan
 from lfcal.frames import AS_IS, ORIENTATIONS, FrameSource
-from lfcal.psf.spot_path import SpotPath, iter_spot_path
+from lfcal.psf._spot_path import SpotPath, iter_spot_path
 
 __all__ = [
     "AS_IS",

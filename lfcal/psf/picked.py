@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from lfcal.base import Clock, InputError, Work
 from lfcal.camera import ScanPlan
 from lfcal.frames import FrameSource, Noise
+from lfcal.psf._gather import Gatherer, by_position
+from lfcal.psf._planes import Planes, TransposedPlanes
 from lfcal.psf.cutout import Cutout
 from lfcal.psf.facts import Facts, pack_valid, packed_bytes
-from lfcal.psf.gather import Gatherer, by_position
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.measured_noise import MeasuredNoise
-from lfcal.psf.planes import Planes, TransposedPlanes
 
 __all__ = ["PickedPlanes", "iter_pick"]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import InputError, Work, drained, figure, save_figure
-from lfcal.psf.compare import iter_compare
+from lfcal.psf._compare import iter_compare
 from lfcal.psf.opening import open_psf, regions_of
 
 __all__ = ["RegionLoss", "draw_region_loss", "iter_region_loss", "region_loss"]

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lfcal.base import Clock, InputError, Work, check_other_file, drained
+from lfcal.psf._transpose import transpose
 from lfcal.psf.layout import Plane, Stored
 from lfcal.psf.make import PlaneSource, Reopening, Zeros, iter_write, iter_write_regions
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.opening import mat_order_of, open_psf
 from lfcal.psf.store import facts_of, header_of, stored_type
-from lfcal.psf.transpose import transpose
 
 if TYPE_CHECKING:
     from lfcal.work import RunChoice

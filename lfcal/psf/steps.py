@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import InputError, for_each_chunk
+from lfcal.psf._planes import Planes, TransposedPlanes
 from lfcal.psf._step_kernels import error_of_step, light_by_line, values_of_steps, write_steps
-from lfcal.psf.planes import Planes, TransposedPlanes
 
 __all__ = [
     "SteppedPlane",

@@ -16,11 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.base import InputError, full_version, require_space
 from lfcal.base.h5 import new_h5
 from lfcal.camera import Camera
-from lfcal.psf.chunk_codec import chunk_pipeline, parallel_write
+from lfcal.psf._chunk_codec import chunk_pipeline, parallel_write
+from lfcal.psf._nexus import mark_default_plot
 from lfcal.psf.facts import Facts
 from lfcal.psf.layout import STORED_TYPES, Header, MatrixGroup, Plane, Stored, StoredPlane
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.nexus import mark_default_plot
 from lfcal.psf.steps import bits_at_most
 
 __all__ = [

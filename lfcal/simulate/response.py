@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import leave_if_unwanted
 from lfcal.camera import ScanPlan
+from lfcal.simulate._symmetry import mirrored_rows
 from lfcal.simulate.accuracy import RETRIES, balanced, finer, settle, step_for
 from lfcal.simulate.effects import Effect, LightSample
 from lfcal.simulate.engines import Certificate, Displaceable, EnergyError, PlaneEngine, Sampling, engine_for
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.staging import filter_kernel, filtered, light_samples, outlook_of, resolve_level, scene_for
-from lfcal.simulate.symmetry import mirrored_rows
 
 __all__ = ["PlaneResponse"]
 

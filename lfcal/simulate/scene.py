@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, check_choice, check_cutout, check_number, check_wavelength
 from lfcal.camera import LensletLattice, Microscope
-from lfcal.simulate.pupil import PupilIris, Wavefront, check_wavefront, seidel
-from lfcal.simulate.specimen import Specimen, cone_radius_um
+from lfcal.simulate._pupil import PupilIris, Wavefront, check_wavefront, seidel
+from lfcal.simulate._specimen import Specimen, cone_radius_um
 
 TOUCHING = 1.001
 """Clear diameter over the cell's width up to which a lenslet is a disc: 1e-4 of its light lies outside."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, choose
 from lfcal.camera import Camera, ScanPlan
-from lfcal.simulate.camera_scene import scene_of
+from lfcal.simulate._camera_scene import scene_of
 from lfcal.simulate.effects import Bandwidth, Effect, LightEffect, LightSample, Outlook, PsfEffect, SceneEffect
 from lfcal.simulate.engines import LEVELS
 from lfcal.simulate.scene import PupilIris, Scene

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from lfcal.targets._region_points import region_points
 from lfcal.targets.frames import frames_of, open_target_frames, read_target_plan
 from lfcal.targets.images import whole_at
 from lfcal.targets.mistakes import Mistake
@@ -9,7 +10,6 @@ from lfcal.targets.nearest import nearest_positions
 from lfcal.targets.parsing import proposed_hole
 from lfcal.targets.phases import Phases
 from lfcal.targets.planning import shown_within
-from lfcal.targets.region_points import region_points
 from lfcal.targets.sampling import may_resample, resampling_words
 from lfcal.targets.search import covered_by
 from lfcal.targets.subsets import group_order, subset_patterns

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError
 from lfcal.frames import FrameInfo, FrameMetadata, FrameSource, Noise, Region, Samples, SourceView
-from lfcal.targets.lit import lit_blocks, lit_matrix
+from lfcal.targets._lit import lit_blocks, lit_matrix
 from lfcal.targets.plan import TargetPlan
 
 __all__ = ["DecodedFrames", "decoded"]

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError
 from lfcal.camera import Camera, half_extent_px
+from lfcal.targets._lattice_labels import lattice_labels, refined_basis
+from lfcal.targets._match import Match, holes_of, matches, turned_absent
+from lfcal.targets._pose_fit import PoseFit, fit_pose
+from lfcal.targets._spots import Spots, find_spots
 from lfcal.targets.images import HoleImages, hole_images
-from lfcal.targets.lattice_labels import lattice_labels, refined_basis
-from lfcal.targets.match import Match, holes_of, matches, turned_absent
 from lfcal.targets.mistakes import Mistake, mistakes_of
-from lfcal.targets.pose_fit import PoseFit, fit_pose
-from lfcal.targets.spots import Spots, find_spots
 from lfcal.targets.target import Target
 
 __all__ = ["FoundPoints", "find_points"]

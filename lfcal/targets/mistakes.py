@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera
+from lfcal.targets._pose_fit import PoseFit
+from lfcal.targets._spots import Spots
 from lfcal.targets.images import HoleImages
-from lfcal.targets.pose_fit import PoseFit
-from lfcal.targets.spots import Spots
 from lfcal.targets.target import Target
 
 __all__ = ["KINDS", "Mistake", "mistakes_of"]

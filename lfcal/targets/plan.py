@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from lfcal.base import FileFormatError, InputError, check_number, check_tuple, check_type, parse_json
 from lfcal.camera import Forecast, ScanPlan, build
+from lfcal.targets._lit import Lit, checked_lit
 from lfcal.targets.images import HoleImages, hole_images
-from lfcal.targets.lit import Lit, checked_lit
 from lfcal.targets.phases import Phases
 from lfcal.targets.search import covered_by
 from lfcal.targets.target import Target

@@ -12,13 +12,13 @@ from scipy.spatial import cKDTree
 
 from lfcal.base import Clock, InputError, Work, check_number, drained, format_length, format_share
 from lfcal.camera import ScanPlan
-from lfcal.targets.covering import FINEST_PX, iter_cover
+from lfcal.targets._covering import FINEST_PX, iter_cover
+from lfcal.targets._pitches import proposed_target
+from lfcal.targets._tails import Tails, simulated_tails
 from lfcal.targets.images import HoleImages, hole_images
 from lfcal.targets.phases import Phases
-from lfcal.targets.pitches import proposed_target
 from lfcal.targets.plan import TargetPlan
 from lfcal.targets.pose import Pose
-from lfcal.targets.tails import Tails, simulated_tails
 from lfcal.targets.target import Target
 
 __all__ = ["Wishes", "iter_plan_target", "plan_target", "poses_within", "propose_target", "shown_within"]

@@ -39,7 +39,7 @@ class OffsetSearch:
     Attributes
     ----------
     phases, images, tolerance_px
-        As of `lfcal.targets.covering.iter_cover`.
+        As of `lfcal.targets._covering.iter_cover`.
     step, first
         Of the grid, and its first offset (rows, columns) (pixels).
     corner

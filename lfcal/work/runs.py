@@ -25,8 +25,8 @@ from lfcal.base import (
     sweep_scratch,
 )
 from lfcal.base.h5 import trust
+from lfcal.work._following import Following
 from lfcal.work.executors import Ended, Event, Executor, What
-from lfcal.work.following import Following
 from lfcal.work.journal import JOURNAL, Journal, read_events, read_run, read_seals, read_settled
 from lfcal.work.unit import Job, Unit, file_name, seal_of
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from lfcal.acquire.recording._slots import read_layout
 from lfcal.acquire.recording.records import RECORD
-from lfcal.acquire.recording.slots import read_layout
 
 PAGE = 4096
 

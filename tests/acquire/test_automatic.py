@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lfcal.acquire._forecast import forecast
 from lfcal.acquire.control import Control
 from lfcal.acquire.finish import iter_assemble_session
-from lfcal.acquire.forecast import forecast
 from lfcal.acquire.session import record
 from lfcal.acquire.session_file import SessionFile
 from lfcal.base.errors import FileFormatError, InputError

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lfcal.acquire._forecast import forecast
 from lfcal.acquire.errors import AcquisitionStopped
 from lfcal.acquire.finish import iter_assemble_session, iter_finish
-from lfcal.acquire.forecast import forecast
 from lfcal.acquire.options import Options
+from lfcal.acquire.recording._verify import verify
 from lfcal.acquire.recording.records import Kind
 from lfcal.acquire.recording.source import RecordingSource
-from lfcal.acquire.recording.verify import verify
 from lfcal.acquire.redo import RedoList
 from lfcal.acquire.session import record
 from lfcal.acquire.session_file import SessionFile

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from lfcal.acquire._forecast import forecast
 from lfcal.acquire.control import Control
-from lfcal.acquire.forecast import forecast
 from lfcal.acquire.options import LEAST_RESERVE, Options
 from lfcal.acquire.recording.durable import DiskGuard, FolderLock, holder_of
 from lfcal.acquire.session import iter_record, record
@@ -191,7 +191,7 @@ def test_a_slow_disk_records_the_same_frames(tmp_path: Path, monkeypatch: pytest
         sync_data(descriptor)
         syncs.append(time.monotonic())
 
-    monkeypatch.setattr("lfcal.acquire.recording.slots.sync_data", slow)
+    monkeypatch.setattr("lfcal.acquire.recording._slots.sync_data", slow)
     acknowledged = list[float]()
     watch = lambda *_: acknowledged.append(time.monotonic())  # noqa: E731
     assert record(tmp_path / "slow", PLAN, rig_for(PLAN), OPTIONS, observers=(watch,)).how == "complete"

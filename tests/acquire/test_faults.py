@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lfcal.acquire._motion import LAST_POLL_S
 from lfcal.acquire.errors import AcquisitionStopped
-from lfcal.acquire.motion import LAST_POLL_S
-from lfcal.acquire.recording import slots as journal_module
+from lfcal.acquire.recording import _slots as journal_module
 from lfcal.acquire.recording.durable import FolderLock
 from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.session import record
@@ -31,8 +31,8 @@ from lfcal.devices.errors import (
     StaleFrame,
     WrongFrame,
 )
+from lfcal.devices.simulated._stage import StageModel
 from lfcal.devices.simulated.faults import DeviceFault
-from lfcal.devices.simulated.stage import StageModel
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
 
 PLAN = small_plan()

@@ -19,9 +19,9 @@ from lfcal.camera import ScanPlan, preset
 from lfcal.devices.protocols import Roi
 from lfcal.devices.registry import open_rig
 from lfcal.devices.rig import Rig
+from lfcal.devices.simulated._optics import PatternRenderer
+from lfcal.devices.simulated._stage import StageModel
 from lfcal.devices.simulated.faults import DeviceFault
-from lfcal.devices.simulated.optics import PatternRenderer
-from lfcal.devices.simulated.stage import StageModel
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
 
 PLAN = small_plan((7, 9), 2, cutout=(25, 25))

@@ -10,9 +10,9 @@ import numpy as np
 from lfcal.acquire.live_coverage import LiveCoverage
 from lfcal.acquire.session import record
 from lfcal.camera import ScanPlan
+from lfcal.devices.simulated._targets import TargetPattern
 from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.devices.simulated.faults import DeviceFault
-from lfcal.devices.simulated.targets import TargetPattern
 from lfcal.targets import Target, TargetPlan, Wishes, plan_target
 from tests.acquire.rigs import CAREFUL
 from tests.targets.common import small

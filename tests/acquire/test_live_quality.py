@@ -17,7 +17,7 @@ from lfcal.acquire.session import record
 from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan, StageAxes
 from lfcal.devices.protocols import Point
-from lfcal.devices.simulated.stage import StageModel
+from lfcal.devices.simulated._stage import StageModel
 from lfcal.frames.source import Position
 from tests.acquire.rigs import CAREFUL, deceived_rig, rig_for, small_plan
 

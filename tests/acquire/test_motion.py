@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lfcal.acquire._motion import Motion, Mover, check_limits
 from lfcal.acquire.control import Aborted, Control
-from lfcal.acquire.motion import Motion, Mover, check_limits
 from lfcal.base.errors import InputError
 from lfcal.devices.errors import LimitError, NotInPosition, StageError
+from lfcal.devices.simulated._stage import SimStage, StageModel, VirtualTime
 from lfcal.devices.simulated.faults import DeviceFault
-from lfcal.devices.simulated.stage import SimStage, StageModel, VirtualTime
 
 PATH = [(float(x), float(y), float(z)) for z in (0, 50) for y in (0, 30, 10) for x in (0, 20, 40, 30, 10)]
 

@@ -21,15 +21,15 @@ from lfcal.acquire.recording.records import Kind
 from lfcal.acquire.recording.source import RecordingSource, read_checks
 from lfcal.acquire.session import iter_record, record
 from lfcal.acquire.session_file import SessionFile
-from lfcal.acquire.setup.levels import levels
+from lfcal.acquire.setup._levels import levels
 from lfcal.base.errors import FileFormatError, InputError, StorageError
 from lfcal.base.progress import drain
 from lfcal.camera import StageAxes
 from lfcal.devices.errors import DeviceLost, LimitError
 from lfcal.devices.protocols import Frame, Point, Roi, Setting
 from lfcal.devices.rig import Rig
-from lfcal.devices.simulated.camera import LightPatch, Renderer
-from lfcal.devices.simulated.optics import PatternRenderer
+from lfcal.devices.simulated._camera import LightPatch, Renderer
+from lfcal.devices.simulated._optics import PatternRenderer
 from lfcal.frames import CorrectionRecipe, corrected_view
 from lfcal.frames.described import sensor_noise
 from lfcal.frames.source import FrameSource, Position
@@ -161,7 +161,7 @@ def test_disk_that_cannot_hold_the_session_is_refused_before_anything_is_made(tm
 
 
 def test_limits_are_checked_before_anything_moves_or_is_made(tmp_path: Path) -> None:
-    from lfcal.devices.simulated.stage import StageModel
+    from lfcal.devices.simulated._stage import StageModel
 
     rig = rig_for(PLAN, model=StageModel(limits=((-1e5, 1e5), (-1e5, 0.0), (-1e5, 1e5))))
     with pytest.raises(LimitError, match="nothing was moved"):

@@ -181,7 +181,7 @@ def test_stage_fit_refuses_moves_on_a_line_and_images_that_stand_still() -> None
 
 
 def test_stage_fit_keeps_to_the_limits() -> None:
-    from lfcal.devices.simulated.stage import StageModel
+    from lfcal.devices.simulated._stage import StageModel
 
     rig = rig_for(PLAN, model=StageModel(limits=((-100.0, 100.0), (-1e5, 1e5), (-1e5, 1e5))))
     with pytest.raises(LimitError):

@@ -26,10 +26,10 @@ from lfcal.devices.errors import FrameTimeout, LimitError
 from lfcal.devices.protocols import Point
 from lfcal.devices.registry import open_rig
 from lfcal.devices.rig import Rig
-from lfcal.devices.simulated.camera import LightPatch, Renderer
+from lfcal.devices.simulated._camera import LightPatch, Renderer
+from lfcal.devices.simulated._optics import PatternRenderer, simulated_optics
+from lfcal.devices.simulated._stage import StageModel
 from lfcal.devices.simulated.faults import DeviceFault
-from lfcal.devices.simulated.optics import PatternRenderer, simulated_optics
-from lfcal.devices.simulated.stage import StageModel
 from lfcal.frames.source import Position
 from tests.acquire.rigs import CAREFUL, Deceived, deceived_rig, rig_for, scaled, small_plan
 

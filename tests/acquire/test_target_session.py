@@ -13,8 +13,8 @@ import pytest
 
 from lfcal.acquire.frame_plan import frame_grid
 from lfcal.acquire.options import Options
+from lfcal.acquire.recording._verify import verify
 from lfcal.acquire.recording.source import RecordingSource, read_checks
-from lfcal.acquire.recording.verify import verify
 from lfcal.acquire.recording.whole_frames import TargetRecording
 from lfcal.acquire.session import record
 from lfcal.acquire.session_file import SessionFile
@@ -23,9 +23,9 @@ from lfcal.base.axes import Position
 from lfcal.base.errors import FileFormatError, InputError
 from lfcal.camera import ScanPlan
 from lfcal.devices.rig import Rig
+from lfcal.devices.simulated._targets import SwitchedRenderer, TargetPattern
 from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.devices.simulated.faults import DeviceFault
-from lfcal.devices.simulated.targets import SwitchedRenderer, TargetPattern
 from lfcal.frames import open_frames
 from lfcal.frames.corrections.recipe import CorrectionRecipe, corrected_view
 from lfcal.targets import Pose, Target, TargetPlan, Wishes, decoded, plan_target

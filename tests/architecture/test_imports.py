@@ -106,7 +106,7 @@ def test_pages_do_not_import_each_other() -> None:
 
 
 @pytest.mark.parametrize(
-    "module", ["lfcal", "lfcal.camera", "lfcal.psf", "lfcal.frames", "lfcal.reconstruct", "lfcal.cli.console"]
+    "module", ["lfcal", "lfcal.camera", "lfcal.psf", "lfcal.frames", "lfcal.reconstruct", "lfcal.cli._console"]
 )
 def test_importing_the_library_loads_no_window_and_no_plotting(module: str) -> None:
     code = (

@@ -6,8 +6,8 @@ import json
 
 import pytest
 
+from lfcal.base._plain import DEEPEST, parse_json
 from lfcal.base.errors import FileFormatError
-from lfcal.base.plain import DEEPEST, parse_json
 
 GOOD = [None, True, 1, -2.5, "ä 😀", [1, [2.0, "x"]], {"a": {"b": [1, 2]}}, 2**63 - 1, -(2**63), [], {}]
 

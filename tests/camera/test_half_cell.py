@@ -9,7 +9,7 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.camera import Camera, LensletLattice, LensType, ScanPlan, preset
-from lfcal.camera.half_cell import half_cell
+from lfcal.camera._half_cell import half_cell
 
 
 def camera_of(period: tuple[float, float], types: int = 3, kind: str = "hexagonal", **more: float) -> Camera:

@@ -15,15 +15,15 @@ import pytest
 from lfcal.acquire.control import Control
 from lfcal.acquire.errors import AcquisitionStopped
 from lfcal.acquire.options import Options
-from lfcal.acquire.recording.verify import verify
+from lfcal.acquire.recording._verify import verify
 from lfcal.acquire.session import record
 from lfcal.acquire.session_file import SessionFile
 from lfcal.base.errors import InputError
 from lfcal.base.progress import Work, drain
 from lfcal.camera import ScanPlan
 from lfcal.campaign import Adapted, AdaptiveStep, Goal, adaptive, iter_adaptive
+from lfcal.campaign._patterns import iter_session_patterns
 from lfcal.campaign.adaptive import _gained_nothing
-from lfcal.campaign.patterns import iter_session_patterns
 from lfcal.campaign.steps import FEWEST
 from lfcal.devices.registry import open_rig
 from lfcal.devices.rig import Rig

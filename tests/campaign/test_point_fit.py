@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from lfcal.base.progress import drain
+from lfcal.campaign._point_optics import OwnOptics
+from lfcal.campaign._point_parts import measured_modulo, measured_points
 from lfcal.campaign.point_fit import _placed
-from lfcal.campaign.point_optics import OwnOptics
-from lfcal.campaign.point_parts import measured_modulo, measured_points
 from lfcal.campaign.points import points_of
 from lfcal.fit.fit import problem_of
 from lfcal.fit.measured import Measured

@@ -11,13 +11,13 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
+from lfcal.campaign._point_optics import OwnOptics, iter_with_own_light
+from lfcal.campaign._point_parts import measured_points
 from lfcal.campaign.point_fit import fit_points
 from lfcal.campaign.point_hole import HOLE, hole_words, is_told, iter_called_for, without_hole
-from lfcal.campaign.point_optics import OwnOptics, iter_with_own_light
-from lfcal.campaign.point_parts import measured_points
 from lfcal.campaign.points import Points, points_of
+from lfcal.fit._lacking import check_groups
 from lfcal.fit.fit import problem_of
-from lfcal.fit.lacking import check_groups
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.normal import Local
 from lfcal.fit.problem import Point, Problem

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from lfcal.base.progress import drain
+from lfcal.campaign._point_optics import OwnOptics, _Holes, iter_with_own_light
+from lfcal.campaign._point_parts import measured_points
 from lfcal.campaign.point_fit import _with_hole
-from lfcal.campaign.point_optics import OwnOptics, _Holes, iter_with_own_light
-from lfcal.campaign.point_parts import measured_points
 from lfcal.campaign.points import Points, points_of
 from lfcal.fit.fit import problem_of
 from lfcal.fit.model import Fineness, predict

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.campaign.turned_frames import SeenPattern, find_turned_frames, seen_patterns
-from lfcal.cli.listed import _tell_turned
+from lfcal.cli._listed import _tell_turned
 from lfcal.frames import ORIENTATIONS
 from lfcal.frames.lists.listing import Listing
 from lfcal.simulate import SimulatedCamera

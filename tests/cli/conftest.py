@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from lfcal.camera import ScanPlan, preset
-from lfcal.judge.cost import FEWEST
+from lfcal.judge._cost import FEWEST
 from tests.fit.shared import shared_models
 from tests.psf.shared_apertures import shared_apertures
 from tests.strict import strict_json
@@ -66,7 +66,7 @@ def _shared_models() -> Iterator[None]:
 def _fewest_patterns(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let inspections compare the fewest patterns: as many as there is time for would be others each time."""
     monkeypatch.setattr("lfcal.judge.compared.MOST_SAMPLES", 0)
-    monkeypatch.setattr("lfcal.judge.cost.MOST", FEWEST)
+    monkeypatch.setattr("lfcal.judge._cost.MOST", FEWEST)
 
 
 def small_plan() -> ScanPlan:

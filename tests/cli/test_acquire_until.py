@@ -10,7 +10,7 @@ import pytest
 
 from lfcal.acquire.session_file import SessionFile
 from lfcal.base.errors import InputError
-from lfcal.cli.acquire_until import parse_goal
+from lfcal.cli._acquire_until import parse_goal
 from lfcal.fit.setup import described_effects
 from lfcal.simulate.effects.described import Entry, entries_json
 from tests.cli.conftest import Run

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
-from lfcal.cli.part_frames import PartFrames
-from lfcal.cli.scan_frames import ScanFrames
+from lfcal.cli._part_frames import PartFrames
+from lfcal.cli._scan_frames import ScanFrames
 from lfcal.frames import CorrectionRecipe
 from lfcal.psf import open_psf
 from lfcal.work import parts_folder

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from lfcal.base.errors import InputError
 from lfcal.camera import Camera, preset
-from lfcal.cli.app import build_app
+from lfcal.cli._app import build_app
 from tests.frames.photon_transfer.sensor_model import Truth, micro_images
 
 TRUTH = Truth(shape=(120, 160), dark_e_s=30.0)

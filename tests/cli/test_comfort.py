@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from lfcal.cli.app import command_line
-from lfcal.cli.console import print_json
+from lfcal.cli._app import command_line
+from lfcal.cli._console import print_json
 from tests.cli.conftest import Run
 from tests.cli.test_every_option import walk
 

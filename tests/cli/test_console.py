@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from lfcal.base.progress import Progress, Work
-from lfcal.cli.console import done_text, run_work
+from lfcal.cli._console import done_text, run_work
 
 
 class Terminal(io.StringIO):

@@ -11,7 +11,7 @@ import pytest
 import typer.main
 
 import benchmarks.__main__
-from lfcal.cli.app import build_app
+from lfcal.cli._app import build_app
 
 TESTS = Path(__file__).parents[1]
 

@@ -18,8 +18,8 @@ import lfcal.fit
 from lfcal.base.errors import InputError
 from lfcal.base.progress import Work
 from lfcal.camera import Camera, ScanPlan
-from lfcal.cli.fit_source import PatternReading, parse_noise, read_patterns
-from lfcal.cli.fit_validate import withheld_points
+from lfcal.cli._fit_source import PatternReading, parse_noise, read_patterns
+from lfcal.cli._fit_validate import withheld_points
 from lfcal.fit import Fit, Measured
 from lfcal.fit.model import Fineness, predict
 from lfcal.frames import CorrectionRecipe

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from lfcal.camera import Camera, ScanPlan
-from lfcal.cli.fit_object import ObjectPlace, nearest, object_error
+from lfcal.cli._fit_object import ObjectPlace, nearest, object_error
 from lfcal.fit import Setup
 from lfcal.fit.locate import NewFrame
 from lfcal.fit.model import Fineness, predict

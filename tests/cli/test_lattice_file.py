@@ -12,8 +12,8 @@ import pytest
 import tifffile
 
 from lfcal.base.errors import FileFormatError
-from lfcal.cli.lattice_file import load_lattice
-from lfcal.cli.white_files import save_lattice
+from lfcal.cli._lattice_file import load_lattice
+from lfcal.cli._white_files import save_lattice
 from lfcal.lattice import LatticeFit, fit_lattice
 from lfcal.psf import PSFMatrix, save
 from tests.cli.conftest import Run

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lfcal.camera import Camera
-from lfcal.cli.listed import tell_size
+from lfcal.cli._listed import tell_size
 from tests.cli.conftest import Run
 from tests.frames.lists.scans import SENSOR, scan, small_camera, write_frames
 

@@ -16,8 +16,8 @@ import tifffile
 import typer.main
 
 from lfcal.base.files import replace_whole
-from lfcal.cli.app import build_app
-from lfcal.psf import tiff_export
+from lfcal.cli._app import build_app
+from lfcal.psf import _tiff_export as tiff_export
 from lfcal.psf.report import report_files
 from tests.cli.conftest import Run
 from tests.cli.test_every_option import walk

@@ -10,8 +10,8 @@ from collections.abc import Callable
 import pytest
 import typer.main
 
-from lfcal.cli.app import HEADINGS, build_app
-from lfcal.cli.lazy import LazyCommands, listed_commands
+from lfcal.cli._app import HEADINGS, build_app
+from lfcal.cli._lazy import LazyCommands, listed_commands
 from tests.cli.conftest import Run
 
 HEAVY = ("numpy", "scipy", "numba", "h5py", "cv2", "matplotlib", "typer.rich_utils", "lfcal.camera", "lfcal.psf")

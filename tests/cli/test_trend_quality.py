@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfcal.base.plain import plain
+from lfcal.base._plain import plain
 from lfcal.psf import PSFMatrix, save
 from lfcal.psf.quality import inspect
 from tests.cli.conftest import Run

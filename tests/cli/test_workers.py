@@ -15,7 +15,7 @@ import typer.main
 from threadpoolctl import threadpool_info
 
 from lfcal.base.threads import WORKERS
-from lfcal.cli.app import build_app
+from lfcal.cli._app import build_app
 from tests.cli.conftest import Run
 from tests.cli.test_every_option import walk
 from tests.cli.writing import WRITERS, make_inputs

@@ -12,7 +12,7 @@ import pytest
 
 from lfcal.acquire import RedoList
 from lfcal.camera import Camera, ScanPlan, preset
-from lfcal.cli.lattice_file import load_lattice
+from lfcal.cli._lattice_file import load_lattice
 from lfcal.fit.stored import read_fit
 from lfcal.frames import open_frames
 from lfcal.psf import PSFMatrix, open_psf, regions_of, save, verify

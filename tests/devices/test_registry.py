@@ -21,7 +21,7 @@ from lfcal.devices.errors import DeviceMissing
 from lfcal.devices.protocols import CameraDevice, Light, StageDevice
 from lfcal.devices.registry import Backend, find_backends, get_backend, open_rig
 from lfcal.devices.rig import Rig
-from lfcal.devices.simulated.camera import SimCamera
+from lfcal.devices.simulated._camera import SimCamera
 from tests.acquire.rigs import rig_for, small_plan
 
 PLAN = small_plan()

@@ -17,7 +17,7 @@ from lfcal.base.errors import FileFormatError, InputError
 from lfcal.base.progress import drain
 from lfcal.camera import Forecast, ScanPlan
 from lfcal.fit import Fit, fit_camera
-from lfcal.fit.chosen import Chosen, choose
+from lfcal.fit._chosen import Chosen, choose
 from lfcal.fit.design import PositionDesign, next_positions
 from lfcal.fit.design_drawing import draw_design
 from lfcal.fit.earlier import Earlier, read_earlier

@@ -11,6 +11,7 @@ from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan, preset
 from lfcal.fit import fit_camera
+from lfcal.fit._summary import summarised
 from lfcal.fit.field import FieldFit, _changes, _Laid, fit_field
 from lfcal.fit.fit import problem_of
 from lfcal.fit.model import Fineness, predict
@@ -18,7 +19,6 @@ from lfcal.fit.normal import Local
 from lfcal.fit.parameters import ScanScales, Vector, field_of
 from lfcal.fit.regional import Regional, regional_of
 from lfcal.fit.setup import RegionPlace, Setup, called_for, described_effects
-from lfcal.fit.summary import summarised
 from lfcal.simulate.effects import FieldAberrations, FieldCurvature, Zernike
 from tests.fit.common import measured, some_index
 from tests.fit.field_common import ANCHORS, LAW, ON_AXIS, camera, plan_at, recorded, true_setup, unlike

@@ -14,11 +14,11 @@ from benchmarks._fit_cameras import random_truth
 from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
 from lfcal.fit import Fit, fit_camera, measured_of
+from lfcal.fit._hybrid_patterns import _matter
+from lfcal.fit._leftover_size import PlaneResiduals
 from lfcal.fit.files import iter_write_hybrid
 from lfcal.fit.hybrid import HybridSummary
-from lfcal.fit.hybrid_patterns import _matter
 from lfcal.fit.judge import ModelError
-from lfcal.fit.leftover_size import PlaneResiduals
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.nuisance import Spread
 from lfcal.psf import PSFMatrix, open_psf, save, verify

@@ -11,15 +11,15 @@ import pytest
 
 from benchmarks._fit_cameras import Truth, random_truth, recorded
 from lfcal.base.progress import drain
+from lfcal.fit._outliers import outliers_of
+from lfcal.fit._summary import unidentified
 from lfcal.fit.fit import problem_of
 from lfcal.fit.judge import ModelError, chi_square, covariance, left_out_error
 from lfcal.fit.model import Fineness
 from lfcal.fit.normal import Columns, Local
 from lfcal.fit.nuisance import own_steps, spread_of
-from lfcal.fit.outliers import outliers_of
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.select import choose
-from lfcal.fit.summary import unidentified
 from tests.fit.common import small_plan
 
 PLAN = small_plan(21)

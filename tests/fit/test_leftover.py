@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from lfcal.base.progress import drain
-from lfcal.fit.leftover import iter_leftover, left_out, spot_velocity
-from lfcal.fit.leftover_field import Moving, ResidualField, sampled_variance
-from lfcal.fit.leftover_size import PlaneResiduals, amplitudes, sized
+from lfcal.fit._leftover import iter_leftover, left_out, spot_velocity
+from lfcal.fit._leftover_field import Moving, ResidualField, sampled_variance
+from lfcal.fit._leftover_size import PlaneResiduals, amplitudes, sized
 
 SMALL = (3, 4, 5, 5)
 READ = 8.0

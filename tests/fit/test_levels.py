@@ -11,10 +11,10 @@ import pytest
 
 from lfcal.base.progress import drain
 from lfcal.fit import Fit, fit_camera
+from lfcal.fit._weighing import PatternLevels
 from lfcal.fit.files import fit_dict, iter_write_model
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.report import iter_fit_report
-from lfcal.fit.weighing import PatternLevels
 from lfcal.psf import open_psf
 from tests.fit.common import measured, setup_of, small_plan
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.fit._weighing import BEND, PatternLevels, levels_of, weighed
 from lfcal.fit.normal import Columns, Local, normal_equations
 from lfcal.fit.solver import solve
-from lfcal.fit.weighing import BEND, PatternLevels, levels_of, weighed
 from tests.fit.common import measured, small_plan
 
 PLAN = small_plan(5, (2.2, 2.7))

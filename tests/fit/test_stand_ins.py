@@ -11,14 +11,14 @@ import pytest
 from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan
 from lfcal.fit import Fit, Measured, Setup, Unknown
+from lfcal.fit._stand_ins import StandIns, iter_held_beside, stand_ins
+from lfcal.fit._summary import summarised
 from lfcal.fit.fit import addable, groups_of, problem_of
 from lfcal.fit.judge import covariance
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.normal import Columns, Local
 from lfcal.fit.problem import Problem
 from lfcal.fit.setup import called_for
-from lfcal.fit.stand_ins import StandIns, iter_held_beside, stand_ins
-from lfcal.fit.summary import summarised
 from lfcal.simulate.effects import IndexMismatch
 from tests.fit.common import measured, small_camera, small_plan, some_index, vector_of
 

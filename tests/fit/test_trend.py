@@ -14,8 +14,8 @@ import pytest
 
 from lfcal.base.errors import FileFormatError, InputError
 from lfcal.camera import Camera
+from lfcal.fit._trend import draw_trend, trend
 from lfcal.fit.dated import fits_in, read_dated
-from lfcal.fit.trend import draw_trend, trend
 from tests.fit.common import small_camera
 
 START = datetime(2026, 1, 1, tzinfo=UTC)

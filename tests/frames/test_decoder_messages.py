@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lfcal.frames.formats.decoder_messages import caught_messages
+from lfcal.frames.formats._decoder_messages import caught_messages
 from lfcal.frames.formats.opening import read_image
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
-from lfcal.camera.half_cell import half_cell
+from lfcal.camera._half_cell import half_cell
 from lfcal.fit import measured_of
 from lfcal.frames.half_cell import with_partners
 from lfcal.frames.regions import Region

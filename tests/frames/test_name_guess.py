@@ -9,7 +9,7 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.frames import NamePattern, Position, open_frames
-from lfcal.frames.name_guess import guess_pattern
+from lfcal.frames._name_guess import guess_pattern
 from tests.frames.scenes import session, write_pngs
 
 SHAPE = (2, 3, 4)

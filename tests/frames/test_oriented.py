@@ -18,7 +18,7 @@ from lfcal.frames import (
     Position,
     corrected,
 )
-from lfcal.frames.oriented import oriented
+from lfcal.frames._oriented import oriented
 from tests.frames.test_orientation import NUMPY
 
 UPRIGHT = np.arange(3 * 6 * 8, dtype=np.uint16).reshape(3, 6, 8) * 7 + 100

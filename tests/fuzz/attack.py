@@ -12,7 +12,7 @@ from random import Random
 
 from typer.main import get_command
 
-from lfcal.cli.app import build_app
+from lfcal.cli._app import build_app
 from tests.fuzz.guard import Guard, Outcome
 from tests.fuzz.h5_mutators import restructure
 from tests.fuzz.mutators import mutate

@@ -50,7 +50,7 @@ def _call(arguments: list[str]) -> tuple[int | None, str]:
 def _read(reader: Callable[[Path], object], path: Path) -> None:
     """Read a file as the program does that says what `LfcalError` says."""
     from lfcal.base.errors import LfcalError
-    from lfcal.cli.console import report
+    from lfcal.cli._console import report
 
     try:
         reader(path)

@@ -14,8 +14,8 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
+from lfcal_gui._help import cheat_sheet
 from lfcal_gui.base_page import page_class
-from lfcal_gui.help import cheat_sheet
 from lfcal_gui.models.page import PageSpec, PageState, available_pages, page_registry
 from lfcal_gui.models.project import Project
 from lfcal_gui.window import MainWindow

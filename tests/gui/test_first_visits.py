@@ -11,10 +11,10 @@ import pyqtgraph as pg
 from pytestqt.qtbot import QtBot
 
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.pages.acquire.error_view import ErrorView
+from lfcal_gui.pages.acquire._error_view import ErrorView
+from lfcal_gui.pages.acquire._record_pictures import RecordPictures
 from lfcal_gui.pages.acquire.panel import AcquirePanel
-from lfcal_gui.pages.acquire.record_pictures import RecordPictures
-from lfcal_gui.pages.fit.found_tabs import FoundTabs
+from lfcal_gui.pages.fit._found_tabs import FoundTabs
 from lfcal_gui.pages.fit.panel import FitPanel
 from lfcal_gui.widgets.image_view import ImageView
 

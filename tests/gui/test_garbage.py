@@ -9,8 +9,8 @@ import pytest
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QApplication
 
-from lfcal_gui import garbage
-from lfcal_gui.garbage import CALM_TICKS, LATEST_TICKS, Collector
+from lfcal_gui import _garbage as garbage
+from lfcal_gui._garbage import CALM_TICKS, LATEST_TICKS, Collector
 
 
 @pytest.fixture

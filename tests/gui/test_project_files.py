@@ -15,10 +15,10 @@ import pytest
 from PySide6.QtWidgets import QApplication, QFileDialog, QMessageBox
 from pytestqt.qtbot import QtBot
 
+from lfcal_gui._project_files import stop_words
 from lfcal_gui.app import make_window, parse
 from lfcal_gui.locks import FileLock
 from lfcal_gui.models.project import Project, ProjectState, read_project
-from lfcal_gui.project_files import stop_words
 from lfcal_gui.saving import ask_target, may_replace, with_suffix
 from lfcal_gui.window import MainWindow
 from tests.gui.waiting import GUARD_MS, idle
@@ -349,7 +349,7 @@ def test_what_is_done_while_a_project_is_read_is_asked_about(
         go_on.wait(GUARD_MS / 1e3)
         return read_project(path)
 
-    monkeypatch.setattr("lfcal_gui.project_files.read_project", slow)
+    monkeypatch.setattr("lfcal_gui._project_files.read_project", slow)
     answers = iter((BUTTONS.Cancel, BUTTONS.Save))
     monkeypatch.setattr(QMessageBox, "question", lambda *_: next(answers))
     window.files.open(other)
@@ -468,7 +468,7 @@ def test_closing_does_not_hold_the_window_while_something_is_computed_or_opened(
     window.jobs.start("Fit", "fit", fit, leave=True)
     assert all(event.wait(GUARD_MS / 1e3) for event in begun)
     monkeypatch.setattr(QMessageBox, "question", lambda *_: BUTTONS.Yes)
-    for name in ("lfcal_gui.jobs.wait_for", "lfcal_gui.workers.wait_for", "lfcal_gui.loads.wait_for"):
+    for name in ("lfcal_gui.jobs.wait_for", "lfcal_gui.workers.wait_for", "lfcal_gui._loads.wait_for"):
         monkeypatch.setattr(name, lambda threads, seconds: waits.append(seconds))
     assert not window.close() and window.isVisible() and sum(waits) == 0
     window.jobs.compute("live view", lambda: "again", told.append)

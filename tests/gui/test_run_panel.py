@@ -15,9 +15,9 @@ from pytestqt.qtbot import QtBot
 from lfcal.base.errors import InputError
 from lfcal.work.journal import JOURNAL, read_run
 from lfcal.work.table import HEADER, run_table
+from lfcal_gui._run_panel import look
 from lfcal_gui.job_panel import JobPanel
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.run_panel import look
 from tests.gui.waiting import GUARD_MS
 
 

@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
 from lfcal.camera import Camera, ScanPlan, preset
-from lfcal.cli.app import build_app
+from lfcal.cli._app import build_app
 from lfcal.frames.corrections.recipe import CorrectionRecipe
 from lfcal.lattice import lattice_of
 from lfcal.psf import PSFMatrix, export, open_psf

@@ -24,21 +24,21 @@ from PySide6.QtWidgets import (
 from pytestqt.qtbot import QtBot
 
 from lfcal.psf import PSFMatrix
+from lfcal_gui._job_log import JobLogView
+from lfcal_gui._manual import Manual
+from lfcal_gui._welcome import Welcome
 from lfcal_gui.base_page import EmptyState
 from lfcal_gui.crash_dialog import CrashDialog
-from lfcal_gui.job_log import JobLogView
-from lfcal_gui.manual import Manual
 from lfcal_gui.models.autosave import UnsavedCopy
 from lfcal_gui.models.job_log import JobLog
 from lfcal_gui.models.page import PAGES
 from lfcal_gui.models.project import ProjectState
-from lfcal_gui.pages.frames.import_dialog import ImportDialog
-from lfcal_gui.pages.psf.export_dialog import ExportDialog
+from lfcal_gui.pages.frames._import_dialog import ImportDialog
+from lfcal_gui.pages.psf._export_dialog import ExportDialog
 from lfcal_gui.pages.psf.export_model import ExportIntent
 from lfcal_gui.palette import Palette
 from lfcal_gui.preferences import Preferences
 from lfcal_gui.restore_dialog import RestoreDialog
-from lfcal_gui.welcome import Welcome
 from lfcal_gui.widgets.naming import controls, name_controls
 from lfcal_gui.window import MainWindow
 from tests.gui.waiting import idle

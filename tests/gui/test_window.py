@@ -26,6 +26,7 @@ from pytestqt.qtbot import QtBot
 from lfcal.base.errors import InputError
 from lfcal.base.progress import Progress, Work
 from lfcal.camera import preset
+from lfcal_gui._window_size import size_within
 from lfcal_gui.app import make_window, parse
 from lfcal_gui.jobs import JobState
 from lfcal_gui.models.page import PAGES, PageState
@@ -33,7 +34,6 @@ from lfcal_gui.models.project import Project, ProjectState
 from lfcal_gui.pages.frames.model import FrameSettings
 from lfcal_gui.theme import DARK, LIGHT, current_theme
 from lfcal_gui.window import MainWindow
-from lfcal_gui.window_size import size_within
 from tests.cli.conftest import true_frame
 from tests.gui.recorded import write_recorded
 from tests.gui.waiting import GUARD_MS, idle

@@ -13,21 +13,37 @@ from scipy.special import jv
 from lfcal.base.errors import InputError
 from lfcal.camera import LensletLattice
 from lfcal.simulate.engines import (
+    _debye as debye,
+)
+from lfcal.simulate.engines import (
+    _geometric as geometric,
+)
+from lfcal.simulate.engines import (
+    _nodes as nodes,
+)
+from lfcal.simulate.engines import (
+    _objective as objective,
+)
+from lfcal.simulate.engines import (
+    _polygon as polygon,
+)
+from lfcal.simulate.engines import (
+    _radial as radial,
+)
+from lfcal.simulate.engines import (
+    _tails as tails,
+)
+from lfcal.simulate.engines import (
+    _wave as wave,
+)
+from lfcal.simulate.engines import (
     base,
-    debye,
     extent,
     field,
-    geometric,
     grid,
     microscope,
-    nodes,
-    objective,
-    polygon,
-    radial,
     reference,
     tables,
-    tails,
-    wave,
 )
 from lfcal.simulate.engines.base import EnergyError
 from lfcal.simulate.scene import Scene

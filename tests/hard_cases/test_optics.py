@@ -13,15 +13,15 @@ from scipy.special import j1
 from lfcal.camera import LensletLattice, LensType, Microscope
 from lfcal.simulate.accuracy.sampling import steps_for
 from lfcal.simulate.engines import field
+from lfcal.simulate.engines._debye import debye_field, debye_nodes
+from lfcal.simulate.engines._geometric import GeometricPlane
+from lfcal.simulate.engines._propagator import sensor_propagator
+from lfcal.simulate.engines._radial import focus_integral
+from lfcal.simulate.engines._wave import WavePlane
 from lfcal.simulate.engines.base import Sampling
-from lfcal.simulate.engines.debye import debye_field, debye_nodes
 from lfcal.simulate.engines.field import wavefront_waves
-from lfcal.simulate.engines.geometric import GeometricPlane
 from lfcal.simulate.engines.microscope import DebyePlane
-from lfcal.simulate.engines.propagator import sensor_propagator
-from lfcal.simulate.engines.radial import focus_integral
 from lfcal.simulate.engines.reference import ReferencePlane
-from lfcal.simulate.engines.wave import WavePlane
 from lfcal.simulate.scene import PupilIris, seidel
 from tests.hard_cases.record import hard_case, worst
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, moments, relative_error

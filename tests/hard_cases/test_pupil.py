@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from lfcal.simulate.engines import polygon
-from lfcal.simulate.engines.polygon import area, iris_outline, regular
+from lfcal.simulate.engines import _polygon as polygon
+from lfcal.simulate.engines._polygon import area, iris_outline, regular
 from lfcal.simulate.scene import PupilIris
 from tests.hard_cases.record import hard_case, worst
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from lfcal.simulate.engines import _kernels as kernels
+from lfcal.simulate.engines._geometric import GeometricPlane
+from lfcal.simulate.engines._wave import WavePlane
 from lfcal.simulate.engines.base import EnergyError, Sampling
-from lfcal.simulate.engines.geometric import GeometricPlane
 from lfcal.simulate.engines.masks import disc_table
 from lfcal.simulate.engines.microscope import DebyePlane
-from lfcal.simulate.engines.wave import WavePlane
 from lfcal.simulate.scene import PupilIris
 from tests.hard_cases.record import hard_case, worst
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, relative_error

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from benchmarks import _fault_costs
-from lfcal.judge import cost
+from lfcal.judge import _cost as cost
 from tests.fit.shared import shared_models
 from tests.judge import common
 from tests.psf.shared_apertures import shared_apertures

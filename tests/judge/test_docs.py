@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lfcal.judge import Fault
-from lfcal.judge.faults.series import scan_order
+from lfcal.judge.faults._series import scan_order
 from tests.distribution import DOCS, names_of
 from tests.judge.common import clean, evidence_of, light, noisy, plan
 

@@ -7,7 +7,7 @@ import pytest
 
 from lfcal.base.progress import drain
 from lfcal.judge import FAULTS, iter_search
-from lfcal.judge.patch import patch_of
+from lfcal.judge._patch import patch_of
 from tests.judge.common import (
     FEWEST,
     PEAK,

@@ -9,9 +9,9 @@ import pytest
 
 from lfcal.base.progress import drain
 from lfcal.judge import FAULTS, Finding, iter_search
-from lfcal.judge.cost import Costs, _consistent, iter_costs
+from lfcal.judge._cost import Costs, _consistent, iter_costs
+from lfcal.judge._metric_costs import as_findings, with_costs
 from lfcal.judge.inspection import FAIR, Inspection
-from lfcal.judge.metric_costs import as_findings, with_costs
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import QualityReport, inspect
 from lfcal.psf.quality.metric import Metric, Reading, judge

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfcal.judge.scatter import misfit, variance_of
+from lfcal.judge._scatter import misfit, variance_of
 
 LIGHT = np.full((6, 5, 5), 100.0, np.float32)
 SEEN = np.ones(LIGHT.shape, np.bool_)

@@ -7,7 +7,7 @@ from functools import cache, partial
 import numpy as np
 import pytest
 
-from lfcal.judge.scenes import SceneTrial, difference, scene
+from lfcal.judge._scenes import SceneTrial, difference, scene
 from tests.judge.common import clean, light, noisy, scaled, sensor
 
 

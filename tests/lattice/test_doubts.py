@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lfcal.base.errors import InputError
-from lfcal.lattice.doubts import Evenness, check_white, evenness
+from lfcal.lattice._doubts import Evenness, check_white, evenness
 from lfcal.lattice.fit import fit_lattice
 from tests.lattice.white_frames import draw_white
 

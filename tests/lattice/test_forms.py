@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfcal.camera import LatticeDistortion
-from lfcal.lattice.forms import FORMS, DistortionFrame, LatticeForm, design, fit_form, huber
-from lfcal.lattice.model import LatticeModel
+from lfcal.lattice._forms import FORMS, DistortionFrame, LatticeForm, design, fit_form, huber
+from lfcal.lattice._model import LatticeModel
 
 SHAPE = (300, 400)
 FRAME = DistortionFrame.of(SHAPE)

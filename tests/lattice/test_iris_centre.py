@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from lfcal.lattice._iris_centre import polygon_transform
 from lfcal.lattice.fit import fit_lattice
-from lfcal.lattice.iris_centre import polygon_transform
 
 ROTATION, CENTRE, SHAPE = 0.03, np.array([47.3, 53.6]), (96, 108)
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from lfcal.camera import Camera, LensletLattice, MainLens, Sensor
+from lfcal.lattice._forms import FORMS, DistortionFrame, fit_form
+from lfcal.lattice._model import LatticeModel
 from lfcal.lattice.fit import fit_lattice
-from lfcal.lattice.forms import FORMS, DistortionFrame, fit_form
 from lfcal.lattice.lattice_fit import LatticeErrors, LatticeFit
-from lfcal.lattice.model import LatticeModel
 from tests.lattice.white_frames import WhiteFrame, barrel, draw_white
 
 SHAPE = (400, 480)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfcal.lattice.micro_image import SAMPLES_PER_PIXEL, MicroImage, light_of, mean_micro_image, place_lenslets
+from lfcal.lattice._micro_image import SAMPLES_PER_PIXEL, MicroImage, light_of, mean_micro_image, place_lenslets
 
 
 def blobs(centres: NDArray[np.float64], shape: tuple[int, int], sigma: float, skew: float = 0.0) -> NDArray[np.float32]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from lfcal.camera import LatticeDistortion
-from lfcal.lattice.model import LatticeModel, neighbour_median
+from lfcal.lattice._model import LatticeModel, neighbour_median
 
 
 def model(kind: str = "hexagonal", angle: float = 0.01, pitch: float = 15.0, ratio: float = 0.87) -> LatticeModel:

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from lfcal.lattice._mosaic import levelled
 from lfcal.lattice.fit import fit_lattice
-from lfcal.lattice.mosaic import levelled
 from tests.lattice.white_frames import draw_white
 
 GAINS = np.array([[0.5, 1.0], [1.0, 0.35]])

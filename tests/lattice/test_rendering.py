@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from lfcal.base.errors import InputError
 from lfcal.camera import Camera, LensletLattice, LensType, Microscope, Sensor
 from lfcal.lattice import lattice_of, render, sharpness_shares, total_focus
-from lfcal.lattice.refocus import sensor_slope, virtual_depth_of_slope
+from lfcal.lattice._refocus import sensor_slope, virtual_depth_of_slope
 from tests.lattice.test_micro_images import camera_of
 
 SHAPE, PITCH, GAP, PIXEL = (260, 300), 24.0, 600.0, 5.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lfcal.base.errors import InputError
-from lfcal.lattice.smooth_field import fit_field
+from lfcal.lattice._smooth_field import fit_field
 
 
 def surface(row: np.ndarray, column: np.ndarray) -> np.ndarray:

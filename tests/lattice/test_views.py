@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from lfcal.base.errors import InputError
 from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Microscope, Sensor
+from lfcal.lattice._refocus import refocus, sensor_slope
 from lfcal.lattice.fit import LatticeFit, fit_lattice
-from lfcal.lattice.refocus import refocus, sensor_slope
 from lfcal.lattice.views import extract_views
 from tests.lattice.white_frames import WhiteFrame, draw_white
 

@@ -7,7 +7,7 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.camera import Sensor
-from lfcal.cli.multiplex_frames import RecordedFrame, level_of
+from lfcal.cli._multiplex_frames import RecordedFrame, level_of
 from lfcal.multiplex import pixel_weights, without_black_level
 from lfcal.multiplex.black_level import black_level_map
 

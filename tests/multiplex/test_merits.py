@@ -24,7 +24,7 @@ from lfcal.multiplex import (
     snr_gain,
     spectral_array,
 )
-from lfcal.multiplex.colour_error import colour_difference, colour_error, lab
+from lfcal.multiplex._colour_error import colour_difference, colour_error, lab
 from lfcal.multiplex.design import best_array, best_printed_mask, with_crosstalk
 from lfcal.multiplex.gains import gain_map, sample_deviation, sensor_gain
 from lfcal.multiplex.resolution import modulation_transfer

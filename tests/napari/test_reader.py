@@ -20,7 +20,7 @@ import yaml
 from lfcal.acquire.session import record
 from lfcal.base.errors import FileFormatError
 from lfcal.camera import ScanPlan
-from lfcal.napari.lazy import Lazy
+from lfcal.napari._lazy import Lazy
 from lfcal.napari.reader import get_reader, read_layers
 from lfcal.psf import PSFMatrix, save
 from lfcal.psf.store import PSFWriter

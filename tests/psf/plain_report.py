@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from lfcal.psf.report import write
-from lfcal.psf.report.pictures import ReportPicture
+from lfcal.psf.report._pictures import ReportPicture
 
 
 def undrawn(patch: pytest.MonkeyPatch) -> None:

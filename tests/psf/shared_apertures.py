@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import ArrayLike
 
 from lfcal.psf.aperture import Aperture, fit
-from lfcal.psf.aperture.verdict import EdgeVerdict
+from lfcal.psf.aperture._verdict import EdgeVerdict
 
 Answer = tuple[Aperture, EdgeVerdict | None]
 

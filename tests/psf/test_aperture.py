@@ -8,12 +8,12 @@ from scipy import ndimage
 from benchmarks.aperture import Trial, run
 from lfcal.base.errors import InputError
 from lfcal.psf.aperture import fit_aperture
-from lfcal.psf.aperture.compare import circle
-from lfcal.psf.aperture.edge import measured_edge
-from lfcal.psf.aperture.locate import find_patch
-from lfcal.psf.aperture.profile import edge_profile
-from lfcal.psf.aperture.synthetic import Disturbance, IrisFault, depth_sum_of
-from lfcal.psf.aperture.verdict import CERTAIN
+from lfcal.psf.aperture._compare import circle
+from lfcal.psf.aperture._edge import measured_edge
+from lfcal.psf.aperture._locate import find_patch
+from lfcal.psf.aperture._profile import edge_profile
+from lfcal.psf.aperture._synthetic import Disturbance, IrisFault, depth_sum_of
+from lfcal.psf.aperture._verdict import CERTAIN
 
 CLEAN = Disturbance(noise=1e-3, ripple=0, tilt=0, vignetting=0, hot=0, ellipticity=0, pedestal=0)
 

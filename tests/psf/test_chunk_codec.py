@@ -11,8 +11,8 @@ import pytest
 from lfcal.base.errors import FileFormatError, InputError
 from lfcal.base.h5.dataset import H5Data
 from lfcal.base.h5.filters import PIPELINE, decode_chunk, encode_chunk
-from lfcal.psf import chunk_codec
-from lfcal.psf.chunk_codec import chunk_pipeline, parallel_read, parallel_write
+from lfcal.psf import _chunk_codec as chunk_codec
+from lfcal.psf._chunk_codec import chunk_pipeline, parallel_read, parallel_write
 
 DTYPES = ["?", "u1", "i2", ">u2", "<f4", ">f4", "<f8", "<c8", "<c16"]
 SHAPES = [(2, 2, 3, 1, 1), (1, 3, 2, 3, 7), (2, 1, 1, 11, 9), (1, 2, 2, 45, 31)]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from lfcal.base.errors import InputError
 from lfcal.base.progress import Progress
 from lfcal.psf import PSFMatrix
-from lfcal.psf.compare import compare, iter_compare
+from lfcal.psf._compare import compare, iter_compare
 
 
 def spots(

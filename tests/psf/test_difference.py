@@ -12,15 +12,15 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from lfcal.base._plain import plain
 from lfcal.base.errors import InputError
-from lfcal.base.plain import plain
 from lfcal.base.progress import Progress
 from lfcal.camera import ScanPlan, preset
 from lfcal.psf import PSFMatrix, open_psf, save
+from lfcal.psf._shifting import best_shift, shifted
 from lfcal.psf.difference import difference, iter_difference
 from lfcal.psf.pairing import pair
 from lfcal.psf.report.two import compared_words, figure_rows, map_levels, verdict
-from lfcal.psf.shifting import best_shift, shifted
 from tests.psf.test_compare import spots
 
 SHAPE = (2, 3, 4, 25, 27)

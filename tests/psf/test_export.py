@@ -8,8 +8,8 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.psf import PSFMatrix, export, iter_export, open_psf
-from lfcal.psf.export import ExportOptions, export_notes
-from lfcal.psf.matlab import MatOptions, mat_notes
+from lfcal.psf._export import ExportOptions, export_notes
+from lfcal.psf._matlab import MatOptions, mat_notes
 
 SHAPE = (2, 3, 4, 5, 7)
 

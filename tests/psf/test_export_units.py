@@ -13,7 +13,7 @@ from lfcal.base.errors import InputError, StorageError
 from lfcal.base.progress import drain
 from lfcal.camera import preset
 from lfcal.psf import PSFMatrix, export_units, make, open_psf, save
-from lfcal.psf.export import ExportOptions, iter_export
+from lfcal.psf._export import ExportOptions, iter_export
 from lfcal.psf.export_units import iter_export_units
 from lfcal.work import RunChoice, parts_folder
 from tests.psf.test_joining import contents

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from lfcal.base.errors import InputError
 from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.psf import PSFMatrix, export, open_psf
+from lfcal.psf._matlab import MatOptions, mat_notes
 from lfcal.psf.lens_centre import lens_centre_of, lens_centred
-from lfcal.psf.matlab import MatOptions, mat_notes
 
 Array = NDArray[Any]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.camera import preset
 from lfcal.psf import PSFMatrix, export
-from lfcal.psf.matlab import crop_index, mat_notes
+from lfcal.psf._matlab import crop_index, mat_notes
 
 SHAPE = (2, 3, 4, 5, 7)
 PADDED = (2, 3, 4, 7, 7)

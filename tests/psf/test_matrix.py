@@ -133,7 +133,7 @@ def test_a_closed_file_says_so(tmp_path: Path) -> None:
 
 def test_reading_one_position_does_not_read_the_plane(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     save(PSFMatrix(random_matrix()), tmp_path / "H.h5")
-    from lfcal.psf import chunk_codec
+    from lfcal.psf import _chunk_codec as chunk_codec
 
     with open_psf(tmp_path / "H.h5") as H:
         monkeypatch.setattr(chunk_codec, "parallel_read", lambda *_: pytest.fail("a whole plane was read"))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lfcal.acquire import Options, record
 from lfcal.camera import Marks, ScanPlan
-from lfcal.cli.fit_source import PatternReading, read_patterns
+from lfcal.cli._fit_source import PatternReading, read_patterns
 from lfcal.devices import simulated_rig
 from lfcal.frames import ArraySource, CorrectionRecipe, corrected_view, open_frames
 from lfcal.frames.described import sensor_noise
@@ -231,7 +231,7 @@ def test_the_reference_frames_of_a_session_show_its_noise(
     if independent:
         draw = itertools.count(1)
         simulated = SimpleNamespace(crc32=lambda *_: next(draw) * 2654435761 % 2**32)
-        monkeypatch.setattr("lfcal.devices.simulated.camera.zlib", simulated)
+        monkeypatch.setattr("lfcal.devices.simulated._camera.zlib", simulated)
     scan = recorded(tmp_path / "session")
     with open_frames(tmp_path / "session") as source:
         found = scan_noise(corrected_view(source, CorrectionRecipe(), scan), scan)

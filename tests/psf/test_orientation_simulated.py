@@ -11,8 +11,8 @@ import pytest
 
 from lfcal.camera import ScanPlan, preset
 from lfcal.frames import ORIENTATIONS, ArraySource, FrameSource, OrientedSource, open_frames
+from lfcal.psf._spot_path import path_frames
 from lfcal.psf.orientation import find_orientation
-from lfcal.psf.spot_path import path_frames
 
 
 def looked_at(plan: ScanPlan, folder: Path) -> FrameSource:

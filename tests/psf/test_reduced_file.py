@@ -16,8 +16,8 @@ from lfcal.base.errors import FileFormatError, InputError
 from lfcal.camera import preset
 from lfcal.fit import fit_camera
 from lfcal.psf import Facts, PSFMatrix, compare, export, inspect, open_psf, opening, save, save_regions, verify
+from lfcal.psf._transpose import transpose
 from lfcal.psf.facts import pack_valid
-from lfcal.psf.transpose import transpose
 from lfcal.reconstruct import Projector, richardson_lucy
 from tests.fit.common import few_fit, few_patterns
 from tests.reconstruct.oracles import dense, lenslet_psf

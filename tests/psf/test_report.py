@@ -139,7 +139,7 @@ def test_quality_json_is_strict_json(folder: Path, quality: QualityReport) -> No
 
 
 def test_sum_of_the_transpose_is_computed_not_copied(H: PSFMatrix, quality: QualityReport) -> None:
-    from lfcal.psf.report.pictures import pictures
+    from lfcal.psf.report._pictures import pictures
 
     def difference(shown: PSFMatrix) -> float:
         picture = next(p for p in (d() for d in pictures(shown, quality, None, None)[1:2]))

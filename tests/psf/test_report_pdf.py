@@ -6,9 +6,9 @@ import pytest
 
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import QualityReport, inspect
+from lfcal.psf.report._pdf import PageBlock, blocks, iter_pages
+from lfcal.psf.report._pictures import pictures
 from lfcal.psf.report.beside import Beside, ToldFault
-from lfcal.psf.report.pdf import PageBlock, blocks, iter_pages
-from lfcal.psf.report.pictures import pictures
 from tests.psf.test_report import matrix
 
 

@@ -15,8 +15,8 @@ from lfcal.base.errors import FileFormatError
 from lfcal.base.h5.file import H5File
 from lfcal.camera import preset
 from lfcal.psf import Facts, PSFMatrix, save, save_regions, verify
+from lfcal.psf._specification import SCHEMA, deviations_of, schema
 from lfcal.psf.facts import pack_valid
-from lfcal.psf.specification import SCHEMA, deviations_of, schema
 
 SHAPE = (2, 3, 4, 5, 7)
 PAGE = Path(__file__).parents[2] / "docs" / "formats_h.md"

@@ -12,7 +12,7 @@ from lfcal.base.errors import FileFormatError, InputError, LfcalError, StorageEr
 from lfcal.base.progress import drain
 from lfcal.camera import preset
 from lfcal.psf import Facts, PSFMatrix, PSFWriter, iter_save, open_psf, regions_of, save, save_regions
-from lfcal.psf.export import export
+from lfcal.psf._export import export
 from lfcal.psf.facts import Origin, pack_valid
 from lfcal.psf.saving import iter_transpose_file
 

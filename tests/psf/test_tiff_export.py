@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from lfcal.base.errors import InputError
 from lfcal.camera import preset
-from lfcal.psf import PSFMatrix, export, tiff_export
-from lfcal.psf.export import export_files
+from lfcal.psf import PSFMatrix, export
+from lfcal.psf import _tiff_export as tiff_export
+from lfcal.psf._export import export_files
 
 SHAPE = (2, 3, 4, 5, 7)
 

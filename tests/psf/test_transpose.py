@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from lfcal.base.errors import InputError
 from lfcal.psf import PSFMatrix, transpose
-from lfcal.psf.transpose import border_energy, border_warning, depth_sum, ht_slice
+from lfcal.psf._transpose import border_energy, border_warning, depth_sum, ht_slice
 
 Shape = tuple[int, int, int, int, int]
 

@@ -8,7 +8,7 @@ import tifffile
 from lfcal.base.errors import InputError
 from lfcal.camera import preset
 from lfcal.psf import PSFMatrix, export, inspect, open_psf, save
-from lfcal.psf.compare import compare
+from lfcal.psf._compare import compare
 from lfcal.psf.pairing import pair
 from lfcal.psf.report import report
 

@@ -11,7 +11,7 @@ import pytest
 from lfcal.base.errors import FileFormatError, StorageError
 from lfcal.frames.source import Position
 from lfcal.psf import PSFMatrix, save, save_regions, verify
-from lfcal.psf.verify import iter_verify
+from lfcal.psf._verify import iter_verify
 
 SHAPE = (2, 3, 4, 9, 11)
 VALUES = np.random.default_rng(3).random(SHAPE).astype(np.float32)

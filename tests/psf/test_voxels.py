@@ -11,7 +11,7 @@ import tifffile
 
 from lfcal.camera import preset
 from lfcal.psf import PSFMatrix
-from lfcal.psf.export import export
+from lfcal.psf._export import export
 from lfcal.psf.voxels import pixel_um, voxel_um
 from lfcal.reconstruct.volumes import save_volume
 

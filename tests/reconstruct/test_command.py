@@ -12,7 +12,7 @@ from lfcal.camera import ScanPlan, preset
 from lfcal.cli import main
 from lfcal.psf import PSFMatrix, save
 from lfcal.reconstruct import Projector
-from lfcal.reconstruct.solvers.richardson_lucy import richardson_lucy
+from lfcal.reconstruct.solvers.multiplicative import richardson_lucy
 from lfcal.reconstruct.volumes import load_volume
 from tests.reconstruct.oracles import lenslet_psf
 

@@ -15,15 +15,15 @@ from lfcal.base.errors import InputError
 from lfcal.reconstruct import Projector, SolverChoice, reconstruct
 from lfcal.reconstruct.memory import run_memory
 from lfcal.reconstruct.projectors import device as devices
+from lfcal.reconstruct.projectors._device_choice import forecast_on
+from lfcal.reconstruct.projectors._device_direct import DeviceDirect
+from lfcal.reconstruct.projectors._device_engine import Placement
+from lfcal.reconstruct.projectors._device_forecast import ON_DEVICES, DeviceRates, device_rates
+from lfcal.reconstruct.projectors._device_polyphase import DevicePolyphase
+from lfcal.reconstruct.projectors._device_sparse import DeviceSparse
+from lfcal.reconstruct.projectors._tiles import TilePlan
 from lfcal.reconstruct.projectors.device import LIBRARIES as ON_ACCELERATORS
 from lfcal.reconstruct.projectors.device import ArrayDevice, check_arithmetic, device_count, driver_present, find_device
-from lfcal.reconstruct.projectors.device_choice import forecast_on
-from lfcal.reconstruct.projectors.device_direct import DeviceDirect
-from lfcal.reconstruct.projectors.device_engine import Placement
-from lfcal.reconstruct.projectors.device_forecast import ON_DEVICES, DeviceRates, device_rates
-from lfcal.reconstruct.projectors.device_polyphase import DevicePolyphase
-from lfcal.reconstruct.projectors.device_sparse import DeviceSparse
-from lfcal.reconstruct.projectors.tiles import TilePlan
 from tests.reconstruct.oracles import dense, lenslet_psf
 from tests.reconstruct.test_projector import CASES, problem
 from tests.reconstruct.test_reduced import slow_psf
@@ -218,7 +218,7 @@ def test_a_slower_plan_is_taken_where_the_processor_has_no_room_for_the_quickest
 def with_rates(monkeypatch, *rates):
     """Plans hang on them: those of this machine, in this moment, would make another plan each time."""
     found = DeviceRates(*rates)
-    monkeypatch.setattr("lfcal.reconstruct.projectors.device_forecast.device_rates", lambda *_: found)
+    monkeypatch.setattr("lfcal.reconstruct.projectors._device_forecast.device_rates", lambda *_: found)
 
 
 def test_planes_beyond_what_was_foretold_stay_with_the_processor():
@@ -311,7 +311,7 @@ def test_auto_takes_the_processor_where_the_device_has_no_room_or_no_such_method
     H = lenslet_psf(1, 5, 15)
     P = Projector(H, (20, 20))
     small = replace(NUMPY, room=10)
-    monkeypatch.setattr("lfcal.reconstruct.projectors.device_choice.find_device", lambda text: small)
+    monkeypatch.setattr("lfcal.reconstruct.projectors._device_choice.find_device", lambda text: small)
     for method in ("auto", "fft"):
         device, found = forecast_on("auto", P._problem(method), method, P.memory_limit)
         assert device is None and found.device is None

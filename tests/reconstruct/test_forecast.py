@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from lfcal.reconstruct import Projector
+from lfcal.reconstruct.projectors._tiles import AxisTiles, TilePlan
 from lfcal.reconstruct.projectors.grid import Grid
-from lfcal.reconstruct.projectors.tiles import AxisTiles, TilePlan
 from tests.speeds import measured_speeds, same_speeds
 
 

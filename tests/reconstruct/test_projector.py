@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from lfcal.base.errors import InputError
 from lfcal.psf import PSFMatrix, open_psf, save, transpose
 from lfcal.reconstruct import Projector
-from lfcal.reconstruct.projectors import direct
+from lfcal.reconstruct.projectors import _direct as direct
+from lfcal.reconstruct.projectors._polyphase import Polyphase
+from lfcal.reconstruct.projectors._tiles import TilePlan
 from lfcal.reconstruct.projectors.forecast import METHODS
-from lfcal.reconstruct.projectors.polyphase import Polyphase
-from lfcal.reconstruct.projectors.tiles import TilePlan
 from tests.reconstruct.oracles import convolved, dense
 
 # (image, period, cutout, anchor, planes)

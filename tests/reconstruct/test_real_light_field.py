@@ -14,7 +14,7 @@ from lfcal.lattice.fit import fit_lattice
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.resample import Resampling, lattice_anchor_of
 from lfcal.reconstruct.solvers.choice import SolverChoice, reconstruct
-from lfcal.reconstruct.solvers.richardson_lucy import richardson_lucy
+from lfcal.reconstruct.solvers.multiplicative import richardson_lucy
 from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.simulate import simulate_psf
 

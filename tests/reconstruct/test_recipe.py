@@ -8,8 +8,8 @@ import pytest
 from lfcal.base.errors import InputError
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import FieldProjector, Projector
-from lfcal.reconstruct.projectors.recipe import Tiles, read_recipe, recipe_of
-from lfcal.reconstruct.projectors.tiles import TilePlan
+from lfcal.reconstruct.projectors._recipe import Tiles, read_recipe, recipe_of
+from lfcal.reconstruct.projectors._tiles import TilePlan
 
 RNG = np.random.default_rng(0)
 PROBLEMS = {"small": (6, 5, 15, (41, 38)), "cells": (5, 7, 21, (163, 170)), "period": (19, 33, 31, (95, 120))}

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from lfcal.base.errors import InputError
 from lfcal.reconstruct import Projector
+from lfcal.reconstruct.projectors._nodes import AxisNodes, Nodes
+from lfcal.reconstruct.projectors._reduced import Reduced
+from lfcal.reconstruct.projectors._reduction import quickest_spacing, reduce_plane, sampled_share
 from lfcal.reconstruct.projectors.grid import Grid
-from lfcal.reconstruct.projectors.nodes import AxisNodes, Nodes
-from lfcal.reconstruct.projectors.reduced import Reduced
-from lfcal.reconstruct.projectors.reduction import quickest_spacing, reduce_plane, sampled_share
 from tests.reconstruct.oracles import dense, lenslet_psf
 
 DOUBLE = np.dtype(np.float64)

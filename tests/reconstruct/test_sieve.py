@@ -14,13 +14,13 @@ from lfcal.camera import ScanPlan, preset
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.metrics import nrmse
+from lfcal.reconstruct.solvers._em import EmOptions
+from lfcal.reconstruct.solvers._repeating import Repeating
+from lfcal.reconstruct.solvers._stretch import Stretch
 from lfcal.reconstruct.solvers.choice import SolverChoice, reconstruct
-from lfcal.reconstruct.solvers.em import EmOptions
 from lfcal.reconstruct.solvers.records import SolverState
-from lfcal.reconstruct.solvers.repeating import Repeating
 from lfcal.reconstruct.solvers.sieve import sieve_of
 from lfcal.reconstruct.solvers.smoothing import FINE, SIEVE, Sieve
-from lfcal.reconstruct.solvers.stretch import Stretch
 from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.simulate import simulate_psf
 from tests.reconstruct.oracles import dense

@@ -14,15 +14,15 @@ from lfcal.base.errors import InputError
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.metrics import nrmse
 from lfcal.reconstruct.phantoms import phantom
+from lfcal.reconstruct.solvers._em import EmOptions, EmUpdates, IsraSettings, RichardsonLucySettings
+from lfcal.reconstruct.solvers._subsets import angular_subsets, by_energy, interleaved_subsets
 from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, reconstruct
-from lfcal.reconstruct.solvers.em import EmOptions, EmUpdates, IsraSettings, RichardsonLucySettings
-from lfcal.reconstruct.solvers.isra import isra, iter_isra
+from lfcal.reconstruct.solvers.image_space import isra, iter_isra
 from lfcal.reconstruct.solvers.least_squares import LeastSquaresSettings, conjugate_gradient, iter_conjugate_gradient
 from lfcal.reconstruct.solvers.measurement import NothingMeasured
+from lfcal.reconstruct.solvers.multiplicative import iter_richardson_lucy, richardson_lucy
 from lfcal.reconstruct.solvers.penalty import Tikhonov, TotalVariation
-from lfcal.reconstruct.solvers.richardson_lucy import iter_richardson_lucy, richardson_lucy
 from lfcal.reconstruct.solvers.solver import SolverRun, SolverSettings
-from lfcal.reconstruct.solvers.subsets import angular_subsets, by_energy, interleaved_subsets
 from tests.reconstruct.oracles import dense, lenslet_psf
 
 

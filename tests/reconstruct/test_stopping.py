@@ -12,8 +12,8 @@ from lfcal.base.errors import InputError
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.metrics import nrmse
 from lfcal.reconstruct.phantoms import phantom
+from lfcal.reconstruct.solvers._em import EmOptions, iter_run
 from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, iter_reconstruct, reconstruct
-from lfcal.reconstruct.solvers.em import EmOptions, iter_run
 from lfcal.reconstruct.solvers.measurement import Measurement
 from lfcal.reconstruct.solvers.records import SolverWork
 from lfcal.reconstruct.solvers.solver import COMMON, Solver, SolverRun

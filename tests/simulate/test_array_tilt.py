@@ -9,6 +9,7 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
+from lfcal.simulate._symmetry import is_mirror_symmetric
 from lfcal.simulate.effects import ArrayTilt, LensletDiffraction
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for
@@ -17,7 +18,6 @@ from lfcal.simulate.engines.tilted import TiltedArray
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.staging import outlook_of
-from lfcal.simulate.symmetry import is_mirror_symmetric
 from tests.simulate.common import BASE, small_camera, small_plan, switched
 from tests.simulate.scenes import camera_scene, microscope_scene, moments, relative_error
 

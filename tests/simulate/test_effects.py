@@ -354,7 +354,7 @@ def test_a_large_source_is_no_ring_of_seven_points(v: float, diameter: float) ->
 
 def test_displaced_sources_share_the_plane_s_tables(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing of a plane's tables depends on where its sources are: they are built once."""
-    from lfcal.simulate.engines import wave
+    from lfcal.simulate.engines import _wave as wave
 
     built: list[object] = []
     tables = wave.build_tables

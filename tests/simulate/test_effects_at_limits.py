@@ -26,7 +26,8 @@ from lfcal.simulate.effects import (
     MissingLenslets,
     SensorNonlinearity,
 )
-from lfcal.simulate.engines import geometric, wave
+from lfcal.simulate.engines import _geometric as geometric
+from lfcal.simulate.engines import _wave as wave
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.simulate import simulate_psf
 from lfcal.simulate.staging import scene_for

@@ -9,8 +9,8 @@ import pytest
 from scipy.special import j1
 
 from lfcal.base.errors import InputError
+from lfcal.simulate.engines._radial import focus_integral
 from lfcal.simulate.engines.field import choose_mode, field_spectrum, field_table
-from lfcal.simulate.engines.radial import focus_integral
 from lfcal.simulate.scene import PupilIris, seidel
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene
 

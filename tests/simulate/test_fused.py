@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import scipy.fft as sf
 
-from lfcal.simulate.engines._fused import LANES, RADICES
+from lfcal.simulate.engines._fused import FusedResponse, frequency_order, way_of
+from lfcal.simulate.engines._fused_llvm import LANES, RADICES
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.extent import Extent
-from lfcal.simulate.engines.fused import FusedResponse, frequency_order, way_of
 from lfcal.simulate.engines.grid import GridPlane
 from tests.simulate.scenes import PIXEL, camera_scene
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from lfcal.camera import preset
-from lfcal.simulate.camera_scene import scene_of
-from lfcal.simulate.engines.geometric import GeometricPlane
-from lfcal.simulate.engines.polygon import half_planes, iris_outline
+from lfcal.simulate._camera_scene import scene_of
+from lfcal.simulate.engines._geometric import GeometricPlane
+from lfcal.simulate.engines._polygon import half_planes, iris_outline
 from lfcal.simulate.scene import PupilIris, Scene
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, moments, relative_error
 

@@ -11,9 +11,9 @@ import pytest
 from lfcal.base.errors import InputError
 from lfcal.camera import LensType
 from lfcal.simulate.effects import CoverGlass, ExactAngles, LensletGap
+from lfcal.simulate.engines._propagator import sensor_propagator
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for
-from lfcal.simulate.engines.propagator import sensor_propagator
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.staging import outlook_of

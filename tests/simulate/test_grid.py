@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from lfcal.base.errors import InputError
+from lfcal.simulate.engines._nodes import MANY_ANGLES, conserving_rule
 from lfcal.simulate.engines.base import Displaceable, EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.grid import GridPlane
-from lfcal.simulate.engines.nodes import MANY_ANGLES, conserving_rule
 from lfcal.simulate.engines.reference import ReferencePlane
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.scene import PupilIris, Scene

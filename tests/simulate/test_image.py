@@ -10,9 +10,9 @@ import pytest
 from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
 from lfcal.simulate.effects import Distortion, Effect, FieldCurvature, FiniteSource, LensletDiffraction, LensTypeDefocus
+from lfcal.simulate.engines._wave import WavePlane
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for
-from lfcal.simulate.engines.wave import WavePlane
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 from lfcal.simulate.staging import origin_of, outlook_of

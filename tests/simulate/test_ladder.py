@@ -13,8 +13,7 @@ import pytest
 from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
 from lfcal.simulate.accuracy import forecast
-from lfcal.simulate.accuracy.forecast import predict_seconds
-from lfcal.simulate.accuracy.ladder import (
+from lfcal.simulate.accuracy._ladder import (
     Ladder,
     LadderRung,
     _marked,
@@ -24,6 +23,7 @@ from lfcal.simulate.accuracy.ladder import (
     ladder,
     rung_label,
 )
+from lfcal.simulate.accuracy.forecast import predict_seconds
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.simulate import simulate_psf

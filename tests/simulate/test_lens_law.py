@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lfcal.camera import preset
-from lfcal.simulate.camera_scene import scene_of
+from lfcal.simulate._camera_scene import scene_of
 from lfcal.simulate.engines.field import choose_mode, field_table
 from lfcal.simulate.scene import Scene
 

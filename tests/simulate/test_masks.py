@@ -11,6 +11,8 @@ from scipy.ndimage import map_coordinates
 from lfcal.base.errors import InputError
 from lfcal.camera.cell import cell_corners
 from lfcal.simulate.engines import masks
+from lfcal.simulate.engines._nodes import fitted_rule
+from lfcal.simulate.engines._polygon import area, disc_transform, transform
 from lfcal.simulate.engines.masks import (
     FLAT,
     MOST_TABLE,
@@ -21,8 +23,6 @@ from lfcal.simulate.engines.masks import (
     polygon_mask,
     polygon_table,
 )
-from lfcal.simulate.engines.nodes import fitted_rule
-from lfcal.simulate.engines.polygon import area, disc_transform, transform
 
 RADIUS, DX = 40.0, 2.75
 

@@ -17,13 +17,13 @@ from lfcal.camera import LensletLattice, LensType, Microscope, ScanPlan, preset
 from lfcal.simulate import plan_effects
 from lfcal.simulate.accuracy.sampling import step_for
 from lfcal.simulate.effects import ExactAngles, LensletDiffraction, Outlook
+from lfcal.simulate.engines._debye import debye_field, debye_nodes, radial_field
+from lfcal.simulate.engines._wave import WavePlane
 from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
-from lfcal.simulate.engines.debye import debye_field, debye_nodes, radial_field
 from lfcal.simulate.engines.grid import GridPlane
 from lfcal.simulate.engines.microscope import DebyePlane, is_separable
 from lfcal.simulate.engines.reference import ReferencePlane
-from lfcal.simulate.engines.wave import WavePlane
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.scene import Scene, seidel
 from tests.simulate.scenes import microscope_scene, moments, relative_error
@@ -81,7 +81,7 @@ def test_energy_through_the_pupil_is_one(aperture):
 
 
 def test_paraxial_limit_is_the_focus_integral():
-    from lfcal.simulate.engines.radial import focus_integral
+    from lfcal.simulate.engines._radial import focus_integral
 
     scene = microscope_scene(400.0, objective=Microscope(20.0, 0.02, 1.0), f_number=500.0)
     r = np.linspace(0, 3000, 50)

@@ -22,7 +22,7 @@ from lfcal.simulate.effects import (
     ShotNoise,
     StrayLight,
 )
-from lfcal.simulate.effects.poisson import poisson_quantile
+from lfcal.simulate.effects._poisson import poisson_quantile
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 from lfcal.simulate.sensor.noise import FrameKind, expose, random_numbers
 from lfcal.simulate.staging import outlook_of

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.simulate.engines._oblong import OblongPlane
 from lfcal.simulate.engines.base import PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
-from lfcal.simulate.engines.oblong import OblongPlane
 from tests.simulate.scenes import camera_scene, microscope_scene, relative_error
 
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.special import fresnel, j1
 
+from lfcal.simulate.engines._polygon import area, regular, spectrum, transform
+from lfcal.simulate.engines._propagator import sensor_propagator
+from lfcal.simulate.engines._quadrature import gauss_legendre
+from lfcal.simulate.engines._radial import focus_integral
 from lfcal.simulate.engines.field import wavefront_waves
-from lfcal.simulate.engines.polygon import area, regular, spectrum, transform
-from lfcal.simulate.engines.propagator import sensor_propagator
-from lfcal.simulate.engines.quadrature import gauss_legendre
-from lfcal.simulate.engines.radial import focus_integral
 from lfcal.simulate.engines.zernike import zernike_radial
 from tests.simulate.scenes import camera_scene
 

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from lfcal.simulate.engines.polygon import (
+from lfcal.simulate.engines._polygon import (
     area,
     clip,
     disc_transform,

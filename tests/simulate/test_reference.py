@@ -8,8 +8,8 @@ import pytest
 from lfcal.base.errors import InputError
 from lfcal.camera import LensletLattice, LensType
 from lfcal.simulate.engines import reference
+from lfcal.simulate.engines._propagator import sensor_propagator
 from lfcal.simulate.engines.base import Sampling
-from lfcal.simulate.engines.propagator import sensor_propagator
 from lfcal.simulate.engines.reference import ReferencePlane, pixel_bins
 from lfcal.simulate.scene import PupilIris
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, moments, relative_error

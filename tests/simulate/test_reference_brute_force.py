@@ -14,7 +14,7 @@ import pytest
 
 from lfcal.base.threads import one_blas_thread
 from lfcal.camera import LensletLattice, LensType, preset
-from lfcal.simulate.camera_scene import scene_of
+from lfcal.simulate._camera_scene import scene_of
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.reference import ReferencePlane
 from lfcal.simulate.scene import Scene

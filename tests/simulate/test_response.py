@@ -16,9 +16,9 @@ from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.simulate.effects import Crosstalk
 from lfcal.simulate.effects.base import Estimate, PsfEffect
 from lfcal.simulate.effects.outlook import Outlook
+from lfcal.simulate.engines._wave import WavePlane
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for
-from lfcal.simulate.engines.wave import WavePlane
 from lfcal.simulate.response import PlaneResponse, at_wavelength
 from lfcal.simulate.scene import seidel
 from lfcal.simulate.staging import filter_kernel, filtered

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lfcal.simulate._symmetry import folded, is_mirror_symmetric, mirrored_rows
+from lfcal.simulate.engines._propagator import sensor_propagator
 from lfcal.simulate.engines.field import field_table
-from lfcal.simulate.engines.propagator import sensor_propagator
 from lfcal.simulate.scene import PupilIris, Scene
-from lfcal.simulate.symmetry import folded, is_mirror_symmetric, mirrored_rows
 from tests.simulate.scenes import camera_scene, microscope_scene
 
 

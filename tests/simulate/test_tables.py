@@ -10,10 +10,10 @@ from scipy.spatial import cKDTree
 
 from lfcal.camera import LensletLattice, LensType
 from lfcal.simulate.engines import tables
+from lfcal.simulate.engines._polygon import area, half_planes
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.field import field_table
-from lfcal.simulate.engines.polygon import area, half_planes
 from lfcal.simulate.engines.tables import build_tables
 from lfcal.simulate.scene import PupilIris, Scene
 from tests.simulate.common import peak_bytes

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from lfcal.camera import LensletLattice, LensType
-from lfcal.simulate.engines import tails, wave
-from lfcal.simulate.engines._tails import add_tails
+from lfcal.simulate.engines import _tails as tails
+from lfcal.simulate.engines import _wave as wave
+from lfcal.simulate.engines._tail_kernels import add_tails
+from lfcal.simulate.engines._tails import Tail
+from lfcal.simulate.engines._wave import WavePlane
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.grid import GridPlane
-from lfcal.simulate.engines.tails import Tail
-from lfcal.simulate.engines.wave import WavePlane
 from lfcal.simulate.scene import Scene
 from tests.simulate.scenes import PIXEL, camera_scene, relative_error
 

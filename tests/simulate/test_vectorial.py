@@ -11,17 +11,18 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.camera import LensletLattice, LensType, Microscope
-from lfcal.simulate.engines import microscope, objective
+from lfcal.simulate._specimen import Specimen
+from lfcal.simulate.engines import _objective as objective
+from lfcal.simulate.engines import microscope
+from lfcal.simulate.engines._debye import SCALAR, debye_field, debye_fields, debye_nodes, radial_field
+from lfcal.simulate.engines._fields_sum import FieldsSum
+from lfcal.simulate.engines._objective import field_shares, pupil_phase
+from lfcal.simulate.engines._radial import bessel
+from lfcal.simulate.engines._wave import WavePlane
 from lfcal.simulate.engines.base import PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
-from lfcal.simulate.engines.debye import SCALAR, debye_field, debye_fields, debye_nodes, radial_field
-from lfcal.simulate.engines.fields_sum import FieldsSum
 from lfcal.simulate.engines.microscope import DebyePlane
-from lfcal.simulate.engines.objective import field_shares, pupil_phase
-from lfcal.simulate.engines.radial import bessel
-from lfcal.simulate.engines.wave import WavePlane
 from lfcal.simulate.scene import Scene
-from lfcal.simulate.specimen import Specimen
 from tests.simulate.dipole_oracle import dipole_light, dipole_pupil
 from tests.simulate.microscope_oracle import DipoleFields
 from tests.simulate.scenes import microscope_scene, relative_error

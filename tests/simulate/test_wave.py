@@ -10,13 +10,13 @@ import pytest
 from scipy.special import fresnel
 
 from lfcal.camera import LensletLattice, LensType
+from lfcal.simulate._symmetry import mirrored_rows
+from lfcal.simulate.engines._wave import WavePlane
 from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.field import FieldTable
 from lfcal.simulate.engines.reference import ReferencePlane
-from lfcal.simulate.engines.wave import WavePlane
 from lfcal.simulate.scene import PupilIris, seidel
-from lfcal.simulate.symmetry import mirrored_rows
 from tests.simulate.scenes import PIXEL, camera_scene, moments, relative_error
 
 FINE = Sampling(nodes_per_px=4, margin_px=12, energy_floor=1e-3, coherent=True)

@@ -14,11 +14,11 @@ import pytest
 from lfcal.base.errors import InputError
 from lfcal.camera import Camera, Forecast, ScanPlan, StageAxes, preset
 from lfcal.targets import Pose, Target, TargetPlan, Wishes, parse_target, plan_target, propose_target
+from lfcal.targets._pitches import proposed_axis
+from lfcal.targets._tails import Tails, simulated_tails
 from lfcal.targets.images import hole_images
 from lfcal.targets.phases import Phases
-from lfcal.targets.pitches import proposed_axis
 from lfcal.targets.planning import poses_within, shown_within
-from lfcal.targets.tails import Tails, simulated_tails
 from tests.targets.common import bench, scan_of, small
 
 RAYS = Wishes(level="geometric")

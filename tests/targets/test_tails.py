@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.base.errors import InputError
 from lfcal.camera import Camera, ScanPlan
-from lfcal.targets.tails import Tails, simulated_tails
+from lfcal.targets._tails import Tails, simulated_tails
 from tests.targets.common import bench
 
 PER_PX = 10

@@ -10,7 +10,7 @@ from lfcal.base.errors import InputError
 from lfcal.base.files import replace_whole
 from lfcal.base.progress import Clock, Work, drain
 from lfcal.work import RunChoice, iter_made, parts_folder
-from lfcal.work.following import Following
+from lfcal.work._following import Following
 from lfcal.work.runs import was_joining
 from tests.work.tasks import unit
 

@@ -16,9 +16,9 @@ from lfcal.camera import Camera
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.models import DisplaySettings, Tile, lattice_points, render_tile, visible_tile
 from lfcal_gui.theme import TYPE_COLOURS
+from lfcal_gui.widgets._measured import MeasuredView
 from lfcal_gui.widgets.blank import Blank
 from lfcal_gui.widgets.colour_bar import theme_table
-from lfcal_gui.widgets.measured import MeasuredView
 from lfcal_gui.widgets.picture_menu import offer_menu
 from lfcal_gui.widgets.plots import line_px, style_axes, theme_plot
 

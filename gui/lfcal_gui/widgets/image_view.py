@@ -14,9 +14,9 @@ from PySide6.QtWidgets import QGraphicsItem, QVBoxLayout, QWidget
 
 from lfcal_gui.models import DisplaySettings, levels_of, to_uint8
 from lfcal_gui.theme import current_theme
+from lfcal_gui.widgets._measured import MeasuredView
 from lfcal_gui.widgets.blank import Blank
 from lfcal_gui.widgets.colour_bar import ColourBar, bar_table, theme_table
-from lfcal_gui.widgets.measured import MeasuredView
 from lfcal_gui.widgets.picture_menu import offer_menu, save_picture
 from lfcal_gui.widgets.pixel_axis import count_pixels, pixel_axes
 from lfcal_gui.widgets.plots import line_px, style_axes, theme_plot

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QPoint, Signal
 from PySide6.QtWidgets import QWidget
 
-from lfcal_gui.widgets.measured import MeasuredView
+from lfcal_gui.widgets._measured import MeasuredView
 
 __all__ = ["MeasuredPart", "entries_at"]
 
@@ -18,7 +18,7 @@ Levels = tuple[float, float]
 
 
 class MeasuredPart(MeasuredView, QWidget):
-    """What `lfcal_gui.widgets.measuring.Measuring` needs of a picture; never shown itself.
+    """What `lfcal_gui.widgets._measuring.Measuring` needs of a picture; never shown itself.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@
 - ``content``: all of it for one frame
 
 A frame is judged by what was recorded before it, never by a model: any camera and any pattern will do. What only looks
-unusual is no fault yet: `lfcal.acquire.attempts` takes the frame again, and then a frame that is known, to see whether
+unusual is no fault yet: `lfcal.acquire._attempts` takes the frame again, and then a frame that is known, to see whether
 the rig changed or the pattern.
 """
 

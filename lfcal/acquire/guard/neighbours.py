@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.acquire.guard._kernels import COLUMNS, expect, learn, measure
 from lfcal.acquire.guard.doubts import NO_DOUBT, Doubt
-from lfcal.acquire.guard.kernels import COLUMNS, expect, learn, measure
 from lfcal.acquire.recording import Suspicion
 from lfcal.frames import Position
 

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.acquire.guard._kernels import count_lit, same_rows
 from lfcal.acquire.guard.doubts import NO_DOUBT, Doubt
-from lfcal.acquire.guard.kernels import count_lit, same_rows
 from lfcal.acquire.recording import Suspicion, frame_crc
 from lfcal.frames import Position
 

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.acquire.recording._slots import Layout, read_at, read_layout
 from lfcal.acquire.recording.records import RECORD, frame_crc, intact
-from lfcal.acquire.recording.slots import Layout, read_at, read_layout
 from lfcal.base import OPEN_FLAGS, FileFormatError, storage_errors
 from lfcal.base.h5 import H5File
 

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from lfcal.acquire.recording.contents import files_made
+from lfcal.acquire.recording._contents import files_made
+from lfcal.acquire.recording._recovery import restore
+from lfcal.acquire.recording._slots import RecordingJournal
+from lfcal.acquire.recording._verify import SessionReport
 from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.records import Kind, file_name
-from lfcal.acquire.recording.recovery import restore
-from lfcal.acquire.recording.slots import RecordingJournal
-from lfcal.acquire.recording.verify import SessionReport
 from lfcal.acquire.session_file import SessionFile
 from lfcal.base import Clock, FileFormatError, Work, replace_whole, require_space
 from lfcal.frames import Position

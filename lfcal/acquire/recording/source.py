@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.recording.darks import read_darks
+from lfcal.acquire.recording._darks import read_darks
+from lfcal.acquire.recording._recorded import RecordedFile
 from lfcal.acquire.recording.reader import RecordingFile
-from lfcal.acquire.recording.recorded import RecordedFile
 from lfcal.acquire.recording.records import Kind, Suspicion, file_name, suspicions
 from lfcal.acquire.session_file import Devices, SessionFile, frame_dtype
 from lfcal.base import InputError, position_at

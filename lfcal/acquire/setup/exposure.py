@@ -7,8 +7,8 @@ from functools import partial
 
 import numpy as np
 
+from lfcal.acquire._looking import Looker
 from lfcal.acquire.control import Control
-from lfcal.acquire.looking import Looker
 from lfcal.acquire.options import Options
 from lfcal.acquire.schedule import Schedule
 from lfcal.base import Clock, InputError, Work

@@ -9,7 +9,7 @@ import numpy as np
 
 from lfcal.acquire.control import Control
 from lfcal.acquire.preview import LiveFrame, Preview
-from lfcal.acquire.setup.levels import Levels, levels
+from lfcal.acquire.setup._levels import Levels, levels
 from lfcal.acquire.spots import Spot, find_spot
 from lfcal.base import InputError
 from lfcal.camera import ScanPlan

@@ -13,13 +13,13 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.acquire._looking import Looker
 from lfcal.acquire.control import Control
 from lfcal.acquire.frame_plan import FramePlan
 from lfcal.acquire.lighting import Lighting
-from lfcal.acquire.looking import Looker
 from lfcal.acquire.options import Options
 from lfcal.acquire.session_file import optics_of
-from lfcal.acquire.setup.stage_depth import DepthFit, DepthLook, check_depth, depth_fit
+from lfcal.acquire.setup._stage_depth import DepthFit, DepthLook, check_depth, depth_fit
 from lfcal.acquire.setup.stage_fit import (
     CELL_PX,
     PHASE,

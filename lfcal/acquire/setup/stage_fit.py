@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lfcal.acquire._looking import Looker
+from lfcal.acquire._motion import check_limits
 from lfcal.acquire.control import Control
-from lfcal.acquire.looking import Looker
-from lfcal.acquire.motion import check_limits
 from lfcal.acquire.options import Options
 from lfcal.base import Clock, InputError, Work
 from lfcal.camera import ScanPlan, StageAxes

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base.errors import FileFormatError
-from lfcal.base.h5.errors import damage
+from lfcal.base.h5._errors import damage
 
 __all__ = ["Attributes"]
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from lfcal.base.errors import FileFormatError, UnsafeFileError
 from lfcal.base.files import MAX_EXPANSION
+from lfcal.base.h5._errors import damage
 from lfcal.base.h5.attributes import Attributes
 from lfcal.base.h5.chunks import ChunkTable
-from lfcal.base.h5.errors import damage
 from lfcal.base.units import format_bytes
 
 __all__ = ["MAX_BYTES", "H5Data"]

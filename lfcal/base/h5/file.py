@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from lfcal.base.errors import FileFormatError, StorageError, UnsafeFileError
 from lfcal.base.files import check_regular, storage_errors
+from lfcal.base.h5._errors import damage
 from lfcal.base.h5.attributes import Attributes
 from lfcal.base.h5.dataset import MAX_BYTES, H5Data
-from lfcal.base.h5.errors import damage
 from lfcal.base.h5.probe import probe
 
 __all__ = ["H5File"]

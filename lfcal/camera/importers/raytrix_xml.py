@@ -13,8 +13,8 @@ from lfcal.base import FileFormatError, InputError, UnsafeFileError
 from lfcal.camera.description import Camera
 from lfcal.camera.distortion import BrownDistortion
 from lfcal.camera.draft import Draft
+from lfcal.camera.importers._raytrix_grid import entry_of, float_of, lens_types, number_of, pair_of, placement
 from lfcal.camera.importers.camera_format import CameraFormat, Imported, Wanted, file_text
-from lfcal.camera.importers.raytrix_grid import entry_of, float_of, lens_types, number_of, pair_of, placement
 from lfcal.camera.main_lens import Optics
 from lfcal.camera.sensor import Sensor
 

@@ -12,11 +12,11 @@ from lfcal.devices.checked import CheckedCamera, CheckedStage
 from lfcal.devices.options import limits_option, number_option
 from lfcal.devices.protocols import SystemTime, TimeSource
 from lfcal.devices.rig import Rig
-from lfcal.devices.simulated.camera import AUTOMATIC, Renderer, SimCamera, SimLight
+from lfcal.devices.simulated._camera import AUTOMATIC, Renderer, SimCamera, SimLight
+from lfcal.devices.simulated._gauges import SimGauge, simulated_gauges
+from lfcal.devices.simulated._optics import FramesRenderer, PatternRenderer, simulated_optics
+from lfcal.devices.simulated._stage import SimStage, StageModel, VirtualTime
 from lfcal.devices.simulated.faults import DeviceFault, parse_faults
-from lfcal.devices.simulated.gauges import SimGauge, simulated_gauges
-from lfcal.devices.simulated.optics import FramesRenderer, PatternRenderer, simulated_optics
-from lfcal.devices.simulated.stage import SimStage, StageModel, VirtualTime
 from lfcal.frames import FrameSource
 
 __all__ = ["SimBackend", "inject", "simulated_rig", "with_defaults"]
@@ -171,7 +171,7 @@ def _target(plan: ScanPlan, level: str, options: Mapping[str, str]) -> Renderer 
             raise InputError.expected("option brightness", "that of a target's holes", "no target", "give target=FILE")
         return None
     # here, so that a single point does not load the simulator
-    from lfcal.devices.simulated.targets import simulated_target
+    from lfcal.devices.simulated._targets import simulated_target
 
     spread = number_option(options, "brightness", 0.0, low=0.0, high=1.0)
     seed = int(number_option(options, "seed", 0, low=0))

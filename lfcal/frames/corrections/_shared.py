@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from lfcal.frames.corrections._corrected import CorrectedSource, corrected
 from lfcal.frames.corrections.background import Background
 from lfcal.frames.corrections.chain import CorrectionChain
-from lfcal.frames.corrections.corrected import CorrectedSource, corrected
 from lfcal.frames.corrections.defect_search import find_defects, iter_find_defects
 from lfcal.frames.corrections.defects import Defects
 from lfcal.frames.corrections.recipe import (

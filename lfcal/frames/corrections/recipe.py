@@ -16,9 +16,9 @@ from lfcal.base import InputError, StorageError, check_choice
 from lfcal.camera import ScanPlan
 from lfcal.frames.aligned import ShiftedSource, shifted
 from lfcal.frames.channels import channel_source
+from lfcal.frames.corrections._corrected import CorrectedSource
 from lfcal.frames.corrections.background import Background
 from lfcal.frames.corrections.chain import CorrectionChain, Step
-from lfcal.frames.corrections.corrected import CorrectedSource
 from lfcal.frames.corrections.steps import Dark, DarkSet, Exposure, White, average_frames, difference_variance
 from lfcal.frames.described import DescribedSource
 from lfcal.frames.formats import image_suffixes, open_image

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import FileFormatError, storage_errors
+from lfcal.frames.formats._decoder_messages import caught_messages
 from lfcal.frames.formats._png_kernels import samples_of, unfilter
 from lfcal.frames.formats.codecs import codec_fact
-from lfcal.frames.formats.decoder_messages import caught_messages
 from lfcal.frames.formats.image_file import Format, ImageFile, check_declared, check_grey, decoding
 
 __all__ = ["PngImage"]

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import FileFormatError, storage_errors
+from lfcal.frames.formats._decoder_messages import caught_messages
+from lfcal.frames.formats._sensor_tags import CFA, LINEAR, check_pattern
 from lfcal.frames.formats.codecs import LOSSLESS, check_tiff_codec, codec_fact
-from lfcal.frames.formats.decoder_messages import caught_messages
 from lfcal.frames.formats.image_file import Format, ImageFile, decoding
-from lfcal.frames.formats.sensor_tags import CFA, LINEAR, check_pattern
 
 __all__ = ["RawImage", "codec_of"]
 

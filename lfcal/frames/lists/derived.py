@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError
 from lfcal.camera import Camera, ScanPlan, StageAxes
+from lfcal.frames.lists._depths import ListedPlanes, find_depths, with_depths
+from lfcal.frames.lists._grid import PlaneGrid, ScanGrid
+from lfcal.frames.lists._step_error import step_error, step_size
 from lfcal.frames.lists.columns import LENGTHS
-from lfcal.frames.lists.depths import ListedPlanes, find_depths, with_depths
-from lfcal.frames.lists.grid import PlaneGrid, ScanGrid
 from lfcal.frames.lists.listing import Listing
 from lfcal.frames.lists.motion import CentroidMotion, Part
 from lfcal.frames.lists.placing import AXES, READ, anchor_of, grid_of, light_of, place
-from lfcal.frames.lists.step_error import step_error, step_size
 from lfcal.frames.orientation import ORIENTATIONS
 
 __all__ = ["plan_of_list"]
@@ -38,7 +38,7 @@ def plan_of_list(
     The numbers of steps give the period. Which axis moves the image where, and the anchor, come from the light in some
     frames where ``read`` gives them; else from the camera's period and ``stage``. Depths are those whose steps the
     list has: behind a main lens one pixel is a longer step the farther the plane. A microscope's steps are alike in
-    all planes: there the stage's zero is taken for the working plane. See `lfcal.frames.lists.depths`.
+    all planes: there the stage's zero is taken for the working plane. See `lfcal.frames.lists._depths`.
 
     Parameters
     ----------

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from lfcal.base import FileFormatError, StorageError, read_text
 from lfcal.frames.formats import image_suffixes, open_image
+from lfcal.frames.lists._lie import AUTO, CHECK
 from lfcal.frames.lists.entries import located, manifest_of
-from lfcal.frames.lists.lie import AUTO, CHECK
 from lfcal.frames.lists.listing import LONGEST_S, Listing, read_listing
 from lfcal.frames.lists.micromanager import read_micromanager
 from lfcal.frames.lists.motion import Part

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError
 from lfcal.camera import ScanPlan, StageAxes
-from lfcal.frames.lists.depths import LEAST, MOST, with_depths
-from lfcal.frames.lists.grid import ScanGrid, find_grid
-from lfcal.frames.lists.lie import Lie, stage_and_lie
+from lfcal.frames.lists._depths import LEAST, MOST, with_depths
+from lfcal.frames.lists._grid import ScanGrid, find_grid
+from lfcal.frames.lists._lie import Lie, stage_and_lie
 from lfcal.frames.lists.listing import Listing
 from lfcal.frames.lists.motion import CentroidMotion, Part, image_motion, spread_out
 from lfcal.frames.orientation import AS_IS
@@ -83,7 +83,7 @@ def place(
         Returns the frame of a row of the list.
     lie
         ``"check"`` or ``"auto"``: frames may be flipped or turned, and axes that only such frames have are not taken
-        for the stage's (`lfcal.frames.lists.lie`); else they are upright as ``read`` returns them.
+        for the stage's (`lfcal.frames.lists._lie`); else they are upright as ``read`` returns them.
     part
         Where frames that are a part of the sensor lie on it; None: they are whole.
 

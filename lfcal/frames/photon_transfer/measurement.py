@@ -11,21 +11,21 @@ from numpy.typing import NDArray
 
 from lfcal.base import Clock, InputError, Work, drained
 from lfcal.frames.cfa import channel_names
-from lfcal.frames.photon_transfer.checks import doubts_of, notes_of
-from lfcal.frames.photon_transfer.converter import Converter, ConverterScan
-from lfcal.frames.photon_transfer.curve import PhotonTransferCurve, fit_curve
-from lfcal.frames.photon_transfer.darks import (
+from lfcal.frames.photon_transfer._checks import doubts_of, notes_of
+from lfcal.frames.photon_transfer._converter import Converter, ConverterScan
+from lfcal.frames.photon_transfer._curve import PhotonTransferCurve, fit_curve
+from lfcal.frames.photon_transfer._darks import (
     DarkLevel,
     dark_current,
     measure_darks,
     offset_scatter,
     read_noise,
 )
+from lfcal.frames.photon_transfer._levels import FlatLevel, measure_level, sorted_levels
+from lfcal.frames.photon_transfer._linearity import measure_linearity
+from lfcal.frames.photon_transfer._pairs import TransferPoints
+from lfcal.frames.photon_transfer._pattern import find_dead, measure_prnu
 from lfcal.frames.photon_transfer.frame_list import CalibrationFrame
-from lfcal.frames.photon_transfer.levels import FlatLevel, measure_level, sorted_levels
-from lfcal.frames.photon_transfer.linearity import measure_linearity
-from lfcal.frames.photon_transfer.pairs import TransferPoints
-from lfcal.frames.photon_transfer.pattern import find_dead, measure_prnu
 from lfcal.frames.photon_transfer.result import SensorMeasurement
 from lfcal.frames.photon_transfer.values import MeasuredValue
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from lfcal.base import InputError
 from lfcal.camera import Camera, Sensor
-from lfcal.frames.photon_transfer.curve import PhotonTransferCurve
+from lfcal.frames.photon_transfer._curve import PhotonTransferCurve
 from lfcal.frames.photon_transfer.values import MeasuredValue
 
 __all__ = ["SensorMeasurement"]

@@ -8,10 +8,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
-from lfcal.judge.faults.series import BETTER, FEW, SURE, robust, usual
+from lfcal.judge.faults._series import BETTER, FEW, SURE, robust, usual
 from lfcal.judge.finding import Fault, Finding, Picture, PutIn, adding
-from lfcal.judge.patch import Patch
 
 __all__ = ["FAULTS", "AutoExposure"]
 

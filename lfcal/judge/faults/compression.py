@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.fft import dctn
 
 from lfcal.judge.evidence import Evidence
-from lfcal.judge.faults.series import SURE
+from lfcal.judge.faults._series import SURE
 from lfcal.judge.finding import Fault, Finding, Picture
 
 __all__ = ["FAULTS", "Compression"]

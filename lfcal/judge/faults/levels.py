@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
+from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
+from lfcal.judge.faults._series import SURE, usual
 from lfcal.judge.faults.places import place_map
-from lfcal.judge.faults.series import SURE, usual
 from lfcal.judge.finding import Fault, Finding, Picture, PutIn, adding
-from lfcal.judge.patch import Patch
 
 __all__ = ["FAULTS", "BackgroundFault", "CutOff", "Saturated"]
 

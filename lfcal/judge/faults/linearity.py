@@ -9,10 +9,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.judge._modelled import correlation
 from lfcal.judge.evidence import Evidence
-from lfcal.judge.faults.series import SURE
+from lfcal.judge.faults._series import SURE
 from lfcal.judge.finding import Fault, Finding, Picture
-from lfcal.judge.modelled import correlation
 
 __all__ = ["FAULTS", "NotLinear"]
 

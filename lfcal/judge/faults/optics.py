@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from scipy import fft as sf
 
 from lfcal.camera import LensletLattice, ScanPlan
+from lfcal.judge._modelled import NEAR_ARRAY
+from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
+from lfcal.judge.faults._series import SURE
 from lfcal.judge.faults.places import share_of
-from lfcal.judge.faults.series import SURE
 from lfcal.judge.finding import Fault, Finding, Picture, PutIn, adding
-from lfcal.judge.modelled import NEAR_ARRAY
-from lfcal.judge.patch import Patch
 
 __all__ = ["FAULTS", "DepthLabel", "GhostFault", "TypeLight"]
 

@@ -8,11 +8,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.judge._modelled import correlation, plane_of
+from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
 from lfcal.judge.faults.places import place_map
 from lfcal.judge.finding import Fault, Finding, PutIn
-from lfcal.judge.modelled import correlation, plane_of
-from lfcal.judge.patch import Patch
 
 __all__ = ["FAULTS", "WrongOrder"]
 

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError
 from lfcal.fit import Behind
+from lfcal.judge._modelled import cut, plane_of
+from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
-from lfcal.judge.faults.series import SURE
+from lfcal.judge.faults._series import SURE
 from lfcal.judge.finding import Fault, Finding, Picture, PutIn, adding
-from lfcal.judge.modelled import cut, plane_of
-from lfcal.judge.patch import Patch
 from lfcal.simulate.engines import EnergyError
 
 __all__ = ["FAULTS", "Pupil", "TypeFocus"]

@@ -8,12 +8,12 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.judge._modelled import REACH_PX
+from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
+from lfcal.judge.faults._series import BETTER, SURE, SeriesJump, robust, scan_order, sharpest_step, usual
 from lfcal.judge.faults.places import late, only_recorded, place_map, share_of
-from lfcal.judge.faults.series import BETTER, SURE, SeriesJump, robust, scan_order, sharpest_step, usual
 from lfcal.judge.finding import Fault, Finding, PutIn
-from lfcal.judge.modelled import REACH_PX
-from lfcal.judge.patch import Patch
 
 __all__ = ["FAULTS", "BacklashFault", "FrameShift", "Jitter", "StageAxesFault", "Strangers"]
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from lfcal.judge._sensor_map import Lines, SensorMap, sensor_map
 from lfcal.judge.evidence import Evidence
-from lfcal.judge.faults.series import SURE
+from lfcal.judge.faults._series import SURE
 from lfcal.judge.finding import Fault, Finding, Picture, PutIn, Repair
-from lfcal.judge.sensor_map import Lines, SensorMap, sensor_map
 
 __all__ = ["FAULTS", "DeadLine", "HotLine", "LineOffsets"]
 

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import convolve, median_filter
 
+from lfcal.judge._patch import Patch
+from lfcal.judge._sensor_map import SensorMap, sensor_map
 from lfcal.judge.evidence import Evidence
+from lfcal.judge.faults._series import SURE
 from lfcal.judge.faults.sensor_lines import BRIGHT
-from lfcal.judge.faults.series import SURE
 from lfcal.judge.finding import Fault, Finding, Picture, PutIn, Repair
-from lfcal.judge.patch import Patch
-from lfcal.judge.sensor_map import SensorMap, sensor_map
 
 __all__ = ["FAULTS", "BadPixels", "MosaicFault"]
 

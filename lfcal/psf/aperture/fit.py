@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError
-from lfcal.psf.aperture.compare import CURVATURE, ROTATION, STUCK, OutlineFit
-from lfcal.psf.aperture.edge import BLUR_ERROR, Edge, measured_edge
-from lfcal.psf.aperture.locate import LitPatch, despike, find_patch
-from lfcal.psf.aperture.profile import ANGLES
+from lfcal.psf.aperture._compare import CURVATURE, ROTATION, STUCK, OutlineFit
+from lfcal.psf.aperture._edge import BLUR_ERROR, Edge, measured_edge
+from lfcal.psf.aperture._locate import LitPatch, despike, find_patch
+from lfcal.psf.aperture._profile import ANGLES
+from lfcal.psf.aperture._size import measured_area
+from lfcal.psf.aperture._verdict import EdgeVerdict, judged
 from lfcal.psf.aperture.shape import Aperture, CountFit, StuckBlade
-from lfcal.psf.aperture.size import measured_area
-from lfcal.psf.aperture.verdict import EdgeVerdict, judged
 
 __all__ = ["fit_aperture", "plane_verdict"]
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lfcal.psf.aperture._verdict import CERTAIN
 from lfcal.psf.aperture.shape import Aperture, CountFit
-from lfcal.psf.aperture.verdict import CERTAIN
 
 __all__ = ["Iris", "joint_iris"]
 

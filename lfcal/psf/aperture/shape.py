@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError
-from lfcal.psf.aperture.arcs import Arcs
+from lfcal.psf.aperture._arcs import Arcs
 
 __all__ = [
     "KINDS",

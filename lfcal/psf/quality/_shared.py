@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.psf.quality.inspect import Controls, iter_inspect_plane, judged, straight
+from lfcal.psf.quality._inspect import Controls, iter_inspect_plane, judged, straight
 from lfcal.psf.quality.measure import PASSES
 from lfcal.psf.quality.metric import RANK, Merit
 from lfcal.psf.quality.pattern_table import NOISELESS

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from lfcal.base import InputError
 from lfcal.camera import Camera, Microscope
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.quality.expected import footprint_variance
+from lfcal.psf.quality._expected import footprint_variance
+from lfcal.psf.quality._sums import spread as spread_of
 from lfcal.psf.quality.measure import PlaneMeasures
-from lfcal.psf.quality.sums import spread as spread_of
 
 __all__ = ["MatrixMeasures", "shadow_sizes"]
 

@@ -12,16 +12,16 @@ from lfcal.base import Clock, Work, for_each_chunk
 from lfcal.psf.aperture import Aperture
 from lfcal.psf.half_cell import copied_positions
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.quality.dark import DarkCorners, dark_corners, darkness
-from lfcal.psf.quality.field import Parts, split
-from lfcal.psf.quality.kernels import step_pass
+from lfcal.psf.quality._dark import DarkCorners, dark_corners, darkness
+from lfcal.psf.quality._field import Parts, split
+from lfcal.psf.quality._kernels import step_pass
+from lfcal.psf.quality._periodicity import Periodicity
+from lfcal.psf.quality._positions import Positions, measure_positions
+from lfcal.psf.quality._steps import odd_frames, seam_ratio, unlike_displaced
+from lfcal.psf.quality._sums import DOUBT, EdgeLight, edge_light
+from lfcal.psf.quality._sums import diameter as diameter_of
+from lfcal.psf.quality._sums import spread as spread_of
 from lfcal.psf.quality.pattern_table import PatternTable
-from lfcal.psf.quality.periodicity import Periodicity
-from lfcal.psf.quality.positions import Positions, measure_positions
-from lfcal.psf.quality.steps import odd_frames, seam_ratio, unlike_displaced
-from lfcal.psf.quality.sums import DOUBT, EdgeLight, edge_light
-from lfcal.psf.quality.sums import diameter as diameter_of
-from lfcal.psf.quality.sums import spread as spread_of
 
 __all__ = ["PASSES", "Continuity", "Faulty", "PlaneContext", "PlaneMeasures", "iter_measure"]
 
@@ -48,11 +48,11 @@ class PlaneContext:
     aperture
         The iris fitted to it.
     waves
-        Wave vectors of the lenslet lattice, see `lfcal.psf.quality.lattice.wave_vectors`.
+        Wave vectors of the lenslet lattice, see `lfcal.psf.quality._lattice.wave_vectors`.
     tiling
         Result of the control frames, where there were some.
     expected
-        The mean pattern that the camera should show, see `lfcal.psf.quality.expected.expected_sum`; None: not known.
+        The mean pattern that the camera should show, see `lfcal.psf.quality._expected.expected_sum`; None: not known.
     """
 
     matrix: PSFMatrix

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import for_each_chunk
-from lfcal.psf.quality.dark import DarkCorners
-from lfcal.psf.quality.kernels import FRAME_COLUMNS, PatternSums, frame_pass
+from lfcal.psf.quality._dark import DarkCorners
+from lfcal.psf.quality._kernels import FRAME_COLUMNS, PatternSums, frame_pass
 
 __all__ = ["PatternTable"]
 
@@ -20,7 +20,7 @@ NOISELESS = 3000.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatternTable:
-    """The table of `lfcal.psf.quality.kernels.frame_pass` over a plane.
+    """The table of `lfcal.psf.quality._kernels.frame_pass` over a plane.
 
     Attributes
     ----------

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from lfcal.base import format_count, format_length, format_plane
 from lfcal.psf.aperture import Aperture, FNumber, Iris
+from lfcal.psf.quality._periodicity import Periodicity
 from lfcal.psf.quality.metric import RANK, Merit, Metric
-from lfcal.psf.quality.periodicity import Periodicity
 from lfcal.psf.quality.verdict import QualityProblem, counted, judged_sentence, merit_of, problems_of
 
 __all__ = ["QualityReport"]

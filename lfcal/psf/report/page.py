@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from lfcal.base import format_bytes, format_length, format_plane, format_seconds, one_line
+from lfcal.psf._compare import Comparison
 from lfcal.psf.aperture import KINDS, Aperture, with_error
-from lfcal.psf.compare import Comparison
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality import Metric, QualityReport, counted_words, merit_of, merit_word
+from lfcal.psf.report._parts import document, figures, section, table, text
+from lfcal.psf.report._pictures import ReportPicture
 from lfcal.psf.report.beside import Beside
-from lfcal.psf.report.parts import document, figures, section, table, text
-from lfcal.psf.report.pictures import ReportPicture
 
 __all__ = ["limits", "page", "redo_of", "value_text"]
 

@@ -27,8 +27,8 @@ from lfcal.base import (
     replace_whole,
 )
 from lfcal.psf.difference import Difference, Figures
-from lfcal.psf.report.parts import document, figures, section, table, text
-from lfcal.psf.report.pictures import ReportPicture
+from lfcal.psf.report._parts import document, figures, section, table, text
+from lfcal.psf.report._pictures import ReportPicture
 
 __all__ = [
     "COLUMNS",

@@ -11,13 +11,13 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from lfcal.base import Clock, InputError, StorageError, Work, drained, one_line, plain, replace_whole
-from lfcal.psf.compare import Comparison, iter_compare
+from lfcal.psf._compare import Comparison, iter_compare
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality import Controls, QualityReport, iter_inspect
+from lfcal.psf.report._pdf import blocks, pdf
+from lfcal.psf.report._pictures import PICTURES, pictures
 from lfcal.psf.report.beside import Beside
 from lfcal.psf.report.page import page, redo_of
-from lfcal.psf.report.pdf import blocks, pdf
-from lfcal.psf.report.pictures import PICTURES, pictures
 
 __all__ = ["iter_report", "redo_list", "report", "report_files"]
 

@@ -13,14 +13,14 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from lfcal.base import Clock, InputError, Work, format_bytes, free_memory, worker_count
 from lfcal.psf import PSFMatrix
-from lfcal.reconstruct.projectors.blending import field_weights
+from lfcal.reconstruct.projectors._blending import field_weights
+from lfcal.reconstruct.projectors._engine import Cost, DeviceUse
+from lfcal.reconstruct.projectors._planes import PlaneReader
+from lfcal.reconstruct.projectors._recipe import BESIDE
 from lfcal.reconstruct.projectors.device import ArrayDevice, find_device
-from lfcal.reconstruct.projectors.engine import Cost, DeviceUse
 from lfcal.reconstruct.projectors.forecast import ProjectionForecast
 from lfcal.reconstruct.projectors.grid import Grid, anchor_pixel
-from lfcal.reconstruct.projectors.planes import PlaneReader
 from lfcal.reconstruct.projectors.projector import Projector, _remade
-from lfcal.reconstruct.projectors.recipe import BESIDE
 
 __all__ = ["FieldProjector"]
 
@@ -52,7 +52,7 @@ class _Part:
 class FieldProjector(Projector):
     """The operator ``sum_r H_r W_r`` of several regions of the field and its exact adjoint ``sum_r W_r HT_r``.
 
-    ``W_r`` weighs voxels by where they lie between the regions' middles (`lfcal.reconstruct.projectors.blending`); at
+    ``W_r`` weighs voxels by where they lie between the regions' middles (`lfcal.reconstruct.projectors._blending`); at
     each voxel the weights sum to one. Of one region it is that region's `Projector`, bit for bit. Each region is
     projected where its weight is not zero: all together take as long as one H where regions are many, up to once for
     each where they are two or three.

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from lfcal.base import InputError, format_bytes, format_seconds
-from lfcal.reconstruct.projectors import rates
-from lfcal.reconstruct.projectors.direct import (
+from lfcal.reconstruct.projectors import _rates as rates
+from lfcal.reconstruct.projectors._direct import (
     PARTS,
     WINDOW_BYTES,
     cells_at_once,
@@ -21,13 +21,13 @@ from lfcal.reconstruct.projectors.direct import (
     strips_of,
     strips_together,
 )
-from lfcal.reconstruct.projectors.engine import Cost, DeviceUse
+from lfcal.reconstruct.projectors._engine import Cost, DeviceUse
+from lfcal.reconstruct.projectors._nodes import Nodes
+from lfcal.reconstruct.projectors._planes import PlaneReader
+from lfcal.reconstruct.projectors._recipe import Tiles
+from lfcal.reconstruct.projectors._reduction import quickest_spacing
+from lfcal.reconstruct.projectors._tiles import TilePlan
 from lfcal.reconstruct.projectors.grid import Grid
-from lfcal.reconstruct.projectors.nodes import Nodes
-from lfcal.reconstruct.projectors.planes import PlaneReader
-from lfcal.reconstruct.projectors.recipe import Tiles
-from lfcal.reconstruct.projectors.reduction import quickest_spacing
-from lfcal.reconstruct.projectors.tiles import TilePlan
 
 __all__ = [
     "METHODS",

@@ -13,10 +13,17 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from lfcal.base import Clock, InputError, Work, check_number, drained, for_each_chunk, free_memory, worker_count
 from lfcal.psf import PSFMatrix, mean_noise
+from lfcal.reconstruct.projectors._device_choice import engine_on, forecast_on
+from lfcal.reconstruct.projectors._direct import Direct
+from lfcal.reconstruct.projectors._engine import Engine
+from lfcal.reconstruct.projectors._planes import PlaneReader
+from lfcal.reconstruct.projectors._polyphase import Polyphase
+from lfcal.reconstruct.projectors._position_fft import PositionFFT
+from lfcal.reconstruct.projectors._recipe import Tiles, read_recipe, recipe_of
+from lfcal.reconstruct.projectors._reduced import Reduced
+from lfcal.reconstruct.projectors._reduction import SPACINGS
+from lfcal.reconstruct.projectors._sparse import Sparse
 from lfcal.reconstruct.projectors.device import ArrayDevice
-from lfcal.reconstruct.projectors.device_choice import engine_on, forecast_on
-from lfcal.reconstruct.projectors.direct import Direct
-from lfcal.reconstruct.projectors.engine import Engine
 from lfcal.reconstruct.projectors.forecast import (
     REDUCED,
     ProjectionForecast,
@@ -24,13 +31,6 @@ from lfcal.reconstruct.projectors.forecast import (
     reading_seconds,
 )
 from lfcal.reconstruct.projectors.grid import Grid, anchor_pixel
-from lfcal.reconstruct.projectors.planes import PlaneReader
-from lfcal.reconstruct.projectors.polyphase import Polyphase
-from lfcal.reconstruct.projectors.position_fft import PositionFFT
-from lfcal.reconstruct.projectors.recipe import Tiles, read_recipe, recipe_of
-from lfcal.reconstruct.projectors.reduced import Reduced
-from lfcal.reconstruct.projectors.reduction import SPACINGS
-from lfcal.reconstruct.projectors.sparse import Sparse
 
 __all__ = ["Projector"]
 

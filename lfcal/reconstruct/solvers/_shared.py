@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, iter_reconstruct, iter_solve, reconstruct
-from lfcal.reconstruct.solvers.isra import isra, iter_isra
+from lfcal.reconstruct.solvers.image_space import isra, iter_isra
 from lfcal.reconstruct.solvers.least_squares import conjugate_gradient, iter_conjugate_gradient
 from lfcal.reconstruct.solvers.measurement import NothingMeasured
+from lfcal.reconstruct.solvers.multiplicative import iter_richardson_lucy, richardson_lucy
 from lfcal.reconstruct.solvers.penalty import Tikhonov, TotalVariation
 from lfcal.reconstruct.solvers.planes import UPDATING, plane_threads
 from lfcal.reconstruct.solvers.records import Reconstruction, SolverProgress, SolverState
-from lfcal.reconstruct.solvers.richardson_lucy import iter_richardson_lucy, richardson_lucy
 from lfcal.reconstruct.solvers.smoothing import DepthSmoothing
 from lfcal.reconstruct.solvers.solver import OPTIONS, Solver, SolverRun
 from lfcal.reconstruct.solvers.stopping import GOALS, MOST_ITERATIONS, STOPS

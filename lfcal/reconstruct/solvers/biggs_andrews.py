@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from lfcal.reconstruct.solvers.em import EmOptions, iter_run
+from lfcal.reconstruct.solvers._em import EmOptions, iter_run
 from lfcal.reconstruct.solvers.solver import EM, Solver
 
 __all__ = ["SOLVER"]

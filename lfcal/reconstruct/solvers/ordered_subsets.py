@@ -5,10 +5,10 @@ from __future__ import annotations
 from numpy.typing import ArrayLike
 
 from lfcal.reconstruct.projectors import Projector
-from lfcal.reconstruct.solvers.em import EmOptions, iter_run
+from lfcal.reconstruct.solvers._em import EmOptions, iter_run
+from lfcal.reconstruct.solvers._subsets import interleaved_subsets
 from lfcal.reconstruct.solvers.records import SolverWork
 from lfcal.reconstruct.solvers.solver import EM, Solver, SolverRun
-from lfcal.reconstruct.solvers.subsets import interleaved_subsets
 
 __all__ = ["SOLVER"]
 

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lfcal.reconstruct.projectors import Projector
-from lfcal.reconstruct.solvers.em import EmOptions, iter_run
+from lfcal.reconstruct.solvers._em import EmOptions, iter_run
+from lfcal.reconstruct.solvers._subsets import Masks, angular_subsets, by_energy
 from lfcal.reconstruct.solvers.records import SolverWork
 from lfcal.reconstruct.solvers.solver import EM, Solver, SolverRun
-from lfcal.reconstruct.solvers.subsets import Masks, angular_subsets, by_energy
 
 __all__ = ["SOLVER", "lenslet_phase", "views_of"]
 

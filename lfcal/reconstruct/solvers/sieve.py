@@ -25,15 +25,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.reconstruct.projectors import Projector
-from lfcal.reconstruct.solvers.em import EmOptions, iter_run
-from lfcal.reconstruct.solvers.model_noise import ModelNoise
+from lfcal.reconstruct.solvers._em import EmOptions, iter_run
+from lfcal.reconstruct.solvers._model_noise import ModelNoise
+from lfcal.reconstruct.solvers._repeating import Repeating
+from lfcal.reconstruct.solvers._stretch import Stretch
+from lfcal.reconstruct.solvers._subsets import Masks, interleaved_subsets
 from lfcal.reconstruct.solvers.phase_space import views_of
 from lfcal.reconstruct.solvers.records import Reconstruction, SolverState, SolverWork
-from lfcal.reconstruct.solvers.repeating import Repeating
 from lfcal.reconstruct.solvers.smoothing import Sieve, coarseness
 from lfcal.reconstruct.solvers.solver import EM, Solver, SolverRun
-from lfcal.reconstruct.solvers.stretch import Stretch
-from lfcal.reconstruct.solvers.subsets import Masks, interleaved_subsets
 
 __all__ = ["SOLVER", "repeating_of", "sieve_of", "stretch_of"]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.reconstruct.solvers.em import penalised
+from lfcal.reconstruct.solvers._em import penalised
 from lfcal.reconstruct.solvers.penalty import TotalVariation
 
 __all__ = ["SOLVER"]

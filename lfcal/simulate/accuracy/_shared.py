@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.simulate.accuracy.cost import learn
-from lfcal.simulate.accuracy.forecast import engine_clock, plane_seconds, predict_seconds, whole_of
-from lfcal.simulate.accuracy.ladder import (
+from lfcal.simulate.accuracy._ladder import (
     Ladder,
     LadderProgress,
     LadderRung,
@@ -13,6 +11,8 @@ from lfcal.simulate.accuracy.ladder import (
     ladder,
     shown_steps,
 )
+from lfcal.simulate.accuracy.cost import learn
+from lfcal.simulate.accuracy.forecast import engine_clock, plane_seconds, predict_seconds, whole_of
 from lfcal.simulate.accuracy.memory import predict_bytes, task_bytes
 from lfcal.simulate.accuracy.planner import FOR_EFFECTS, EffectSelection, PlannedEffect, plan_effects
 from lfcal.simulate.accuracy.probe import RETRIES, balanced, settle

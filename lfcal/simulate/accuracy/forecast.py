@@ -11,13 +11,13 @@ import numpy as np
 
 from lfcal.base import preparing_seconds
 from lfcal.camera import ScanPlan
+from lfcal.simulate._symmetry import mirrored_rows
 from lfcal.simulate.accuracy.cost import engine_seconds
 from lfcal.simulate.effects import Effect
 from lfcal.simulate.engines import PlaneEngine, Sampling, engine_for
 from lfcal.simulate.plane_task import Budget, EffectsLike, budgeted
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.staging import light_samples, outlook_of
-from lfcal.simulate.symmetry import mirrored_rows
 
 __all__ = ["Whole", "engine_clock", "own_rows", "plane_seconds", "predict_seconds", "whole_of"]
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from lfcal.base import InputError, check_number, choose, format_seconds, format_share
 from lfcal.camera import Camera, ScanPlan
+from lfcal.simulate.accuracy._estimates import estimates_of
 from lfcal.simulate.accuracy.cost import engine_times
-from lfcal.simulate.accuracy.estimates import estimates_of
 from lfcal.simulate.effects import (
     SETTINGS,
     ActsOn,

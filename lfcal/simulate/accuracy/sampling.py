@@ -24,7 +24,7 @@ __all__ = [
 WINDOWS: tuple[tuple[float, float, float], ...] = ((1, 1.0, 0.05), (1, 1.5, 0.007), (2, 2.0, 0.004), (4, 2.0, 0.0015))
 """Steps that add intensities of neighbouring lenslets: margin (px), nodes per cycle of the light's band, and the
 relative L1 error that they leave (measured) beside that of the sum; see `Fringes.incoherent`. Light beyond the windows
-is added by `lfcal.simulate.engines.tails`."""
+is added by `lfcal.simulate.engines._tails`."""
 
 COHERENT: tuple[tuple[float, int, float, float], ...] = (
     (8, 0, 3e-3, 0.017),

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from lfcal.camera import Camera
 from lfcal.frames import check_cfa, pattern_side
+from lfcal.simulate.effects._poisson import poisson_quantile
 from lfcal.simulate.effects.base import Estimate, FrameEffect, SensorStrip
 from lfcal.simulate.effects.outlook import Outlook
-from lfcal.simulate.effects.poisson import poisson_quantile
 
 __all__ = [
     "ColourFilter",

@@ -22,7 +22,7 @@ def engine_for(scene: Scene, level: str = "wave", sampling: Sampling | None = No
     check_choice("level", level, LEVELS)
     chosen = sampling or Sampling()
     if scene.pixel_aspect != 1:
-        from lfcal.simulate.engines.oblong import OblongPlane
+        from lfcal.simulate.engines._oblong import OblongPlane
 
         return OblongPlane(scene, chosen, partial(engine_for, level=level))
     if level == "debye":
@@ -32,7 +32,7 @@ def engine_for(scene: Scene, level: str = "wave", sampling: Sampling | None = No
 
         return debye_plane(scene, chosen)
     if level == "geometric":
-        from lfcal.simulate.engines.geometric import GeometricPlane
+        from lfcal.simulate.engines._geometric import GeometricPlane
 
         return GeometricPlane(scene)
     if not scene.lenslet_diffraction:
@@ -40,13 +40,13 @@ def engine_for(scene: Scene, level: str = "wave", sampling: Sampling | None = No
             f"level '{level}'", "lenslet diffraction on", "off", "switch it on, or use level 'geometric'"
         )
     if level == "reference":
-        from lfcal.simulate.engines.fields_sum import reference_plane
+        from lfcal.simulate.engines._fields_sum import reference_plane
 
         return reference_plane(scene, chosen)
     if level == "grid":
-        from lfcal.simulate.engines.fields_sum import grid_plane
+        from lfcal.simulate.engines._fields_sum import grid_plane
 
         return grid_plane(scene, chosen)
-    from lfcal.simulate.engines.fields_sum import wave_plane
+    from lfcal.simulate.engines._fields_sum import wave_plane
 
     return wave_plane(scene, chosen)

@@ -20,14 +20,14 @@ import scipy.fft as sf
 from numpy.typing import NDArray
 
 from lfcal.base import InputError
-from lfcal.simulate.engines.debye import DIPOLE_FIELDS, DebyeField, debye_fields, radial_field
+from lfcal.simulate._symmetry import folded
+from lfcal.simulate.engines._debye import DIPOLE_FIELDS, DebyeField, debye_fields, radial_field
+from lfcal.simulate.engines._polygon import Points, area, clip, disc_transform, iris_outline, spectrum
+from lfcal.simulate.engines._radial import Radial, focus_integral, parity_spline
 from lfcal.simulate.engines.extent import SWITCH, SWITCH_EXACT
 from lfcal.simulate.engines.masks import taper
-from lfcal.simulate.engines.polygon import Points, area, clip, disc_transform, iris_outline, spectrum
-from lfcal.simulate.engines.radial import Radial, focus_integral, parity_spline
 from lfcal.simulate.engines.zernike import zernike_wavefront
 from lfcal.simulate.scene import Scene
-from lfcal.simulate.symmetry import folded
 
 __all__ = [
     "DIPOLE_MODES",

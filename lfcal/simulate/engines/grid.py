@@ -20,14 +20,16 @@ import scipy.fft as sf
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError, for_each_chunk, leave_if_unwanted
+from lfcal.simulate._pupil import pixel_response
+from lfcal.simulate._symmetry import mirrored_rows
 from lfcal.simulate.engines._binning import bin_light
 from lfcal.simulate.engines._kernels import LensAperture, Split, mask_from_disc, mask_from_table
+from lfcal.simulate.engines._nodes import MANY_ANGLES, conserving_rule, fitted_rule
+from lfcal.simulate.engines._propagator import sensor_propagator
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
 from lfcal.simulate.engines.extent import MOST_SAMPLES, MOST_SIDE, SWITCH, Extent
 from lfcal.simulate.engines.field import choose_mode, field_spectrum
 from lfcal.simulate.engines.masks import RING, Bend, bent_polygon_table
-from lfcal.simulate.engines.nodes import MANY_ANGLES, conserving_rule, fitted_rule
-from lfcal.simulate.engines.propagator import sensor_propagator
 from lfcal.simulate.engines.tables import (
     aperture_outline,
     aperture_radius,
@@ -37,12 +39,10 @@ from lfcal.simulate.engines.tables import (
     steepest_sine,
 )
 from lfcal.simulate.engines.tilted import TiltedArray
-from lfcal.simulate.pupil import pixel_response
 from lfcal.simulate.scene import Scene
-from lfcal.simulate.symmetry import mirrored_rows
 
 if TYPE_CHECKING:
-    from lfcal.simulate.engines.fused import FusedResponse
+    from lfcal.simulate.engines._fused import FusedResponse
 
 __all__ = ["GridPlane", "extent_of", "largest_angle"]
 
@@ -201,7 +201,7 @@ class GridPlane:
 
     def _in_passes(self) -> FusedResponse | Complex:
         """Return what takes fields to pixels in passes; where FFTs come one after the other, the transfer function."""
-        from lfcal.simulate.engines.fused import FusedResponse  # compiled code: loaded when it is needed
+        from lfcal.simulate.engines._fused import FusedResponse  # compiled code: loaded when it is needed
 
         plain = self._tilted is None and not self.sampling.double
         step = self._transfer()

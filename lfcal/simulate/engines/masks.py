@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy.special import j0
 
 from lfcal.base import InputError
-from lfcal.simulate.engines.polygon import Points, disc_transform, spectrum
-from lfcal.simulate.engines.quadrature import gauss_legendre
+from lfcal.simulate.engines._polygon import Points, disc_transform, spectrum
+from lfcal.simulate.engines._quadrature import gauss_legendre
 
 __all__ = [
     "FLAT",

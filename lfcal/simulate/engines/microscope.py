@@ -26,12 +26,12 @@ import scipy.fft as sf
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError, for_each_chunk
+from lfcal.simulate.engines._debye import debye_fields, radial_field
+from lfcal.simulate.engines._fields_sum import wave_plane
+from lfcal.simulate.engines._nodes import fitted_rule
 from lfcal.simulate.engines._separable import fold_rows, in_blocks, node_light, pixel_sums, product
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, PlaneEngine, Sampling
-from lfcal.simulate.engines.debye import debye_fields, radial_field
-from lfcal.simulate.engines.fields_sum import wave_plane
 from lfcal.simulate.engines.masks import taper
-from lfcal.simulate.engines.nodes import fitted_rule
 from lfcal.simulate.scene import Scene
 
 __all__ = ["DebyePlane", "debye_plane", "highest_order", "is_separable", "reach_um"]

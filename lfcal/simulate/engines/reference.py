@@ -12,10 +12,11 @@ import scipy.fft as sf
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError
+from lfcal.simulate._pupil import pixel_response
+from lfcal.simulate.engines._propagator import sensor_propagator
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
 from lfcal.simulate.engines.field import choose_mode, field_table
 from lfcal.simulate.engines.masks import RING, Bend, bent_polygon, disc_table
-from lfcal.simulate.engines.propagator import sensor_propagator
 from lfcal.simulate.engines.tables import (
     aperture_outline,
     aperture_radius,
@@ -23,7 +24,6 @@ from lfcal.simulate.engines.tables import (
     ray_aberration,
 )
 from lfcal.simulate.engines.tilted import TiltedArray
-from lfcal.simulate.pupil import pixel_response
 from lfcal.simulate.scene import Scene
 
 __all__ = ["ReferencePlane", "pixel_bins"]

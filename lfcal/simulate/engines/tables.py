@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from lfcal.camera import cell_corners
 from lfcal.simulate.engines._kernels import LensAperture, MainLensField, Zoom
+from lfcal.simulate.engines._nodes import NodeRule, fitted_rule
+from lfcal.simulate.engines._polygon import area, clip, disc_transform, regular
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.field import field_table
 from lfcal.simulate.engines.masks import RING, disc_table, polygon_table
-from lfcal.simulate.engines.nodes import NodeRule, fitted_rule
-from lfcal.simulate.engines.polygon import area, clip, disc_transform, regular
 from lfcal.simulate.scene import Scene
 
 __all__ = [

@@ -15,8 +15,8 @@ import scipy.fft as sf
 from numpy.typing import NDArray
 
 from lfcal.base import InputError
+from lfcal.simulate.engines._propagator import sensor_propagator
 from lfcal.simulate.engines.extent import MOST_ORDERS
-from lfcal.simulate.engines.propagator import sensor_propagator
 from lfcal.simulate.engines.tables import steepest_sine
 from lfcal.simulate.scene import Scene
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lfcal.acquire.finish import iter_assemble_session, iter_finish
-from lfcal.acquire.recording.recorded import RecordedFile
+from lfcal.acquire.recording._recorded import RecordedFile
 from lfcal.acquire.recording.records import Kind
 from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.session import record

@@ -11,7 +11,7 @@ import pytest
 from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.session import record
 from lfcal.devices.protocols import Point, Roi
-from lfcal.devices.simulated.camera import LightPatch
+from lfcal.devices.simulated._camera import LightPatch
 from lfcal.frames import CorrectionRecipe, corrected_view
 from tests.acquire.rigs import CAREFUL, rig_for, small_plan
 

@@ -14,10 +14,10 @@ import h5py
 import numpy as np
 import pytest
 
-from lfcal.acquire.recording import slots as journal_module
+from lfcal.acquire.recording import _slots as journal_module
+from lfcal.acquire.recording._slots import RecordingJournal, read_layout
 from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.records import RECORD, Kind, Note, Suspicion, frame_crc, intact, pack, suspicions
-from lfcal.acquire.recording.slots import RecordingJournal, read_layout
 from lfcal.base.errors import FileFormatError, StorageError
 
 SHAPE = (11, 13)

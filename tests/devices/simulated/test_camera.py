@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lfcal.devices.protocols import Point, Roi
-from lfcal.devices.simulated.camera import SPREAD, LightPatch, SimCamera
+from lfcal.devices.simulated._camera import SPREAD, LightPatch, SimCamera
 from tests.acquire.rigs import rig_for, small_plan
 
 PLAN = small_plan()

@@ -7,7 +7,7 @@ import numpy as np
 from lfcal.base.axes import centre
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Roi
-from lfcal.devices.simulated.optics import FramesRenderer
+from lfcal.devices.simulated._optics import FramesRenderer
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 from lfcal.simulate.sensor.windows import place
 from tests.simulate.common import BASE, FAST, difference, small_plan

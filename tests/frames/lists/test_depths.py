@@ -10,7 +10,7 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.camera import Camera, ScanPlan, StageAxes, preset
-from lfcal.frames.lists.depths import Depths, ListedPlanes, find_depths
+from lfcal.frames.lists._depths import Depths, ListedPlanes, find_depths
 from lfcal.frames.lists.derived import plan_of_list
 from lfcal.frames.lists.listing import Listing
 from tests.frames.lists.scans import small_camera, step_um

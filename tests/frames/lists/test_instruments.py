@@ -13,7 +13,7 @@ import tifffile
 from lfcal.base.errors import FileFormatError
 from lfcal.camera import ScanPlan
 from lfcal.frames import open_frames
-from lfcal.frames.formats.ome import ome_facts
+from lfcal.frames.formats._ome import ome_facts
 from lfcal.frames.lists.micromanager import read_micromanager
 from lfcal.frames.lists.open_table import any_listing
 from tests.frames.lists.scans import COLUMNS, ROWS, START, Scan, frame, scan, small_camera

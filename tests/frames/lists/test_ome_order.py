@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lfcal.base.errors import InputError, StorageError
 from lfcal.camera import ScanPlan
 from lfcal.frames import open_frames
-from lfcal.frames.formats.ome import ome_facts
+from lfcal.frames.formats._ome import ome_facts
 from tests.frames.lists.scans import COLUMNS, ROWS, START, Scan, frame, scan, small_camera
 
 PLANES = 2

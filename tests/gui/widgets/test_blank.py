@@ -9,8 +9,8 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.pages.accuracy.chart import ParetoChart
-from lfcal_gui.pages.acquire.error_view import ErrorView
+from lfcal_gui.pages.accuracy._chart import ParetoChart
+from lfcal_gui.pages.acquire._error_view import ErrorView
 from lfcal_gui.pages.fit.rounds_view import DecadePlot
 from lfcal_gui.widgets.blank import NOTHING
 from lfcal_gui.widgets.frame_view import FrameView

@@ -9,8 +9,8 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from lfcal_gui.pages.reconstruct.volume_view import VolumeView
-from lfcal_gui.pages.simulate.influence_view import InfluenceView
+from lfcal_gui.pages.reconstruct._volume_view import VolumeView
+from lfcal_gui.pages.simulate._influence_view import InfluenceView
 from lfcal_gui.pages.simulate.model_influence import InfluencePictures
 from lfcal_gui.widgets.measured_part import entries_at
 

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from lfcal.psf.aperture.arcs import Arcs
+from lfcal.psf.aperture._arcs import Arcs
 from lfcal.psf.aperture.shape import blade_radius
 
 ANGLES = np.linspace(0, 2 * math.pi, 500, endpoint=False)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from lfcal.psf.aperture import fit_aperture, joint_iris
-from lfcal.psf.aperture.synthetic import Disturbance, depth_sum_of
+from lfcal.psf.aperture._synthetic import Disturbance, depth_sum_of
 
 
 def plane(blades, curvature, seed, *, noise=0.3, turned=False, side=131):

@@ -1,6 +1,6 @@
 import numpy as np
 
-from lfcal.psf.aperture.locate import despike
+from lfcal.psf.aperture._locate import despike
 
 
 def test_spikes_go_and_corners_stay():

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from lfcal.psf.aperture.ripple import find_ripple
+from lfcal.psf.aperture._ripple import find_ripple
 
 
 def disc(waves, noise, seed=0, side=161):

@@ -5,8 +5,8 @@ import pytest
 from scipy import ndimage, special
 
 from lfcal.psf.aperture import fit_aperture
+from lfcal.psf.aperture._synthetic import Disturbance, depth_sum_of
 from lfcal.psf.aperture.shape import with_error
-from lfcal.psf.aperture.synthetic import Disturbance, depth_sum_of
 
 
 def diffracted_disc(radius, fringe_px, side=73, blur_px=1.5, over=5):

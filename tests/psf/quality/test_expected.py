@@ -11,8 +11,8 @@ from scipy.special import j0, j1
 
 from lfcal.camera import ScanPlan, preset
 from lfcal.psf import PSFMatrix, inspect
-from lfcal.psf.quality.expected import _convolved, _footprint, _Grid, expected_sum
-from lfcal.psf.quality.sums import edge_light
+from lfcal.psf.quality._expected import _convolved, _footprint, _Grid, expected_sum
+from lfcal.psf.quality._sums import edge_light
 from lfcal.simulate import simulate_psf
 
 

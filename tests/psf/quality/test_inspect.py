@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lfcal.base.errors import InputError
-from lfcal.cli.console import plain
+from lfcal.cli._console import plain
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import METRICS, inspect, iter_inspect
 from lfcal.psf.quality.metric import Reading, judge

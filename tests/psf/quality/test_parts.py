@@ -7,12 +7,14 @@ import pytest
 
 from lfcal.camera import preset
 from lfcal.psf import PSFMatrix
-from lfcal.psf.quality import inspect, lattice, sums
-from lfcal.psf.quality.dark import dark_corners
-from lfcal.psf.quality.field import split
-from lfcal.psf.quality.kernels import FRAME_COLUMNS, spot_pass, step_pass
+from lfcal.psf.quality import _lattice as lattice
+from lfcal.psf.quality import _sums as sums
+from lfcal.psf.quality import inspect
+from lfcal.psf.quality._dark import dark_corners
+from lfcal.psf.quality._field import split
+from lfcal.psf.quality._kernels import FRAME_COLUMNS, spot_pass, step_pass
+from lfcal.psf.quality._steps import odd_frames, seam_ratio
 from lfcal.psf.quality.pattern_table import PatternTable
-from lfcal.psf.quality.steps import odd_frames, seam_ratio
 
 from .faults import base
 from .scenes import hexagonal, recorded, square

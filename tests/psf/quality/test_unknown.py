@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from lfcal.base.plain import plain
+from lfcal.base._plain import plain
 from lfcal.base.progress import drain
 from lfcal.judge import Inspection
 from lfcal.psf import PSFMatrix

@@ -9,7 +9,7 @@ from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QListWidget, QListWidgetItem, QSizePolicy, QWidget
 
 from lfcal.accuracy import PLACES, Curve
-from lfcal_gui.pages.accuracy.chart import ParetoChart
+from lfcal_gui.pages.accuracy._chart import ParetoChart
 from lfcal_gui.pages.accuracy.model import FIELDS, AccuracySettings, axis_labels, points_of, words_of
 from lfcal_gui.widgets import Form, card, column_area
 

@@ -27,10 +27,10 @@ from PySide6.QtWidgets import (
 
 from lfcal.acquire import LiveFrame
 from lfcal_gui.jobs import Jobs
+from lfcal_gui.pages.acquire._record_pictures import RecordPictures
 from lfcal_gui.pages.acquire.model import EXTENTS, FIELDS, UNTIL
 from lfcal_gui.pages.acquire.model_recorder import QUANTITIES, RecordPicture
 from lfcal_gui.pages.acquire.model_until import ErrorCurve
-from lfcal_gui.pages.acquire.record_pictures import RecordPictures
 from lfcal_gui.widgets import ElidedLabel, Form, card, choice_box, column_area, heading, line, name_controls
 
 __all__ = ["BUTTONS", "RecordPanel"]

@@ -15,8 +15,10 @@ from lfcal.frames import Position
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
 from lfcal_gui.models import Hold, ProjectState, plane_words, said_in_window
-from lfcal_gui.pages.acquire.after import Afterwards
-from lfcal_gui.pages.acquire.folder_choice import FolderChoice
+from lfcal_gui.pages.acquire._after import Afterwards
+from lfcal_gui.pages.acquire._folder_choice import FolderChoice
+from lfcal_gui.pages.acquire._status import advice_words, asked_words, automatic_words, end_words, progress_words
+from lfcal_gui.pages.acquire._target_choice import TargetChoice
 from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.pages.acquire.model_earlier import EarlierFrames
 from lfcal_gui.pages.acquire.model_recorder import FolderState, Recorder, RecordPicture, folder_state
@@ -24,9 +26,7 @@ from lfcal_gui.pages.acquire.model_target import picture_of, places_px
 from lfcal_gui.pages.acquire.model_until import check_goal, error_curve
 from lfcal_gui.pages.acquire.record_panel import RecordPanel
 from lfcal_gui.pages.acquire.setup_tab import SetupTab
-from lfcal_gui.pages.acquire.status import advice_words, asked_words, automatic_words, end_words, progress_words
 from lfcal_gui.pages.acquire.step import step
-from lfcal_gui.pages.acquire.target_choice import TargetChoice
 
 __all__ = ["RecordTab"]
 

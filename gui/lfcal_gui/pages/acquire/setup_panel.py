@@ -11,8 +11,8 @@ from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QHBoxLayout, QLabel, QP
 from lfcal.camera import ScanPlan
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.models import DisplaySettings
-from lfcal_gui.pages.acquire.device_panel import DevicePanel
-from lfcal_gui.pages.acquire.fault_panel import FaultPanel
+from lfcal_gui.pages.acquire._device_panel import DevicePanel
+from lfcal_gui.pages.acquire._fault_panel import FaultPanel
 from lfcal_gui.pages.acquire.model_live import LivePicture, age_words, expected_words
 from lfcal_gui.pages.acquire.model_stills import KINDS
 from lfcal_gui.pages.acquire.stage_panel import StagePanel

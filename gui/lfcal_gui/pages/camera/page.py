@@ -15,11 +15,11 @@ from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
 from lfcal_gui.models import PageSpec, ProjectState
 from lfcal_gui.pages.camera import takes
+from lfcal_gui.pages.camera._panel_sensor import SensorDialog
 from lfcal_gui.pages.camera.model import apply_change
 from lfcal_gui.pages.camera.model_check import Checked, iter_check
 from lfcal_gui.pages.camera.model_marks import confirmed, state_with
 from lfcal_gui.pages.camera.panel import CameraPanel, PresetBox
-from lfcal_gui.pages.camera.panel_sensor import SensorDialog
 from lfcal_gui.pages.camera.step import step
 from lfcal_gui.saving import ask_target, write_file
 

@@ -21,12 +21,12 @@ from PySide6.QtWidgets import (
 
 from lfcal.camera import PRESETS, Camera
 from lfcal_gui.models import Field
+from lfcal_gui.pages.camera._optics_view import OpticsView
+from lfcal_gui.pages.camera._panel_assumed import AssumedList
+from lfcal_gui.pages.camera._panel_check import CheckPanel
 from lfcal_gui.pages.camera.model import facts, values_of
 from lfcal_gui.pages.camera.model_fields import LATTICE, LIGHT, MAIN_LENS, MICROSCOPE, SENSOR
 from lfcal_gui.pages.camera.model_marks import TIPS, assumed_values, mark_of
-from lfcal_gui.pages.camera.optics_view import OpticsView
-from lfcal_gui.pages.camera.panel_assumed import AssumedList
-from lfcal_gui.pages.camera.panel_check import CheckPanel
 from lfcal_gui.widgets import Form, card, clear, heading
 
 __all__ = ["CameraPanel", "PresetBox"]

@@ -14,12 +14,12 @@ from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
 from lfcal_gui.models import FittedCamera, PageSpec, ProjectState, with_found
+from lfcal_gui.pages.fit._results import Results
 from lfcal_gui.pages.fit.model import FitSettings, Stamp, offer_of, stamp_of
 from lfcal_gui.pages.fit.model_run import FitRun, FoundFit, Place, asked_of, iter_fit, iter_taken
 from lfcal_gui.pages.fit.model_use import FitUse, use_of
 from lfcal_gui.pages.fit.panel import FitPanel
 from lfcal_gui.pages.fit.patterns_view import PatternsView
-from lfcal_gui.pages.fit.results import Results
 
 __all__ = ["Page"]
 

@@ -20,8 +20,8 @@ from PySide6.QtWidgets import (
 
 from lfcal.base import Progress
 from lfcal.fit import FitProgress
-from lfcal_gui.pages.fit.choices_panel import ChoicesPanel
-from lfcal_gui.pages.fit.found_tabs import FoundTabs
+from lfcal_gui.pages.fit._choices_panel import ChoicesPanel
+from lfcal_gui.pages.fit._found_tabs import FoundTabs
 from lfcal_gui.pages.fit.model_run import FoundFit, Place
 from lfcal_gui.pages.fit.model_words import detail_of, merit_of, verdict_of
 from lfcal_gui.pages.fit.patterns_view import PatternsView

@@ -12,9 +12,9 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QPushButton, QSlider, QVBoxLayout, QWidget
 
 from lfcal_gui.models import levels_of
+from lfcal_gui.pages.fit._place_map import PlaceMap
 from lfcal_gui.pages.fit.model_run import FoundFit, Place
 from lfcal_gui.pages.fit.model_words import chi2_words, place_words
-from lfcal_gui.pages.fit.place_map import PlaceMap
 from lfcal_gui.widgets import ImageView, choice_box, heading
 
 __all__ = ["PatternsView"]

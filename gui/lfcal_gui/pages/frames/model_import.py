@@ -21,8 +21,8 @@ from lfcal.frames.lists import (
     read_table,
     reader,
 )
+from lfcal_gui.pages.frames._import_words import said_in_dialog
 from lfcal_gui.pages.frames.import_choice import ImportChoice, check_ways, list_of, root_of
-from lfcal_gui.pages.frames.import_words import said_in_dialog
 from lfcal_gui.pages.frames.list_columns import columns_used
 from lfcal_gui.pages.frames.model import (
     FrameSettings,

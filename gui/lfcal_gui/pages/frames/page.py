@@ -17,12 +17,12 @@ from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
 from lfcal_gui.models import Filling, PageSpec, ProjectState
-from lfcal_gui.pages.frames.assembly import iter_assembly, notes_of
-from lfcal_gui.pages.frames.import_dialog import ImportDialog
+from lfcal_gui.pages.frames._assembly import iter_assembly, notes_of
+from lfcal_gui.pages.frames._import_dialog import ImportDialog
+from lfcal_gui.pages.frames._noticed import Noticed
 from lfcal_gui.pages.frames.model import FrameSettings, ImportedFrames, Opened, import_folder, open_imported
 from lfcal_gui.pages.frames.model_frame import Loaded, load_frame
 from lfcal_gui.pages.frames.model_import import open_choice
-from lfcal_gui.pages.frames.noticed import Noticed
 from lfcal_gui.pages.frames.orientation import refusal
 from lfcal_gui.pages.frames.panel import FramesPanel
 from lfcal_gui.saving import ask_target

@@ -22,7 +22,7 @@ from PySide6.QtWidgets import (
 from lfcal.camera import Camera
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.models import DisplaySettings, FrameNumbers
-from lfcal_gui.pages.frames.choices import FrameChoices
+from lfcal_gui.pages.frames._choices import FrameChoices
 from lfcal_gui.pages.frames.model_frame import Loaded
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import FrameView, ImageView, LinePlot, PeriodMap, WrappedLabel, card, choice_box, heading, split

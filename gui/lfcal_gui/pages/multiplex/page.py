@@ -17,14 +17,14 @@ from lfcal_gui.jobs import JobState, WindowJob
 from lfcal_gui.models import PageSpec, ProjectState
 from lfcal_gui.pages.multiplex import model as view
 from lfcal_gui.pages.multiplex import takes
-from lfcal_gui.pages.multiplex.drawing import Drawing
+from lfcal_gui.pages.multiplex._drawing import Drawing
+from lfcal_gui.pages.multiplex._searching import Searching
 from lfcal_gui.pages.multiplex.model import ModulatorPicture, MultiplexSettings
 from lfcal_gui.pages.multiplex.model_compare import ModulatorComparison, compare
 from lfcal_gui.pages.multiplex.model_frames import opened
 from lfcal_gui.pages.multiplex.model_routes import white_of
 from lfcal_gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct
 from lfcal_gui.pages.multiplex.panel import MultiplexPanel
-from lfcal_gui.pages.multiplex.searching import Searching
 
 __all__ = ["Page"]
 

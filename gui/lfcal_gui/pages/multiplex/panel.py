@@ -26,12 +26,12 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from lfcal_gui.pages.multiplex._pictures import MultiplexPictures
 from lfcal_gui.pages.multiplex.figures_view import FiguresView
 from lfcal_gui.pages.multiplex.matrix_view import MatrixView
 from lfcal_gui.pages.multiplex.model import ModulatorPicture, MultiplexSettings, used_by, why_unused
 from lfcal_gui.pages.multiplex.model_compare import ModulatorComparison, number
 from lfcal_gui.pages.multiplex.model_fields import FIELDS, ROUTE_FIELDS
-from lfcal_gui.pages.multiplex.pictures import MultiplexPictures
 from lfcal_gui.pages.multiplex.search_view import SearchView
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import LINES, Form, LinePlot, card, column_area, set_role, shown_tone

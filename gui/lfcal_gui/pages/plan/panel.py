@@ -10,8 +10,8 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QScrollArea, QTabWidget, QVBoxLayout, QWidget
 
 from lfcal.camera import ScanPlan
+from lfcal_gui.pages.plan._target_panel import TargetPanel
 from lfcal_gui.pages.plan.model import FIELDS, RegionDrawing, forecast_rows, path_lines, region_drawing, values_of
-from lfcal_gui.pages.plan.target_panel import TargetPanel
 from lfcal_gui.theme import TYPE_COLOURS
 from lfcal_gui.widgets import Form, card, offer_menu, style_axes, table_entries, theme_plot
 

@@ -17,7 +17,7 @@ from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.models import KeptRun, PageSpec, ProjectState
 from lfcal_gui.pages.psf import takes
-from lfcal_gui.pages.psf.export_dialog import ExportDialog
+from lfcal_gui.pages.psf._export_dialog import ExportDialog
 from lfcal_gui.pages.psf.export_model import ExportIntent, ExportSettings, iter_exported
 from lfcal_gui.pages.psf.model import (
     LoadedPlane,

@@ -25,7 +25,7 @@ from PySide6.QtWidgets import (
 )
 
 from lfcal_gui.models import COLOUR_MAPS, DisplaySettings
-from lfcal_gui.pages.psf.depth_strip import Apertures, DepthStrip, legend_words, outline_tones
+from lfcal_gui.pages.psf._depth_strip import Apertures, DepthStrip, legend_words, outline_tones
 from lfcal_gui.pages.psf.model import PlaneData, PSFIntent, PSFPicture, pixel_words
 from lfcal_gui.pages.psf.model_aperture import aperture_words
 from lfcal_gui.widgets import (
@@ -315,7 +315,7 @@ class PSFPanel(QWidget):
         self.aperture_text.setText(aperture_words(aperture, expected))
 
     def show_tile(self, z: int, **known: Any) -> None:
-        """Show more of plane ``z`` among all planes: fields of `lfcal_gui.pages.psf.depth_strip.PlaneTile`."""
+        """Show more of plane ``z`` among all planes: fields of `lfcal_gui.pages.psf._depth_strip.PlaneTile`."""
         self._each_strip(lambda strip: strip.set_tile(z, **known))
 
     def _each_strip(self, do: Callable[[DepthStrip], object]) -> None:

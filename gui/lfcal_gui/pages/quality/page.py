@@ -12,7 +12,9 @@ from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
 from lfcal_gui.models import PageSpec, ProjectState, Stamp, stamp_of, with_found
-from lfcal_gui.pages.quality.comparing import Comparing
+from lfcal_gui.pages.quality._comparing import Comparing
+from lfcal_gui.pages.quality._showing import Showing
+from lfcal_gui.pages.quality._trending import Trending
 from lfcal_gui.pages.quality.model import (
     QualitySettings,
     capital,
@@ -32,8 +34,6 @@ from lfcal_gui.pages.quality.model_run import (
     report_files,
 )
 from lfcal_gui.pages.quality.panel import QualityPanel
-from lfcal_gui.pages.quality.showing import Showing
-from lfcal_gui.pages.quality.trending import Trending
 from lfcal_gui.saving import may_replace
 
 if TYPE_CHECKING:

@@ -16,12 +16,12 @@ from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
 from lfcal_gui.models import PageSpec, ProjectState
 from lfcal_gui.pages.reconstruct import takes
+from lfcal_gui.pages.reconstruct._volume_file import VolumeFile
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings, forecast_words, projector_for
 from lfcal_gui.pages.reconstruct.model_device import device_reason
 from lfcal_gui.pages.reconstruct.model_light_field import Synthetic, light_field, make_light_field
 from lfcal_gui.pages.reconstruct.model_solving import Solving
 from lfcal_gui.pages.reconstruct.panel import ReconstructPanel
-from lfcal_gui.pages.reconstruct.volume_file import VolumeFile
 from lfcal_gui.saving import ask_target
 
 __all__ = ["Page"]

@@ -25,9 +25,9 @@ from PySide6.QtWidgets import (
 
 from lfcal.reconstruct import PHANTOMS, SOLVERS
 from lfcal_gui.models import unbroken
+from lfcal_gui.pages.reconstruct._volume_view import VolumeView
 from lfcal_gui.pages.reconstruct.model import FIELDS, ReconstructSettings, used_by
 from lfcal_gui.pages.reconstruct.model_device import DEVICE, NO_DEVICE
-from lfcal_gui.pages.reconstruct.volume_view import VolumeView
 from lfcal_gui.widgets import (
     ElidedLabel,
     Form,

@@ -21,9 +21,9 @@ from PySide6.QtWidgets import (
 
 from lfcal.base import format_seconds
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.pages.simulate.effect_panel import EffectPanel
-from lfcal_gui.pages.simulate.effects_table import EffectsTable
-from lfcal_gui.pages.simulate.frame_panel import FramePanel
+from lfcal_gui.pages.simulate._effect_panel import EffectPanel
+from lfcal_gui.pages.simulate._effects_table import EffectsTable
+from lfcal_gui.pages.simulate._frame_panel import FramePanel
 from lfcal_gui.pages.simulate.model import LEVELS, STEPS, Z_STEPS, SimulateSettings, tolerance_of, tolerance_step
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict
 from lfcal_gui.widgets import ImageView, LinePlot, card, choice_box, heading, line, split

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from lfcal.psf.quality._sums import off_centre
 from lfcal.psf.quality.measure import PlaneMeasures
 from lfcal.psf.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, Reading
-from lfcal.psf.quality.sums import off_centre
 
 __all__ = ["METRICS"]
 

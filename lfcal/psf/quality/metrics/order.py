@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from lfcal.frames import AS_IS
 from lfcal.psf.orientation import either_words
-from lfcal.psf.quality.lattice import ORDERS
+from lfcal.psf.quality._lattice import ORDERS
 from lfcal.psf.quality.measure import PlaneMeasures
 from lfcal.psf.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, Reading
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from lfcal.psf.quality._sums import coverage, stuck_pixels
 from lfcal.psf.quality.measure import PlaneMeasures
 from lfcal.psf.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, Reading
-from lfcal.psf.quality.sums import coverage, stuck_pixels
 
 __all__ = ["METRICS"]
 

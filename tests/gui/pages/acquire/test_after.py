@@ -69,7 +69,7 @@ def test_h_fills_in_the_map_while_a_session_is_assembled(
             while held_at and not go_on.wait(0.001):
                 yield record
 
-    monkeypatch.setattr("lfcal_gui.pages.acquire.after.iter_assembly", held)
+    monkeypatch.setattr("lfcal_gui.pages.acquire._after.iter_assembly", held)
     page.record.after.assemble(str(session / "H.h5"))
     qtbot.waitUntil(
         lambda: bool(held_at) and f"H fills: plane 0, {held_at[0]} of " in pictures.map_title.text(), timeout=GUARD_MS

@@ -16,9 +16,9 @@ from lfcal.acquire.live_coverage import LiveCoverage
 from lfcal.acquire.live_quality import LiveQuality, QualityState
 from lfcal.acquire.session import record
 from lfcal.base.errors import LfcalError
+from lfcal.devices.simulated._targets import TargetPattern
 from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.devices.simulated.faults import DeviceFault
-from lfcal.devices.simulated.targets import TargetPattern
 from lfcal.frames.source import Position
 from lfcal_gui.context import Context
 from lfcal_gui.models.project import ProjectState
@@ -101,7 +101,7 @@ def test_a_slow_disk_ends_the_reading_with_a_part_of_the_plane(tmp_path: Path) -
 def test_a_damaged_frame_is_left_out_and_counted(tmp_path: Path) -> None:
     recorded(tmp_path)
     with open(tmp_path / "recording.h5", "r+b") as file:
-        from lfcal.acquire.recording.slots import read_layout
+        from lfcal.acquire.recording._slots import read_layout
 
         layout = read_layout(tmp_path / "recording.h5")
         file.seek(layout.frames_at + 3 * layout.frame_bytes + 10)

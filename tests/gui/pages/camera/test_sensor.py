@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QPushButton
 from pytestqt.qtbot import QtBot
 
 from lfcal.camera import ScanPlan
-from lfcal_gui.pages.camera.panel_sensor import SensorDialog
+from lfcal_gui.pages.camera._panel_sensor import SensorDialog
 from lfcal_gui.window import MainWindow
 from tests.frames.photon_transfer.sensor_model import Truth, micro_images
 from tests.gui.waiting import idle

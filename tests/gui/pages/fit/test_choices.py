@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pytestqt.qtbot import QtBot
 
-from lfcal_gui.pages.fit.choices_panel import ChoicesPanel
+from lfcal_gui.pages.fit._choices_panel import ChoicesPanel
 
 
 def test_a_low_column_scrolls_and_squashes_nothing(qtbot: QtBot) -> None:

@@ -12,8 +12,8 @@ from pytestqt.qtbot import QtBot
 
 from lfcal.camera import ScanPlan
 from lfcal_gui.context import Context
+from lfcal_gui.pages.frames._import_dialog import ImportDialog
 from lfcal_gui.pages.frames.import_choice import ImportChoice
-from lfcal_gui.pages.frames.import_dialog import ImportDialog
 from lfcal_gui.pages.frames.model_import import survey
 from tests.frames.lists.scans import COLUMNS, ROWS, START, scan, write_frames
 from tests.gui.waiting import GUARD_MS

@@ -9,7 +9,7 @@ from lfcal.base.progress import drain
 from lfcal.camera import preset
 from lfcal.cli.sample import sample_recording
 from lfcal.frames.source import Position
-from lfcal_gui.pages.frames.assembly import iter_assembly
+from lfcal_gui.pages.frames._assembly import iter_assembly
 from lfcal_gui.pages.frames.model import FrameSettings, Opened, open_imported, positions_words
 from lfcal_gui.pages.frames.model_frame import load_frame
 from lfcal_gui.pages.plan.model import default_plan

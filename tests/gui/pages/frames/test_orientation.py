@@ -13,13 +13,13 @@ from pytestqt.qtbot import QtBot
 
 from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
-from lfcal.cli.app import build_app
+from lfcal.cli._app import build_app
 from lfcal.frames import ORIENTATIONS, open_frames
 from lfcal.frames.source import Position
 from lfcal.psf import open_psf
 from lfcal.psf.orientation import FoundOrientation
 from lfcal_gui.context import Context
-from lfcal_gui.pages.frames.assembly import iter_assembly
+from lfcal_gui.pages.frames._assembly import iter_assembly
 from lfcal_gui.pages.frames.model import FrameSettings, open_imported
 from lfcal_gui.pages.frames.model_frame import load_frame
 from lfcal_gui.pages.frames.orientation import CHOICES, advice, refusal

@@ -16,7 +16,7 @@ from lfcal.psf import open_psf
 from lfcal.psf.assembly import AssemblyProgress
 from lfcal_gui.context import Context
 from lfcal_gui.pages.frames import page as frames_page
-from lfcal_gui.pages.frames.assembly import iter_assembly
+from lfcal_gui.pages.frames._assembly import iter_assembly
 from lfcal_gui.pages.frames.model import FrameSettings
 from tests.cli.conftest import SHAPE, small_plan, true_frame
 from tests.gui.waiting import GUARD_MS, idle

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from lfcal.base.progress import Clock, Work
 from lfcal.camera import ScanPlan
-from lfcal.cli.app import build_app
+from lfcal.cli._app import build_app
 from lfcal.targets import TargetPlan
 from lfcal_gui.context import Context
 from lfcal_gui.models.project import ProjectState

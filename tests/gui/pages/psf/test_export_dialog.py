@@ -13,7 +13,7 @@ from pytestqt.qtbot import QtBot
 from lfcal.psf import PSFMatrix, save
 from lfcal_gui.jobs import JobState
 from lfcal_gui.pages.psf import page as page_module
-from lfcal_gui.pages.psf.export_dialog import ExportDialog
+from lfcal_gui.pages.psf._export_dialog import ExportDialog
 from lfcal_gui.pages.psf.export_model import ExportIntent
 from lfcal_gui.window import MainWindow
 from tests.gui.pages.psf.test_export_model import incomplete, matrix

@@ -9,7 +9,7 @@ import pytest
 
 from lfcal.camera import preset
 from lfcal.psf import PSFMatrix
-from lfcal.psf.export import WRITERS
+from lfcal.psf._export import WRITERS
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.psf.export_model import CHOICES, KINDS, ExportIntent, ExportSettings
 

@@ -18,7 +18,7 @@ from lfcal.psf import PSFMatrix, save
 from lfcal.psf.aperture import fit_aperture
 from lfcal.psf.aperture.shape import Aperture, blade_radius
 from lfcal_gui.context import Context
-from lfcal_gui.pages.psf.depth_strip import EXPECTED, FITTED, PlaneTile
+from lfcal_gui.pages.psf._depth_strip import EXPECTED, FITTED, PlaneTile
 from lfcal_gui.widgets.plots import LINES
 from lfcal_gui.window import MainWindow
 from tests.gui.conftest import OpenPage

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from lfcal.judge.cost import FEWEST
+from lfcal.judge._cost import FEWEST
 from tests.fit.shared import shared_models
 
 
@@ -15,5 +15,5 @@ def _fewest_patterns() -> Iterator[None]:
     """As many as there is time for would be others each time."""
     with shared_models(), pytest.MonkeyPatch.context() as patch:
         patch.setattr("lfcal.judge.compared.MOST_SAMPLES", 0)
-        patch.setattr("lfcal.judge.cost.MOST", FEWEST)
+        patch.setattr("lfcal.judge._cost.MOST", FEWEST)
         yield

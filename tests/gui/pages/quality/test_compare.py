@@ -214,7 +214,7 @@ def test_reading_a_file_that_was_let_go_is_no_error(
         gone.wait(GUARD_MS / 1e3)
         raise InputError("its file is closed")
 
-    monkeypatch.setattr("lfcal_gui.pages.quality.comparing.both_at", late)
+    monkeypatch.setattr("lfcal_gui.pages.quality._comparing.both_at", late)
     page.comparing.show_place((0, 0, 0))
     page.context.project.update("second H", reference="")
     gone.set()

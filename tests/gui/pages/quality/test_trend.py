@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
 
-from lfcal.base.plain import plain
+from lfcal.base._plain import plain
 from lfcal.psf.quality import inspect
 from lfcal_gui.context import Context
 from lfcal_gui.pages.quality.page import Page

@@ -12,7 +12,7 @@ from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
 from lfcal.base.units import format_bytes
 from lfcal.camera import preset
-from lfcal.cli.app import build_app
+from lfcal.cli._app import build_app
 from lfcal.psf import PSFMatrix, save
 from lfcal.psf.voxels import voxel_um
 from lfcal.reconstruct import Projector

@@ -17,10 +17,10 @@ from lfcal.reconstruct.volumes import load_volume
 from lfcal_gui.context import Context
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.reconstruct import model
+from lfcal_gui.pages.reconstruct._volume_view import VolumeView
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings
 from lfcal_gui.pages.reconstruct.model_device import NO_DEVICE, device_reason
 from lfcal_gui.pages.reconstruct.page import Page
-from lfcal_gui.pages.reconstruct.volume_view import VolumeView
 from lfcal_gui.theme import DARK, LIGHT, NIGHT, apply_theme
 from tests.gui.conftest import OpenPage
 from tests.gui.pages.reconstruct.test_model import matrix_file

@@ -14,12 +14,12 @@ import lfcal_gui.pages.simulate.page as simulate_page
 from lfcal.base.progress import Progress
 from lfcal.camera import ScanPlan
 from lfcal.psf import open_psf
-from lfcal.simulate.accuracy.ladder import Ladder, LadderProgress, LadderRung
+from lfcal.simulate.accuracy._ladder import Ladder, LadderProgress, LadderRung
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState
+from lfcal_gui.pages.simulate._share_bar import TEXT
 from lfcal_gui.pages.simulate.model import SimulateSettings, preview, tolerance_of
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict, verdict_of
-from lfcal_gui.pages.simulate.share_bar import TEXT
 from lfcal_gui.window import MainWindow
 from tests.gui.pages.simulate.test_model import small_plan
 from tests.gui.waiting import GUARD_MS, idle
@@ -147,7 +147,7 @@ def test_rungs_that_were_measured_stay_when_measuring_is_stopped(
         go_on.wait(GUARD_MS / 1e3)
         yield LadderProgress(3, 3, "wave", 3.0, ladder=found)
 
-    monkeypatch.setattr("lfcal.simulate.accuracy.ladder.iter_ladder", measuring)
+    monkeypatch.setattr("lfcal.simulate.accuracy._ladder.iter_ladder", measuring)
     context.project.update("plan", plan=plan)
     page = open_page("simulate")
     page.ladder()

@@ -1,0 +1,303 @@
+"""Opening, saving and leaving the window's project: dialogs, recent files, locks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from PySide6.QtCore import QObject, Signal
+from PySide6.QtGui import QAction
+from PySide6.QtWidgets import QFileDialog, QMenu, QMessageBox, QWidget
+
+from lfcal.base import LfcalError
+from lfcal_gui._rescue import Rescue
+from lfcal_gui.jobs import Jobs
+from lfcal_gui.locks import FileLock
+from lfcal_gui.models import Project, ProjectState, RecentProjects, UnsavedCopy, read_project
+from lfcal_gui.saving import ask_target, may_replace
+
+__all__ = ["ProjectFiles"]
+
+KIND = "lfcal projects (*.lfcal)"
+BUTTONS = QMessageBox.StandardButton
+
+Stake = tuple[ProjectState | None, frozenset[int]]
+"""A state that is not saved, None where it is; the numbers of jobs at work."""
+
+LISTED = 8
+"""Jobs that are named before the user is asked whether to stop them."""
+
+
+def stop_words(jobs: Jobs) -> str:
+    """Return what leaving stops, with the question whether to; empty where nothing is at work or waits."""
+    at_work = [job for job in jobs.jobs() if job.active]
+    active = {job.number: job.title for job in at_work}
+    waiting = [number for number in jobs.waiting() if number in active]
+    groups = {"At work": [active[number] for number in active if number not in waiting]}
+    groups["Waiting, and not begun then"] = [active[number] for number in waiting]
+    parts = []
+    for head, titles in groups.items():
+        more = [f"and {len(titles) - LISTED} more"] if len(titles) > LISTED else []
+        if titles:
+            parts.append("\n".join((f"{head}:", *titles[:LISTED], *more)))
+    if not parts:
+        return ""
+    said = [f"Stop {'it' if len(active) == 1 else 'them'}?"]
+    if any(job.page == "acquire" for job in at_work):
+        said.append("What a recording has counted as done stays.")
+    if any(map(jobs.keeps, active)):
+        said.append("Whole planes of an H stay beside its file: begin it again under the same name to go on.")
+    return "\n\n".join((*parts, " ".join(said)))
+
+
+class ProjectFiles(QObject):
+    """What the menu does with project files.
+
+    Parameters
+    ----------
+    project, jobs
+        The window's.
+    folder
+        Where recent projects and copies of unsaved work are kept.
+    window
+        Parent of the dialogs.
+
+    Signals
+    -------
+    message(text)
+        A line for the log.
+    saved()
+        The project has no unsaved changes any more.
+    begun()
+        An empty project was begun.
+    """
+
+    message = Signal(str)
+    saved = Signal()
+    begun = Signal()
+
+    def __init__(self, project: Project, jobs: Jobs, folder: Path, window: QWidget) -> None:
+        super().__init__(window)
+        self.project, self.jobs, self._window = project, jobs, window
+        self.recent = RecentProjects(folder / "recent.json")
+        self.rescue = Rescue(project, jobs, folder / "autosave", window)
+        self.rescue.message.connect(self.message.emit)
+        self.rescue.restored.connect(self._restore)
+        self._lock: FileLock | None = None
+
+    # -- beginning -------------------------------------------------------------------------------------
+    def begin(self, path: Path | None = None) -> None:
+        """Open the project the program was started with, and offer unsaved work of windows that are gone."""
+        if path is None:
+            self.rescue.look()
+        else:
+            self._open(path, then=lambda: self.rescue.look(path))
+
+    def new(self) -> None:
+        """Begin anew, after asking about unsaved work."""
+        if self.may_leave():
+            self._start(ProjectState(), None, None)
+            self.begun.emit()
+
+    def open(self, path: Path | None = None) -> None:
+        """Open a project file, after asking about unsaved work; asks for its name where none is given."""
+        if path is None:
+            name = QFileDialog.getOpenFileName(self._window, "Open project", "", KIND)[0]
+            if not name:
+                return
+            path = Path(name)
+        if self._answered():
+            self._open(path)
+
+    def _open(self, path: Path, then: Callable[[], None] | None = None) -> None:
+        """Read a project in the background; what is open now, and its jobs, stay until the new one is known to be good.
+
+        What is at stake now was asked about.
+        """
+        asked = self._at_stake()
+
+        def ended(action: Callable[[], None]) -> None:
+            action()
+            if then is not None:
+                then()
+
+        self.message.emit(f"opening {path} …")
+        self.jobs.drop("project")
+        self.jobs.load(
+            "project",
+            lambda: read_project(path),
+            lambda state: ended(lambda: self._opened(path, state, asked)),
+            lambda words: ended(
+                lambda: self._refuse("Open project", words if path.name in words else f"{path.name}: {words}")
+            ),
+        )
+
+    def _opened(self, path: Path, state: ProjectState, asked: Stake) -> None:
+        changes, jobs = self._at_stake()
+        if changes not in (None, asked[0]) or not jobs <= asked[1]:
+            if self._answered():
+                self._open(path)  # the changes may have been saved into this very file
+            return
+        lock = self._claim(path)
+        if lock is None:
+            lock, copy = self._ask_about(path)
+            if copy:
+                self.jobs.cancel_all()
+                self._start(replace(state, name=f"{path.stem} copy"), None, None, ProjectState())
+                return
+            if lock is None:
+                return
+        self.jobs.cancel_all()
+        self._start(state, path, lock)
+        self.recent.add(path)
+        self.message.emit(f"opened {path}")
+
+    def start_with(self, state: ProjectState) -> None:
+        """Begin with a project that has no file; what was open is let go, which `may_leave` asks about."""
+        self._start(state, None, None)
+
+    def _start(
+        self, state: ProjectState, path: Path | None, lock: FileLock | None, saved: ProjectState | None = None
+    ) -> None:
+        self._hold(lock)
+        self.project.start(state, path, saved)
+        self.rescue.keep()
+        if state.left_out:
+            named, more = state.left_out[0][:200], len(state.left_out) - 1
+            others = f" and {more} more" if more else ""
+            self._refuse(
+                "Open project",
+                f"not taken from the project: {named}{others}; a path on a network share makes this computer log on at "
+                "that server: choose the file again if you know it, or give the share a drive letter",
+            )
+
+    # -- locks -----------------------------------------------------------------------------------------
+    def _claim(self, path: Path) -> FileLock | None:
+        """Return the lock of a project file, None where another window has it."""
+        if self._lock is not None and self._lock.path == path:
+            return self._lock
+        lock = FileLock(path)
+        return lock if lock.take() else None
+
+    def _hold(self, lock: FileLock | None) -> None:
+        if self._lock is not None and self._lock is not lock:
+            self._lock.release()
+        self._lock = lock
+
+    def _ask_about(self, path: Path) -> tuple[FileLock | None, bool]:
+        """Ask what to do with a project that is open elsewhere: its lock if it is to be taken; whether to copy it."""
+        lock = FileLock(path)
+        who, away = lock.holder()
+        box = QMessageBox(self._window)
+        box.setIcon(QMessageBox.Icon.Question)
+        box.setWindowTitle("The project is open elsewhere")
+        box.setText(f"{path.name} is open in {who}.")
+        box.setInformativeText("A copy can be changed as you like; saving it asks for a name.")
+        copy = box.addButton("Open a copy", QMessageBox.ButtonRole.AcceptRole)
+        copy.setProperty("role", "primary")
+        # a dead process of this machine is known to be dead; of another one only the user may know
+        take = box.addButton("Open anyway", QMessageBox.ButtonRole.DestructiveRole) if away else None
+        box.addButton(BUTTONS.Cancel)
+        box.setDefaultButton(copy)
+        box.exec()
+        if take is not None and box.clickedButton() is take and lock.take_over():
+            return lock, False
+        return None, box.clickedButton() is copy
+
+    # -- restoring -------------------------------------------------------------------------------------
+    def _restore(self, kept: UnsavedCopy) -> None:
+        if not self.may_leave():
+            self.rescue.later(kept)
+            return
+        lock = None if kept.path is None else self._claim(kept.path)
+        # without its file, or with the file open elsewhere, it is saved under a new name
+        self._start(kept.state, kept.path if lock is not None else None, lock, kept.on_disk or ProjectState())
+        self.rescue.finish(kept)
+        self.message.emit(f"restored {kept.name()}; it is not saved yet")
+
+    # -- saving ----------------------------------------------------------------------------------------
+    def save(self) -> bool:
+        """Save; ask for a name the first time. Return whether it is saved."""
+        path = self.project.path
+        if path is None:
+            return self.save_as()
+        if self.project.changed_on_disk and not may_replace(self._window, [path]):
+            return False
+        return self._save(path)
+
+    def save_as(self) -> bool:
+        """Save under a new name."""
+        name = ask_target(self._window, "Save project", "project.lfcal", KIND)
+        return bool(name) and self._save(Path(name))
+
+    def _save(self, path: Path) -> bool:
+        lock = self._claim(path)
+        if lock is None:
+            self._refuse("Save project", f"{path}: is open in another window; choose another name")
+            return False
+        try:
+            self.project.save(path)
+        except LfcalError as error:
+            if lock is not self._lock:
+                lock.release()
+            self._refuse("Save project", str(error))
+            return False
+        self._hold(lock)
+        self.rescue.forget()
+        self.recent.add(path)
+        self.saved.emit()
+        self.message.emit(f"saved {path}")
+        return True
+
+    def _refuse(self, title: str, words: str) -> None:
+        """Say in a box and in the log why something failed."""
+        self.message.emit(words)
+        QMessageBox.warning(self._window, title, words)
+
+    def fill_recent(self, menu: QMenu) -> None:
+        """Put the projects opened lately into a menu."""
+        menu.clear()
+        for path in self.recent.paths():
+            action = QAction(str(path), menu)
+            action.triggered.connect(lambda _=False, path=path: self.open(path))
+            menu.addAction(action)
+        if menu.isEmpty():
+            menu.addAction("none yet").setEnabled(False)
+
+    # -- leaving ---------------------------------------------------------------------------------------
+    def may_leave(self) -> bool:
+        """Ask about jobs at work and unsaved work; return whether to go on. Jobs stop when all is answered."""
+        if not self._answered():
+            return False
+        self.jobs.cancel_all()
+        return True
+
+    def _at_stake(self) -> Stake:
+        """Return what is lost where another project is begun: the state that is not saved, and jobs at work."""
+        jobs = frozenset(job.number for job in self.jobs.jobs() if job.active)
+        return self.project.state if self.project.unsaved else None, jobs
+
+    def _answered(self) -> bool:
+        """Ask about jobs at work and unsaved work; return whether to go on. Jobs are at work still."""
+        words = stop_words(self.jobs)
+        if words:
+            choices = BUTTONS.Yes | BUTTONS.No
+            if QMessageBox.question(self._window, "Jobs are running", words, choices, BUTTONS.No) != BUTTONS.Yes:
+                return False
+        return self._may_lose_changes()
+
+    def _may_lose_changes(self) -> bool:
+        if not self.project.unsaved:
+            return True
+        choices = BUTTONS.Save | BUTTONS.Discard | BUTTONS.Cancel
+        words = "Save the changes to this project?"
+        answer = QMessageBox.question(self._window, "Unsaved changes", words, choices)
+        if answer == BUTTONS.Save:
+            return self.save()
+        return answer == BUTTONS.Discard
+
+    def close(self, *, answered: bool) -> None:
+        """Let the files go; ``answered``: the user was asked about unsaved work, else a copy of it stays."""
+        self.rescue.close(keep=not answered)
+        self._hold(None)

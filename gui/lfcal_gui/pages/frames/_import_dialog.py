@@ -1,0 +1,308 @@
+"""The import of frames that others recorded: what was found, what may be said, and three frames with their cutouts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtWidgets import (
+    QComboBox,
+    QDialog,
+    QFileDialog,
+    QFormLayout,
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QPushButton,
+    QScrollArea,
+    QVBoxLayout,
+    QWidget,
+)
+
+from lfcal.camera import Camera, ScanPlan
+from lfcal_gui.jobs import Jobs
+from lfcal_gui.models import said_in_window
+from lfcal_gui.pages.frames._columns_table import ColumnsTable
+from lfcal_gui.pages.frames._import_previews import ImportPreviews
+from lfcal_gui.pages.frames.import_choice import ImportChoice
+from lfcal_gui.pages.frames.model_import import Survey, survey
+from lfcal_gui.pages.frames.orientation import CHOICES
+from lfcal_gui.widgets import choice_box, clear, set_role
+
+__all__ = ["ImportDialog"]
+
+FOLDER = "Choose a folder of images: each file a frame, or a stack of them"
+FILE = "Choose one file of many frames, or the list that tells where they are"
+LIST = "Choose the table of positions that the stage program wrote"
+WELCOME = "Choose a folder of frames, or the list that a stage program wrote."
+GROUP = "frames import survey"
+WORDS_HEIGHT = 92
+"""Pixels on the screen for what was found: five lines."""
+LIES = (("", "checked"), *CHOICES[1:])
+FIRST = (("", "found"), ("0", "counted from 0"), ("1", "counted from 1"))
+ORDER = "Numbered files without a list: rows of the scan go to and fro (serpentine), or all one way (raster)"
+ORDERS = (("", "not told"), ("serpentine", "serpentine"), ("raster", "raster"))
+SHIFTS = (("auto", "found"), ("0", "as they are"), *((str(n), f"{16 - n} of 16 bits") for n in (2, 4, 6, 8)))
+
+
+class ImportDialog(QDialog):
+    """Looks at frames anew, beside the window's thread, whenever something is said about them.
+
+    Signals
+    -------
+    accepted_frames(survey)
+        The frames are wanted: a `Survey` whose frames are open.
+    """
+
+    accepted_frames = Signal(object)
+
+    def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setWindowTitle("Import frames")
+        self._jobs = jobs
+        self._plan: ScanPlan | None = None
+        self._camera: Camera | None = None
+        self.choice = ImportChoice("")
+        self.survey: Survey | None = None
+        column = QVBoxLayout(self)
+        column.setContentsMargins(16, 12, 16, 12)
+        column.setSpacing(8)
+        column.addLayout(self._source())
+        self.columns = ColumnsTable()
+        self.columns.changed.connect(lambda text: self._say(columns=text, header=self.columns.names))
+        column.addWidget(self.columns)
+        column.addLayout(self._options())
+        self.words = QLabel(WELCOME)
+        self.words.setTextFormat(Qt.TextFormat.PlainText)
+        self.words.setWordWrap(True)
+        self.words.setAlignment(Qt.AlignmentFlag.AlignTop)
+        said = QScrollArea()  # there may be many words, and the pictures count more
+        said.setWidgetResizable(True)
+        said.setWidget(self.words)
+        said.setFixedHeight(WORDS_HEIGHT)
+        clear(said)
+        column.addWidget(said)
+        self.previews = ImportPreviews(jobs)
+        column.addWidget(self.previews, 1)
+        column.addLayout(self._buttons())
+        self.resize(1120, 740)
+
+    # -- building --------------------------------------------------------------------------------------
+    def _source(self) -> QGridLayout:
+        grid = QGridLayout()
+        self.frames_edit, self.list_edit = QLineEdit(), QLineEdit()
+        self.frames_edit.setPlaceholderText("a folder of images, one file of many frames, or a list beside them")
+        self.list_edit.setPlaceholderText("found in the folder, or none: positions are then in the names")
+        self.frames_edit.setToolTip("Where the frames are; what is in it is looked at once Enter is pressed")
+        self.list_edit.setToolTip("A table of positions or stage coordinates, one line a frame, if names do not tell")
+        rows = (
+            (
+                "Frames",
+                self.frames_edit,
+                (("Folder …", FOLDER, self._ask_folder), ("File …", FILE, self._ask_file)),
+            ),
+            ("List", self.list_edit, (("List …", LIST, self._ask_list),)),
+        )
+        for row, (title, edit, buttons) in enumerate(rows):
+            edit.setAccessibleName(title)
+            edit.editingFinished.connect(self._typed)
+            grid.addWidget(QLabel(title), row, 0)
+            grid.addWidget(edit, row, 1)
+            for column, (text, tip, action) in enumerate(buttons, 2):
+                button = QPushButton(text)
+                button.setToolTip(tip)
+                button.setAutoDefault(False)
+                button.clicked.connect(lambda _=False, action=action: action())
+                grid.addWidget(button, row, column)
+        self._add_names(grid, len(rows))
+        return grid
+
+    def _add_names(self, grid: QGridLayout, row: int) -> None:
+        self.pattern = QLineEdit()
+        self.pattern.setAccessibleName("Names")
+        self.pattern.setPlaceholderText("z{z}_y{y}_x{x}.tif")
+        self.pattern.setToolTip("How names of files tell positions: {z}, {y} and {x} stand for the numbers")
+        self.pattern.editingFinished.connect(self._typed)
+        self.order = choice_box(ORDERS, ORDER)
+        self.order.setAccessibleName("Order")
+        order = QFormLayout()
+        order.addRow("Order", self.order)
+        grid.addWidget(QLabel("Names"), row, 0)
+        grid.addWidget(self.pattern, row, 1)
+        grid.addLayout(order, row, 2, 1, 2)
+
+    def _options(self) -> QHBoxLayout:
+        self.first = choice_box(FIRST, "What numbers of positions in names and lists count from")
+        self.shift = choice_box(SHIFTS, "Samples that fill 16 bits from the top are moved down")
+        self.channel = choice_box((("", "all light"),), "One colour of a mosaic or a colour picture")
+        self.channel.setMinimumContentsLength(10)
+        self.orientation = choice_box(LIES, "What makes the frames upright: rows and columns as the camera has them")
+        # its words are long
+        self.orientation.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.orientation.setMinimumContentsLength(12)
+        row = QHBoxLayout()
+        for title, widget in (
+            ("Positions", self.first),
+            ("Samples", self.shift),
+            ("Colour", self.channel),
+            ("Orientation", self.orientation),
+        ):
+            form = QFormLayout()
+            form.addRow(title, widget)
+            widget.setAccessibleName(title)
+            row.addLayout(form, 1)
+        for key, box in self._boxes().items():
+            box.currentIndexChanged.connect(lambda _, key=key, box=box: self._say(**{key: box.currentData()}))
+        return row
+
+    def _boxes(self) -> dict[str, QComboBox]:
+        return {
+            "order": self.order,
+            "first": self.first,
+            "shift": self.shift,
+            "channel": self.channel,
+            "orientation": self.orientation,
+        }
+
+    def _buttons(self) -> QHBoxLayout:
+        row = QHBoxLayout()
+        self.open_button, cancel = QPushButton("Open"), QPushButton("Cancel")
+        self.open_button.setProperty("role", "primary")
+        self.open_button.setEnabled(False)
+        self.open_button.setDefault(True)
+        self.open_button.setToolTip("Take these frames as they are shown above; the files stay as they are")
+        cancel.setToolTip("Keep the frames that the project has")
+        cancel.setAutoDefault(False)
+        self.open_button.clicked.connect(self._take)
+        cancel.clicked.connect(self.reject)
+        row.addStretch()
+        row.addWidget(cancel)
+        row.addWidget(self.open_button)
+        return row
+
+    def start(self, plan: ScanPlan | None, camera: Camera | None) -> None:
+        """Begin anew, with what the project knows: its plan, and the camera that the plan of a list is made for."""
+        self._plan, self._camera = plan, camera
+        self.choice = ImportChoice("")
+        self._show_nothing()
+        self._show_choice()
+        self.open()
+
+    # -- asking ----------------------------------------------------------------------------------------
+    def _ask_folder(self) -> None:
+        if path := QFileDialog.getExistingDirectory(self, "Folder of frames"):
+            self.look_at(path)
+
+    def _ask_file(self) -> None:
+        path, _ = QFileDialog.getOpenFileName(self, "File of many frames, or a list beside them")
+        if path:
+            self.look_at(path)
+
+    def _ask_list(self) -> None:
+        path, _ = QFileDialog.getOpenFileName(self, "List of the frames", filter="Lists (*.csv *.tsv *.txt *.json)")
+        if path:
+            self.list_edit.setText(path)
+            self._say(listed=path, columns="", frames=self.choice.frames or str(Path(path).parent))
+
+    def _typed(self) -> None:
+        frames, listed = self.frames_edit.text().strip(), self.list_edit.text().strip()
+        pattern = self.pattern.text().strip()
+        if listed and not frames and not self.choice.frames:
+            frames = str(Path(listed).parent)
+        if (frames, listed, pattern) != (self.choice.frames, self.choice.listed, self.choice.pattern):
+            self._say(frames=frames, listed=listed, pattern=pattern)
+
+    def look_at(self, frames: str, listed: str = "") -> None:
+        """Look at other frames: nothing that was said of those before holds for them."""
+        self._say(**vars(ImportChoice(frames, listed)))
+
+    def _say(self, **changes: Any) -> None:
+        """Take what the user says and look again; what is looked at for an earlier choice is dropped."""
+        self.choice = replace(self.choice, **changes)
+        self._show_choice()
+        self._drop()
+        if not self.choice.frames:
+            self._show_nothing()
+            return
+        choice, plan, camera = self.choice, self._plan, self._camera
+        set_role(self.words, "")
+        self.words.setText(f"Looking at {Path(choice.frames).name} …")
+        self._jobs.load(GROUP, lambda: survey(choice, plan, camera), self._found, self._failed, Survey.close)
+
+    def _drop(self) -> None:
+        self._jobs.drop(GROUP)
+        if self.survey is not None:
+            self.survey.close()
+        self.survey = None
+        self.open_button.setEnabled(False)
+
+    # -- showing ---------------------------------------------------------------------------------------
+    def _show_choice(self) -> None:
+        choice = self.choice
+        boxes = [(box, getattr(choice, key)) for key, box in self._boxes().items()]
+        blockers = [QSignalBlocker(box) for box, _ in boxes]
+        for box, value in boxes:
+            box.setCurrentIndex(max(0, box.findData(value)))
+        for edit, text in (
+            (self.frames_edit, choice.frames),
+            (self.list_edit, choice.listed),
+            (self.pattern, choice.pattern),
+        ):
+            edit.setText(text)
+        for one in blockers:
+            one.unblock()
+
+    def _show_nothing(self) -> None:
+        self._found(Survey(self.choice))
+        self.survey = None
+        self.words.setText(WELCOME)
+
+    def _failed(self, words: str) -> None:
+        self._found(Survey(self.choice, problem=words))
+
+    def _found(self, found: Survey) -> None:
+        self.survey, self.choice = found, found.choice
+        self.columns.show_table(found.table, found.used, found.choice.columns)
+        _offer(self.channel, self._colours(found), self.choice.channel)
+        # what list and plan both say is said once
+        lines = dict.fromkeys(map(said_in_window, filter(None, (found.problem, *found.notes))))
+        self.words.setText("\n".join(lines) or "Nothing had to be guessed.")
+        set_role(self.words, "error" if found.problem else "")
+        self.open_button.setEnabled(found.imported is not None)
+        self.previews.show_frames(found.shown)
+
+    def _colours(self, found: Survey) -> tuple[str, ...]:
+        """Return the colours to choose from: those found, or those that were offered when one was chosen."""
+        if found.colours:
+            return found.colours
+        offered = tuple(str(self.channel.itemData(k)) for k in range(1, self.channel.count()))
+        return offered if self.choice.channel else ()
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        self.previews.apply_theme()
+
+    def _take(self) -> None:
+        found, self.survey = self.survey, None
+        if found is not None and found.imported is not None:
+            self.accepted_frames.emit(found)
+            self.accept()
+
+    def reject(self) -> None:
+        """Close without the frames."""
+        self._drop()
+        super().reject()
+
+
+def _offer(box: QComboBox, colours: tuple[str, ...], chosen: str) -> None:
+    blocker = QSignalBlocker(box)
+    while box.count() > 1:
+        box.removeItem(1)
+    for name in colours:
+        box.addItem(name, name)
+    box.setCurrentIndex(max(0, box.findData(chosen)))
+    box.setEnabled(bool(colours))
+    blocker.unblock()

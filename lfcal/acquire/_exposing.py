@@ -1,0 +1,168 @@
+"""From exposures to the one frame that is kept of a position: complete, newly exposed, of the expected shape."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.acquire._combining import average, merge
+from lfcal.acquire.control import Control
+from lfcal.devices import CameraError, CheckedCamera, Frame, IncompleteFrame, Rig, Roi, StaleFrame, WrongFrame
+
+__all__ = ["ExposedFrame", "Exposer", "check_frame"]
+
+SLACK_S = 1e-4
+"""How far the clocks of the start of an exposure and of the arrival may disagree (s)."""
+
+
+class ExposedFrame(NamedTuple):
+    """What was read from the sensor at one place.
+
+    ``data`` ``(rows, columns)`` of the region: samples as they came, or float32 where several were combined;
+    ``saturated`` counts of the whole region, ``mask`` which pixels (None: those at the maximum);
+    ``exposure_s`` the exposure that ``data`` corresponds to. ``raws`` all that was exposed for it, of the region asked
+    for; ``reported_s`` what the camera said with the frames of the whole exposure, where it says anything.
+    """
+
+    data: NDArray[Any]
+    mask: NDArray[np.bool_] | None
+    saturated: int
+    exposure_s: float
+    raws: tuple[NDArray[Any], ...] = ()
+    reported_s: tuple[float, ...] = ()
+
+
+class Exposer:
+    """Grab, check, average and merge.
+
+    Parameters
+    ----------
+    rig, control
+        The devices, and what the user asks.
+    bracket
+        Factors of the exposure; see `Options.bracket`.
+    black_level
+        Counts of no light.
+    timeout_s
+        Longest wait for a frame beyond its exposure (s).
+    """
+
+    def __init__(
+        self, rig: Rig, control: Control, bracket: tuple[float, ...], black_level: float, timeout_s: float
+    ) -> None:
+        self._camera = CheckedCamera.of(rig.camera)
+        self._control = control
+        self._bracket, self._black, self._timeout = bracket, black_level, timeout_s
+        self._max = rig.camera.max_value
+        self._dtype = np.dtype(np.uint8 if rig.camera.bit_depth <= 8 else np.uint16)
+        self._last_number = -1
+        self._requested: float | None = None
+        self._actual = 0.0
+        self._raws: list[NDArray[Any]] = []
+        self._reported: list[float] = []
+        self._wanted_roi: Roi | None = None
+        self.roi = Roi(0, 0, *rig.camera.sensor_shape)
+
+    def read_region(self, roi: Roi) -> None:
+        """Read at least ``roi`` from now on; `roi` says what the camera took."""
+        # setting a region restarts many cameras: only where it changes
+        if roi == self._wanted_roi:
+            return
+        actual = self._camera.set_roi(roi).actual
+        if not actual.holds(roi):
+            raise CameraError.expected("camera region", f"at least {roi}", actual, "reset the camera's region")
+        self._wanted_roi, self.roi = roi, actual
+
+    def expose(self, exposure_s: float, repeats: int, arrived_s: float) -> ExposedFrame:
+        """Return the frame of this place; every exposure starts after ``arrived_s`` on the rig's clock."""
+        self._raws, self._reported = [], []
+        data, mask, saturated, actual = self._combined(exposure_s, repeats, arrived_s)
+        return ExposedFrame(data, mask, saturated, actual, tuple(self._raws), tuple(self._reported))
+
+    def _combined(
+        self, exposure_s: float, repeats: int, arrived_s: float
+    ) -> tuple[NDArray[Any], NDArray[np.bool_] | None, int, float]:
+        """Return data, mask, count of saturated pixels and exposure of an `ExposedFrame`."""
+        # a single exposure stays in the camera's own integers
+        if len(self._bracket) == 1 and repeats == 1:
+            data = self._grab(exposure_s, arrived_s)
+            return data, None, int(np.count_nonzero(data >= self._max)), self._actual
+        means, masks, actual = [], [], []
+        for factor in self._bracket:
+            frames = [self._grab(exposure_s, arrived_s, factor) for _ in range(repeats)]
+            mean, mask = average(frames, self._max)
+            means.append(mean)
+            masks.append(mask)
+            actual.append(self._actual)
+        if len(self._bracket) == 1:
+            return means[0], masks[0], int(masks[0].sum()), actual[0]
+        reference = actual[self._bracket.index(1.0)]
+        data, mask = merge(means, masks, actual, reference_s=reference, black_level=self._black)
+        return data, mask, int(mask.sum()), reference
+
+    def _grab(self, exposure_s: float, arrived_s: float, factor: float = 1.0) -> NDArray[Any]:
+        whole = factor == 1.0
+        exposure_s *= factor
+        if self._requested != exposure_s:
+            self._actual = self._camera.set_exposure(exposure_s).actual
+            self._requested = exposure_s
+        self._control.check()
+        try:
+            frame = self._camera.grab(self._timeout + exposure_s, lambda: self._control.aborting)
+        except CameraError:
+            self._requested = None  # what the camera still holds is unknown: set the exposure again
+            raise
+        if frame is None:
+            raise self._control.aborted()
+        check_frame(frame, self.roi.shape, self._dtype, self._last_number, arrived_s)
+        self._last_number = frame.number
+        # of a camera that reads more than it was asked for, only that is kept in memory
+        wanted = self._wanted_roi or self.roi
+        self._raws.append(frame.data if wanted == self.roi else frame.data[wanted.within(self.roi)].copy())
+        if whole and frame.exposure_s > 0:
+            self._reported.append(frame.exposure_s)
+        return frame.data
+
+
+def check_frame(frame: Frame, shape: tuple[int, int], dtype: np.dtype[Any], last_number: int, arrived_s: float) -> None:
+    """Raise unless ``frame`` may be kept.
+
+    Parameters
+    ----------
+    frame
+        As the camera gave it.
+    shape, dtype
+        What is expected of the region of interest and the camera.
+    last_number
+        Number of the last frame seen.
+    arrived_s
+        Time at which the stage had arrived and settled, on the rig's clock (s).
+
+    Raises
+    ------
+    IncompleteFrame, StaleFrame, WrongFrame
+    """
+    if frame.status != "complete":
+        raise IncompleteFrame.expected(
+            "camera buffer", "complete", frame.status, "check cable, packet size and bandwidth"
+        )
+    if frame.data.shape != shape or frame.data.dtype != dtype:
+        raise WrongFrame.expected(
+            "camera frame",
+            f"{shape} {dtype}",
+            f"{frame.data.shape} {frame.data.dtype}",
+            "another program changed the camera; start again",
+        )
+    if frame.number <= last_number:
+        raise StaleFrame.expected(
+            "frame number", f"above {last_number}", frame.number, "the camera repeated an old buffer"
+        )
+    if frame.started_s is not None and frame.started_s < arrived_s - SLACK_S:
+        raise StaleFrame.expected(
+            "exposure",
+            "started after arrival",
+            f"{arrived_s - frame.started_s:.3g} s before",
+            "trigger the camera, or flush its buffers",
+        )

@@ -1,0 +1,260 @@
+"""Every record and every frame of a session checked: what is whole, what is damaged, what was never taken."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.acquire.recording._contents import Slots, files_made, slots_of
+from lfcal.acquire.recording._recovery import opened
+from lfcal.acquire.recording.reader import RecordingFile
+from lfcal.acquire.recording.records import Kind, file_name
+from lfcal.acquire.session_file import SessionFile
+from lfcal.base import Clock, Work, drained, worker_count
+from lfcal.frames import Position
+
+__all__ = ["DamagedFrame", "FileReport", "SessionReport", "iter_verify", "verify"]
+
+BLOCK_BYTES = 1 << 24
+"""Frames are handed to the threads in blocks of about this size."""
+
+
+class State(IntEnum):
+    """What a slot of a recording holds."""
+
+    WHOLE = 0
+    NEVER_TAKEN = 1
+    FRAME_DAMAGED = 2
+    RECORD_DAMAGED = 3
+    LOST = 4
+
+
+_SAID = {
+    State.FRAME_DAMAGED: "frame damaged",
+    State.RECORD_DAMAGED: "record damaged",
+    State.LOST: "lost",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class DamagedFrame:
+    """A frame that was recorded and is no longer what it was.
+
+    ``kind`` is ``"position"``, ``"dark"``, ``"reference"`` or ``"control"``; ``position`` (z, y, x) that of the plan it
+    belongs to; ``what`` says what is wrong; ``replaced`` whether a later recording has the position whole.
+    """
+
+    file: str
+    slot: int
+    kind: str
+    position: Position
+    what: str
+    replaced: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class FileReport:
+    """One file of a session: its frames by state, and what is wrong with the file itself (empty: nothing)."""
+
+    file: str
+    frames: int
+    whole: int
+    damaged: int
+    never_taken: int
+    fault: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SessionReport:
+    """What a full check of a session found.
+
+    Attributes
+    ----------
+    path
+        The session's folder.
+    files
+        Every file.
+    damaged
+        Frames that were recorded and are damaged or lost, in the order of files and slots.
+    never_taken
+        Positions to record without a frame, whole or damaged.
+    pending
+        Damaged positions that a later recording, begun and not finished, will take when the session is resumed.
+    lacking
+        Positions that were acknowledged and have no record any more; only their number is known.
+    """
+
+    path: Path
+    files: tuple[FileReport, ...]
+    damaged: tuple[DamagedFrame, ...]
+    never_taken: tuple[Position, ...]
+    pending: tuple[Position, ...] = ()
+    lacking: int = 0
+
+    @property
+    def ok(self) -> bool:
+        """Whether nothing that was recorded is damaged, but for what was recorded again since."""
+        return not self.lacking and not any(f.fault for f in self.files) and all(d.replaced for d in self.damaged)
+
+    @property
+    def to_redo(self) -> tuple[Position, ...]:
+        """Positions whose newest frame is damaged, in order."""
+        found = {d.position for d in self.damaged if d.kind == "position" and not d.replaced}
+        return tuple(sorted(found))
+
+    @property
+    def lost(self) -> int:
+        """How many frames there are to take again; a position that is damaged in several recordings counts once."""
+        return len(self.to_redo) + sum(d.kind != "position" for d in self.damaged)
+
+    def slots(self, file: str) -> NDArray[np.int64]:
+        """Return the slots of the damaged frames of one file."""
+        return np.array([d.slot for d in self.damaged if d.file == file], np.int64)
+
+
+def iter_verify(folder: Path, *, workers: int | None = None) -> Work[SessionReport]:
+    """Check every record and every frame of a session against its CRC-32.
+
+    Nothing is changed, and a session may be recorded meanwhile: frames that are being taken count as not taken.
+
+    Parameters
+    ----------
+    folder
+        The session's.
+    workers
+        Threads; None takes every processor.
+
+    Raises
+    ------
+    StorageError, FileFormatError
+        If there is no session, or its ``session.json`` is damaged.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.acquire import iter_verify
+    >>> from lfcal.base import drain
+    >>> for file in drain(iter_verify(Path("recorded"))).files:
+    ...     print(file.file, file.whole, "of", file.frames)
+    recording.h5 627 of 627
+    checks.h5 8 of 8
+    darks.h5 1 of 1
+    """
+    session = SessionFile.read(folder)
+    schedules = [session.schedule(run) for run in range(len(session.recordings))]
+    clock, done = Clock("check frames", sum(len(schedule) for schedule in schedules)), 0
+    checked: list[_Checked] = []
+    yield clock.at(0)
+    for run, schedule in enumerate(schedules):
+        for kind, made in files_made(session, run, schedule).items():
+            part = _Checked(file_name(kind, run), run, slots_of(schedule, kind))
+            with opened(folder / part.file, made, session.identity) as (file, part.fault):
+                if file is None:
+                    part.states[:] = State.LOST
+                else:
+                    complete = not file.layout.in_place or session.was_complete(run)
+                    for count in part.look(file, complete, worker_count(workers)):
+                        yield clock.at(done + count)
+            done += len(part.states)
+            checked.append(part)
+    yield clock.at(done)
+    return _report(folder, session, checked)
+
+
+verify = drained(
+    iter_verify,
+    """
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.acquire import DamagedFrame, SessionReport, verify
+    >>> report: SessionReport = verify(Path("recorded"))
+    >>> damaged: tuple[DamagedFrame, ...] = report.damaged
+    >>> print(report.ok, len(damaged), "damaged,", len(report.never_taken), "never taken")
+    True 0 damaged, 0 never taken
+    """,
+)
+
+
+class _Checked:
+    """One file while it is checked."""
+
+    def __init__(self, file: str, run: int, slots: Slots) -> None:
+        self.file, self.run, self.slots, self.fault = file, run, slots, ""
+        self.in_place = False
+        self.states = np.full(len(slots.flat), State.WHOLE, np.uint8)
+
+    def look(self, file: RecordingFile, complete: bool, workers: int) -> Iterator[int]:
+        """Fill in the states, in threads; yields how many slots are done."""
+        blank = ~file.records.view(np.uint8).reshape(len(file.records), -1).any(axis=1)
+        self.states[~file.taken] = State.RECORD_DAMAGED
+        # a recording that was complete once had a record in every slot
+        self.states[blank] = State.LOST if complete else State.NEVER_TAKEN
+        layout = file.layout
+        self.in_place = layout.in_place
+        if self.in_place:
+            ends = layout.frames_at + layout.frame_bytes * np.arange(1, layout.count + 1)
+            self.states[file.taken & (ends > file.path.stat().st_size)] = State.LOST
+        misplaced = (file.records["index"] != self.slots.flat) | (file.records["kind"] != self.slots.kinds)
+        self.states[file.taken & misplaced & (self.states == State.WHOLE)] = State.RECORD_DAMAGED
+        block = max(workers, BLOCK_BYTES // layout.frame_bytes)
+        with ThreadPoolExecutor(workers) as pool:
+            for start in range(0, len(self.states), block):
+                slots = start + np.flatnonzero(self.states[start : start + block] == State.WHOLE)
+                whole = np.fromiter(pool.map(file.is_whole, slots.tolist()), np.bool_, len(slots))
+                self.states[slots[~whole]] = State.FRAME_DAMAGED
+                yield min(start + block, len(self.states))
+
+    def report(self) -> FileReport:
+        """Return the counts."""
+        count = np.bincount(self.states, minlength=len(State))
+        damaged = int(count[State.FRAME_DAMAGED] + count[State.RECORD_DAMAGED] + count[State.LOST])
+        never, whole = int(count[State.NEVER_TAKEN]), int(count[State.WHOLE])
+        return FileReport(self.file, len(self.states), whole, damaged, never, self.fault)
+
+    def damaged(self, shape: tuple[int, ...]) -> Iterator[DamagedFrame]:
+        """Yield the frames that are damaged; ``shape`` is that of the plan's positions."""
+        for slot in np.flatnonzero(self.states > State.NEVER_TAKEN).tolist():
+            z, y, x = (int(k) for k in np.unravel_index(self.slots.flat[slot], shape))
+            kind = Kind(int(self.slots.kinds[slot])).name.lower()
+            yield DamagedFrame(self.file, slot, kind, Position(z, y, x), _SAID[State(self.states[slot])])
+
+
+def _report(folder: Path, session: SessionFile, checked: list[_Checked]) -> SessionReport:
+    """Put the files together: the newest recording of a position counts."""
+    shape = session.grid
+    # the latest recording that has the position whole, and the latest that is still to take it
+    newest, open_run = np.full(int(np.prod(shape)), -1), np.full(int(np.prod(shape)), -1)
+    taken, wanted = np.zeros(len(newest), np.bool_), np.zeros(len(newest), np.bool_)
+    for part in checked:
+        if (part.slots.kinds == Kind.POSITION).all():
+            wanted[part.slots.flat] = True
+            newest[part.slots.flat[part.states == State.WHOLE]] = part.run
+            open_run[part.slots.flat[(part.states != State.WHOLE) & part.in_place]] = part.run
+            taken[part.slots.flat[part.states != State.NEVER_TAKEN]] = True
+    damaged, pending = [], set()
+    for part in checked:
+        for found in part.damaged(shape):
+            flat = np.ravel_multi_index(found.position, shape)
+            is_position = found.kind == "position"
+            damaged.append(replace(found, replaced=is_position and bool(newest[flat] > part.run)))
+            if is_position and open_run[flat] > part.run:
+                pending.add(found.position)
+    never = tuple(Position(*p) for p in np.argwhere((wanted & ~taken).reshape(shape)).tolist())
+    files = tuple(part.report() for part in checked)
+    return SessionReport(folder, files, tuple(damaged), never, tuple(sorted(pending)), _lacking(session, taken))
+
+
+def _lacking(session: SessionFile, taken: NDArray[np.bool_]) -> int:
+    """Return how many positions the last run noted as safe that are not there."""
+    ended = [run for run in session.runs if run.ended]
+    # later recordings count their own positions
+    if len(session.recordings) > 1 or not ended:
+        return 0
+    return max(0, ended[-1].acknowledged - int(taken.sum()))

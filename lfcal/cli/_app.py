@@ -1,0 +1,72 @@
+"""The application: every command of this package, in the order of the data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from typing import Any
+
+import typer
+
+from lfcal import __version__
+from lfcal.cli._lazy import LazyCommands, LazyGroup, listed_commands
+
+__all__ = ["build_app", "command_line"]
+
+HEADINGS = {
+    "To begin with": ("demo", "doctor"),
+    "Camera and plan": ("camera", "plan", "white", "views", "simulate", "accuracy"),
+    "Recording": ("acquire", "verify"),
+    "H, and how good it is": ("assemble", "inspect", "compare", "fit", "trend", "transpose", "reduce", "export"),
+    "What H is for": ("reconstruct", "multiplex"),
+}
+"""The commands in the order of the data; those not named here come after."""
+
+OTHERS = "Besides"
+
+
+def _version(value: bool) -> None:
+    if value:
+        typer.echo(f"lfcal {__version__}")
+        raise typer.Exit
+
+
+class _Commands(LazyGroup):
+    """All commands."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.commands = LazyCommands(listed_commands("lfcal.cli", sum(HEADINGS.values(), ())))
+
+    def headings(self, names: tuple[str, ...]) -> Iterator[tuple[str, tuple[str, ...]]]:
+        """Yield the headings of the list of commands."""
+        yield from HEADINGS.items()
+        yield OTHERS, tuple(name for name in names if name not in sum(HEADINGS.values(), ()))
+
+
+def build_app() -> typer.Typer:
+    """Return the application; a command is loaded when it is called."""
+    app = typer.Typer(
+        name="lfcal",
+        cls=_Commands,
+        help="PSF calibration and acquisition for plenoptic (light-field) cameras.",
+        no_args_is_help=True,
+        rich_markup_mode="markdown",
+        # errors end in one line, printed by main; the traceback of a defect is left to Python.
+        pretty_exceptions_enable=False,
+    )
+
+    @app.callback()
+    def _root(
+        *,
+        version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Show the version."),
+    ) -> None:
+        """PSF calibration and acquisition for plenoptic (light-field) cameras."""
+
+    return app
+
+
+@cache
+def command_line() -> Any:
+    """Return the parser of the whole command line, made once."""
+    return typer.main.get_command(build_app())

@@ -1,0 +1,88 @@
+"""Cameras that commands are given: presets and files, with what is assumed of them said once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from lfcal.base import StorageError, choose
+from lfcal.camera import (
+    CAMERA_FORMATS,
+    PRESETS,
+    Camera,
+    Quantity,
+    Wanted,
+    doubts,
+    import_camera,
+    preset,
+    quantities_of,
+    value_at,
+)
+from lfcal.cli._console import report
+
+__all__ = ["assumed_in_words", "load_camera", "load_file", "tell", "tell_assumed"]
+
+
+def load_camera(name: str) -> Camera:
+    """Return the camera of a preset or of a file in any known format; say what of it is assumed or hardly meant."""
+    if name in PRESETS:
+        return preset(name)
+    camera, notes = load_file(name)
+    tell(camera, Path(name), notes)
+    return camera
+
+
+def load_file(name: str, wanted: Wanted | None = None) -> tuple[Camera, tuple[str, ...]]:
+    """Return the camera of a file, and what its reader has to say of it."""
+    path = Path(name)
+    if not path.exists():
+        known = ", ".join(PRESETS)
+        formats = ", ".join(form.name for form in CAMERA_FORMATS)
+        meant = choose(name, PRESETS).replace("choose one of these", "check the name")
+        raise StorageError.expected("camera", f"{known}, or a file ({formats})", name, meant)
+    found = import_camera(path, wanted)
+    return found.camera, found.notes
+
+
+def tell(camera: Camera, path: Path, notes: tuple[str, ...] = ()) -> None:
+    """Print to standard error what is assumed of ``camera``, what its reader noted, and what can hardly be meant."""
+    if camera.marks.paths("assumed"):
+        report(f"note: {path.name}: assumed: {assumed_in_words(camera)}; {_remedy(camera, path)}")
+    for note in notes:
+        report(f"note: {path.name}: {note}")
+    for doubt in doubts(camera):
+        report(f"warning: {path.name}: {doubt}")
+
+
+def tell_assumed(camera: Camera | None, where: str, *, quiet: bool = False) -> None:
+    """Print to standard error, in a line, what is assumed of the camera that came in the plan or H ``where``."""
+    if camera is not None and not quiet and camera.marks.paths("assumed"):
+        report(f"note: {where}: assumed of the camera: {assumed_in_words(camera)}")
+
+
+def _assumed(camera: Camera) -> list[Quantity]:
+    there = set(camera.marks.paths("assumed"))
+    return [quantity for quantity in quantities_of(camera) if quantity.path in there]
+
+
+def _remedy(camera: Camera, path: Path) -> str:
+    """Return the commands that state or measure what is assumed."""
+    found = _assumed(camera)
+    options = dict.fromkeys(q.option for q in found if q.option and not q.light)
+    seen = {"lattice.rotation_rad", "lattice.offset_um"} & {q.path for q in found}
+    remedies = []
+    if options or not seen:
+        stating = " ".join(options) or "--set PATH=VALUE"
+        remedies.append(f"state it with lfcal camera import {path.name} {stating} -o camera.json")
+    if seen:
+        remedies.append(f"measure the array with lfcal camera check {path.name} WHITE -o camera.json")
+    return ", ".join(remedies)
+
+
+def assumed_in_words(camera: Camera) -> str:
+    """Return the assumed values of ``camera`` on one line, those of light and noise as their number; or nothing."""
+    found = _assumed(camera)
+    parts = [f"{q.label} {q.text(value_at(camera, q.path))}" for q in found if not q.light]
+    light = sum(quantity.light for quantity in found)
+    if light:
+        parts.append(f"{light} value{'s' * (light > 1)} of light and noise (lfcal camera show)")
+    return "; ".join(parts)

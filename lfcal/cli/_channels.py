@@ -1,0 +1,91 @@
+"""``--channel`` of ``lfcal assemble``: one colour, or an H file of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lfcal.cli._console import report
+
+if TYPE_CHECKING:
+    from lfcal.camera import ScanPlan
+    from lfcal.frames import Frames
+
+__all__ = ["ChannelPart", "open_colour", "parts_of"]
+
+
+@dataclass(frozen=True)
+class ChannelPart:
+    """One H file to make.
+
+    ``name`` is the colour that was asked for, empty for the frames as they are. ``plan`` is the plan that H is made by;
+    frames are described by the scan's own. ``channel`` is that of a mosaic, empty where the frames are one colour
+    already.
+    """
+
+    source: Frames
+    plan: ScanPlan
+    channel: str
+    out: Path
+    name: str = ""
+
+
+def open_colour(opened: Callable[..., tuple[Frames, ScanPlan]], channel: str) -> tuple[Frames, ScanPlan]:
+    """Return frames and plan; of colour images the component that ``channel`` names, green for ``"each"``."""
+    from lfcal.base import FileFormatError
+    from lfcal.frames import open_component
+
+    try:
+        return open_component(opened, channel)
+    except FileFormatError as error:
+        # the library's word for the option is not the command's
+        raise FileFormatError(str(error).replace(' (colour="G")', ", or an H of all: --channel each")) from None
+
+
+def parts_of(
+    channel: str, source: Frames, plan: ScanPlan, out: Path, reopen: Callable[[str], Frames], *, quiet: bool = False
+) -> list[ChannelPart]:
+    """Return what is to be made of the frames.
+
+    Parameters
+    ----------
+    channel
+        Name of a colour, ``"each"``, or empty for the frames as they are.
+    source, plan
+        The frames, opened with the component ``channel`` (green for ``"each"``), and the plan of their scan.
+    out
+        H file; with ``"each"`` the colour's name is put to its end: ``H_R.h5``.
+    reopen
+        Opens the frames with another component.
+    quiet
+        Say nothing of what a colour has of the scan.
+    """
+    from lfcal.base import InputError
+    from lfcal.frames import COMPONENTS, ThinnedSource, colour_scan, colours_of
+
+    component = source.metadata.colour
+    names = COMPONENTS if component else colours_of(source, plan)
+    wanted = list(names) if channel == "each" else [channel]
+    if channel == "each" and not names:
+        raise InputError.expected("--channel each", "colour frames", "monochrome ones", "leave it out")
+    parts = []
+    for name in wanted:
+        path = out.with_name(f"{out.stem}_{name}{out.suffix}") if channel == "each" else out
+        if component or not name:
+            parts.append(ChannelPart(source if name in ("", component) else reopen(name), plan, "", path, name))
+            continue
+        scan = colour_scan(source, plan, name)
+        if scan is None:
+            parts.append(ChannelPart(source, plan, name, path, name))
+            continue
+        own = ThinnedSource(source, scan)
+        rows, columns = scan.plan.cutout
+        if not quiet:
+            report(
+                f"note: channel {name}: {len(own)} of {len(source)} frames have their point on a pixel of it; "
+                f"period {scan.plan.period[0]} x {scan.plan.period[1]}, cutout {rows} x {columns} of its pixels"
+            )
+        parts.append(ChannelPart(own, scan.plan, name, path, name))
+    return parts

@@ -1,0 +1,148 @@
+"""What the commands share of lists of frames that other programs wrote."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+
+import typer
+
+from lfcal.cli._console import report
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lfcal.camera import Camera, ScanPlan, StageAxes
+    from lfcal.frames.lists import Listing
+
+__all__ = ["ColumnsOption", "OriginOption", "plan_from_list", "report_notes", "tell_size"]
+
+ColumnsOption: TypeAlias = Annotated[
+    str,
+    typer.Option("--columns", help="What columns of a list hold: file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp."),
+]
+"""Which column is what, where their names do not tell."""
+
+
+def report_notes(notes: Iterable[str]) -> None:
+    """Print what was guessed, a line each."""
+    for note in notes:
+        report(f"note: {note}")
+
+
+OriginOption: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        "--origin",
+        metavar="ROW,COLUMN",
+        help="Sensor row and column of the first pixel, of frames that are a part of it.",
+    ),
+]
+"""Where on the sensor frames lie that are a camera's region of interest."""
+
+
+def tell_size(shape: tuple[int, int], camera: Camera, *, folder: str = "the frames", channel: str = "") -> None:
+    """Warn where frames are no whole pictures of the camera's sensor, upright, turned or one colour of a mosaic."""
+    from lfcal.frames import binned
+
+    sizes = {shape, shape[::-1]}
+    if channel:
+        sizes |= {(-(-rows // 2), -(-columns // 2)) for rows, columns in sizes}
+    if camera.sensor.shape in sizes:
+        return
+    (rows, columns), (tall, wide) = shape, camera.sensor.shape
+    what = f"{folder}: frames of {rows} x {columns} px, the camera's sensor has {tall} x {wide}"
+    times = next((n for one in sizes if (n := binned(camera.sensor.shape, one))), 0)
+    if times:
+        sensor = f"{tall // times}x{wide // times},{camera.sensor.pixel_um * times:g}"
+        report(
+            f"warning: {what}, as if {times} x {times} pixels were one; if so make the camera of these: "
+            f"lfcal camera import CAMERA --sensor {sensor} --pitch {camera.lattice.pitch_um:g}um -o BINNED; "
+            "its array is measured by lfcal camera check BINNED WHITE"
+        )
+        return
+    report(
+        f"warning: {what}, from whose middle micro-images are counted; if they are a part of it say which with "
+        "--origin ROW,COLUMN, else state its size with lfcal camera import CAMERA --frame FRAME"
+    )
+
+
+def plan_from_list(
+    listed: Path,
+    camera: Camera,
+    *,
+    folder: Path | None,
+    columns: str,
+    orientation: str,
+    stage: StageAxes | None,
+    origin: str = "",
+    **settings: Any,
+) -> ScanPlan:
+    """Return the plan of the scan that a list was written of; frames that are found show where the light goes.
+
+    Raises
+    ------
+    InputError
+        If the frames are a part of the camera's sensor and ``origin`` does not say which.
+    """
+    from lfcal.base import StorageError
+    from lfcal.frames import named_orientation, parse_origin
+    from lfcal.frames.lists import Part, any_listing, located, plan_of_list, reader, sample_of
+
+    place, turn = parse_origin(origin), named_orientation(orientation)
+    listing = any_listing(listed, columns)
+    root = folder or listed.parent
+    try:
+        listing = located(listing, root)
+        shape, colour, roi = sample_of(listing, root)
+        read = reader(listing, root, colour, turn)
+    except StorageError as error:
+        if folder is not None:
+            raise
+        report(f"note: the frames are not there to be looked at ({error}); --frames names their folder")
+        read = None
+    else:
+        _check_size(turn.shape(shape), camera, roi, place, str(root))
+        if colour is not None:
+            report(f"note: light: of the {colour} of colour pictures; lfcal assemble takes one with --channel")
+    part = None if place is None else Part(place, turn.name)
+    plan, notes = plan_of_list(listing, camera, read=read, stage=stage, part=part, **settings)
+    report_notes(notes)
+    if read is not None and part is None:
+        _tell_turned(listing, plan, read)
+    return plan
+
+
+def _tell_turned(listing: Listing, plan: ScanPlan, read: Callable[[int], NDArray[Any]]) -> None:
+    """Report frames that are flipped or turned against the camera, which the path of their light cannot show."""
+    from lfcal.base import FileFormatError, StorageError
+    from lfcal.campaign import find_turned_frames, seen_patterns
+    from lfcal.frames.lists import place
+
+    try:
+        seen = seen_patterns(read, place(listing, plan).positions, plan)
+    except (FileFormatError, StorageError):
+        return  # damaged frames are refused, or left out, where all frames are read
+    found = find_turned_frames(seen, plan)
+    if found is not None:
+        report(f"warning: the frames are {found.words}; make the plan again with {found.options}, and assemble with it")
+
+
+def _check_size(
+    shape: tuple[int, int],
+    camera: Camera,
+    roi: tuple[int, int, int, int] | None,
+    origin: tuple[int, int] | None,
+    folder: str,
+) -> None:
+    """Raise where frames of ``shape`` are smaller than a sensor of known size: their place on it is not known."""
+    from lfcal.frames import check_inside, part_refusal, smaller, stated_origin
+
+    if origin is not None:
+        check_inside(origin, shape, camera.sensor.shape)
+    elif smaller(shape, camera):
+        stated = stated_origin(roi, shape)
+        raise part_refusal(shape, camera.sensor.shape, stated, "as their metadata say")
+    else:
+        tell_size(shape, camera, folder=folder)

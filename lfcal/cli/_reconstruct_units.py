@@ -1,0 +1,274 @@
+"""Volumes of a series in units of a frame each: many at a time, and whole after a kill."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lfcal.cli._reconstruct_frames import FrameFile
+from lfcal.cli._reconstruct_regions import files_of_regions
+from lfcal.cli.outputs import files_of
+from lfcal.work import Held, Unit, file_name, parts_folder, stamp_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lfcal.base import Work
+    from lfcal.cli._reconstruct_saving import Saved
+    from lfcal.reconstruct import FrameResult, Projector, Resampling, SolverChoice
+    from lfcal.reconstruct.projectors import ArrayDevice
+
+__all__ = ["Settings", "device_for", "device_hints", "do_frame", "frame_units", "iter_collect"]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What all frames of a series have in common: the options of ``lfcal reconstruct``, by its words."""
+
+    psf: Path
+    dark: Path | None
+    white: Path | None
+    lattice: Path | None
+    resample: bool
+    anchor: str
+    method: str
+    double: bool
+    threshold: float
+    within: float
+    regions: tuple[str, ...] = ()
+    mat_order: str = ""
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The files among them; of a folder its images."""
+        found = (self.psf, *files_of_regions(self.psf, self.regions), self.dark, self.white, self.lattice)
+        return tuple(os.path.abspath(file) for path in found for file in sorted(files_of(path)))
+
+    def plain(self) -> dict[str, Any]:
+        """Return them as plain JSON types, paths absolute."""
+        found = asdict(self)
+        plain = {key: os.path.abspath(value) if isinstance(value, Path) else value for key, value in found.items()}
+        others = {str(path): os.path.abspath(path) for path in files_of_regions(self.psf, self.regions)}
+        return plain | {"regions": [others.get(str(Path(name)), name) for name in self.regions]}
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> Settings:
+        """Return what `plain` gave."""
+        paths = {key: None if values[key] is None else Path(values[key]) for key in ("psf", "dark", "white", "lattice")}
+        return cls(**{**values, **paths, "regions": tuple(values["regions"])})
+
+
+def frame_units(
+    frames: Sequence[FrameFile],
+    settings: Settings,
+    choice: SolverChoice,
+    out: Path,
+    hints: Mapping[str, Any],
+    recipe: str,
+    *,
+    warm: bool,
+) -> list[Unit]:
+    """Return a unit for each frame; with ``warm`` each begins with the volume of the one before it.
+
+    ``hints`` are the memory that projections may use, and `device_hints`; ``recipe`` is how they are quickest here.
+    """
+    hints = {**hints, "alone": len(frames) == 1}
+    shared = {"settings": settings.plain(), "choice": asdict(choice)}
+    units: list[Unit] = []
+    before = ""
+    for frame in frames:
+        own = {"name": frame.name, "file": os.path.abspath(frame.file), "page": frame.page, "initial": before}
+        unit = Unit(
+            f"frame {frame.name}",
+            f"{__name__}:{do_frame.__name__}",
+            shared | own,
+            (*settings.inputs, *frame.inputs),
+            hints=hints,
+            settled={"projection": recipe},
+        )
+        units.append(unit)
+        if warm:
+            # its name holds the fingerprint of what it began with, and so on to the first frame
+            before = os.path.abspath(parts_folder(out) / file_name(unit, unit.fingerprint()))
+    return units
+
+
+def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
+    """Reconstruct one frame into a volume file of its own: the task of a unit.
+
+    Of a frame of several that has no volume the file says why, and holds what the next one begins with.
+    """
+    from lfcal.base import FileFormatError, InputError
+    from lfcal.cli._reconstruct_frames import read_frame
+    from lfcal.reconstruct import SolverChoice, iter_frame, save_volume
+
+    began = time.perf_counter()
+    initial = _begun_from(arguments["initial"])
+    try:
+        image = read_frame(Path(arguments["file"]), arguments["page"])
+    except FileFormatError as error:
+        if arguments["alone"]:
+            raise
+        _save_nothing(out, initial, error, began)
+        return
+    settings = Settings.of(arguments["settings"])
+    choice = SolverChoice(**arguments["choice"])
+    place = device_for(arguments.get("device", "cpu"), arguments.get("device_room"))
+    how = (arguments["projection"], arguments["memory"], workers, choice.margin, place)
+    tool = _tool_for(settings, image.shape, how)
+    if not choice.solver.in_parts:
+        yield from tool.projector.iter_prepare()
+    weights = None if tool.view is None else tool.view.inside(image.shape)
+    result = yield from iter_frame(tool.projector, lambda: tool.clean(image), choice, weights=weights, initial=initial)
+    if isinstance(result, InputError):
+        if arguments["alone"]:
+            raise result
+        _save_nothing(out, initial, result, began)
+        return
+    last = result.history[-1]
+    details = {
+        "iterations": result.state.iteration,
+        "residual": last.residual,
+        "stopped": result.stopped,
+        "chi2": result.chi2 if math.isfinite(result.chi2) else None,
+        "seconds": time.perf_counter() - began,
+        "notes": result.notes,
+        "method": tool.projector.method,
+    }
+    save_volume(out, result.volume, details=details)
+
+
+def _save_nothing(out: Path, initial: NDArray[Any] | None, error: Exception, began: float) -> None:
+    """Write why there is no volume; where the frames before had one, it goes on to the next frame."""
+    import numpy as np
+
+    from lfcal.reconstruct import save_volume
+
+    details = {"failed": str(error), "seconds": time.perf_counter() - began, "empty": initial is None}
+    save_volume(out, np.zeros((1, 1, 1)) if initial is None else initial, details=details)
+
+
+def _begun_from(file: str) -> NDArray[Any] | None:
+    """Return the volume that a frame begins with, which the unit of the frame before has written."""
+    from lfcal.reconstruct import load_volume
+
+    return None if not file or _details(Path(file)).get("empty", False) else load_volume(file)
+
+
+def _details(part: Path) -> dict[str, Any]:
+    """Return what the file of a unit says of its volume."""
+    from lfcal.base.h5 import H5File
+
+    with H5File(part) as file:
+        found: dict[str, Any] = json.loads(file.attributes().text("details", "{}"))
+    return found
+
+
+@dataclass(frozen=True)
+class _Tool:
+    """What the frames of a series share, made once in each process."""
+
+    projector: Projector
+    view: Resampling | None
+    clean: Callable[[NDArray[Any]], NDArray[Any]]
+    files: ExitStack
+
+
+_HELD: Held[_Tool] = Held(lambda tool: tool.files.close())
+
+
+How = tuple[str, int, int, int, "ArrayDevice | None"]
+"""Method of projection, memory, threads, margin and device."""
+
+
+def device_hints(device: ArrayDevice | None, asked: str, processes: int) -> dict[str, Any]:
+    """Return the device of a run's frames, which ``asked`` named, and the memory that each process may take there."""
+    from lfcal.reconstruct.projectors import device_count
+
+    if device is None:
+        return {}
+    one = ":" in asked  # else each worker takes one of them, by its number
+    share = processes if one else -(-processes // max(1, device_count(device.library)))
+    room = None if share == 1 else device.free_bytes() // share
+    return {"device": asked if one else "cuda", "device_room": room}
+
+
+def device_for(text: str, room: int | None) -> ArrayDevice | None:
+    """Return the device of this worker, with the memory that it may take there."""
+    from lfcal.reconstruct.projectors import find_device
+    from lfcal.work import worker_number
+
+    found = find_device(text, worker=worker_number())
+    return None if found is None else replace(found, room=room)
+
+
+def _tool_for(settings: Settings, shape: tuple[int, ...], how: How) -> _Tool:
+    """Return what frames of ``shape`` need."""
+    key = (json.dumps(settings.plain(), sort_keys=True), stamp_of(settings.inputs), shape, how)
+    return _HELD.get(key, lambda: _made(settings, shape, how))
+
+
+def _made(settings: Settings, shape: tuple[int, ...], how: How) -> _Tool:
+    from lfcal.cli._reconstruct_frames import cleaner
+    from lfcal.cli._reconstruct_grid import anchor_of, known_view, wide
+    from lfcal.cli._reconstruct_regions import open_regions, projector_of
+
+    with ExitStack() as stack:
+        matrices = open_regions(settings.psf, settings.regions, stack, mat_order=settings.mat_order, quiet=True)
+        first = matrices[0]
+        frame = shape[0], shape[1]
+        view = known_view(first, frame, settings.white, settings.lattice, quiet=True) if settings.resample else None
+        frame = frame if view is None else view.shape
+        wider, anchor = wide(frame, anchor_of(settings.anchor, view, first), first, how[3])
+        projector = projector_of(
+            matrices,
+            wider,
+            anchor,
+            how[0],
+            dtype="float64" if settings.double else "float32",
+            threshold=settings.threshold,
+            tolerance=settings.within,
+            memory_limit=how[1],
+            workers=how[2],
+            device="cpu" if how[4] is None else how[4],
+        )
+        return _Tool(projector, view, cleaner(settings.dark, settings.white, view), stack.pop_all())
+
+
+def iter_collect(parts: Sequence[Path], names: Sequence[str], saved: Saved, results: list[FrameResult]) -> Work[None]:
+    """Save the volume of each frame with what is known of it; note in ``results`` how each went.
+
+    Where no frame has a volume nothing is saved.
+    """
+    from lfcal.base import Clock
+    from lfcal.reconstruct import FrameResult, load_volume
+
+    told = [_details(part) for part in parts]
+    for name, known in zip(names, told, strict=True):
+        if "failed" in known:
+            results.append(FrameResult.without_volume(name, known["failed"], known["seconds"]))
+            continue
+        counts = known["iterations"], known["residual"], known["seconds"]
+        chi2 = known.get("chi2")
+        judged = float("nan") if chi2 is None else float(chi2)
+        results.append(FrameResult(name, *counts, tuple(known["notes"]), known["stopped"], chi2=judged))
+    if all(result.failed for result in results):
+        return
+    clock = Clock("write volumes", len(parts))
+    with saved() as save:
+        for k, (part, result, known) in enumerate(zip(parts, results, told, strict=True)):
+            # a run that went on took the method that it was begun with
+            said: dict[str, Any] = {
+                key: known[key]
+                for key in ("residual", "stopped", "method", "notes", "chi2")
+                if known.get(key) is not None
+            }
+            save(result.name, None if result.failed else load_volume(part), said)
+            yield clock.at(k + 1)

@@ -1,0 +1,81 @@
+"""Several regions of the field, as assemble, inspect, verify and simulate take them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from lfcal.base import InputError
+
+if TYPE_CHECKING:
+    from lfcal.camera import RegionPlan, ScanPlan
+
+__all__ = ["Made", "make_regions", "ready_regions", "show_loss", "told_loss"]
+
+Made = Callable[["ScanPlan", str, Path], dict[str, Any]]
+"""Makes H of one region, given its plan, its name and the file; returns what is told of it."""
+
+
+def ready_regions(path: str) -> RegionPlan | None:
+    """Return the plan of regions in a JSON file; None where it holds something else."""
+    from lfcal.base import parse_json, read_text
+    from lfcal.camera import RegionPlan
+
+    if not path.endswith(".json"):
+        return None
+    data = parse_json(read_text(Path(path)), path)
+    return RegionPlan.from_dict(data) if RegionPlan.is_one(data) else None
+
+
+def make_regions(plan: RegionPlan, out: Path, made: Made, given: dict[str, bool], **saving: Any) -> dict[str, Any]:
+    """Make H of each region and write all to one file; return what is told, by region.
+
+    Raises
+    ------
+    InputError
+        If one of the options ``given`` is of one region.
+    """
+    from lfcal.campaign import parts_beside, save_parts
+
+    named = [name for name, there in given.items() if there]
+    if named:
+        raise InputError(f"{named[0]}: is of one region; leave it out with a plan of several")
+    with parts_beside(out, plan.names) as parts:
+        told = {}
+        for k, name in enumerate(plan.names):
+            facts = made(plan.plan(k), name, parts[name])
+            # its file is gone when all are one
+            told[name] = {key: value for key, value in facts.items() if key not in ("path", "out")}
+        save_parts(parts, out, **saving)
+    return {"out": out, "regions": told, "file_bytes": out.stat().st_size}
+
+
+def told_loss(source: Path, *, workers: int | None, quiet: bool) -> Any:
+    """Return what is lost between the regions of an H file; None where it has one."""
+    from lfcal.cli._console import run_work
+    from lfcal.psf import iter_region_loss, regions_of
+
+    if len(regions_of(source)) < 2:
+        return None
+    return run_work(iter_region_loss(source, workers=workers), quiet=quiet)
+
+
+def show_loss(loss: Any) -> None:
+    """Print it: the number of each region, and the worst."""
+    from lfcal.base import format_share
+    from lfcal.cli._console import print_table
+
+    rows = [
+        [name, f"{row:g}, {column:g}", format_share(error), f"{shift:.2f}"]
+        for name, (row, column), error, shift in zip(
+            loss.names, loss.anchors.tolist(), loss.losses.tolist(), loss.shift_px.tolist(), strict=True
+        )
+    ]
+    title = f"regions: patterns against those of {loss.names[0]}"
+    print_table(["region", "anchor (row, column)", "periodicity loss", "centroid shift (px rms)"], rows, title=title)
+    typer.echo(
+        f"where {loss.names[0]} stands for the whole field, patterns are {format_share(loss.worst)} off at worst"
+    )

@@ -1,0 +1,118 @@
+"""Frames of a scan together with the plan that they were recorded by, as several commands are given them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lfcal.cli.outputs import TABLES, files_of
+
+if TYPE_CHECKING:
+    from lfcal.camera import ScanPlan
+    from lfcal.frames import Frames
+
+__all__ = ["ScanFrames", "find_plan"]
+
+
+@dataclass(frozen=True)
+class ScanFrames:
+    """Where frames and their plan lie, and how they are told apart: options of ``lfcal assemble``, by its words."""
+
+    frames: Path
+    plan: Path | None = None
+    manifest: Path | None = None
+    pattern: str = ""
+    order: str = ""
+    columns: str = ""
+    first: int | None = None
+    skip_damaged: bool = False
+    orientation: str = "as is"
+    origin: tuple[int, int] | None = None
+
+    @property
+    def beside(self) -> Path | None:
+        """The folder of the frames that a list names."""
+        return self.frames.parent if self.frames.suffix.lower() in TABLES else None
+
+    def open(self, colour: str = "") -> tuple[Frames, ScanPlan]:
+        """Return the frames and the plan they were recorded by: the one named, their own, or the one that lies there.
+
+        Raises
+        ------
+        InputError
+            If there is no plan, or the one named is not of the scan that the frames belong to.
+        """
+        from lfcal.base import InputError
+        from lfcal.cli._planned import no_plan
+        from lfcal.frames import open_frames
+
+        frames, plan = self.frames, self.plan
+        found = find_plan(frames, plan)
+        source = open_frames(
+            frames,
+            manifest=self.manifest,
+            pattern=self.pattern or None,
+            order=self.order or None,
+            plan=found,
+            colour=colour or None,
+            columns=self.columns,
+            first=self.first,
+            skip_damaged=self.skip_damaged,
+            orientation=self.orientation,
+            origin=self.origin,
+        )
+        own = source.metadata.plan
+        if own is None and found is None:
+            source.close()
+            raise no_plan(frames if frames.is_dir() else frames.parent)
+        # a plan that is named replaces the recorded one: its cutout and anchor may have been corrected since.
+        if own is None or plan is None:
+            return source, own or found  # type: ignore[return-value]  # one of them is there
+        assert found is not None
+        if found.shape[:3] != own.shape[:3]:
+            source.close()
+            raise InputError.expected(
+                f"plan {plan}", f"the scan of these frames, {own.shape[:3]} positions", found.shape[:3], "leave it out"
+            )
+        return source, found
+
+    def files(self, source: Frames) -> list[str]:
+        """Return the files that the frames of ``source``, opened by this, are read from, with lists and plan."""
+        from lfcal.frames import FolderSource
+
+        named = [*files_of(self.frames), *_plans(self.frames, self.plan), *files_of(self.manifest)]
+        if isinstance(source, FolderSource):
+            named += [source.root / entry.file for entry in source.manifest.entries]
+        return sorted({os.path.abspath(path) for path in named})
+
+    def plain(self) -> dict[str, Any]:
+        """Return this as plain JSON types, paths absolute."""
+        return {key: os.path.abspath(v) if isinstance(v, Path) else v for key, v in asdict(self).items()}
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> ScanFrames:
+        """Return what `plain` gave."""
+        found = cls(**{**values, "frames": Path(values["frames"])})
+        plan, manifest = (None if values[key] is None else Path(values[key]) for key in ("plan", "manifest"))
+        origin = None if found.origin is None else (found.origin[0], found.origin[1])
+        return replace(found, plan=plan, manifest=manifest, origin=origin)
+
+
+def find_plan(frames: Path, plan: Path | None) -> ScanPlan | None:
+    """Return the plan of a file, or of ``plan.json`` in or above the folder of the frames; None without one."""
+    from lfcal.base import read_text
+    from lfcal.camera import ScanPlan
+
+    places = _plans(frames, plan)
+    if not places:
+        return None
+    return ScanPlan.from_json(read_text(places[0]))
+
+
+def _plans(frames: Path, plan: Path | None) -> list[Path]:
+    """Return where a plan lies: beside the frames, or one folder above, where lfcal simulate puts it."""
+    folder = frames if frames.is_dir() else frames.parent
+    return [plan] if plan else [p for p in (folder / "plan.json", folder.parent / "plan.json") if p.is_file()]

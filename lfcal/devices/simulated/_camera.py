@@ -1,0 +1,321 @@
+"""The simulated camera: sensor noise, exposure, regions and injected faults around a renderer."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Collection, Iterable
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera, StageAxes
+from lfcal.devices.errors import DeviceLost, FrameTimeout
+from lfcal.devices.protocols import Frame, Point, Rendered, Roi, Setting, TimeSource
+from lfcal.devices.simulated._stage import SimStage, VirtualTime
+from lfcal.devices.simulated.faults import CAMERA_FAULTS, DeviceFault, FaultBook
+
+__all__ = ["AUTOMATIC", "LightPatch", "Renderer", "SimCamera", "SimLight"]
+
+BUMP_UM = (15.0, -15.0, 0.0)
+"""How far a stage that is bumped during an exposure moves (µm)."""
+
+SLIP_PX = 3
+"""How far a region that slips is off (columns)."""
+WARM = 60 / 4095
+"""How much the dark level rises (of the range)."""
+DIMMED = 0.7
+CLAMPED = 0.1
+"""What is left of the lamp's light, and of an exposure."""
+
+FIXED = {"ExposureAuto": "Off", "GainAuto": "Off", "Gamma": "1"}
+AUTOMATIC = {"ExposureAuto": "Continuous", "GainAuto": "Continuous", "Gamma": "2.2"}
+"""Settings of the camera under which samples are proportional to light, and their values where they stay automatic."""
+PEAK = 0.7
+"""Brightest pixel that automatic exposure and gain lead to (of the range above black)."""
+
+SPREAD = 64
+"""Rows and columns that the noise field has more than the region: every row of every frame has its own part."""
+
+
+class _Grain(NamedTuple):
+    """Where a frame takes its noise from the field: rows of it, and first columns, for each row of the frame."""
+
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+
+    @classmethod
+    def two(cls, draw: int, rows: int) -> tuple[_Grain, _Grain]:
+        """Return the grains of read noise and of photon noise, which share no sample of the field.
+
+        Each row has its own part of the field. With one part for a whole frame, two frames in 4096 had equal noise,
+        which no real sensor has: their dark rows were equal, and the content guard took them for one buffer.
+        """
+        rng = np.random.default_rng(draw)
+        first = int(rng.integers(SPREAD))
+        other = (first + int(rng.integers(1, SPREAD))) % SPREAD
+        shifts, down = rng.integers(0, SPREAD, (2, rows)), np.arange(rows)
+        return cls(first + down, shifts[0]), cls(other + down, shifts[1])
+
+    def of(self, field: NDArray[Any], rows: slice, columns: slice) -> NDArray[Any]:
+        """Return a part of the frame, a new array, of the field's windows ``(rows, shifts, columns)``."""
+        return np.asarray(field[self.rows[rows], self.columns[rows], columns])
+
+
+class LightPatch(NamedTuple):
+    """Light on a part of the sensor: its first row and column, and counts above black ``(rows, columns)``."""
+
+    row: int
+    column: int
+    counts: NDArray[Any]
+
+
+class Renderer(Protocol):
+    """The light of a point source on the sensor.
+
+    A session records the ``optics`` of one that is `Rendered`, of another the name of its class.
+    """
+
+    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> LightPatch:
+        """Return the expected light of a source at (right, down, away) µm; it may reach beyond ``roi``."""
+        ...
+
+
+class SimLight:
+    """The simulated lamp."""
+
+    def __init__(self) -> None:
+        self.on = True
+
+    def switch(self, on: bool) -> None:
+        """Switch the lamp."""
+        self.on = on
+
+
+class SimCamera:
+    """A camera in a simulated world.
+
+    The same place and exposure always give the same frame, so that an interrupted session can be compared
+    with an undisturbed one; a second frame without a move differs in its noise.
+
+    Parameters
+    ----------
+    description
+        Sensor, noise, bit depth.
+    axes
+        How the stage's axes really move the source.
+    stage, time, light
+        The simulated stage, clock and lamp.
+    renderer
+        The optics.
+    automatic
+        Settings that cannot be switched off, of `AUTOMATIC`: every frame then has the same peak, or a gamma.
+    seed
+        Of the noise.
+    """
+
+    name = "simulated camera"
+
+    def __init__(
+        self,
+        description: Camera,
+        axes: StageAxes,
+        stage: SimStage,
+        time: TimeSource,
+        light: SimLight,
+        renderer: Renderer,
+        *,
+        faults: Iterable[DeviceFault] = (),
+        automatic: Collection[str] = (),
+        seed: int = 0,
+    ) -> None:
+        self._automatic = frozenset(automatic)
+        self._sensor = description.sensor
+        self._axes, self._stage, self._time, self._light, self._renderer = axes, stage, time, light, renderer
+        self._matrix, self._origin = axes.matrix().tolist(), axes.origin_um
+        self.faults = FaultBook(faults, CAMERA_FAULTS)
+        self._seed = seed
+        self._number = 0
+        self._asked = self._exposure = 0.01
+        self._last: Frame | None = None
+        self._before: NDArray[Any] | None = None
+        self._lost = False
+        self._since_move = (-1, 0)
+        self.set_roi(Roi(0, 0, *self._sensor.shape))
+
+    @property
+    def waits(self) -> bool:
+        """Whether `grab` takes real time."""
+        return not isinstance(self._time, VirtualTime)
+
+    @property
+    def optics(self) -> str:
+        """How its light is computed, which a session records; real cameras have no such attribute."""
+        return self._renderer.optics if isinstance(self._renderer, Rendered) else type(self._renderer).__name__
+
+    @property
+    def sensor_shape(self) -> tuple[int, int]:
+        """Rows and columns of the sensor."""
+        return self._sensor.shape
+
+    @property
+    def bit_depth(self) -> int:
+        """Bits per sample."""
+        return self._sensor.bit_depth
+
+    @property
+    def max_value(self) -> int:
+        """Saturated sample value."""
+        return self._sensor.max_value
+
+    def set_exposure(self, seconds: float) -> Setting[float]:
+        """Take the exposure in steps of 1 µs, from 10 µs to 60 s."""
+        self._check_there()
+        self._asked = min(max(round(seconds * 1e6), 10), 60_000_000) / 1e6
+        self._exposure = self._taken(self.faults.coming())
+        return Setting(seconds, self._exposure)
+
+    def fixed_settings(self) -> dict[str, Setting[str | None]]:
+        """Return exposure, gain and gamma as a camera of the GenICam standard does."""
+        wrong = {name: AUTOMATIC[name] for name in self._automatic}
+        wanted: dict[str, str | None] = {**FIXED, "Gain": None}
+        return {name: Setting(value, wrong.get(name, value or "0")) for name, value in wanted.items()}
+
+    def set_roi(self, roi: Roi) -> Setting[Roi]:
+        """Take the region, clipped to the sensor."""
+        rows, columns = self._sensor.shape
+        row, column = min(max(roi.row, 0), rows - 1), min(max(roi.column, 0), columns - 1)
+        actual = Roi(row, column, min(roi.rows, rows - row), min(roi.columns, columns - column))
+        self._roi = actual
+        sensor = self._sensor
+        # noise is drawn once for a region and shifted for each frame: drawing it anew takes longer than the exposure
+        rng = np.random.default_rng((self._seed, actual.row, actual.column, actual.rows, actual.columns))
+        shape = (actual.rows + SPREAD, actual.columns + SPREAD)
+        normal = rng.standard_normal(shape, np.float32)
+        dark = sensor.black_level + normal * np.float32(sensor.read_noise_e / sensor.electrons_per_count)
+        dark = np.clip(np.rint(dark), 0, sensor.max_value).astype(np.uint8 if sensor.bit_depth <= 8 else np.uint16)
+        # windows as wide as a frame, at every shift: views, which take no memory
+        self._normal, self._dark = (sliding_window_view(field, actual.columns, 1) for field in (normal, dark))
+        return Setting(roi, actual)
+
+    def grab(self, timeout_s: float) -> Frame:
+        """Expose and return the frame; a struck fault replaces it."""
+        struck = self.faults.next_call()
+        self._lost = self._lost or "vanishes" in struck
+        self._check_there()
+        if "clock jumps" in struck and isinstance(self._time, VirtualTime):
+            self._time.jump(-86400.0)
+        if "times out" in struck:
+            self._time.sleep(timeout_s)
+            raise FrameTimeout(f"simulated camera: no frame in {timeout_s:g} s; check the trigger")
+        if "stale" in struck and self._last is not None:
+            return self._last
+        self._exposure = self._taken(struck)
+        started = self._time.monotonic()
+        self._time.sleep(self._exposure)
+        if "bumped" in struck:
+            self._stage.bump(BUMP_UM)
+        data = self._spoilt(self._expose("lamp dims" in struck), struck)
+        self._number += 1
+        status = "complete"
+        if "incomplete" in struck:
+            data[data.shape[0] // 2 :] = 0
+            status = "half of the packets are missing"
+        if "wrong shape" in struck:
+            data = data[:-1]
+        self._last = Frame(data, self._number, self._exposure, started, status)
+        return self._last
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def _taken(self, struck: frozenset[str]) -> float:
+        """Return the exposure that the camera takes, and says it takes (s)."""
+        return round(CLAMPED * self._asked, 6) if "clamps exposure" in struck else self._asked
+
+    def _spoilt(self, data: NDArray[Any], struck: frozenset[str]) -> NDArray[Any]:
+        """Return ``data`` as it comes out of a camera with faults of its own."""
+        before, self._before = self._before, data
+        if not struck:
+            return data
+        if before is None or before.shape != data.shape:
+            before = data
+        if "frozen" in struck:
+            self._before = before  # and so the next one too
+        if "frozen" in struck or "repeats" in struck:
+            data = before
+        if "torn" in struck:
+            half = len(data) // 2
+            data = np.concatenate((data[:half], before[half:]))
+        if "blank" in struck:
+            data = self._dark[: data.shape[0], 0].copy()
+        if "region slips" in struck:
+            data = np.roll(data, SLIP_PX, axis=1)
+        if "dark level" in struck:
+            warmer = data + round(WARM * self._sensor.max_value)
+            data = np.minimum(warmer, self._sensor.max_value).astype(data.dtype)
+        return data
+
+    def _expose(self, dimmed: bool = False) -> NDArray[Any]:
+        place = self._stage.true_position()
+        # frames without a move between them differ, the first after a move does not
+        count = self._since_move[1] + 1 if self._since_move[0] == self._stage.moves else 0
+        self._since_move = (self._stage.moves, count)
+        key = struct.pack(
+            # nanometres and microseconds: float noise of the same place must not change the draw
+            "<4q2I",
+            *(round(v * 1000) for v in place),
+            round(self._exposure * 1e6),
+            count,
+            self._light.on,
+        )
+        draw = zlib.crc32(key, self._seed)
+        grains = _Grain.two(draw, self._roi.rows)
+        frame = grains[0].of(self._dark, slice(None), slice(None))
+        if self._light.on:
+            # plain numbers: arrays of three cost more than the sums
+            offset = [p - o for p, o in zip(place, self._origin, strict=True)]
+            source = tuple(sum(offset[k] * self._matrix[k][j] for k in range(3)) for j in range(3))
+            patch = self._renderer.render((source[0], source[1], source[2]), self._exposure, self._roi)
+            if self._automatic:
+                patch = patch._replace(counts=self._by_itself(patch.counts))
+            if dimmed:
+                patch = patch._replace(counts=patch.counts * np.float32(DIMMED))
+            self._add(frame, patch, grains)
+        return frame
+
+    def _by_itself(self, counts: NDArray[Any]) -> NDArray[Any]:
+        """Return light as the settings that stay automatic change it: scaled to the same peak, bent by gamma."""
+        peak = float(counts.max(initial=0.0))
+        full = self._sensor.max_value - self._sensor.black_level
+        if self._automatic - {"Gamma"} and peak > 0:
+            counts = counts * np.float32(PEAK * full / peak)
+        if "Gamma" in self._automatic:
+            counts = np.float32(full) * np.clip(counts / np.float32(full), 0, 1) ** np.float32(1 / 2.2)
+        return np.asarray(counts, np.float32)
+
+    def _add(self, frame: NDArray[Any], patch: LightPatch, grains: tuple[_Grain, _Grain]) -> None:
+        """Enter what the sensor shows of the light of ``patch`` into ``frame``, in place."""
+        row, column = patch.row - self._roi.row, patch.column - self._roi.column
+        top, left = max(row, 0), max(column, 0)
+        bottom = min(row + patch.counts.shape[0], frame.shape[0])
+        right = min(column + patch.counts.shape[1], frame.shape[1])
+        if bottom <= top or right <= left:
+            return
+        light = patch.counts[top - row : bottom - row, left - column : right - column]
+        # one set of random numbers for the read noise and the photon noise alike: both repeat with the place
+        dark, normal = (grain.of(self._normal, slice(top, bottom), slice(left, right)) for grain in grains)
+        sensor = self._sensor
+        gain = np.float32(1 / sensor.electrons_per_count)
+        # rounded once, as a converter does: twice would lose light of less than half a count
+        total = np.sqrt(light * gain) * normal + light
+        total += dark * (np.float32(sensor.read_noise_e) * gain) + np.float32(sensor.black_level)
+        np.rint(total, out=total)
+        np.clip(total, 0, sensor.max_value, out=total)
+        frame[top:bottom, left:right] = total
+
+    def _check_there(self) -> None:
+        if self._lost:
+            raise DeviceLost("simulated camera: no answer; check cable and power")

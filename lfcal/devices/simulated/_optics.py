@@ -1,0 +1,195 @@
+"""Renderers for the simulated camera: a quick pattern of its own, or frames made elsewhere."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import InputError
+from lfcal.camera import ScanPlan, half_extent_px
+from lfcal.devices.protocols import Point, Roi
+from lfcal.devices.simulated._camera import LightPatch
+from lfcal.frames import FrameSource
+
+if TYPE_CHECKING:
+    from lfcal.simulate.effects import Effect
+
+__all__ = ["FramesRenderer", "PatternRenderer", "chosen_effects", "simulated_optics"]
+
+
+TOLERANCE = 0.01
+"""Relative L1 error of simulated optics with effects: at 5 % a fit of 24 frames found its camera incomplete."""
+
+OFF_PLANE_PX = 0.5
+"""Change of the shadow's radius from which a source does not stand in a plane of the plan."""
+
+FINE = 0.003
+"""The same at level ``grid``: what a fit of many frames tells lies far below the noise of one."""
+
+
+class PatternRenderer:
+    """A light, quick stand-in for plenoptic optics: a blurred disc seen through a periodic mask.
+
+    The disc lies on the paraxial image of the source and grows with its distance from the native plane;
+    the mask has exactly the plan's period, so the resulting H is periodic. It is for exercising a session,
+    not for judging a PSF.
+
+    Parameters
+    ----------
+    plan
+        Camera, period and exposures; the brightest plane peaks at ``peak`` of the sensor's range.
+    peak
+        Share of the range between black and saturation.
+    """
+
+    optics = "pattern"
+
+    def __init__(self, plan: ScanPlan, *, peak: float = 0.6) -> None:
+        self._plan = plan
+        self._camera = plan.camera
+        self._centre = plan.camera.sensor.centre_px
+        self._limit = max(1.0, (min(plan.cutout) - 1) / 2)
+        sigmas = [self._sigma(z) for z in plan.depths_um]
+        brightest = max(t / s**2 for t, s in zip(plan.exposures, sigmas, strict=True))
+        sensor = plan.camera.sensor
+        self._rate = peak * (sensor.max_value - sensor.black_level) / brightest
+
+    def _sigma(self, depth_um: float) -> float:
+        return min(1.5 + 0.3 * abs(self._camera.virtual_depth(depth_um)), self._limit / 3)
+
+    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> LightPatch:
+        """Return a patch of six standard deviations about the image of ``source_um``."""
+        step = self._camera.step_um(source_um[2])
+        row = self._centre[0] + source_um[1] / step
+        column = self._centre[1] + source_um[0] / step
+        sigma = self._sigma(source_um[2])
+        peak = np.float32(self._rate * exposure_s / sigma**2)
+        # rounded, so that the cache also serves the same place reached over another path
+        top, down = _profile(round(row, 6), sigma, self._plan.period[0])
+        left, along = _profile(round(column, 6), sigma, self._plan.period[1])
+        return LightPatch(top, left, np.multiply.outer(peak * down, along))
+
+
+@functools.lru_cache(maxsize=4096)
+def _profile(middle: float, sigma: float, period: int) -> tuple[int, NDArray[np.float32]]:
+    """Return first pixel and values of a Gaussian about ``middle`` seen through a mask of ``period`` pixels."""
+    half = math.ceil(3 * sigma)
+    first = math.floor(middle + 0.5) - half
+    pixels = np.arange(first, first + 2 * half + 1)
+    # depends on the pixel, not on the source: the lenslets stand still
+    mask = 0.75 + 0.25 * np.cos((2 * math.pi / period) * (pixels % period))
+    return first, (mask * np.exp(-((pixels - middle) ** 2) / (2 * sigma**2))).astype(np.float32)
+
+
+@runtime_checkable
+class LitFrames(Protocol):
+    """Frames of which the light is known before the sensor disturbs it, as of `lfcal.simulate.SimulatedCamera`."""
+
+    def patch(self, index: int) -> tuple[int, int, NDArray[Any]]:
+        """Return first row and column of the lit part of a frame, and its photoelectrons ``(rows, columns)``."""
+        ...
+
+    def patch_of(self, source_um: Point) -> tuple[int, int, NDArray[Any]]:
+        """Return the same of a source anywhere (µm)."""
+        ...
+
+
+class FramesRenderer:
+    """Frames of a `FrameSource` (a simulated camera, a recorded session) as what the optics make.
+
+    The frame of the plan's position nearest to the source is taken, whole periods away moved by them, and
+    scaled by the exposure. The camera adds black level and noise. Of `LitFrames` the electrons before the sensor
+    disturbs them are taken, between and beyond the planes those of the place itself; others should be free of noise.
+
+    Parameters
+    ----------
+    plan
+        The plan the frames belong to.
+    frames
+        One full sensor frame per position, in sample values with the sensor's black level.
+    """
+
+    def __init__(self, plan: ScanPlan, frames: FrameSource) -> None:
+        if tuple(frames.shape) != tuple(plan.camera.sensor.shape):
+            raise InputError.expected(
+                "frames", f"the sensor's shape {plan.camera.sensor.shape}", frames.shape, "match them"
+            )
+        self._plan, self._frames = plan, frames
+        # a live view shows one place again and again
+        self._patch_of = functools.lru_cache(maxsize=2)(frames.patch_of) if isinstance(frames, LitFrames) else None
+        self._index = {tuple(frames.info(k).position): k for k in range(len(frames))}
+
+    @property
+    def optics(self) -> str:
+        """The level of the simulator; ``"frames"`` where the source of frames names none."""
+        return str((self._frames.metadata.simulated or {}).get("level", "frames"))
+
+    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> LightPatch:
+        """Return the frame of the nearest position, or of the place itself off the planes; ``roi`` is ignored."""
+        plan = self._plan
+        z = int(np.argmin(np.abs(np.array(plan.depths_um) - source_um[2])))
+        if self._patch_of is not None and self._off_plane(source_um[2], z):
+            row, column, electrons = self._patch_of(tuple(round(value, 3) for value in source_um))
+            counts = electrons * np.float32(exposure_s / plan.exposures[z] / plan.camera.sensor.electrons_per_count)
+            return LightPatch(row, column, counts)
+        step = plan.camera.step_um(plan.depths_um[z])
+        centre, factors = plan.camera.sensor.centre_px, plan.resample_factors
+        steps = [round((centre[k] + source_um[1 - k] / step - plan.anchor[k]) * factors[k]) for k in range(2)]
+        # whole periods away the pattern is the same, moved
+        (ky, y), (kx, x) = (divmod(n, period) for n, period in zip(steps, plan.period, strict=True))
+        index = self._index.get((z, y, x))
+        if index is None:
+            raise InputError.expected(
+                "simulated frames", f"one of position (z, y, x) = {(z, y, x)}", "none", "simulate it too"
+            )
+        top, left, light = self._light(index)
+        shift = round(ky * plan.period[0] / factors[0]), round(kx * plan.period[1] / factors[1])
+        return LightPatch(top + shift[0], left + shift[1], light * np.float32(exposure_s / plan.exposures[z]))
+
+    def _off_plane(self, depth_um: float, z: int) -> bool:
+        """Return whether the image is another there: its shadow is larger or smaller by `OFF_PLANE_PX`."""
+        camera = self._plan.camera
+        there, planned = (half_extent_px(camera, depth) for depth in (depth_um, self._plan.depths_um[z]))
+        return abs(there - planned) > OFF_PLANE_PX
+
+    def _light(self, index: int) -> LightPatch:
+        """Return counts above black of frame ``index``."""
+        sensor = self._plan.camera.sensor
+        if isinstance(self._frames, LitFrames):
+            row, column, electrons = self._frames.patch(index)
+            return LightPatch(row, column, electrons * np.float32(1 / sensor.electrons_per_count))
+        return LightPatch(0, 0, (self._frames.read(index) - np.float32(sensor.black_level)).clip(0))
+
+
+def simulated_optics(plan: ScanPlan, level: str, effects: str = "") -> FramesRenderer:
+    """Return the plenoptic camera of ``plan`` at a level of the simulator, with ideal optics or those of a file.
+
+    It is free of noise: `SimCamera` adds that of the sensor. ``level`` is ``"auto"``, ``"geometric"``, ``"wave"``,
+    ``"grid"`` (slower, and as fine as a fit) or ``"microscope"``; ``effects`` is a JSON file as
+    `lfcal.simulate.effects.described.read_entries` reads it, of which what enters H is simulated, and with it what
+    `plan_effects` finds necessary; or ``"auto"``: this alone. Ideal optics focus a point into a single pixel of each
+    micro-image, which no search for light can tell from a hot pixel. Raises `InputError` where the level does not
+    suit the plan's camera, or the file holds no effects.
+    """
+    # here, so that the quick pattern does not load the simulator
+    from lfcal.simulate import SimulatedCamera
+
+    if not effects:
+        return FramesRenderer(plan, SimulatedCamera(plan, (), level=level))
+    fine = FINE if level == "grid" else TOLERANCE
+    return FramesRenderer(plan, SimulatedCamera(plan, chosen_effects(plan, effects), level=level, tolerance=fine))
+
+
+def chosen_effects(plan: ScanPlan, effects: str, tolerance: float = TOLERANCE) -> tuple[Effect, ...]:
+    """Return the effects of a JSON file with what is necessary beside them, or of ``"auto"`` what is necessary."""
+    from lfcal.simulate import plan_effects
+    from lfcal.simulate.effects import parse_entries
+
+    if effects == "auto":
+        return plan_effects(plan.camera, plan, tolerance).effects
+    settings, given = parse_entries(effects)
+    return plan_effects(plan.camera, plan, tolerance, settings, effects=given).effects

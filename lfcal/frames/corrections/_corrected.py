@@ -1,0 +1,167 @@
+"""A frame source seen through a correction chain: the one place where frames are corrected."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import InputError, LfcalError
+from lfcal.frames.corrections._noise import corrected_noise
+from lfcal.frames.corrections.chain import CorrectionChain
+from lfcal.frames.corrections.steps import Exposure, White
+from lfcal.frames.regions import Region, check_region, grow_region, moved, part_of, whole
+from lfcal.frames.source import DarkNoise, FrameInfo, FrameMetadata, Frames, FrameSource, Noise, Samples, observed
+from lfcal.frames.view import SourceView
+
+__all__ = ["CorrectedSource", "corrected"]
+
+
+class CorrectedSource(SourceView):
+    """Corrected float32 frames of ``source``; a region costs no more than the region and its margin.
+
+    Corrections belong to the sensor, so frames that are cutouts are corrected at their place on it. Where a
+    background is measured on each frame the whole frame is read.
+    """
+
+    def __init__(self, source: FrameSource, chain: CorrectionChain) -> None:
+        super().__init__(source)
+        self.chain = chain
+        # first and last frame stand for all: a session records either cutouts or whole frames
+        cut = any(source.info(k).origin != (0, 0) for k in {0, len(source) - 1} if k >= 0 and len(source))
+        # a fixed part of the sensor, whose calibration frames are of the same part
+        part = self.known.origin
+        self._first = (0, 0)
+        if part is not None and chain.shape in (None, source.shape):
+            cut, self._first = False, part
+        if cut and chain.measures_frames:
+            raise InputError.expected(
+                "background", "a constant for frames that are cutouts", "one measured on whole frames", "use a constant"
+            )
+        if not cut and chain.shape is not None and chain.shape != source.shape:
+            if chain.shape == source.shape[::-1]:
+                raise InputError.expected(
+                    "frames and their calibration frames",
+                    "all delivered the same way up",
+                    f"frames {source.shape} and dark or white {chain.shape}, on their side",
+                    "take dark and white as the frames come: all are turned upright together (orientation)",
+                )
+            raise InputError.expected(
+                "frames",
+                f"shape {chain.shape} of the calibration frames",
+                source.shape,
+                "take frames, dark and white with one sensor setting",
+            )
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """float32."""
+        return np.dtype(np.float32)
+
+    def derived(self, known: FrameMetadata) -> FrameMetadata:
+        """Return what is known of the raw frames with the corrections described."""
+        chain, dark = self.chain, self.chain.only_dark()
+        noise = known.dark_noise
+        if dark is not None and dark.count:
+            # samples that nothing multiplies have the variance of raw ones
+            plain = not any(isinstance(step, White | Exposure) for step in chain.steps)
+            noise = DarkNoise(dark.count, dark.variance if plain else None)
+        return replace(known, corrections=chain.describe(), keeps_level=chain.keeps_level(), dark_noise=noise)
+
+    def repeats(self) -> FrameSource | None:
+        """Return the source's repeated frames, corrected alike."""
+        found = self.source.repeats() if isinstance(self.source, Frames) else None
+        return None if found is None else CorrectedSource(found, self.chain)
+
+    def read(self, index: int, region: Region | None = None) -> NDArray[np.float32]:
+        """Return frame ``index``, or a part of it, corrected: equal to that part of the whole corrected frame."""
+        values: NDArray[np.float32] = self.samples(index, region).values
+        return values
+
+    def samples(self, index: int, region: Region | None = None) -> Samples:
+        """Return corrected samples; which are saturated is decided on the raw ones.
+
+        Raises
+        ------
+        InputError
+            With the frame's name, if it cannot be read or corrected.
+        """
+        inside = check_region(region or whole(self.shape), self.shape)
+        info = self.source.info(index)
+        grown = whole(self.shape) if self.chain.measures_frames else grow_region(inside, self.chain.margin, self.shape)
+        raw = self.source.samples(index, grown)
+        # saturation is a property of raw samples: after dark and white the level is no longer one number
+        if self.chain.saturation is not None:
+            raw = observed(raw.values, self.chain.saturation, raw.noise)
+        try:
+            values, level = self._correct(raw.values, grown, inside, info)
+        except LfcalError as error:
+            raise type(error)(f"{info.label}: {error}") from error
+        valid, count = self._usable(raw, grown, inside, info)
+        return Samples(values, valid, self._noise(raw.noise, inside, info, level), count)
+
+    def _correct(
+        self, part: NDArray[Any], grown: Region, inside: Region, info: FrameInfo
+    ) -> tuple[NDArray[np.float32], float]:
+        """Return corrected samples, and the background that was taken off at their middle."""
+        plane = None
+        if self.chain.measures_frames:
+            plane = self.chain.measure(lambda region: part[region], self.shape, exposure_s=info.exposure_s)
+        values = self.chain.apply_region(
+            part,
+            self._placed(grown, info),
+            inside=self._placed(inside, info),
+            exposure_s=info.exposure_s,
+            background=plane,
+        )
+        if plane is None:
+            plane = self.chain.measure(lambda _: part, self.shape, exposure_s=info.exposure_s)
+        middle = tuple((side.start + side.stop - 1) / 2 for side in self._placed(inside, info))
+        return values, self.chain.level(plane, info.exposure_s, (middle[0], middle[1]))
+
+    def _usable(
+        self, raw: Samples, grown: Region, inside: Region, info: FrameInfo
+    ) -> tuple[NDArray[np.bool_] | None, int | None]:
+        """Return which samples of ``inside`` are valid, and how many are saturated; repaired defects are neither."""
+        if raw.valid is None:
+            return None, raw.saturated
+        valid = np.array(raw.valid)
+        # a repaired pixel holds its neighbours' mean, so its own raw value no longer counts
+        repaired = self.chain.repaired(self._placed(grown, info))
+        valid[repaired[:, 0], repaired[:, 1]] = True
+        bad = ~valid[part_of(inside, grown)]
+        # what the mask excludes is not valid either, but says nothing of saturation
+        full = bad if info.mask is None else bad & info.mask[inside]
+        count = None if raw.saturated is None else int(np.count_nonzero(full))
+        return (~bad if bad.any() else None), count
+
+    def _noise(self, noise: Noise | None, inside: Region, info: FrameInfo, level: float) -> Noise | None:
+        """Return the variance of corrected samples; ``level`` is the background that was taken off."""
+        if noise is None:
+            return None
+        return corrected_noise(noise, self.chain, self._placed(inside, info), info.exposure_s, level)
+
+    def _placed(self, region: Region, info: FrameInfo) -> Region:
+        """Return a region of a frame in the pixels of the calibration frames."""
+        return moved(region, (info.origin[0] - self._first[0], info.origin[1] - self._first[1]))
+
+
+def corrected(source: FrameSource, chain: CorrectionChain) -> CorrectedSource:
+    """Return the frames of ``source`` as ``chain`` corrects them, again a `FrameSource`.
+
+    Raises
+    ------
+    InputError
+        If the calibration frames of the chain have another shape.
+
+    Examples
+    --------
+    >>> from lfcal.frames import CorrectedSource, CorrectionChain, Dark, corrected, open_frames
+    >>> with open_frames("session/frames") as source:
+    ...     clean: CorrectedSource = corrected(source, CorrectionChain((Dark(level=64.0),)))
+    ...     print(source.read(0)[40, 48], "less 64 is", clean.read(0)[40, 48])
+    67 less 64 is 3.0
+    """
+    return CorrectedSource(source, chain)

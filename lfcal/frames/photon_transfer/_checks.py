@@ -1,0 +1,111 @@
+"""What of a series does not look like raw frames of a steady scene, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lfcal.frames.photon_transfer._converter import Converter
+from lfcal.frames.photon_transfer._curve import PhotonTransferCurve
+from lfcal.frames.photon_transfer._darks import FINE, DarkLevel
+from lfcal.frames.photon_transfer._levels import FlatLevel
+
+__all__ = ["doubts_of", "notes_of"]
+
+LIKE = 0.05
+"""Correlation of neighbours' noise from which pixels are not independent."""
+
+SPARSE = 0.97
+"""Share of sample values in use below which a table stretched them."""
+
+LAG = 1.1
+FLICKER = 0.02
+ROLLING = 0.002
+CHI2 = 4.0
+
+
+def doubts_of(
+    converter: Converter, darks: Sequence[DarkLevel], flats: Sequence[FlatLevel], curve: PhotonTransferCurve
+) -> tuple[str, ...]:
+    """Return why the figures are not those of the sensor; empty where nothing speaks against them."""
+    doubts = [f"gain: {curve.refusal}"] if curve.refusal else []
+    # what rounding alone makes of darks says nothing of their noise
+    noisy = [d.likeness for d in darks if d.variance.value >= FINE or converter.step < 1]
+    dark = np.mean(noisy, axis=0) if noisy else np.zeros(2)
+    lit = _likeness(flats, curve)
+    # rows or columns with noise of their own make neighbours alike along one axis only
+    if min(dark) > LIKE or (lit is not None and min(lit) > LIKE and min(dark) > LIKE / 2):
+        doubts.append(
+            f"noise of neighbouring pixels is alike (correlation {min(dark):.2f} in darks): the frames were smoothed, "
+            "scaled or debayered; record raw frames"
+        )
+    elif min(dark) < -LIKE and max(dark) < 0:
+        doubts.append(f"noise of neighbouring pixels is opposed (correlation {min(dark):.2f}): frames were sharpened")
+    elif lit is not None and min(lit) > LIKE:
+        doubts.append(
+            f"differences of flats are alike in neighbouring pixels (correlation {min(lit):.2f}) and those of darks "
+            "are not: light or camera moved between the frames of a pair, or the frames were compressed"
+        )
+    lag = [level.lagging for level in _fitted(flats, curve) if level.lagging is not None]
+    if lag and float(np.median(lag)) > LAG:
+        doubts.append(
+            f"frames farther apart differ more (variance {float(np.median(lag)):.2f} times): the camera mixes "
+            "successive frames (temporal noise filter), or the light drifts"
+        )
+    if converter.step == 0:
+        doubts.append("samples are no whole numbers: the frames were scaled or processed; record what the camera sends")
+    if 0 < converter.step < 1:
+        doubts.append(f"samples are means of {round(1 / converter.step)} frames: gain and noise are those of the mean")
+    return tuple(doubts)
+
+
+def notes_of(
+    converter: Converter, darks: Sequence[DarkLevel], flats: Sequence[FlatLevel], curve: PhotonTransferCurve
+) -> tuple[str, ...]:
+    """Return what is worth knowing of the series though it does not spoil the figures."""
+    notes = []
+    if converter.shift:
+        notes.append(f"samples are left-aligned by {converter.shift} bits; all counts are after moving them down")
+    if converter.step > 1 or converter.used < SPARSE:
+        notes.append(
+            f"{100 * min(converter.used, 1 / max(converter.step, 1)):.0f} % of the sample values occur: "
+            "a table or a factor stretched them"
+        )
+    pairs = [pair for level in flats for pair in level.pairs]
+    change = max((abs(pair.change) for pair in pairs), default=0.0)
+    if change > FLICKER:
+        notes.append(f"light differs by up to {100 * change:.1f} % within a pair; it was allowed for")
+    rolling = max((pair.rolling for pair in pairs), default=0.0)
+    if rolling > ROLLING:
+        notes.append(
+            f"light differs from row to row ({100 * rolling:.1f} % rms): a flickering lamp; it was allowed for"
+        )
+    if darks[0].cut_off:
+        notes.append(
+            "darks are cut off at zero: black level and offsets are unknown, read noise is told from the curve; "
+            "raise the camera's black level"
+        )
+    if not curve.refusal and abs(curve.departure) > 0:
+        notes.append(
+            f"variance departs from a line by {100 * curve.departure:+.1f} % at {curve.limit:.0f} counts; "
+            "gain is that of its beginning"
+        )
+    if curve.chi2 > CHI2:
+        notes.append(f"points scatter {curve.chi2**0.5:.1f} times as much as chance; errors are widened by that")
+    return tuple(notes)
+
+
+def _fitted(flats: Sequence[FlatLevel], curve: PhotonTransferCurve) -> list[FlatLevel]:
+    """Return the levels with pairs that lie within the fit, or else the dimmest."""
+    paired = [level for level in flats if level.pairs]
+    return [level for level in paired if float(level.bright.mean()) < curve.limit] or paired[:1]
+
+
+def _likeness(flats: Sequence[FlatLevel], curve: PhotonTransferCurve) -> tuple[float, float] | None:
+    """Return the correlation of neighbours' differences in the brightest flats that were fitted."""
+    levels = _fitted(flats, curve)
+    if not levels:
+        return None
+    rows, columns = np.mean([pair.likeness for pair in levels[-1].pairs], axis=0).tolist()
+    return rows, columns

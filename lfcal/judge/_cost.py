@@ -1,0 +1,280 @@
+"""What faults cost: a fixed scene reconstructed with patterns that have a fault, and with those that have none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import Clock, InputError, Work
+from lfcal.judge._patch import Patch, patch_of
+from lfcal.judge._scenes import SceneTrial
+from lfcal.judge.evidence import Evidence
+from lfcal.judge.finding import Finding
+from lfcal.simulate.engines import EnergyError
+
+__all__ = ["Costs", "iter_costs"]
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+
+SIDE_PX = 48
+"""Pixels that the image has along each axis at least; light of points farther apart hardly meets."""
+
+LARGE_PX = 96
+"""The same of a whole trial: voxels that go astray do so each in its own way."""
+
+PLANES = 3
+"""Planes that are reconstructed at most."""
+
+FEWEST, MOST = 64, 2600
+"""Positions of H that a patch has at least, and at most."""
+
+CUTOUT_PX = 191
+"""Rows and columns of cutouts at most: what is far outside, where no light should be, costs as well."""
+
+CUTOUT = (CUTOUT_PX, CUTOUT_PX)
+
+MOST_SAMPLES = 24_000_000
+"""Of a patch at most: each is held several times."""
+
+SAMPLE = 64
+"""Compared patterns that tell how much of a fault a patch shows."""
+
+MOST_OF_REST = 3.0
+"""Times its own estimate that a fault costs at most where H as it is costs more than its faults."""
+
+SHOWN = 0.3
+"""Share of its usual strength that a fault must have in a patch; else it gets a patch of its own."""
+
+
+@dataclass(frozen=True)
+class Costs:
+    """What findings cost.
+
+    Attributes
+    ----------
+    clean
+        Error of a reconstruction by the noise of H alone, beside one by patterns without noise.
+    as_it_is
+        The same of H as it is.
+    costs
+        Error that each finding makes beyond that; errors add in squares. None: not measured.
+    whole
+        Whether these are errors of all of H, and not of a part.
+    """
+
+    clean: float | None
+    as_it_is: float | None
+    costs: tuple[float | None, ...]
+    whole: bool = False
+
+
+def iter_costs(evidence: Evidence, findings: Sequence[Finding], many: int | None = None) -> Work[Costs]:
+    """Measure the error of a reconstruction that each finding makes beyond the noise of H.
+
+    A patch of neighbouring positions of up to three planes is computed as the camera should show it, as large as
+    `MOST` and `MOST_SAMPLES` allow; where that is less than all of H, the error is scaled to the strength that the
+    fault has all over H. Errors are those of `SceneTrial`, between volumes that the same image gives: with the
+    patterns as they should be, and with noise of H and the fault in them.
+
+    Parameters
+    ----------
+    evidence
+        What was compared, without the faults.
+    findings
+        What was found.
+    many
+        Positions of a smaller patch, whose image is smaller too; None: as many as allowed. Never a matter of time:
+        costs are the same on every machine.
+    """
+    clock = Clock("measuring what faults cost", len(findings) + 2)
+    yield clock.at(0)
+    if not findings:
+        return Costs(None, None, ())
+    order = sorted(range(len(findings)), key=lambda k: -findings[k].share)
+    try:
+        worst = [findings[k] for k in order]
+        trial = _Trial.at(evidence, worst, _planes(evidence, findings), many)
+        yield clock.at(1)
+        as_it_is = trial.error(trial.patch.recorded)
+        costs: list[float | None] = [None] * len(findings)
+        for done, k in enumerate(order):
+            yield clock.at(2 + done)
+            if findings[k].wider > 1:
+                costs[k] = _wider(evidence, findings[k], many)
+                continue
+            own, factor = trial, trial.factor(findings[k])
+            if factor > 1 / SHOWN:
+                own = _own_trial(evidence, findings[k], many)
+                factor = own.factor(findings[k])
+            costs[k] = own.cost(findings[k], factor)
+    except (InputError, EnergyError):  # a camera that is computed for the patterns but not for a patch
+        return Costs(None, None, (None,) * len(findings))
+    if trial.sample is None:
+        costs = _consistent(costs, findings, _beyond(as_it_is, trial.clean))
+    yield clock.at(len(findings) + 2)
+    return Costs(trial.clean, as_it_is, tuple(costs), trial.sample is None)
+
+
+def _beyond(error: float, clean: float) -> float:
+    """Return what makes an error out of that of the noise alone: independent errors add in squares."""
+    return math.sqrt(max(0.0, error**2 - clean**2))
+
+
+def _consistent(costs: Sequence[float | None], findings: Sequence[Finding], all_of_it: float) -> list[float | None]:
+    """Return costs whose squares add to no more than that of ``all_of_it``, the cost of H as it is.
+
+    What is missing from that goes to faults of which patterns are a sample: single frames, of which some were
+    compared, and what scatters. What larger cutouts show is not in H as it is.
+    """
+    here = [k for k, one in enumerate(findings) if one.wider == 1 and costs[k] is not None]
+    sampled = [k for k in here if findings[k].extent is not None or findings[k].scatters]
+
+    def power(which: Sequence[int]) -> float:
+        return sum((costs[k] or 0.0) ** 2 for k in which)
+
+    out = list(costs)
+    total, some = power(here), power(sampled)
+    if total > all_of_it**2:
+        which, factor = here, all_of_it / math.sqrt(total)
+    elif some > 0:
+        which, factor = sampled, min(MOST_OF_REST, math.sqrt((all_of_it**2 - total + some) / some))
+    else:
+        return out
+    for k in which:
+        out[k] = factor * (costs[k] or 0.0)
+    return out
+
+
+def _own_trial(evidence: Evidence, finding: Finding, many: int | None) -> _Trial:
+    return _Trial.at(evidence, (finding,), _planes(evidence, (finding,)), many, finding.wider)
+
+
+def _wider(evidence: Evidence, finding: Finding, many: int | None) -> float | None:
+    """Return what a fault costs that only larger cutouts show; None where the sensor has no room for them."""
+    try:
+        own = _own_trial(evidence, finding, many)
+    except (InputError, EnergyError):
+        return None
+    return own.cost(finding, own.factor(finding))
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A patch, and what a scene is reconstructed to with its patterns."""
+
+    patch: Patch
+    shape: tuple[int, int, int]
+    scene: SceneTrial
+    clean: float
+    sample: Patch | None
+
+    @classmethod
+    def at(
+        cls, evidence: Evidence, findings: Sequence[Finding], planes: list[int], many: int | None, wider: float = 1.0
+    ) -> _Trial:
+        """Return the trial about the first of the findings."""
+        side = LARGE_PX if many is None else SIDE_PX
+        place, period = _place(evidence, findings[0]), evidence.plan.period
+        many = min(MOST if many is None else many, max(FEWEST, MOST_SAMPLES // _samples(evidence, wider)))
+        # all of the period of fewer planes: a part of it is less like the whole
+        while len(planes) > 1 and many < len(planes) * period[0] * period[1]:
+            planes = planes[:-1]
+        planes = sorted(planes)
+        block = _block(period, many // len(planes))
+        whole = block == period and len(planes) == evidence.plan.shape[0]
+        first = [
+            0 if b == n else int(np.clip(p - b // 2, 0, n - b)) for p, b, n in zip(place, block, period, strict=True)
+        ]
+        y, x = (f + np.arange(b) for f, b in zip(first, block, strict=True))
+        index = np.stack([a.ravel() for a in np.meshgrid(planes, y, x, indexing="ij")], 1).astype(np.intp)
+        patch = patch_of(evidence, index, CUTOUT, wider=wider)
+        sample = None
+        if not whole:
+            every = np.linspace(0, len(evidence) - 1, min(SAMPLE, len(evidence))).astype(int)
+            sample = patch_of(evidence, evidence.index[every], CUTOUT, wider=wider)
+        shape = (len(planes), *block)
+        scene = SceneTrial(patch.light.reshape(*shape, *patch.light.shape[1:]), side)
+        bare = cls(patch, shape, scene, 0.0, sample)
+        return replace(bare, clean=bare.error(patch.light))
+
+    def error(self, light: F4) -> float:
+        """Return the error of a reconstruction with patterns of this light and H's noise."""
+        return self.scene.error((light + self.patch.noise).reshape(*self.shape, *light.shape[1:]))
+
+    def factor(self, finding: Finding) -> float:
+        """Return how much stronger a fault is all over H than in this patch, as a ratio of powers."""
+        if finding.put_in is None:
+            return 1.0
+        if finding.extent is not None:
+            here = len(_within(finding.positions, self.patch.index)) / len(self.patch.index)
+            return finding.extent / here if here else np.inf
+        if self.sample is None:
+            return 1.0
+        own = _power(self.patch, finding)
+        return _power(self.sample, finding) / own if own > 0 else np.inf
+
+    def cost(self, finding: Finding, factor: float) -> float | None:
+        if finding.put_in is None or not np.isfinite(factor):
+            return None
+        return math.sqrt(factor) * _beyond(self.error(finding.put_in(self.patch)), self.clean)
+
+
+def _power(patch: Patch, finding: Finding) -> float:
+    assert finding.put_in is not None
+    change = np.square(finding.put_in(patch) - patch.light).sum(dtype=np.float64)
+    return float(change / max(1e-300, np.square(patch.light).sum(dtype=np.float64)))
+
+
+def _within(positions: NDArray[np.intp], index: NDArray[np.intp]) -> list[tuple[int, ...]]:
+    inside = set(map(tuple, index.tolist()))
+    return [p for p in map(tuple, positions.tolist()) if p in inside]
+
+
+def _planes(evidence: Evidence, findings: Sequence[Finding]) -> list[int]:
+    """Return the planes that findings concern most, then others spread over H."""
+    nz = evidence.plan.shape[0]
+    if nz <= PLANES:
+        return list(range(nz))
+    votes = np.zeros(nz)
+    for one in findings:
+        own, counts = np.unique(one.positions[:, 0], return_counts=True)
+        votes[own] += one.share * counts / max(1, counts.sum())
+    wanted = [int(z) for z in np.argsort(-votes, kind="stable")[: PLANES - 1] if votes[z] > 0]
+    for z in np.rint(np.linspace(0, nz - 1, PLANES)).astype(int).tolist():
+        if len(wanted) < PLANES and z not in wanted:
+            wanted.append(z)
+    return wanted
+
+
+def _place(evidence: Evidence, finding: Finding) -> tuple[int, int]:
+    """Return the position (y, x) about which a finding shows most."""
+    ny, nx = evidence.plan.period
+    if finding.extent is not None:
+        y, x = finding.positions[len(finding.positions) // 2, 1:].tolist()
+        return y, x
+    if len(finding.pixels):
+        # cutouts about a pixel hold it in their middle
+        row, column = np.median(finding.pixels, axis=0) - (np.array(evidence.plan.cutout) - 1) / 2
+        return int(np.clip(row, 0, ny - 1)), int(np.clip(column, 0, nx - 1))
+    return ny // 2, nx // 2
+
+
+def _samples(evidence: Evidence, wider: float) -> int:
+    """Return the samples of one pattern of a patch."""
+    rows, columns = evidence.plan.cutout
+    return round(min(wider * rows, CUTOUT_PX) * min(wider * columns, CUTOUT_PX))
+
+
+def _block(period: tuple[int, int], many: int) -> tuple[int, int]:
+    """Return rows and columns of a block of at most so many positions, as square as the period allows."""
+    ny, nx = period
+    if many >= ny * nx:
+        return period
+    rows = min(ny, max(1, int(np.sqrt(many))))
+    columns = min(nx, max(1, many // rows))
+    return min(ny, max(1, many // columns)), columns

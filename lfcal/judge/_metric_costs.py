@@ -1,0 +1,142 @@
+"""What metrics without a model cost on this H: measured where it is known what their faults do to patterns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.judge._cost import Costs
+from lfcal.judge._patch import Patch
+from lfcal.judge.evidence import Evidence
+from lfcal.judge.faults import only_recorded
+from lfcal.judge.finding import Fault, Finding, PutIn
+from lfcal.psf.quality import Metric, QualityReport
+
+__all__ = ["FRAMES", "as_findings", "with_costs"]
+
+FRAMES = ("missing", "duplicates", "suspect", "misplaced")
+"""Keys of metrics that name single frames: what is wrong with these is in H."""
+
+NOISY = ("snr", "noise")
+"""Keys of metrics of the noise: they cost what H's noise costs."""
+
+IN_PATTERNS = frozenset(
+    {
+        "background",
+        "flicker",
+        "hot_pixels",
+        "jitter",
+        "lamp",
+        "leak",
+        "position",
+        "scan_order",
+        "seam",
+        "stage_gain",
+        "step",
+    }
+)
+"""Keys of metrics whose faults make patterns unlike the camera's: they cost no more than these do as they are."""
+
+CAPPED = 64
+"""Saturated patterns from which the top of the sensor's range is estimated."""
+
+WIDER = 1.5
+"""Times as large cutouts that tell what is cut off."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Told(Fault):
+    """A fault that a metric tells."""
+
+    key: str
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield nothing: it has been found."""
+        del evidence
+        return ()
+
+
+def as_findings(metrics: Iterable[Metric], evidence: Evidence) -> Iterator[tuple[str, Finding]]:
+    """Yield keys of metrics, and what puts their faults into patterns without one, where that is known."""
+    for one in metrics:
+        found = Finding(_Told(one.key), "", 0.0, 0.0)
+        if one.key in FRAMES and len(one.positions):
+            share = len(one.positions) / int(np.prod(evidence.plan.shape[:3]))
+            put_in = only_recorded(one.positions)
+            yield one.key, replace(found, share=share, positions=one.positions, put_in=put_in, extent=share)
+        elif one.key == "saturation" and len(one.positions):
+            yield one.key, replace(found, put_in=_capped(one.positions, evidence))
+        elif one.key == "clipped":
+            yield one.key, replace(found, put_in=_clipped)
+        elif one.key == "truncation" and one.merit == "bad":  # patterns of larger cutouts take long
+            yield one.key, replace(found, put_in=_cut_to(evidence.plan.cutout), wider=WIDER)
+        elif one.key in NOISY or one.key in IN_PATTERNS:
+            yield one.key, found
+
+
+def _capped(positions: NDArray[np.intp], evidence: Evidence) -> PutIn:
+    """Return what cuts the light of the camera off at the highest values of patterns that were saturated."""
+    some = positions[np.linspace(0, len(positions) - 1, min(CAPPED, len(positions))).astype(int)]
+    tops = [float(np.nanmax(np.asarray(evidence.matrix[z, y, x]))) for z, y, x in some.tolist()]
+    top = np.float32(np.median(tops))
+    return lambda patch: np.minimum(patch.light, top)
+
+
+def _clipped(patch: Patch) -> NDArray[np.float32]:
+    # with the noise of H added again, nothing is negative
+    found: NDArray[np.float32] = np.maximum(patch.light + patch.noise, np.float32(0)) - patch.noise
+    return found
+
+
+def _cut_to(cutout: tuple[int, int]) -> PutIn:
+    """Return what leaves nothing, and no noise either, outside the middle ``cutout`` of larger ones."""
+
+    def put_in(patch: Patch) -> NDArray[np.float32]:
+        t, s = (max(0, n - m) // 2 for n, m in zip(patch.light.shape[1:], cutout, strict=True))
+        rows, columns = (slice(k, n - k) for k, n in zip((t, s), patch.light.shape[1:], strict=True))
+        found = -patch.noise
+        found[:, rows, columns] = patch.light[:, rows, columns]
+        return found
+
+    return put_in
+
+
+def with_costs(
+    quality: QualityReport, told: Sequence[str], costs: Costs, findings: Sequence[float | None]
+) -> QualityReport:
+    """Return the metrics with the costs that were measured.
+
+    Parameters
+    ----------
+    quality
+        The metrics.
+    told
+        Keys of those that costs were measured of.
+    costs
+        What was measured: of ``findings``, and then of those.
+    findings
+        What the faults that have a name cost.
+    """
+    own = dict(zip(told, costs.costs[len(findings) :], strict=True))
+    rest = _unnamed(costs, findings)
+    metrics = []
+    for one in quality.metrics:
+        cost = own.get(one.key)
+        if one.key in own and one.key in NOISY:
+            cost = costs.clean
+        elif one.key in own and one.key in IN_PATTERNS and rest is not None:
+            cost = min(one.cost, rest)
+        metrics.append(one if cost is None else replace(one, cost=cost, measured=True))
+    return replace(quality, metrics=tuple(metrics))
+
+
+def _unnamed(costs: Costs, findings: Sequence[float | None]) -> float | None:
+    """Return what H costs beyond its noise and the faults that have a name; None where that is not known."""
+    if costs.clean is None or costs.as_it_is is None or not costs.whole or None in findings:
+        return None
+    named = sum(cost**2 for cost in findings if cost is not None)
+    return math.sqrt(max(0.0, costs.as_it_is**2 - costs.clean**2 - named))

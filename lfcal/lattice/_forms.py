@@ -1,0 +1,254 @@
+"""The forms a lattice may take, from five numbers to a quintic, and their robust fit to measured places."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import InputError
+from lfcal.camera import LatticeDistortion, monomials, polynomial_powers
+from lfcal.lattice._model import LatticeModel
+
+__all__ = ["FORMS", "DistortionFrame", "FittedForm", "LatticeForm", "design", "fit_form", "huber"]
+
+Array = NDArray[np.float64]
+HUBER = 1.5
+"""Residuals beyond this many standard deviations are weighed down."""
+
+
+@dataclass(frozen=True, slots=True)
+class LatticeForm:
+    """Which numbers of a lattice are free.
+
+    Attributes
+    ----------
+    name
+        In words.
+    sheared
+        Whether the angle between the rows and the next is free.
+    degree
+        Of the polynomial distortion; 0: none.
+    radial
+        Terms of the radial distortion, whose centre is free too; 0: none.
+    """
+
+    name: str
+    sheared: bool = True
+    degree: int = 0
+    radial: int = 0
+
+    @property
+    def size(self) -> int:
+        """How many numbers are free."""
+        bent = 2 * len(polynomial_powers(self.degree)) if self.degree else 0
+        return 5 + self.sheared + bent + (self.radial + 2 if self.radial else 0)
+
+
+FORMS = (
+    LatticeForm("affine", sheared=False),
+    LatticeForm("affine with shear"),
+    LatticeForm("radial", radial=1),
+    LatticeForm("radial of two terms", radial=2),
+    LatticeForm("quadratic", degree=2),
+    LatticeForm("cubic", degree=3),
+    LatticeForm("quartic", degree=4),
+    LatticeForm("quintic", degree=5),
+)
+"""In the order of their free numbers."""
+
+
+@dataclass(frozen=True, slots=True)
+class DistortionFrame:
+    """Where distortions count from: the middle of the frame (x, y), and half its diagonal (pixels)."""
+
+    middle: tuple[float, float]
+    scale: float
+
+    @classmethod
+    def of(cls, shape: tuple[int, ...]) -> DistortionFrame:
+        """Return that of a frame of ``shape`` (rows, columns)."""
+        x, y = ((n - 1) / 2 for n in (shape[1], shape[0]))
+        return cls((x, y), math.hypot(x, y))
+
+    def outline(self) -> Array:
+        """Return points ``(36, 2)`` (x, y) on the frame's border."""
+        side = np.linspace(0, 2, 9)
+        around = [(a, b) for a in side for b in (0, 2)] + [(a, b) for a in (0, 2) for b in side]
+        outline: Array = np.array(around) * self.middle
+        return outline
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class FittedForm:
+    """A form fitted: the lattice, the residuals ``(n, 2)`` (pixels), their weights and standard deviation per axis."""
+
+    form: LatticeForm
+    model: LatticeModel
+    residual: Array
+    weight: Array
+    sigma: float
+
+
+def huber(residual: Array) -> tuple[Array, float]:
+    """Return weights ``(n,)`` of residuals ``(n, 2)``, and their standard deviation along an axis."""
+    distance = np.hypot(*residual.T)
+    # the median distance of a two-dimensional Gaussian is sigma sqrt(2 ln 2) = 1.1774 sigma
+    sigma = max(float(np.median(distance)) / 1.1774, 1e-6)
+    # one weight for both axes: an outlier is a lenslet, not a coordinate
+    return np.minimum(1.0, HUBER / np.maximum(distance / sigma, 1e-9)), sigma
+
+
+def design(model: LatticeModel, form: LatticeForm, index: NDArray[np.intp], frame: DistortionFrame) -> Array:
+    """Return the derivatives ``(2, n, free numbers)`` of the places (x, y).
+
+    Order: origin x and y, vector along a row x and y, ratio, shear, then the terms: polynomials along x, then along
+    y; radial terms, then their centre x and y. That the terms bend the lattice's own part too is left out.
+    """
+    q, r = index[:, 0].astype(float), index[:, 1].astype(float)
+    out = np.zeros((2, len(index), form.size))
+    across, up = q + (model.lean + model.ratio * model.shear) * r, model.ratio * r
+    ax, ay = model.along
+    out[0, :, 0] = out[1, :, 1] = 1.0
+    out[0, :, 2] = out[1, :, 3] = across
+    out[0, :, 3], out[1, :, 2] = -up, up
+    out[0, :, 4], out[1, :, 4] = r * (model.shear * ax - ay), r * (model.shear * ay + ax)
+    if form.sheared:
+        out[0, :, 5], out[1, :, 5] = up * ax, up * ay
+    if not (form.degree or form.radial):
+        return out
+    straight = model.straight(index)
+    if form.degree:
+        columns = monomials((straight - np.array(frame.middle)) / frame.scale, form.degree)
+        count = columns.shape[1]
+        out[0, :, 6 : 6 + count] = out[1, :, 6 + count :] = columns
+        return out
+    bend = model.distortion
+    assert bend is not None
+    arm = (straight - np.array(bend.centre)) / bend.scale
+    square = (arm**2).sum(1, keepdims=True)
+    for k in range(form.radial):
+        out[:, :, 6 + k] = (square ** (k + 1) * arm).T
+    # a centre that moves displaces as points do that move the other way
+    out[:, :, 6 + form.radial :] = np.moveaxis(np.eye(2) - bend.jacobian(straight), 1, 0)
+    return out
+
+
+def _moved(model: LatticeModel, form: LatticeForm, frame: DistortionFrame, step: Array) -> LatticeModel:
+    """Return the model after a step of its free numbers."""
+    bend = model.distortion
+    if form.degree:
+        old = np.zeros((2, len(polynomial_powers(form.degree)))) if bend is None else np.array(bend.terms)
+        new = old + step[6:].reshape(2, -1)
+        bend = LatticeDistortion("polynomial", frame.middle, frame.scale, tuple(map(tuple, new.tolist())))
+    elif form.radial:
+        assert bend is not None
+        terms = np.array(bend.terms[0]) + step[6 : 6 + form.radial]
+        x, y = np.array(bend.centre) + step[6 + form.radial :]
+        bend = LatticeDistortion("radial", (float(x), float(y)), frame.scale, (tuple(terms.tolist()),))
+    shear = model.shear + float(step[5]) if form.sheared else 0.0
+    return replace(
+        model,
+        origin=model.origin + step[:2],
+        along=model.along + step[2:4],
+        ratio=model.ratio + float(step[4]),
+        shear=shear,
+        distortion=bend,
+    )
+
+
+def _start(model: LatticeModel, form: LatticeForm, frame: DistortionFrame) -> LatticeModel:
+    """Return where the fit of a form starts; a radial one from the cubic terms of ``model``."""
+    bend = model.distortion
+    if form.radial:
+        return replace(model, distortion=_radial(bend, frame, form.radial))
+    if not form.degree:
+        return replace(model, distortion=None, shear=model.shear if form.sheared else 0.0)
+    count = len(polynomial_powers(form.degree))
+    terms = np.zeros((2, count))
+    if bend is not None and bend.model == "polynomial":
+        old = np.array(bend.terms)[:, :count]
+        terms[:, : old.shape[1]] = old
+    bend = LatticeDistortion("polynomial", frame.middle, frame.scale, tuple(map(tuple, terms.tolist())))
+    return replace(model, distortion=bend)
+
+
+def _radial(bend: LatticeDistortion | None, frame: DistortionFrame, terms: int) -> LatticeDistortion | None:
+    """Return the radial distortion nearest to the first orders of a cubic, or a radial one with so many terms.
+
+    k |u - c|² (u - c) has the cubic terms k (u_x³ + u_x u_y², …) and the quadratic ones
+    -k (3 c_x u_x² + 2 c_y u_x u_y + c_x u_y², …).
+    """
+    if bend is not None and bend.model == "radial":
+        return replace(bend, terms=((*bend.terms[0], *[0.0] * terms)[:terms],))
+    if bend is None or bend.degree < 3:
+        return None
+    (xx, xy, yy, a, _, b, _), (xx2, xy2, yy2, _, c, _, d) = (line[:7] for line in bend.terms)
+    k = (a + b + c + d) / 4
+    if abs(k) < 1e-9 * frame.scale:
+        return None
+    centre = -np.array([3 * xx + yy + 2 * xy2, 3 * yy2 + xx2 + 2 * xy]) / (14 * k)
+    if np.hypot(*centre) > 1:
+        centre = np.zeros(2)
+    x, y = np.array(frame.middle) + frame.scale * centre
+    return LatticeDistortion("radial", (float(x), float(y)), frame.scale, ((k, *[0.0] * (terms - 1)),))
+
+
+def fit_form(
+    model: LatticeModel,
+    form: LatticeForm,
+    index: NDArray[np.intp],
+    places: Array,
+    frame: DistortionFrame,
+    *,
+    weight: Array | None = None,
+    rounds: int = 8,
+) -> FittedForm | None:
+    """Fit a form of the lattice to measured ``places`` (x, y) with Huber weights (Gauss-Newton).
+
+    ``weight`` ``(n,)`` is used instead of weights by the form's own residuals. None where the places do not
+    determine the form all over the frame.
+    """
+    try:
+        model = _start(model, form, frame)
+        if form.radial and model.distortion is None:
+            return None
+        for _ in range(rounds):
+            residual = places - model.places(index)
+            heavy = huber(residual)[0] if weight is None else weight
+            step = _solved(design(model, form, index, frame), residual, heavy)
+            model = _moved(model, form, frame, step)
+            if not _near(model.distortion, frame):
+                return None
+            if np.abs(step[2:4]).max() < 1e-9 * model.pitch:
+                break
+        # where no places hold it, a bend may turn back on itself before it reaches the border: it raises here
+        model.indices(frame.outline())
+    except (np.linalg.LinAlgError, InputError):
+        return None
+    residual = places - model.places(index)
+    heavy, sigma = huber(residual)
+    return FittedForm(form, model, residual, heavy if weight is None else weight, sigma)
+
+
+def _near(bend: LatticeDistortion | None, frame: DistortionFrame) -> bool:
+    """Return whether a distortion's centre lies about the frame: from far outside, any bend is as good as another."""
+    return bend is None or math.dist(bend.centre, frame.middle) <= 1.5 * frame.scale
+
+
+def _solved(columns: Array, residual: Array, weight: Array) -> Array:
+    normal = np.zeros((columns.shape[2],) * 2)
+    right = np.zeros(columns.shape[2])
+    for axis in (0, 1):
+        heavy = columns[axis] * weight[:, None]
+        normal += heavy.T @ columns[axis]
+        right += heavy.T @ residual[:, axis]
+    # columns of very different size: pixels, and pixels times lenslets
+    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    scaled = normal / size / size[:, None]
+    if np.linalg.cond(scaled) > 1e12:
+        raise np.linalg.LinAlgError
+    answer: Array = np.linalg.solve(scaled, right / size) / size
+    return answer

@@ -1,0 +1,258 @@
+"""Where micro-images lie about a lattice's points, if the iris that they show has no centre of symmetry.
+
+Micro-images of an iris with an odd number of blades touch in places that are not opposite: the light of the neighbours
+draws the point about which they are most symmetric away from the middle of the iris, by a tenth of a pitch and more.
+The Fourier coefficients of the lattice are those of a single micro-image, however far its neighbours reach into it, and
+of a polygon they are known in closed form. Fitted to them, its middle is told from its corners.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.lattice._micro_image import mean_micro_image
+from lfcal.lattice._model import LatticeModel
+from lfcal.lattice._selection import thinned
+
+__all__ = ["IrisCentre", "iris_centre", "polygon_transform"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+SHELLS = 6
+"""Lengths of waves that are looked at, shortest first."""
+
+BLADES = (3, 5, 7, 9, 11)
+"""Odd numbers of blades; of an even number the centre is that of symmetry."""
+
+BETTER = 4.0
+"""So much less must a polygon leave of what is odd than a symmetric micro-image, before it is believed (squares)."""
+
+STEPS = 30
+"""Steps of a fit: the right polygon takes ten to twenty, and of a wrong one nothing is asked."""
+
+TRIED = 2
+"""Starts, the best of a grid of radii and rotations, from which a polygon is fitted."""
+
+FIRST = 1.25
+"""Length of the first waves of a lattice, over that of the shortest, at most."""
+
+LARGEST = 0.25
+"""Farthest centre, in pitches."""
+
+SCALE = np.array([0.1, 0.1, 1.0, 0.3, 0.1, 0.3, 0.1])
+"""Sizes of steps of what is fitted: shift x, y, radius, blur (pixels), gain, share of what is odd, rotation (rad)."""
+
+STEP = 1e-7
+"""Of each number that is fitted, or of 1, for slopes by differences."""
+
+CONTRAST = 1e-3
+"""Share of the light below which a wave says nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class IrisCentre:
+    """Where the middle of the iris lies about the lattice's points.
+
+    Attributes
+    ----------
+    shift
+        ``(2,)`` as (x, y) from the lattice point (pixels).
+    covariance
+        ``(2, 2)`` of the shift (pixels squared).
+    blades
+        Of the polygon that was fitted.
+    """
+
+    shift: Array
+    covariance: Array
+    blades: int
+
+
+def iris_centre(
+    image: NDArray[np.float32], model: LatticeModel, centres: Array, light: Array, workers: int | None = None
+) -> IrisCentre | None:
+    """Return the middle of an iris with odd corners about a lattice's points, None where micro-images show none.
+
+    Parameters
+    ----------
+    image
+        White frame less its dark, its fall of light taken out.
+    model
+        The lattice.
+    centres, light
+        Lattice points (x, y) of lenslets that are alive ``(n, 2)``, and what each is divided by ``(n,)``.
+    workers
+        Threads; None takes every processor.
+    """
+    chosen = thinned(len(centres))
+    about = _waves(image, model, centres[chosen], light[chosen], workers)
+    if np.abs(about.found).max() < CONTRAST:
+        return None
+    pitch = float(min(model.pitch, model.row_pitch))
+    symmetric = _symmetric(about, pitch)
+    odd = min((_polygon(about, blades, pitch) for blades in BLADES), key=lambda fit: fit.cost)
+    if BETTER * odd.odd > symmetric.odd:
+        # of what has a centre of symmetry that one is known better: no unequal neighbours come in
+        return None
+    middle = odd.by_first(about)
+    return middle if math.hypot(*middle.shift) < LARGEST * pitch else None
+
+
+@dataclass(frozen=True, slots=True)
+class _Waves:
+    """First waves of a lattice ``(n, 2)`` as (x, y) (per pixel), one of each pair, and their share of the light."""
+
+    wave: Array
+    found: Complex
+
+    def moved(self, shift: Array) -> Complex:
+        """Return the shares ``(..., n)`` about points ``shift`` ``(..., 2)`` as (x, y) from the lattice point."""
+        shares: Complex = self.found * np.exp(2j * np.pi * (shift @ self.wave.T))
+        return shares
+
+
+def _waves(
+    image: NDArray[np.float32], model: LatticeModel, centres: Array, light: Array, workers: int | None
+) -> _Waves:
+    """Return the waves of the mean micro-image about ``centres``."""
+    basis = model.basis()
+    inverse = np.linalg.inv(basis)
+    reach = float(np.abs(basis).sum(0).max())
+    micro = mean_micro_image(image, centres, light, reach, workers)
+    side = np.linspace(-1, 1, micro.table.shape[0]) * math.ceil(reach)
+    index = np.stack(np.broadcast_arrays(side, side[:, None]), -1) @ inverse
+    # a tent of two cells along each axis: its transform vanishes at every wave of the lattice but the one that is meant
+    share = micro.table * np.clip(1 - np.abs(index), 0, None).prod(-1)
+    counts = np.array([(a, b) for a in range(-4, 5) for b in range(-4, 5) if (a, b) > (0, 0)])
+    wave = counts @ inverse.T
+    length = np.hypot(*wave.T) / np.hypot(*wave.T).min()
+    kept = length < 1.02 * np.unique(length.round(2))[:SHELLS].max()
+    values = [(share * np.exp(-2j * np.pi * (index @ count))).sum() for count in counts[kept]]
+    return _Waves(wave[kept], np.array(values) / share.sum())
+
+
+def polygon_transform(wave: Array, blades: int, radius: float, rotation_rad: float) -> Complex:
+    """Return the Fourier transform of a regular polygon over its area, at waves ``(n, 2)`` as (x, y) (per pixel).
+
+    By the divergence theorem it is a sum over the sides, each a sinc about its middle.
+
+    Parameters
+    ----------
+    wave
+        Waves, none of them 0.
+    blades
+        Corners, at ``rotation_rad`` and on from there (rad).
+    radius
+        Of the circle of the same area (pixels).
+    """
+    (transform,) = _transforms(wave, blades, np.array([radius]), np.array([rotation_rad]))
+    return np.asarray(transform, np.complex128)
+
+
+def _transforms(wave: Array, blades: int, radius: Array, rotation_rad: Array) -> Complex:
+    """Return `polygon_transform` ``(m, n)`` for ``m`` radii and rotations."""
+    area = math.pi * radius**2
+    corner = np.sqrt(2 * area / (blades * math.sin(2 * math.pi / blades)))
+    angle = rotation_rad[:, None] + 2 * np.pi * np.arange(blades) / blades
+    first = corner[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
+    last = np.roll(first, -1, axis=2)
+    side, middle = last - first, (last + first) / 2
+    # outwards, as long as the side
+    normal = np.stack([side[:, 1], -side[:, 0]], 1)
+    turned = np.sinc(wave @ side) * np.exp(-2j * np.pi * (wave @ middle)) * (wave @ normal)
+    transforms: Complex = 1j * turned.sum(2) / (2 * np.pi * (wave**2).sum(1) * area[:, None])
+    return transforms
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit(IrisCentre):
+    """A shape fitted: its waves about its own centre, the square of what it leaves, and of what of that is odd."""
+
+    shape: Complex
+    cost: float
+    odd: float
+
+    @classmethod
+    def of(cls, about: _Waves, away: Callable[[Array], Array], start: Array, bounds: Array, blades: int) -> _Fit:
+        """Return the least squares of ``away`` over numbers ``(k,)`` that begin with the shift.
+
+        It takes many of them ``(m, k)`` and returns what is left of the waves ``(m, 2n)``, what is odd first.
+        """
+        from scipy import optimize
+
+        def slopes_at(p: Array) -> Array:
+            steps = STEP * np.maximum(1, np.abs(p))
+            left: Array = away(np.vstack([p, p + np.diag(steps)]))
+            return np.asarray(((left[1:] - left[0]) / steps[:, None]).T)
+
+        def left_at(p: Array) -> Array:
+            return np.asarray(away(p[None])[0])
+
+        fit = optimize.least_squares(
+            left_at,
+            start,
+            jac=slopes_at,
+            bounds=(bounds[0], bounds[1]),
+            x_scale=SCALE[: start.size],
+            max_nfev=STEPS,
+        )
+        shift, left, slopes = np.array(fit.x[:2]), np.asarray(fit.fun), np.asarray(fit.jac)
+        variance = 2 * float(fit.cost) / max(1, left.size - start.size)
+        covariance = np.linalg.pinv(slopes.T @ slopes)[:2, :2] * variance
+        centred, n = about.moved(shift), about.found.size
+        # an even shape has no odd part, and any even one
+        shape = centred - (left[n:] + 1j * left[:n]) if blades else centred.real.astype(np.complex128)
+        return cls(shift, covariance, blades, shape, float(fit.cost), float(left[:n] @ left[:n]))
+
+    def by_first(self, about: _Waves) -> IrisCentre:
+        """Return the centre by the phases of the first waves alone, less those of the shape.
+
+        Odd corners count least there, so that a shape will do that is not quite the iris's. How far the fit to all
+        waves lies from it is an error.
+        """
+        length = np.hypot(*about.wave.T)
+        first = length < FIRST * length.min()
+        weight = np.abs(about.found[first])
+        phase = np.angle(about.moved(self.shift)[first] / self.shape[first]) / (-2 * np.pi)
+        rows = about.wave[first] * weight[:, None]
+        inverse = np.linalg.inv(rows.T @ rows)
+        more = inverse @ (rows.T @ (phase * weight))
+        left = phase * weight - rows @ more
+        covariance = self.covariance + inverse * float(left @ left) + np.diag(more**2)
+        return IrisCentre(self.shift + more, covariance, self.blades)
+
+
+def _symmetric(about: _Waves, pitch: float) -> _Fit:
+    """Return the centre about which a micro-image is even: the waves are real there, whatever their sizes."""
+    far = np.full(2, pitch / 3)
+    return _Fit.of(about, lambda shift: about.moved(shift).imag, np.zeros(2), np.array([-far, far]), 0)
+
+
+def _polygon(about: _Waves, blades: int, pitch: float) -> _Fit:
+    """Return the centre of a polygon, with its radius, blur, gain, share of what is odd, and rotation free."""
+    square = (about.wave**2).sum(1)
+
+    def away(p: Array) -> Array:
+        shape = _transforms(about.wave, blades, p[:, 2], p[:, 6])
+        # curved blades have less of what is odd
+        shape = p[:, 4:5] * (shape.real + 1j * p[:, 5:6] * shape.imag) * np.exp(-2 * np.pi**2 * square * p[:, 3:4] ** 2)
+        left = about.moved(p[:, :2]) - shape
+        return np.concatenate([left.imag, left.real], 1)
+
+    far = pitch / 3
+    bounds = np.array([[-far, -far, 0.2 * pitch, 0, 0.3, 0, -7], [far, far, 0.65 * pitch, pitch / 5, 2, 1.3, 7]])
+    starts = np.array(
+        [
+            (0, 0, radius * pitch, 0.5, 1, 1, turn * 2 * math.pi / blades)
+            for radius in (0.36, 0.4, 0.44, 0.48, 0.52)
+            for turn in np.arange(8) / 8
+        ]
+    )
+    best = np.argsort(np.square(away(starts)).sum(1), kind="stable")[:TRIED]
+    return min((_Fit.of(about, away, p, bounds, blades) for p in starts[best]), key=lambda fit: fit.cost)

@@ -1,0 +1,232 @@
+"""Single steps of the lattice fit: prepare, centre, even out, place."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.base import InputError, as_sensor_frame
+from lfcal.lattice._micro_image import light_of, mean_micro_image, place_lenslets
+from lfcal.lattice._model import LatticeModel, class_median
+from lfcal.lattice._mosaic import levelled
+from lfcal.lattice._smooth_field import fit_field
+from lfcal.lattice._spectrum import MIN_LENSLETS, MIN_PITCH
+
+__all__ = ["PlacedLenslets", "centred", "evened", "mean_light", "place_all", "prepare"]
+
+Array = NDArray[np.float64]
+
+PLACING_RADIUS = 0.56
+"""Radius within which a lenslet is placed, in pitches: into the gaps, not into the neighbours."""
+
+CENTRING_ROUNDS = 4
+DEAD_LIGHT = 0.5
+"""A lenslet with less than this share of its neighbours' light, or contrast, is dead."""
+
+DARK_FIELD = 0.05
+"""Lenslets with less than this share of the brightest tenth lie outside the lit field."""
+
+EVENED_FROM = 0.1
+"""Share of the brightest tenth's light from which the fall of light is evened out."""
+
+MAX_SHIFT = 0.35
+"""Farthest place accepted, in pitches from the lattice point."""
+
+MIN_EXPLAINED = 0.08
+"""Share of a typical lenslet's variance that the mean micro-image must explain."""
+
+MIN_SHARE_EXPLAINED = 0.2
+"""The same of a single lenslet, relative to the typical one: with less it cannot be placed."""
+
+EVEN, STEEP = 0.01, 0.1
+"""Changes of light from lenslet to lenslet between which its draw is told from chance, and well known (relative)."""
+
+RIM = 0.3
+"""Departure of a lenslet's light from its neighbourhood's beyond which a part of it may lie in the shade."""
+
+MAX_DEAD = 0.4
+MIN_LIT = 0.4
+"""Share of the frame that must be lit: less is the image of a point or of a stop, not of the array."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PlacedLenslets:
+    """Lenslets of one round.
+
+    Attributes
+    ----------
+    index, places
+        ``(n, 2)``: lattice indices (q, r), and measured places (x, y) (pixels).
+    dead
+        ``(n,)``: too little light or contrast, or not to be placed.
+    noise
+        Rms of what the mean micro-image does not explain of a lenslet, over its contrast; of the median one.
+    steep
+        ``(n,)``: light differs so much across, or from the neighbours, that the place is off.
+    """
+
+    index: NDArray[np.intp]
+    places: Array
+    dead: NDArray[np.bool_]
+    noise: float
+    steep: NDArray[np.bool_]
+
+    @property
+    def sound(self) -> NDArray[np.intp]:
+        """Which lenslets tell of the lattice: not dead, nor on the rim of the lit field, where the light falls."""
+        alive = ~self.dead
+        sound = alive & ~self.steep
+        # where light falls steeply almost everywhere, no rim of it can be told
+        return np.flatnonzero(sound if 2 * sound.sum() > alive.sum() else alive)
+
+
+def prepare(white: ArrayLike, dark: ArrayLike | float) -> NDArray[np.float32]:
+    """Return the white image less its dark as float32, or say why it cannot be used."""
+    image = as_sensor_frame("white image", white)
+    level = np.asarray(dark, np.float32)
+    if level.ndim:
+        level = as_sensor_frame("dark of the white image", level)
+        if level.shape != image.shape:
+            raise InputError.expected(
+                "dark of the white image", f"shape {image.shape}", level.shape, "use one sensor setting"
+            )
+    if min(image.shape) < MIN_LENSLETS * MIN_PITCH:
+        raise InputError.expected(
+            "white image", f"at least {MIN_LENSLETS * MIN_PITCH:g} px a side", image.shape, "use the whole frame"
+        )
+    return levelled(image - level)
+
+
+def mean_light(image: NDArray[np.float32], model: LatticeModel, index: NDArray[np.intp], workers: int | None) -> Array:
+    """Return the mean sample value within half a pitch of each lenslet."""
+    count, total, _ = light_of(image, model.places(index), 0.5 * min(model.pitch, model.row_pitch), workers).T
+    mean: Array = total / np.maximum(count, 1)
+    return mean
+
+
+def _dim(values: Array, around: Array) -> NDArray[np.bool_]:
+    """Return which lenslets have far less than the median ``around`` them or than the brightest tenth of the field."""
+    result: NDArray[np.bool_] = (values < DEAD_LIGHT * around) | (values < DARK_FIELD * np.percentile(values, 90))
+    return result
+
+
+def _fall_of_light(index: NDArray[np.intp], around: Array) -> Array:
+    """Return by how much the light ``around`` grows per q and per r, relative to itself ``(n, 2)``."""
+    place = index - index.min(0) + 2
+    grid = np.full(place.max(0) + 3, np.nan)
+    grid[place[:, 0], place[:, 1]] = around
+    fall = np.zeros((len(index), 2))
+    # two lenslets either way: the medians of nearer ones are of the same lenslets
+    for axis, (i, j) in enumerate(((2, 0), (0, 2))):
+        before, after = grid[place[:, 0] - i, place[:, 1] - j], grid[place[:, 0] + i, place[:, 1] + j]
+        known = 1.0 * np.isfinite(before) + np.isfinite(after)
+        change = np.where(np.isfinite(after), after, around) - np.where(np.isfinite(before), before, around)
+        fall[:, axis] = change / np.maximum(2 * known, 1) / np.maximum(around, 1e-300)
+    return fall
+
+
+def _lenslets_of(image: NDArray[np.float32], model: LatticeModel, reach: float | None = None) -> NDArray[np.intp]:
+    """Return the whole lenslets of the frame, or those up to ``reach`` pixels from its middle."""
+    index = model.within((image.shape[0], image.shape[1]), 0.5 * model.pitch)
+    if len(index) < MIN_LENSLETS**2:
+        raise InputError.expected(
+            "white image", f"at least {MIN_LENSLETS**2} whole lenslets", len(index), "use a larger part of the frame"
+        )
+    if reach is None:
+        return index
+    away = model.places(index) - (np.array(image.shape[::-1]) - 1) / 2
+    near: NDArray[np.intp] = index[np.hypot(*away.T) <= reach]
+    return near if len(near) >= MIN_LENSLETS**2 else index
+
+
+def centred(image: NDArray[np.float32], model: LatticeModel, workers: int | None, reach: float) -> LatticeModel:
+    """Move the lattice to where the mean micro-image is symmetric, so that linear placing starts close by.
+
+    Only lenslets up to ``reach`` pixels from the middle are looked at.
+    """
+    radius = PLACING_RADIUS * model.pitch
+    for _ in range(CENTRING_ROUNDS):
+        index = _lenslets_of(image, model, reach)
+        light = mean_light(image, model, index, workers)
+        # dead lenslets would blur the mean towards a flat patch
+        scales = np.where(_dim(light, class_median(index, light)), 0, light)
+        micro = mean_micro_image(image, model.places(index), scales, radius + 1.5, workers)
+        shift = micro.off_centre(radius)
+        model = model.moved(np.clip(shift, -model.pitch / 4, model.pitch / 4))
+        if np.hypot(*shift) < 0.02:
+            break
+    return model
+
+
+def _surface(points: Array, light: Array, shape: tuple[int, int], degree: int) -> NDArray[np.float32]:
+    """Return the smooth ``light`` of the brightest 1 on every pixel: a polynomial, or the exponential of one.
+
+    The one follows a shade's edge better, the other what falls to a small part, as a beam does.
+    """
+    known = np.maximum(light, DARK_FIELD)
+    plain, steep = fit_field(points, light, shape, degree), fit_field(points, np.log(known), shape, degree)
+    found = plain.at(*points.T), np.exp(np.minimum(steep.at(*points.T), 1.0))
+    miss = [np.minimum(np.abs(values / known - 1), RIM).mean() for values in found]
+    if miss[0] <= miss[1]:
+        return plain.frame()
+    return np.exp(np.minimum(steep.frame(), 1.0))
+
+
+def evened(image: NDArray[np.float32], model: LatticeModel, workers: int | None) -> NDArray[np.float32]:
+    """Divide by the smooth fall of light: within a micro-image it would draw the places to the brighter side."""
+    index = _lenslets_of(image, model)
+    light = mean_light(image, model, index, workers)
+    alive = ~_dim(light, class_median(index, light))
+    points = model.places(index)[alive][:, ::-1]
+    # a quartic through few lenslets would follow each of them
+    degree = 4 if alive.sum() > 150 else 1
+    top = float(np.percentile(light[alive], 90))
+    surface = _surface(points, light[alive] / top, (image.shape[0], image.shape[1]), degree) * top
+    # beyond the lit field the surface is anything: there the image stays as dark as it is
+    return (image / np.where(surface < EVENED_FROM * top, top, surface)).astype(np.float32)
+
+
+def place_all(
+    image: NDArray[np.float32], model: LatticeModel, workers: int | None, reach: float | None = None
+) -> PlacedLenslets:
+    """Place every lenslet by the mean micro-image of those alive, or those up to ``reach`` pixels from the middle."""
+    radius = PLACING_RADIUS * model.pitch
+    index = _lenslets_of(image, model, reach)
+    light = mean_light(image, model, index, workers)
+    around = class_median(index, light)
+    dead = _dim(light, around)
+    centres = model.places(index)
+    micro = mean_micro_image(image, centres, np.where(dead, 0, light), radius + 1.5, workers).symmetric()
+    placed = place_lenslets(image, centres, micro, radius, workers)
+    distance = np.nan_to_num(np.hypot(*placed.shifts.T), nan=np.inf)
+    dead |= ~np.isfinite(placed.gains) | (distance > MAX_SHIFT * model.pitch)
+    # dirt may leave light but no contrast
+    gains = np.where(np.isfinite(placed.gains), placed.gains, 0.0)
+    dead |= _dim(gains, class_median(index, gains))
+    explained = float(np.median(placed.explained[~dead])) if not dead.all() else 0.0
+    # in the dark beyond the lit field there is noise, and places in it
+    dead |= placed.explained < MIN_SHARE_EXPLAINED * explained
+    lit = around >= DARK_FIELD * np.percentile(light, 90)
+    gone = float(dead[lit].mean()) if lit.any() else 1.0
+    if lit.mean() < MIN_LIT or gone > MAX_DEAD or explained < MIN_EXPLAINED:
+        got = (
+            f"{100 * lit.mean():.0f} % of the places lit, {100 * (1 - gone):.0f} % of these filled, "
+            f"{100 * explained:.0f} % alike"
+        )
+        wanted = (
+            f"{100 * MIN_LIT:.0f} % of the lattice's places lit, micro-images on {100 * (1 - MAX_DEAD):.0f} % "
+            "of these, "
+            f"{100 * MIN_EXPLAINED:.0f} % alike"
+        )
+        raise InputError.expected("white image", wanted, got, "take an evenly lit image of the lenslets")
+    noise = math.sqrt(max(1 - explained, 0.0) / explained)
+    fall = _fall_of_light(index, around) @ np.linalg.inv(model.basis()).T
+    slope = np.hypot(*fall.T) * model.pitch
+    steep = slope > STEEP
+    steep |= np.abs(light - around) > RIM * around
+    draw = np.where((~steep & (slope > EVEN))[:, None], micro.draw(radius) * fall, 0.0)
+    places = centres + placed.shifts - draw
+    return PlacedLenslets(index, places, dead, noise, steep)

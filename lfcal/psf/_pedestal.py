@@ -1,0 +1,114 @@
+"""A black level that nothing subtracts, or a wrong one: the constant it would leave in H, found before any work."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import FileFormatError, InputError
+from lfcal.frames import clipped
+from lfcal.psf._gather import Gatherer
+
+__all__ = ["LIMIT", "check_pedestal", "pedestal_share"]
+
+LIMIT = 0.02
+"""Largest share of a plane's light that may be a constant pedestal."""
+
+SAMPLED = 8
+"""Frames of a plane that are looked at."""
+
+CERTAIN = 4.0
+"""Standard errors by which a level must differ from none."""
+
+BLOCKS = 8
+"""Blocks along each axis in which a cutout without surroundings is looked at."""
+
+
+def pedestal_share(gatherer: Gatherer, indices: list[int]) -> tuple[float, float, bool]:
+    """Return the constant level of some frames of a plane (sample values), and its share of their cutouts' light.
+
+    The last is whether it was seen where the point sends nothing. A level below none has a negative share, and one of
+    more light than there is an infinite one.
+
+    On whole sensor frames the level is that beyond the cutout, where the point sends nothing. Frames that are
+    cutouts have no such place: there it is the darkest block of their mean, which a pattern that fills the cutout
+    raises.
+    """
+    levels, cuts = [], []
+    for index in indices:
+        try:
+            cut, around = gatherer.cut(index), _surroundings(gatherer, index)
+        except FileFormatError:
+            continue  # damaged: who cuts it out says so, or leaves it out
+        cuts.append(cut.values.astype(np.float64))
+        if around is not None:
+            level, error = _level(around)
+            # what noise may make of a frame's level is none
+            levels.append(level if abs(level) > CERTAIN * error else 0.0)
+    if not cuts:
+        return 0.0, 0.0, False
+    mean = np.mean(cuts, axis=0)
+    level = float(np.median(levels)) if levels else _darkest_block(mean)
+    total = float(mean.sum())
+    if level == 0:
+        return 0.0, 0.0, bool(levels)
+    return level, level * mean.size / total if total > 0 else math.copysign(math.inf, level), bool(levels)
+
+
+def _level(around: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the level of samples that few of are lit, and its standard error.
+
+    It is their mean near the median, which itself is a whole number.
+    """
+    middle = float(np.median(around))
+    away = np.abs(around - middle)
+    dark = around[away <= 3 * 1.4826 * float(np.median(away)) + 1]
+    return float(dark.mean()), float(dark.std()) / math.sqrt(dark.size)
+
+
+def _surroundings(gatherer: Gatherer, index: int) -> NDArray[np.float64] | None:
+    """Return the samples of a frame beyond its cutout, or None where these are too few to speak for it."""
+    _, region = gatherer.place(index)
+    frame = gatherer.source.read(index).astype(np.float64)
+    outside = np.ones(frame.shape, bool)
+    outside[clipped(region, gatherer.source.shape)] = False
+    return frame[outside] if np.count_nonzero(outside) >= frame.size / 4 else None
+
+
+def _darkest_block(mean: NDArray[np.float64]) -> float:
+    rows, columns = (np.array_split(np.arange(n), min(BLOCKS, n)) for n in mean.shape)
+    return min(float(mean[np.ix_(r, c)].mean()) for r in rows for c in columns)
+
+
+def check_pedestal(gatherer: Gatherer, planes: int, limit: float = LIMIT, *, subtracted: bool = False) -> None:
+    """Raise `InputError` where a constant level would make more than the share ``limit`` of a plane's light.
+
+    So it does where it is too high or too low, if something was ``subtracted`` before.
+    """
+    by_plane: list[list[int]] = [[] for _ in range(planes)]
+    for index, info in enumerate(gatherer.infos):
+        if info.position.z < planes:
+            by_plane[info.position.z].append(index)
+    for z, indices in enumerate(by_plane):
+        if not indices:
+            continue
+        level, share, seen = pedestal_share(gatherer, indices[:: max(1, len(indices) // SAMPLED)])
+        # a pattern that fills its cutout raises the darkest block of one that had its level subtracted rightly
+        if abs(share) <= limit or (subtracted and level > 0 and not seen):
+            continue
+        told = f"{100 * share:.3g} %" if math.isfinite(share) else "more than all their light"
+        how = "give dark frames, the black level, or background border; or keep it (--keep-pedestal)"
+        if subtracted:
+            told += " after dark or black level"
+            how = (
+                "give those of these frames (gain, exposure, bits: --shift), or background border; or keep it "
+                "(--keep-pedestal)"
+            )
+        raise InputError.expected(
+            f"plane {z}",
+            f"frames less their black level (at most {100 * limit:g} % of the light of H)",
+            f"a constant level of {level:.4g}, {told}",
+            how,
+        )

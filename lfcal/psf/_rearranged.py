@@ -1,0 +1,109 @@
+"""The planes of H out of the order and size that another code keeps them in, and into it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import centre
+from lfcal.psf._planes import Planes, TransposedPlanes
+
+__all__ = ["MirroredPlanes", "PlacedPlanes", "placed"]
+
+Window = tuple[slice, slice]
+"""Rows and columns of a pattern."""
+
+
+def placed(values: NDArray[Any], window: Window, cutout: tuple[int, int]) -> NDArray[Any]:
+    """Return a window of patterns ``(…, t, s)`` in the middle of a ``cutout`` of zeros, as a new array.
+
+    The pixel in the middle of the new cutout is pixel ``L // 2`` of a window of L pixels: what MATLAB's
+    ``conv2(…, 'same')`` takes for the middle of a kernel, for even L too.
+    """
+    part = values[(..., *window)]
+    out = np.zeros((*values.shape[:-2], *cutout), values.dtype)
+    source: list[slice] = []
+    target: list[slice] = []
+    for have, want in zip(part.shape[-2:], cutout, strict=True):
+        first = centre(want) - have // 2
+        source.append(slice(max(0, -first), max(0, min(have, want - first))))
+        target.append(slice(max(0, first), max(0, min(want, first + have))))
+    out[..., target[0], target[1]] = part[..., source[0], source[1]]
+    return out
+
+
+class PlacedPlanes:
+    """Patterns cut to a window each plane has of its own, or padded: see `placed`.
+
+    Parameters
+    ----------
+    base
+        Planes ``(nz, ny, nx, nt, ns)``, of any parity.
+    cutout
+        Pixels ``(nt, ns)`` of the new patterns, odd.
+    windows
+        Of each plane; None: all of it.
+    swapped
+        Rows and columns of positions and of pixels change places: base is ``(nz, nx, ny, ns, nt)``, its windows too.
+    """
+
+    def __init__(
+        self, base: Planes, cutout: tuple[int, int], windows: Sequence[Window] | None = None, *, swapped: bool = False
+    ) -> None:
+        self.base, self._swapped = base, swapped
+        nz, ny, nx, nt, ns = base.shape
+        self._windows = list(windows or [(slice(0, nt), slice(0, ns))] * nz)
+        self.shape = (nz, *((nx, ny) if swapped else (ny, nx)), *cutout)
+        self.dtype = base.dtype
+
+    def plane(self, z: int) -> NDArray[Any]:
+        """Return plane ``z`` as a new array."""
+        return self._turned(self.base.plane(z), z)
+
+    def cutout(self, z: int, y: int, x: int) -> NDArray[Any]:
+        """Return the pattern of one position as a new array."""
+        return self._turned(self.base.cutout(z, *((x, y) if self._swapped else (y, x))), z)
+
+    def _turned(self, values: NDArray[Any], z: int) -> NDArray[Any]:
+        shape = self.shape[:2:-1] if self._swapped else self.shape[3:]
+        whole = placed(values, self._windows[z], (shape[0], shape[1]))
+        if not self._swapped:
+            return whole
+        turned = whole.swapaxes(-1, -2)
+        return turned.swapaxes(0, 1) if turned.ndim == 4 else turned
+
+    def transposed(self) -> Planes:
+        """Return the planes of the transposed matrix."""
+        return TransposedPlanes(self)
+
+
+class MirroredPlanes:
+    """A matrix of which a file holds the first half of the positions each way, for the others are mirror images.
+
+    ``H[z, ny - 1 - y, x, t, s] = H[z, y, x, nt - 1 - t, s]``, and the same for x and s; ny = 2 rows - 1.
+    """
+
+    def __init__(self, base: Planes) -> None:
+        self.base = base
+        nz, rows, columns, nt, ns = base.shape
+        self.shape = (nz, 2 * rows - 1, 2 * columns - 1, nt, ns)
+        self.dtype = base.dtype
+
+    def plane(self, z: int) -> NDArray[Any]:
+        """Return plane ``z`` as a new array."""
+        quarter = self.base.plane(z)
+        half = np.concatenate([quarter, quarter[-2::-1, :, ::-1]])
+        return np.concatenate([half, half[:, -2::-1, :, ::-1]], axis=1)
+
+    def cutout(self, z: int, y: int, x: int) -> NDArray[Any]:
+        """Return the pattern of one position."""
+        _, ny, nx, _, _ = self.shape
+        pattern = self.base.cutout(z, min(y, ny - 1 - y), min(x, nx - 1 - x))
+        return pattern[:: -1 if 2 * y >= ny else 1, :: -1 if 2 * x >= nx else 1]
+
+    def transposed(self) -> Planes:
+        """Return the planes of the transposed matrix."""
+        return TransposedPlanes(self)

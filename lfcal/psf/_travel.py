@@ -1,0 +1,80 @@
+"""How an H travels to another process: as what opens its file again, or as its values where they are in memory."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+
+from lfcal.base import InputError
+from lfcal.psf._planes import ArrayPlanes, Planes, as_stored
+
+__all__ = ["reduced"]
+
+
+class _Turnable(Protocol):
+    @property
+    def is_transposed(self) -> bool: ...
+
+    @property
+    def T(self) -> Any: ...
+
+
+M = TypeVar("M", bound=_Turnable)
+
+
+def reduced(
+    kind: type[M],
+    state: Mapping[str, Any],
+    planes: Iterable[Planes],
+    again: Callable[[], M] | None,
+    transposed: bool,
+) -> tuple[Callable[..., M], tuple[Any, ...]]:
+    """Return what pickle makes a matrix of in another process.
+
+    Parameters
+    ----------
+    kind, state
+        The matrix's class and attributes.
+    planes
+        Those that hold its values.
+    again
+        Opens it from its file; None where it was not opened so.
+    transposed
+        Whether it is the view ``H.T``.
+
+    Raises
+    ------
+    InputError
+        For a dataset or memory map that was opened by hand: it would travel by value, or not at all.
+    """
+    if again is not None:
+        return _turned, (again, transposed)
+    for one in planes:
+        stored = as_stored(one)
+        if not isinstance(stored, ArrayPlanes) or isinstance(stored.array, np.memmap):
+            raise InputError.expected(
+                "H for another process", "a file opened by open_psf, or an array", type(stored).__name__, "open it so"
+            )
+    return _rebuilt, (kind, {key: value for key, value in state.items() if key not in _fresh()})
+
+
+def _fresh() -> dict[str, Any]:
+    """Return what each process has of its own: a lock, the other view, sums and irises that were computed."""
+    return {"_lock": threading.Lock(), "_other": None, "_sums": {}, "_apertures": {}}
+
+
+def _turned(again: Callable[[], M], transposed: bool) -> M:
+    matrix = again()
+    if matrix.is_transposed == transposed:
+        return matrix
+    turned: M = matrix.T
+    return turned
+
+
+def _rebuilt(kind: type[M], state: dict[str, Any]) -> M:
+    matrix = kind.__new__(kind)
+    matrix.__dict__.update(state, **_fresh())
+    return matrix

@@ -1,0 +1,78 @@
+"""Something dark inside an aperture."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.psf.aperture._locate import offsets
+from lfcal.psf.aperture._profile import ANGLES
+from lfcal.psf.aperture.shape import Obstruction
+
+__all__ = ["dark_place", "find_obstruction"]
+
+DARK = 0.6
+"""What has less than this share of the light around it is obstructed."""
+
+SMALLEST = 0.004
+"""Smallest obstruction that is named, of the aperture's area."""
+
+CERTAIN = 6.0
+"""And it must stand so many deviations out of the noise."""
+
+
+def find_obstruction(
+    flat: NDArray[np.float64], row: float, column: float, edge: NDArray[np.float64], blur_px: float, noise: float
+) -> Obstruction | None:
+    """Return the largest dark place inside an outline, or None.
+
+    Parameters
+    ----------
+    flat
+        Image with lit level 1.
+    row, column
+        Origin of the outline (pixels).
+    edge
+        The outline's radius over `lfcal.psf.aperture._profile.ANGLES` (pixels).
+    blur_px
+        Blur of the edge: nothing smaller is looked for (pixels).
+    noise
+        Noise of a pixel over the lit level.
+    """
+    from scipy import ndimage
+
+    x, y = offsets(flat.shape, row, column)
+    rim = np.interp(np.arctan2(y, x) % (2 * math.pi), ANGLES, edge, period=2 * math.pi)
+    inside = np.hypot(x, y) < rim - 3 * blur_px - 1
+    area = math.pi * float(np.mean(edge**2))
+    # as smooth as it takes for the noise to leave dark places alone
+    width = max(1.0, blur_px / 2, CERTAIN * noise / (2 * math.sqrt(math.pi) * (1 - DARK)))
+    if width > 0.1 * math.sqrt(area):
+        return None
+    dark = (ndimage.gaussian_filter(flat, width) < DARK) & inside
+    labels, count = ndimage.label(dark)
+    if not count:
+        return None
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
+    largest = int(np.argmax(sizes))
+    # spots between the lenslets' images are smaller than the edge is wide
+    if sizes[largest] < max(SMALLEST * area, 2 * math.pi * max(blur_px, width) ** 2):
+        return None
+    centre = ndimage.center_of_mass(labels == largest + 1)
+    return Obstruction((float(centre[0]), float(centre[1])), float(sizes[largest]) / area)
+
+
+def dark_place(
+    flat: NDArray[np.float64], row: float, column: float, edge: NDArray[np.float64], blur_px: float
+) -> NDArray[np.bool_]:
+    """Return where the light inside an outline is obstructed, with a margin for the blur; see `find_obstruction`."""
+    from scipy import ndimage
+
+    x, y = offsets(flat.shape, row, column)
+    rim = np.interp(np.arctan2(y, x) % (2 * math.pi), ANGLES, edge, period=2 * math.pi)
+    inside = np.hypot(x, y) < rim - 3 * blur_px - 1
+    dark = (ndimage.gaussian_filter(flat, max(1.0, blur_px)) < DARK) & inside
+    wide: NDArray[np.bool_] = ndimage.binary_dilation(dark, iterations=math.ceil(3 * blur_px) + 1) & inside
+    return wide

@@ -1,0 +1,171 @@
+"""The ripple that the lenslet lattice leaves on a depth-plane sum: plane waves, fitted inside the lit patch.
+
+Sums over whole periods of the lattice hold no ripple but where spots are thinner than their distance. What is left is
+coherent: plane waves of the lattice's wave vectors. They pass for blades where an edge cuts them, so they are fitted
+where there is no edge, and continued to it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.psf.aperture._locate import offsets
+
+__all__ = ["Ripple", "find_ripple"]
+
+Values = NDArray[np.float64]
+
+MOST = 12
+"""Waves that are looked for; a hexagonal lattice has three, each with its overtones."""
+
+CHANCE = 16.0
+"""A wave's power over the mean of noise: noise alone does so once in ``exp(16)`` places."""
+
+SHORTEST = 4.0
+"""Shortest pitch (pixels)."""
+
+LONGEST = 1.0
+"""Longest pitch in units of the radius: longer waves are shading."""
+
+SMALLEST = 12.0
+"""Smallest radius in which waves can be told from shading (pixels)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ripple:
+    """Plane waves relative to the lit level.
+
+    Attributes
+    ----------
+    waves
+        ``(n, 2)`` wave vectors (column, row) (rad/pixel).
+    cosine, sine
+        ``(n,)`` amplitudes about the origin of the fit.
+    """
+
+    waves: Values
+    cosine: Values
+    sine: Values
+
+    @property
+    def amplitude(self) -> float:
+        """Largest amplitude of a wave, 0 without any."""
+        return float(np.hypot(self.cosine, self.sine).max(initial=0.0))
+
+    @property
+    def pitch_px(self) -> float:
+        """Pitch of the strongest wave (pixels); not a number without any."""
+        if not self.waves.size:
+            return math.nan
+        strongest = int(np.argmax(np.hypot(self.cosine, self.sine)))
+        return 2 * math.pi / math.hypot(*self.waves[strongest])
+
+    def at(self, x: Values, y: Values) -> Values:
+        """Return the ripple at places from the origin, of their shape."""
+        total = np.zeros_like(x)
+        for (u, v), c, s in zip(self.waves, self.cosine, self.sine, strict=True):
+            phase = u * x + v * y
+            total += c * np.cos(phase) + s * np.sin(phase)
+        return total
+
+    def removed(self, flat: Values, row: float, column: float, reach: float) -> Values:
+        """Return ``flat`` over one plus the ripple, within ``reach`` of the origin."""
+        if not self.waves.size:
+            return flat
+        x, y = offsets(flat.shape, row, column)
+        factor = np.where(np.hypot(x, y) < reach, 1 + self.at(x, y), 1.0)
+        clean: Values = flat / np.clip(factor, 0.5, 2.0)
+        return clean
+
+
+NONE = Ripple(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+
+
+def find_ripple(flat: Values, row: float, column: float, radius: float) -> Ripple:
+    """Return the plane waves that stand out of the noise inside a disc.
+
+    The strongest peak of the spectrum is taken one after the other, and all waves found so far are fitted again
+    together, with a paraboloid: amplitudes, phases and wave vectors (Gauss-Newton).
+
+    Parameters
+    ----------
+    flat
+        Image with lit level 1.
+    row, column, radius
+        The disc, well inside the edge (pixels).
+    """
+    if radius < SMALLEST:
+        return NONE
+    x, y = offsets(flat.shape, row, column)
+    inside = np.hypot(x, y) < radius
+    fit = _WaveFit(x[inside], y[inside], flat[inside] - 1.0, radius)
+    size = 1 << math.ceil(math.log2(2 * max(flat.shape)))
+    fx, fy = np.fft.fftfreq(size)[None, :], np.fft.rfftfreq(size)[:, None]
+    q = np.hypot(fx, fy)
+    # each wave once: rows of the half spectrum, of the row 0 one half
+    once = (fy > 0) | (fx > 0)
+    band = (q > 1 / (LONGEST * radius)) & (q < 1 / SHORTEST) & once
+    quiet = (q > 1 / (LONGEST * radius)) & once
+    # a taper keeps a strong wave from hiding weak ones behind its side lobes
+    taper = np.cos(math.pi / 2 * np.hypot(x[inside], y[inside]) / radius)
+    picture = np.zeros((size, size))
+    places = np.nonzero(inside)
+    waves = np.zeros((0, 2))
+    ripple = fit.fitted(waves)
+    for _ in range(MOST):
+        picture[places] = fit.left * taper
+        power = np.abs(np.fft.rfft2(picture.T).T) ** 2
+        # the power of noise is exponentially distributed: its median is ln 2 times its mean
+        noise = float(np.median(power[quiet])) / math.log(2)
+        k, m = np.unravel_index(int(np.argmax(np.where(band, power, 0.0))), power.shape)
+        if not power[k, m] > CHANCE * noise:
+            break
+        more = np.vstack([waves, [2 * math.pi * fx[0, m], 2 * math.pi * fy[k, 0]]])
+        found = fit.fitted(more)
+        length = np.hypot(*found.waves.T)
+        if (length < 2 * math.pi / (1.2 * LONGEST * radius)).any() or found.amplitude > 1:
+            fit.fitted(waves)  # two waves that cancel, or shading: not what a lattice leaves
+            break
+        waves, ripple = found.waves, found
+    return ripple
+
+
+class _WaveFit:
+    """Least squares of plane waves and a paraboloid on the pixels of a disc; ``left`` is what the last fit left."""
+
+    def __init__(self, x: Values, y: Values, value: Values, radius: float) -> None:
+        self.x, self.y, self.value, self.radius = x, y, value, radius
+        u, v = x / radius, y / radius
+        self.base = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], 1)
+        self.left = value
+
+    def fitted(self, waves: Values) -> Ripple:
+        """Return the waves refined, with their amplitudes."""
+        for last in (False, False, True):
+            phase = np.outer(self.x, waves[:, 0]) + np.outer(self.y, waves[:, 1])
+            cos, sin = np.cos(phase), np.sin(phase)
+            terms = np.concatenate([self.base, cos, sin], 1)
+            found = _solve(terms, self.value)
+            self.left = self.value - terms @ found
+            c, s = np.split(found[6:], 2)
+            if last or not len(waves):
+                break
+            turn = s * cos - c * sin  # the derivative by the phase
+            slopes = np.concatenate([terms, turn * self.x[:, None], turn * self.y[:, None]], 1)
+            step = _solve(slopes, self.left)[6 + 2 * len(waves) :]
+            # a peak is known to a fraction of the spectrum's resolution
+            step = np.clip(step, -0.5 / self.radius, 0.5 / self.radius)
+            waves = waves + step.reshape(2, -1).T
+        return Ripple(waves, c, s)
+
+
+def _solve(terms: Values, values: Values) -> Values:
+    """Return the least-squares solution by normal equations: few unknowns, thousands of pixels."""
+    normal = terms.T @ terms
+    normal[np.diag_indices_from(normal)] *= 1 + 1e-9
+    solution: Values = np.asarray(np.linalg.solve(normal, terms.T @ values), np.float64)
+    return solution

@@ -1,0 +1,123 @@
+"""The size of an outline: all its light over its level, further out than the edge's own window reaches.
+
+Lenslets and rims diffract. Next to the outline the light rises above the level, which a fit of its shading takes for a
+part of it; beyond, it falls with the inverse square of the distance, where the edge's window has ended. Both make the
+outline too small.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.psf.aperture._edge import MODEL, Edge
+from lfcal.psf.aperture._locate import LitPatch, offsets
+from lfcal.psf.aperture._profile import ANGLES
+
+__all__ = ["measured_area"]
+
+Values = NDArray[np.float64]
+
+RISE = 3.0
+"""Blurs inside the outline up to which the light may rise."""
+
+LEAST_LEVEL = 0.3
+"""Share of the radius within which a level must be seen, or there is none."""
+
+NEAR, FAR = 2.5, 6.0
+"""Blurs beyond the outline between which the light is looked for that left it."""
+
+EVEN = 0.01
+"""Share of the area that a rise may change before it is taken for the level's, as of an aplanatic pupil of high NA."""
+
+FEWEST = 16
+"""Pixels that make a level."""
+
+CLEAR = 3.0
+"""Variances that the square of a correction must exceed, as of harmonics (`lfcal.psf.aperture._profile.shrink`)."""
+
+
+def measured_area(patch: LitPatch, edge: Edge, area: float) -> tuple[float, float]:
+    """Return the area inside an outline and its standard error (pixels squared); that is NaN where no level is seen.
+
+    As far as noise hides what the light shows, ``area``, that of the outline fitted to the edge, is kept.
+
+    Parameters
+    ----------
+    patch
+        The lit patch.
+    edge
+        Its edge, whose light has neither ripple nor obstruction.
+    area
+        Area of the fitted outline (pixels squared).
+    """
+    x, y = offsets(edge.flat.shape, edge.row, edge.column)
+    ray = np.arctan2(y, x) % (2 * math.pi)
+    radius, blur = math.sqrt(area / math.pi), edge.blur_px
+    outside = np.hypot(x, y) - np.interp(ray, ANGLES, edge.smooth, period=2 * math.pi)
+    lit, within = outside < -RISE * blur, outside < NEAR * blur
+    if radius - RISE * blur < LEAST_LEVEL * radius or lit.sum() < FEWEST:
+        return area, math.nan
+    light, x, y = edge.flat * edge.shade, x / radius, y / radius
+    shaded, variance = _light(light, lit, within, (x, y, x * x + y * y))
+    even, _ = _light(light, lit, within, (x, y))
+    # light that falls outwards is vignetting; where it rises a little, a curved level may be the edge's own rise
+    rise = max(0.0, even - shaded)
+    inside = shaded + rise / (1 + (rise / (EVEN * area)) ** 4)
+    left, left_variance = _left(light, outside, blur, patch.noise / edge.level)
+    # at the half level a blurred convex outline has lost so much, and pixels are squares
+    correction, sigma2 = 0.0, (math.pi * blur**2) ** 2 + (2 * MODEL * area) ** 2
+    for found, error2, doubt in (
+        (inside - area, variance, (even - shaded) / 2),
+        # as much may be out of sight as is seen
+        (left, left_variance, left),
+    ):
+        gain = max(0.0, 1 - CLEAR * error2 / max(found**2, 1e-300))
+        correction += gain * found
+        # what is not corrected is an error, as far as it is no noise
+        sigma2 += (gain * doubt) ** 2 + min(error2, found**2 + error2)
+    if area + correction <= 0:  # of a pattern that is cut off, what is dark may be brighter than what is lit
+        return area, math.nan
+    return float(area + correction), math.sqrt(sigma2)
+
+
+def _left(light: Values, outside: Values, blur: float, noise: float) -> tuple[float, float]:
+    """Return the light that left the outline beyond the edge, seen or not, and its variance (pixels squared)."""
+    near = NEAR * blur
+    # a ring that the cutout's border does not cut
+    border = _border(outside)
+    far = min(FAR * blur, float(border.min()))
+    ring = (outside >= near) & (outside < far)
+    if not ring.any():
+        return 0.0, 0.0
+    # of an inverse square, over what lies in the ring
+    all_of_it = far / (far - near)
+    # the background's own error is that of the median of the cutout's border
+    dark = 1.25 * noise / math.sqrt(border.size)
+    count = int(ring.sum())
+    variance = count * noise**2 + (count * dark) ** 2
+    return float(light[ring].sum()) * all_of_it, variance * all_of_it**2
+
+
+def _border(image: Values) -> Values:
+    return np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]])
+
+
+def _light(
+    flat: Values, lit: NDArray[np.bool_], within: NDArray[np.bool_], shades: tuple[Values, ...]
+) -> tuple[float, float]:
+    """Return the light of the pixels ``within`` over the level of those ``lit``, and its variance (pixels squared)."""
+    terms = np.stack([np.ones(flat.shape), *(np.clip(shade, -1.3, 1.3) for shade in shades)], -1)
+    at = terms[lit]
+    inverse = np.linalg.inv(at.T @ at)
+    level = inverse @ (at.T @ flat[lit])
+    residual = flat[lit] - at @ level
+    noise2 = float(residual @ residual) / max(1, residual.size - level.size)
+    shade = np.clip(terms @ level, 0.3 * level[0], 3 * level[0])
+    rim = within & ~lit
+    # the level is that of the lit pixels themselves: what they scatter about it adds nothing to their own light
+    light = np.where(within, flat / shade, 0.0)
+    change = np.tensordot(np.where(rim, light / shade, 0.0), terms, 2)
+    return float(light.sum()), noise2 * (float(change @ inverse @ change) + int(rim.sum()))

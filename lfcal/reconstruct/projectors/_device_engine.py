@@ -1,0 +1,136 @@
+"""What the ways to project on a device have in common: planes prepared on the processor, moved, and kept or not."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.reconstruct.projectors.device import ArrayDevice
+from lfcal.reconstruct.projectors.grid import Grid
+
+__all__ = ["DeviceEngine", "DeviceOperand", "Placement"]
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """Where and how the arrays of an engine lie.
+
+    Attributes
+    ----------
+    device
+        The device.
+    kept
+        Whether prepared planes stay there; else they stay with the processor and are moved in every projection.
+    room
+        Bytes of working memory that an engine plans its steps for.
+    """
+
+    device: ArrayDevice
+    kept: bool = True
+    room: int = 1 << 28
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceOperand:
+    """One prepared plane: ``arrays`` of the processor or of the device, and what is to be known of them."""
+
+    arrays: tuple[Any, ...]
+    nbytes: int
+    there: bool
+    facts: Any = None
+
+
+class DeviceEngine(ABC):
+    """Project on a device: see `lfcal.reconstruct.projectors._engine.Engine`.
+
+    Volume planes and images are moved there for each projection, and results are brought back.
+    """
+
+    name: str
+    any_phases: bool
+    rounding: float
+
+    def __init__(self, grid: Grid, dtype: np.dtype[Any], placement: Placement) -> None:
+        self.grid, self.dtype, self.placement = grid, dtype, placement
+        self.device = placement.device
+
+    # -- the parts that engines differ in -----------------------------------------------------------------
+    @abstractmethod
+    def prepared(self, plane: NDArray[Any]) -> tuple[tuple[NDArray[Any], ...], Any]:
+        """Return the arrays of one plane of H, on the processor, and what is to be known of them."""
+
+    @abstractmethod
+    def add(self, total: Any, operand: DeviceOperand, plane: Any) -> Any:
+        """Return ``total``, None at first, with what a volume plane on the device adds to it."""
+
+    @abstractmethod
+    def image(self, total: Any) -> Any:
+        """Return the image ``(Y, X)`` of a total."""
+
+    @abstractmethod
+    def seen(self, image: Any) -> Any:
+        """Return what all planes need of an image on the device."""
+
+    @abstractmethod
+    def back(self, seen: Any, operand: DeviceOperand) -> Any:
+        """Return the back projection ``(Y, X)`` on one plane."""
+
+    # -- the pair --------------------------------------------------------------------------------------
+    def prepare(self, plane: NDArray[Any]) -> DeviceOperand:
+        """Return the operand of one plane of H, ``(ny, nx, nt, ns)``, on the device where it is kept there."""
+        arrays, facts = self.prepared(plane)
+        operand = DeviceOperand(arrays, sum(array.nbytes for array in arrays), False, facts)
+        # entries are foretold from a few positions: where they are more than that, the last planes stay here
+        fits = self.device.free_bytes() - operand.nbytes > self.placement.room
+        return self._there(operand) if self.placement.kept and fits else operand
+
+    def operand_bytes(self, operand: DeviceOperand) -> int:
+        """Return the bytes of an operand's arrays."""
+        return operand.nbytes
+
+    def forward(self, planes: Iterable[tuple[DeviceOperand, NDArray[Any]]]) -> NDArray[Any]:
+        """Return the image of pairs (operand, volume plane)."""
+        total: Any = None
+        with self.device.active():
+            for operand, plane in planes:
+                total = self.add(total, self._there(operand), self.device.moved(plane))
+            if total is None:  # no plane holds anything
+                return np.zeros(self.grid.image_shape, self.dtype)
+            return self.device.fetched(self.image(total))
+
+    def adjoint(self, image: NDArray[Any], operands: Iterable[DeviceOperand]) -> Iterator[NDArray[Any]]:
+        """Yield the back projection of ``image`` for each operand; it holds until the next one is asked for."""
+        with self.device.active():
+            seen = self.seen(self.device.moved(image))
+            # a new array for each plane takes the processor several times as long as the way from the device
+            plane = self.device.buffer(self.grid.image_shape, self.dtype)
+        for operand in operands:
+            with self.device.active():
+                self.device.fetched(self.back(seen, self._there(operand)), out=plane)
+            yield plane
+
+    # -- steps -----------------------------------------------------------------------------------------
+    def _there(self, operand: DeviceOperand) -> DeviceOperand:
+        if operand.there:
+            return operand
+        with self.device.active():
+            arrays = tuple(self.device.moved(array) for array in operand.arrays)
+        return DeviceOperand(arrays, operand.nbytes, True, operand.facts)
+
+    def packed(self, plane: Any, before: tuple[int, int] = (0, 0), after: tuple[int, int] = (0, 0)) -> Any:
+        """Return ``plane`` on whole cells of the lattice, zeros around: `Grid.pack` on the device."""
+        grid = self.grid
+        (ny, nx), (cy, cx), (oy, ox) = grid.period, grid.cells, grid.origin
+        out = self.device.zeros((before[0] + cy * ny + after[0], before[1] + cx * nx + after[1]), self.dtype)
+        top, left = before[0] + oy, before[1] + ox
+        out[top : top + grid.image_shape[0], left : left + grid.image_shape[1]] = plane
+        return out
+
+    def mask(self, phases: NDArray[np.bool_] | None) -> Any:
+        """Return an image that is 1 at the selected phases and 0 elsewhere; None where all are."""
+        return None if phases is None else self.device.moved(self.grid.tiled(phases).astype(self.dtype))

@@ -1,0 +1,245 @@
+"""What each way to project would cost on a device, and which one to take there."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from lfcal.base import InputError, format_bytes
+from lfcal.reconstruct.projectors._device_direct import direct_bytes
+from lfcal.reconstruct.projectors._device_polyphase import band_bytes
+from lfcal.reconstruct.projectors._device_sparse import sparse_bytes
+from lfcal.reconstruct.projectors._engine import Cost, DeviceUse
+from lfcal.reconstruct.projectors._nodes import Nodes
+from lfcal.reconstruct.projectors._reduction import quickest_spacing
+from lfcal.reconstruct.projectors._tiles import TilePlan
+from lfcal.reconstruct.projectors.device import ArrayDevice
+from lfcal.reconstruct.projectors.forecast import PAIRS, REDUCED, ProjectionForecast, ProjectionProblem
+
+__all__ = ["ON_DEVICES", "DeviceRates", "device_forecast", "device_rates"]
+
+ON_DEVICES = ("polyphase", "direct", "sparse", REDUCED)
+"""Ways to project that a device knows."""
+
+MOST_ROOM = 1 << 31
+"""Bytes of working memory beyond which steps get no quicker."""
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceRates:
+    """What a device does in a second, measured.
+
+    Attributes
+    ----------
+    products
+        Real operations of matrix products.
+    bytes
+        Bytes read and written by sums of arrays.
+    moved
+        Bytes from the processor to the device.
+    """
+
+    products: float
+    bytes: float
+    moved: float
+
+
+@lru_cache(maxsize=16)
+def device_rates(device: ArrayDevice, dtype: str) -> DeviceRates:
+    """Return the rates of a device, measured once in some milliseconds."""
+    xp, item = device.xp, np.dtype(dtype).itemsize
+    with device.active():
+
+        def product(side: int) -> Callable[[], Any]:
+            one = xp.ones((side, side), dtype=device.dtype(dtype), device=device.place)
+            return lambda: xp.matmul(one, one)
+
+        def summed(side: int) -> Callable[[], Any]:
+            one = xp.ones((side, side), dtype=device.dtype(dtype), device=device.place)
+            return lambda: one + one
+
+        def move(side: int) -> Callable[[], Any]:
+            one = np.ones((side, side), dtype)
+            return lambda: device.moved(one) + 0
+
+        # memory that is shared is not moved, but read and written once
+        return DeviceRates(
+            _rate(device, product, lambda side: 2 * side**3),
+            _rate(device, summed, lambda side: 3 * item * side**2),
+            _rate(device, move, lambda side: item * side**2),
+        )
+
+
+def _rate(device: ArrayDevice, make: Callable[[int], Callable[[], Any]], amount: Callable[[int], int]) -> float:
+    """Return ``amount`` per second at the size, doubled from 128, that takes some milliseconds."""
+    side = 128
+    while True:
+        run = make(side)
+        _wait(device, run())  # the first run loads what the library needs for it
+        start = time.perf_counter()
+        _wait(device, run())
+        took = max(time.perf_counter() - start, 1e-9)
+        if took > 2e-3 or side >= 4096:
+            return amount(side) / took
+        side *= 2
+
+
+def _wait(device: ArrayDevice, array: Any) -> None:
+    """Return when an array is computed: its last value is brought back."""
+    device.fetched(array[-1:, -1:])
+
+
+@dataclass(frozen=True, slots=True)
+class _Option:
+    """One way: seconds to prepare, forward and back, bytes of operands, and the least of working memory."""
+
+    method: str
+    prepare_s: float
+    forward_s: float
+    adjoint_s: float
+    operand_bytes: int
+    least_bytes: int
+    plan: TilePlan | None = None
+
+
+def device_forecast(
+    problem: ProjectionProblem, method: str, memory_limit: int, device: ArrayDevice
+) -> ProjectionForecast:
+    """Return the cheapest way to project on ``device``, where prepared planes stay there or are moved each time.
+
+    ``memory_limit`` are bytes of the processor, which hold planes that the device cannot keep; where neither can, they
+    are prepared anew in each projection.
+
+    Raises
+    ------
+    InputError
+        If devices do not know the method, or not even one plane and the least working memory fit there.
+    """
+    known = ("auto", *ON_DEVICES)
+    if method not in known:
+        what = f"projection method on {device.name}"
+        raise InputError.expected(what, " or ".join(known), repr(method), "choose one, or --device cpu")
+    rates, free = device_rates(device, problem.dtype.str), device.free_bytes()
+    options = [o for name in ON_DEVICES if method in ("auto", name) for o in _options(problem, name, rates, method)]
+    # two planes are there while one is taken and the next is moved
+    fitting = [o for o in options if 2 * o.operand_bytes // problem.planes + o.least_bytes <= free]
+    if not fitting:
+        least = min((2 * o.operand_bytes // problem.planes + o.least_bytes for o in options), default=0)
+        raise InputError.expected(
+            f"memory of {device.name}",
+            f"at least {format_bytes(least)} free for one plane",
+            format_bytes(free),
+            "take a smaller image region, --within 0.005, or --device cpu",
+        )
+    placed = [(_placed(o, problem, rates, free, memory_limit), o) for o in fitting]
+    found = [one for one in placed if one[0][0].memory_bytes <= memory_limit]
+    if not found:
+        least = min(cost.memory_bytes for (cost, _), _ in placed)
+        raise InputError.expected(
+            "memory limit for the projection",
+            f"at least {format_bytes(least)}",
+            format_bytes(memory_limit),
+            "raise it, or take a smaller image region",
+        )
+    (cost, use), chosen = min(found, key=lambda f: f[0][0].prepare_s + PAIRS * f[0][0].pair_s)
+    by_method = {f[0][0].method: f[0][0] for f in sorted(found, key=lambda f: -f[0][0].pair_s)}
+    return ProjectionForecast(cost, chosen.plan, None, tuple(by_method.values()), memory_limit, use)
+
+
+def _placed(
+    option: _Option, problem: ProjectionProblem, rates: DeviceRates, free: int, memory_limit: int
+) -> tuple[Cost, DeviceUse]:
+    """Return what an option takes of the processor and of the device, planes kept as near as they can be."""
+    once = option.operand_bytes // problem.planes
+    kept = option.operand_bytes + option.least_bytes <= free
+    there = option.operand_bytes if kept else 2 * once
+    room = max(option.least_bytes, min(MOST_ROOM, (free - there) // 2))
+    scratch, prepare = 3 * problem.image_bytes, problem.read_bytes + once
+    images = 2 * problem.planes * problem.image_bytes / rates.moved
+    moving = 0.0 if kept else option.operand_bytes / rates.moved
+    here = 0 if kept else option.operand_bytes
+    cost = Cost(
+        option.method,
+        option.prepare_s + option.operand_bytes / rates.moved,
+        option.forward_s + images + moving,
+        option.adjoint_s + images + moving,
+        here,
+        scratch,
+        prepare,
+    )
+    if here and cost.memory_bytes > memory_limit:  # neither has room: planes are prepared anew each time
+        anew = option.prepare_s
+        ahead, back = cost.forward_s + anew, cost.adjoint_s + anew
+        cost = replace(
+            cost, prepare_s=0.0, forward_s=ahead, adjoint_s=back, prepare_bytes=prepare + once, resident=False
+        )
+    return cost, DeviceUse(there, room, free, kept)
+
+
+def _options(problem: ProjectionProblem, name: str, rates: DeviceRates, method: str) -> Iterator[_Option]:
+    grid, planes, item = problem.grid, problem.planes, problem.dtype.itemsize
+    entries = problem.plane_bytes // item
+    cells = grid.cells[0] * grid.cells[1]
+    share = problem.pixels / grid.phases
+    if name == "polyphase":
+        yield from _polyphase(problem, rates)
+    elif name == "direct":
+        seconds = planes * _windows_s(problem, grid.period, rates) * share
+        least = direct_bytes(grid, grid.period, item)
+        yield _Option(name, planes * problem.read_s, seconds, seconds, planes * problem.plane_bytes, least)
+    elif name == "sparse" and (method != "auto" or problem.density < 0.5):
+        kept = problem.density * entries * share
+        # each value is gathered, written, read again, and multiplied
+        seconds = planes * kept * cells * 3 * item / rates.bytes
+        prepare = planes * (problem.read_s + entries * 3e-9 + kept * 70e-9)
+        operand = int(planes * 2 * kept * (4 + item))
+        yield _Option(name, prepare, seconds, seconds, operand, sparse_bytes(grid, item))
+    elif name == REDUCED and problem.kept:
+        spacing = quickest_spacing(problem.kept)
+        nodes, kept = Nodes.of(grid.period, spacing), problem.kept.get(spacing, 0.0)
+        wide = replace(grid, image_shape=(grid.image_shape[0] + grid.period[0], grid.image_shape[1] + grid.period[1]))
+        beside = replace(grid, cutout=nodes.widened(grid.cutout))
+        seconds = planes * (
+            _windows_s(problem, nodes.shape, rates) + kept * entries * share * cells * 3 * item / rates.bytes
+        )
+        prepare = planes * (problem.read_s + entries * (11e-9 + kept * 70e-9))
+        patterns = nodes.shape[0] * nodes.shape[1] / grid.phases * problem.plane_bytes
+        operand = int(planes * (patterns + 2 * kept * entries * share * (4 + item)))
+        # a plane may take another spacing than the sample: its entries reach as far as the widest
+        least = direct_bytes(wide, nodes.shape, item) + sparse_bytes(beside, item)
+        yield _Option(name, prepare, seconds, seconds, operand, least)
+
+
+def _windows_s(problem: ProjectionProblem, sources: tuple[int, int], rates: DeviceRates) -> float:
+    """Return the seconds of one projection of a plane with patterns at ``sources`` (rows, columns) of a period."""
+    grid, item = problem.grid, problem.dtype.itemsize
+    (ny, nx), (nt, ns), cells = grid.period, grid.cutout, grid.cells[0] * grid.cells[1]
+    together = min(sources[0], math.ceil(128 / sources[1]))
+    groups = math.ceil(sources[0] / together)
+    window = (nt + (together - 1) * ny / sources[0]) * (nx + ns - 1)
+    band = together * sources[1] * window
+    flops = 2 * cells * band
+    # patterns are laid out in three steps; windows are written, and added along both axes
+    moved = (6 * band + 9 * cells * window) * item
+    return groups * (flops / rates.products + moved / rates.bytes)
+
+
+def _polyphase(problem: ProjectionProblem, rates: DeviceRates) -> Iterator[_Option]:
+    grid, item = problem.grid, problem.dtype.itemsize
+    for plan in problem.tile_plans():
+        operand = plan.spectrum_bytes(2 * item, problem.pixels)
+        image = band_bytes(plan, plan.counts[0], item)
+        # spectra of H are read once for each projection; windows and their spectra several times
+        seconds = plan.product_flops(problem.pixels) / rates.products + (operand + 2 * image) / rates.bytes
+        taps = (2 * grid.reach[0] + 1) * (2 * grid.reach[1] + 1) * grid.phases * problem.pixels
+        prepare = problem.read_s + (4 * operand + 2 * taps * item) / 1e9
+        totals = plan.frequencies * plan.tiles * problem.pixels * 2 * item
+        least = band_bytes(plan, 1, item) + 2 * totals + 4 * grid.pixels * item
+        planes = problem.planes
+        yield _Option("polyphase", planes * prepare, planes * seconds, planes * seconds, planes * operand, least, plan)

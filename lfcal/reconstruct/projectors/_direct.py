@@ -1,0 +1,294 @@
+"""Direct projection for large periods: matrix products over the period's columns, windows added up.
+
+For a few rows of source phases the patterns, each moved to its own place, form a banded matrix. One product with it
+yields the windows of all lattice cells, which are added to the image where they overlap.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import chunks, in_order, one_blas_thread, worker_count
+from lfcal.reconstruct.projectors._kernels import Tiling, gather_windows, lay_patterns, overlap_add
+from lfcal.reconstruct.projectors._nodes import Nodes, source_places
+from lfcal.reconstruct.projectors._planes import centre_of, runs_of_rows, trim
+from lfcal.reconstruct.projectors.grid import Grid
+
+__all__ = [
+    "PARTS",
+    "WINDOW_BYTES",
+    "Direct",
+    "cells_at_once",
+    "rows_at_once",
+    "rows_together",
+    "strips_of",
+    "strips_together",
+]
+
+WINDOW_BYTES = 1 << 21
+"""Size of the window buffer of a product: about the second-level cache."""
+
+CELLS, SOURCES = 256, 200
+"""Lattice cells and sources that a product takes at least, where there are as many (measured)."""
+
+LEAST_RAMP = 4
+"""Window rows below which a product of their own costs more than what it spares."""
+
+PARTS = 16
+"""Into which a projection falls, whoever works on it: its sums are the same for any number of workers."""
+
+
+Task = tuple[list[tuple[int, int]], slice]
+"""Runs of lattice rows, and the groups of rows of sources that are added up in each."""
+
+
+class _Scratch:
+    """Arrays a worker uses again and again, zero when first made."""
+
+    def __init__(self, dtype: np.dtype[Any]) -> None:
+        self.dtype = dtype
+        self.kept: dict[str, NDArray[Any]] = {}
+
+    def array(self, name: str, shape: tuple[int, ...]) -> NDArray[Any]:
+        """Return the array ``name`` in ``shape``, larger ones before smaller ones."""
+        size = math.prod(shape)
+        if name not in self.kept or self.kept[name].size < size:
+            self.kept[name] = np.zeros(size, self.dtype)
+        return self.kept[name][:size].reshape(shape)
+
+
+def rows_at_once(nt: int, width: int, itemsize: int) -> int:
+    """Return how many window rows a product takes, so that windows of `CELLS` cells fill `WINDOW_BYTES`."""
+    return max(1, min(nt, WINDOW_BYTES // (CELLS * width * itemsize)))
+
+
+def cells_at_once(rows: int, width: int, itemsize: int) -> int:
+    """Return how many lattice cells a product takes."""
+    # a product of fewer rows is bound by reading its right factor
+    return max(16, WINDOW_BYTES // (rows * width * itemsize))
+
+
+def strips_of(cells: tuple[int, int]) -> list[tuple[int, int]]:
+    """Return the runs of lattice rows that are worked on at a time, where there are cells enough."""
+    return chunks(cells[0], min(PARTS, cells[0] * cells[1] // CELLS))
+
+
+def strips_together(grid: Grid, workers: int) -> int:
+    """Return for how many strips a band is laid out once: a worker's share of them, twice the image at most."""
+    strips, (ny, _), overlap = strips_of(grid.cells), grid.period, grid.cutout[0] - 1
+    lines = math.ceil(grid.cells[0] / len(strips))
+    room = 2 * (grid.cells[0] * ny + overlap) // (lines * ny + overlap)
+    return max(1, min(room, math.ceil(len(strips) / workers)))
+
+
+def rows_together(rows: int, columns: int, strips: int) -> int:
+    """Return how many rows of sources, ``columns`` each, share a window: its additions are spared all but once.
+
+    Where there are few strips of the lattice to work on at a time, so many that there are some groups of rows.
+    """
+    return max(1, min(math.ceil(SOURCES / columns), math.ceil(4 * rows * strips / PARTS)))
+
+
+class Direct:
+    """Project with dense matrix products; H needs no preparation and may be read plane by plane.
+
+    ``phases`` (ny, nx) selects image phases: rows of the patterns that hold none of them are left out. With ``nodes``
+    only positions at nodes have patterns, ``(my, mx, nt, ns)``: see `image_of` and `cells_of`.
+    """
+
+    name = "direct"
+    any_phases = True
+
+    def __init__(
+        self,
+        grid: Grid,
+        dtype: np.dtype[Any],
+        workers: int | None = None,
+        phases: NDArray[np.bool_] | None = None,
+        nodes: Nodes | None = None,
+    ) -> None:
+        self.grid = grid
+        self.nodes = nodes
+        self.sources = source_places(grid.period, nodes)
+        self.dtype = dtype
+        self.workers = worker_count(workers)
+        self.rounding = float(np.finfo(dtype).tiny)
+        self.phases = phases
+        self.mask = None if phases is None else grid.tiled(phases)
+
+    def prepare(self, plane: NDArray[Any]) -> NDArray[Any]:
+        """Return the plane, its cutout cut down to where it is not zero."""
+        return trim(plane)
+
+    def operand_bytes(self, operand: NDArray[Any]) -> int:
+        """Return the bytes of the plane."""
+        base = operand if operand.base is None else operand.base
+        return int(base.nbytes)
+
+    def forward(self, planes: Iterable[tuple[NDArray[Any], NDArray[Any]]]) -> NDArray[Any]:
+        """Return the image of pairs (operand, volume plane)."""
+        total = np.zeros(self.grid.image_shape, self.dtype)
+        for operand, plane in planes:
+            total += self.image_of(operand, self._by_row_phase(self.grid.pack(plane, self.dtype)))
+        return total if self.mask is None else total * self.mask
+
+    def image_of(self, operand: NDArray[Any], cells: NDArray[Any]) -> NDArray[Any]:
+        """Return the image of sources ``cells`` ``(rows, lattice cells, columns)``, those of nodes where it has any."""
+        groups = self._groups(operand)
+        (ny, nx), (cells_y, cells_x), (nt, ns) = self.grid.period, self.grid.cells, operand.shape[2:]
+
+        def work(task: Task) -> list[NDArray[Any]]:
+            strips, own = task
+            images = [np.zeros(((b - a) * ny + nt - 1, cells_x * nx + ns - 1), self.dtype) for a, b in strips]
+            sources = [cells[:, a * cells_x : b * cells_x] for a, b in strips]
+            scratch = _Scratch(self.dtype)
+            for group in groups[own]:
+                self._spread([one[group] for one in sources], operand, group, images, scratch)
+            return images
+
+        total = np.zeros((cells_y * ny + nt - 1, cells_x * nx + ns - 1), self.dtype)
+        tasks = self._tasks(len(groups))
+        # threads over strips: BLAS's threads on top would only queue
+        with one_blas_thread():
+            for (strips, _), images in zip(tasks, in_order(work, tasks, self.workers), strict=True):
+                for (top, _), image in zip(strips, images, strict=True):
+                    total[top * ny : top * ny + len(image)] += image
+        return self.grid.unpack(total, before=centre_of(operand))
+
+    def adjoint(self, image: NDArray[Any], operands: Iterable[NDArray[Any]]) -> Iterator[NDArray[Any]]:
+        """Yield the back projection of ``image`` for each operand."""
+        masked = image if self.mask is None else image * self.mask
+        (ny, nx), (cells_y, cells_x) = self.grid.period, self.grid.cells
+        for operand in operands:
+            cells = self.cells_of(operand, masked)
+            plane = cells.reshape(ny, cells_y, cells_x, nx).transpose(1, 0, 2, 3).reshape(cells_y * ny, cells_x * nx)
+            yield np.ascontiguousarray(self.grid.unpack(plane))
+
+    def cells_of(self, operand: NDArray[Any], image: NDArray[Any]) -> NDArray[Any]:
+        """Return the patterns' products with ``image``, ``(rows, lattice cells, columns)``: transpose of `image_of`."""
+        packed = self.grid.pack(image, self.dtype, before=centre_of(operand), after=centre_of(operand))
+        cells = np.zeros((len(operand), self.grid.cells[0] * self.grid.cells[1], operand.shape[1]), self.dtype)
+        groups = self._groups(operand)
+
+        (ny, _), (_, cells_x) = self.grid.period, self.grid.cells
+
+        def work(task: Task) -> None:
+            strips, own = task
+            images = [packed[a * ny :] for a, _ in strips]
+            parts = [cells[:, a * cells_x : b * cells_x] for a, b in strips]
+            scratch = _Scratch(self.dtype)
+            for group in groups[own]:
+                self._collect(images, operand, group, [one[group] for one in parts], scratch)
+
+        with one_blas_thread():
+            for _ in in_order(work, self._tasks(len(groups)), self.workers):
+                pass
+        return cells
+
+    # -- steps -----------------------------------------------------------------------------------------
+    def _by_row_phase(self, packed: NDArray[Any]) -> NDArray[Any]:
+        """Return packed cells as ``(ny, cells, nx)``."""
+        (ny, nx), (cells_y, cells_x) = self.grid.period, self.grid.cells
+        return packed.reshape(cells_y, ny, cells_x, nx).swapaxes(0, 1).reshape(ny, cells_y * cells_x, nx)
+
+    def _groups(self, operand: NDArray[Any]) -> list[slice]:
+        """Return runs of rows of sources that share windows."""
+        step = rows_together(len(operand), operand.shape[1], len(strips_of(self.grid.cells)))
+        return [slice(k, min(k + step, len(operand))) for k in range(0, len(operand), step)]
+
+    def _tasks(self, groups: int) -> list[Task]:
+        """Return what is worked on at a time; the strips are added up in the same order however many share bands."""
+        strips, step = strips_of(self.grid.cells), strips_together(self.grid, self.workers)
+        parts = chunks(groups, math.ceil(PARTS / len(strips)))
+        return [(strips[k : k + step], slice(*part)) for part in parts for k in range(0, len(strips), step)]
+
+    def _spread(
+        self,
+        sources: list[NDArray[Any]],
+        operand: NDArray[Any],
+        group: slice,
+        images: list[NDArray[Any]],
+        scratch: _Scratch,
+    ) -> None:
+        """Add the patterns of some rows, weighted by ``sources`` (rows, cells, columns) of each strip, to its image."""
+        (ny, nx), cells_x, y = self.grid.period, self.grid.cells[1], int(self.sources[0][group.start])
+        by_cell = [one.swapaxes(0, 1).reshape(one.shape[1], -1) for one in sources]
+        for rows, own, band in self._bands(operand, group, scratch):
+            window = band.shape[-2:]
+            flat = band.reshape(-1, math.prod(window))
+            for strip, first, stop in self._blocks(by_cell, window):
+                windows = scratch.array("windows", (stop - first, *window))
+                np.matmul(by_cell[strip][first:stop, own], flat, out=windows.reshape(stop - first, -1))
+                # windows of neighbouring cells overlap: a pattern is wider than the period
+                overlap_add(windows, images[strip], Tiling(y + rows.start, cells_x, ny, nx), first)
+
+    def _collect(
+        self,
+        images: list[NDArray[Any]],
+        operand: NDArray[Any],
+        group: slice,
+        cells: list[NDArray[Any]],
+        scratch: _Scratch,
+    ) -> None:
+        """Add the patterns' products with each strip's image to its ``cells``: the transpose of `_spread`."""
+        (ny, nx), cells_x, y = self.grid.period, self.grid.cells[1], int(self.sources[0][group.start])
+        by_cell = [np.zeros((one.shape[1], len(one) * one.shape[2]), self.dtype) for one in cells]
+        for rows, own, band in self._bands(operand, group, scratch):
+            window = band.shape[-2:]
+            flat = band.reshape(-1, math.prod(window)).T
+            for strip, first, stop in self._blocks(by_cell, window):
+                windows = scratch.array("windows", (stop - first, *window))
+                gather_windows(windows, images[strip], Tiling(y + rows.start, cells_x, ny, nx), first)
+                by_cell[strip][first:stop, own] += windows.reshape(stop - first, -1) @ flat
+        for one, sums in zip(cells, by_cell, strict=True):
+            one[:] = sums.reshape(one.shape[1], len(one), -1).swapaxes(0, 1)
+
+    def _bands(
+        self, operand: NDArray[Any], group: slice, scratch: _Scratch
+    ) -> Iterator[tuple[slice, slice, NDArray[Any]]]:
+        """Yield runs of window rows, the group's sources whose rows reach there, and their banded matrix.
+
+        That is ``(rows of sources, columns of sources, window rows, nx + ns - 1)``: pattern ``x`` lies ``x`` columns
+        to the right, and those of later rows of sources lower down.
+        """
+        at_y, at_x = self.sources
+        nt, ns = operand.shape[2:]
+        width, down = self.grid.period[1] + ns - 1, at_y[group] - at_y[group.start]
+        height = nt + int(down[-1])
+        step = rows_at_once(nt, width, self.dtype.itemsize)
+        for rows in self._row_runs(height, int(at_y[group.start]) - (nt - 1) // 2, step, int(down[-1])):
+            count = rows.stop - rows.start
+            own = slice(
+                int(np.searchsorted(down, rows.start - nt, side="right")), int(np.searchsorted(down, rows.stop))
+            )
+            patterns = operand[group][own]
+            # what lies beside the patterns is never written, so the zeros of the first use last
+            band = scratch.array(f"band of {count} rows", (len(patterns), len(at_x), count, width))
+            lay_patterns(patterns, down[own] - rows.start, at_x, band)
+            yield rows, slice(own.start * len(at_x), own.stop * len(at_x)), band
+
+    def _row_runs(self, height: int, first: int, step: int, ramp: int) -> Iterator[slice]:
+        """Yield runs of at most ``step`` window rows that fall onto selected image phases, row 0 onto ``first``.
+
+        The first and the last ``ramp`` rows are not reached by all rows of sources: runs end amid them.
+        """
+        half = ramp // 2 + 1
+        cuts = [0, half, height - half, height] if half > LEAST_RAMP and height > 2 * half else [0, height]
+        for start, stop in runs_of_rows(self.phases, height, first):
+            edges = [start, *(cut for cut in cuts if start < cut < stop), stop]
+            for top, bottom in itertools.pairwise(edges):
+                yield from (slice(t, min(t + step, bottom)) for t in range(top, bottom, step))
+
+    def _blocks(self, strips: list[NDArray[Any]], window: tuple[int, ...]) -> Iterator[tuple[int, int, int]]:
+        """Yield strips ``(cells, sources)`` and runs of their cells whose windows about fill `WINDOW_BYTES`."""
+        step = cells_at_once(window[0], window[1], self.dtype.itemsize)
+        for strip, values in enumerate(strips):
+            cells = len(values)
+            # of one size: a last one of few cells costs as much as a full one
+            yield from ((strip, start, stop) for start, stop in chunks(cells, round(cells / step)))

@@ -1,0 +1,49 @@
+"""How a projection is computed, in a word: another one by the same recipe comes out the same to the last bit."""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+from lfcal.base import InputError
+from lfcal.reconstruct.projectors._tiles import TilePlan
+
+__all__ = ["BESIDE", "Tiles", "read_recipe", "recipe_of"]
+
+BESIDE = "+"
+"""Between the recipes of regions."""
+
+
+class Tiles(NamedTuple):
+    """Numbers of tiles down and across, and how many rows of them are worked on at once."""
+
+    down: int
+    across: int
+    band: int
+
+
+def recipe_of(method: str, plan: TilePlan | None, band: int | None) -> str:
+    """Return the method with its tiles down and across, and rows of them at once if not all: ``"polyphase:7x3/2"``."""
+    if plan is None:
+        return method
+    down, across = plan.counts
+    return f"{method}:{down}x{across}" + ("" if band is None or band >= down else f"/{band}")
+
+
+def read_recipe(text: str) -> tuple[str, Tiles | None]:
+    """Return the method that a recipe names, and its tiles where it says them.
+
+    Raises
+    ------
+    InputError
+        If there are tiles that are no numbers, or those of a method that has none.
+    """
+    name, colon, said = text.partition(":")
+    if not colon:
+        return name, None
+    found = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})(?:/([1-9]\d{0,5}))?", said, re.ASCII)
+    if found is None or name != "polyphase":
+        wanted = "a method, or polyphase with its tiles down and across, as polyphase:4x3"
+        raise InputError.expected("projection method", wanted, repr(text[:40]), "correct it")
+    down, across = int(found[1]), int(found[2])
+    return name, Tiles(down, across, int(found[3]) if found[3] else down)

@@ -1,0 +1,474 @@
+"""The iteration of all multiplicative solvers: update rules, penalties, acceleration, subsets and smoothing."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import KW_ONLY, dataclass, fields, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.base import InputError, in_order
+from lfcal.reconstruct.projectors import Projector
+from lfcal.reconstruct.solvers._acceleration import check_acceleration, extrapolate, remember
+from lfcal.reconstruct.solvers._model_noise import ModelNoise
+from lfcal.reconstruct.solvers._repeating import Repeating
+from lfcal.reconstruct.solvers._stretch import Stretch, best_share, weaker
+from lfcal.reconstruct.solvers._subsets import Masks, check_partition
+from lfcal.reconstruct.solvers.measurement import GoodnessOfFit, Measurement, no_light
+from lfcal.reconstruct.solvers.penalty import Penalty
+from lfcal.reconstruct.solvers.planes import plane_threads
+from lfcal.reconstruct.solvers.records import (
+    Reconstruction,
+    SolverProgress,
+    SolverState,
+    SolverWork,
+    progress_of,
+    relative_change,
+    without_state,
+)
+from lfcal.reconstruct.solvers.smoothing import DepthSmoothing
+from lfcal.reconstruct.solvers.solver import EM, Solver, SolverRun, SolverSettings
+
+__all__ = ["EmOptions", "EmUpdates", "IsraSettings", "RichardsonLucySettings", "iter_em", "iter_run", "penalised"]
+
+UNSEEN = 1e-6
+"""Voxels whose sensitivity is below this share of the largest are left as they are."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EmUpdates:
+    """What the updates of a multiplicative solver can be combined with.
+
+    Attributes
+    ----------
+    penalty
+        `TotalVariation` or `Tikhonov`, one step late (Green 1990; Dey et al. 2006); None: none.
+    acceleration
+        ``"none"``, ``"biggs-andrews"`` or ``"nesterov"``.
+    subsets
+        Masks of image phases to update with in turn (`interleaved_subsets`, `angular_subsets`); None: all at once.
+    relaxation
+        Share of each update that is taken, in (0, 1].
+    smoothing
+        `DepthSmoothing` after each iteration; None: none.
+    """
+
+    penalty: Penalty | None = None
+    acceleration: str = "none"
+    subsets: Masks | None = None
+    relaxation: float = 1.0
+    smoothing: DepthSmoothing | None = None
+
+
+@dataclass(frozen=True)
+class EmOptions(EmUpdates):
+    """How a multiplicative solver updates: by which rule, with what is named in `EmUpdates`, and until when.
+
+    Attributes
+    ----------
+    rule
+        ``"richardson-lucy"`` (Poisson likelihood) or ``"isra"`` (least squares, Daube-Witherspoon & Muehllehner 1986).
+    tolerance
+        Stop when the relative change falls below.
+    repeating
+        What repeats from lenslet to lenslet, to be left out of updates; None: nothing is.
+    stretch
+        How updates are lengthened at the start, with the acceleration ``"nesterov"``; None: they are not.
+    model_noise
+        The noise of H, with the rule ``"richardson-lucy"``; None: there is none.
+    """
+
+    rule: str = "richardson-lucy"
+    tolerance: float = 0.0
+    repeating: Repeating | None = None
+    stretch: Stretch | None = None
+    model_noise: ModelNoise | None = None
+
+    def __post_init__(self) -> None:
+        """Check names, ranges and what excludes what."""
+        if self.rule not in ("richardson-lucy", "isra"):
+            raise InputError.expected("update rule", "richardson-lucy or isra", repr(self.rule), "choose one")
+        check_acceleration(self.acceleration)
+        if not 0 < self.relaxation <= 1:
+            raise InputError.expected("relaxation", "in (0, 1]", self.relaxation, "try 1")
+        if self.subsets is not None and self.acceleration != "none":
+            raise InputError.expected(
+                "solver", "subsets or acceleration", "both", "leave one out: they extrapolate twice"
+            )
+        if self.stretch is not None and self.acceleration != "nesterov":
+            raise InputError.expected("stretched updates", "acceleration nesterov", self.acceleration, "choose it")
+
+
+@dataclass(frozen=True, eq=False)
+class IsraSettings(EmUpdates, SolverSettings):
+    """Settings of ISRA: those of every solver, and what updates are combined with.
+
+    Attributes
+    ----------
+    iterations
+        How many to do, beyond those of ``resume``.
+    initial
+        Start ``(nz, Y, X)``, not negative; by default even, with the light of the image.
+    """
+
+    iterations: int = 20
+    _: KW_ONLY
+    initial: ArrayLike | None = None
+
+    def options(self, rule: str) -> EmOptions:
+        """Return how to update by ``rule``."""
+        own = {one.name: getattr(self, one.name) for one in fields(EmUpdates)}
+        return EmOptions(rule, self.tolerance, **own)
+
+
+@dataclass(frozen=True, eq=False)
+class RichardsonLucySettings(IsraSettings):
+    """Settings of Richardson-Lucy: as those of ISRA.
+
+    Attributes
+    ----------
+    read_noise
+        Rms read noise (counts), which is modelled as further Poisson noise.
+    """
+
+    _: KW_ONLY
+    read_noise: float = 0.0
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One subset: its projector, its pixels, and what its updates always need."""
+
+    projector: Projector
+    mask: NDArray[np.bool_] | None
+    sensitivity: NDArray[Any]
+    matched: NDArray[Any] | None
+    """HT f for ISRA."""
+
+
+@dataclass
+class _Pace:
+    """How far updates go.
+
+    Attributes
+    ----------
+    strength
+        By which they are stretched.
+    model
+        The model ``(Y, X)`` that the last update began with.
+    likelihood
+        Of that model.
+    """
+
+    strength: float
+    model: NDArray[Any] | None = None
+    likelihood: float = -np.inf
+
+    def at(self, model: NDArray[Any], data: Measurement, floor: float) -> float:
+        """Return the strength of the update that begins with ``model``."""
+        if self.strength > 0 and self.model is not None:
+            self.strength = weaker(self.strength, self.model, model, data, floor)
+        self.model = model
+        return self.strength
+
+    def remember(
+        self, state: SolverState, done: _Pass, acceleration: str, *, restart: bool
+    ) -> tuple[tuple[NDArray[Any], ...], tuple[float, ...]]:
+        """Return what the next update needs to know: arrays and numbers of the next state."""
+        arrays, numbers = remember(
+            state, done.start, done.volume, acceleration, restart=restart, likelihood=self.likelihood
+        )
+        if self.strength > 0 and self.model is not None:
+            return (*arrays, self.model), (*numbers, self.strength)
+        return arrays, numbers
+
+
+@dataclass(frozen=True)
+class _Pass:
+    """One pass over all subsets: the volume it began with, the one it ended with, and the fit met on the way.
+
+    ``turned_back``: the last update had been stretched too far, and it began with a shorter one.
+    """
+
+    start: NDArray[Any]
+    volume: NDArray[Any]
+    fit: GoodnessOfFit
+    turned_back: bool
+
+
+def iter_em(
+    P: Projector,
+    data: Measurement,
+    iterations: int,
+    options: EmOptions,
+    *,
+    initial: ArrayLike | None = None,
+    resume: SolverState | None = None,
+) -> SolverWork:
+    """Run ``iterations`` iterations, yielding a `SolverProgress` after each.
+
+    Parameters
+    ----------
+    P
+        Projector pair.
+    data
+        Image, weights and background.
+    iterations
+        How many to do, beyond those of ``resume``.
+    options
+        What to do.
+    initial
+        Start ``(nz, Y, X)``, not negative; by default even, with the light of the image.
+    resume
+        State to go on from instead.
+    """
+    _check(P, data, iterations)
+    parts = _parts(P, data, options)
+    state = resume if resume is not None else SolverState(_start(P, data, parts, initial))
+    if state.volume.shape != P.volume_shape:
+        raise InputError.expected("start", f"shape {P.volume_shape}", state.volume.shape, "use the same projector")
+    history: list[SolverProgress] = []
+    total = state.iteration + iterations
+    stopped = ""
+    pace = _pace(state, options)
+    for _ in range(iterations):
+        began = time.perf_counter()
+        start, step = extrapolate(state, options.acceleration)
+        before = pace.likelihood
+        done = _iterate(start, parts, data, options, pace, state.arrays[0] if state.arrays else None)
+        volume, fit = done.volume, done.fit
+        change = relative_change(volume, state.volume)
+        if done.turned_back:
+            state = replace(state, volume=done.start)
+        # the likelihood belongs to the extrapolated start: where it fell, the last step was too long.
+        restart = done.turned_back or (step > 0 and fit.likelihood < before)
+        arrays, numbers = pace.remember(state, done, options.acceleration, restart=restart)
+        # else the volume that the iteration began with is held through the next one
+        del done, start
+        seconds = state.seconds + time.perf_counter() - began
+        state = SolverState(volume, state.iteration + 1, seconds, arrays, numbers)
+        record = progress_of(
+            state,
+            total,
+            options.rule,
+            residual=fit.residual,
+            likelihood=fit.likelihood,
+            change=change,
+            left_out=(fit.left_out, fit.left_out_error),
+        )
+        history.append(without_state(record))  # the history would else hold a volume per iteration
+        yield record
+        if stopped := _why_stop(change, state.iteration, options):
+            break
+    return Reconstruction(state.volume, tuple(history), state, data.notes, stopped)
+
+
+def iter_run(P: Projector, image: ArrayLike, run: SolverRun, options: EmOptions) -> SolverWork:
+    """Iterate as ``run`` asks; ``options`` say what makes the solver this one."""
+    options = replace(options, tolerance=run.tolerance)
+    return iter_em(P, run.measure(P, image), run.iterations, options, initial=run.initial, resume=run.resume)
+
+
+def penalised(name: str, title: str, penalty: Callable[..., Penalty], rank: int) -> Solver:
+    """Return the solver of Richardson-Lucy with a penalty, whose weight is the strength asked for."""
+    iterate = partial(_iter_penalised, penalty=penalty)
+    return Solver(name, title, iterate, EM | {"strength"}, rank=rank, volumes=(3, 4), settles=True)
+
+
+def _iter_penalised(P: Projector, image: ArrayLike, run: SolverRun, *, penalty: Callable[..., Penalty]) -> SolverWork:
+    weight = {} if run.strength is None else {"weight": run.strength}
+    return iter_run(P, image, run, EmOptions(penalty=penalty(**weight)))
+
+
+def _why_stop(change: float, iteration: int, options: EmOptions) -> str:
+    """Return why a run ends after an iteration that changed the volume by ``change``, empty where it does not."""
+    settled = options.model_noise is not None and options.model_noise.settled()
+    if change < options.tolerance:
+        return f"changed by less than {options.tolerance:g} in iteration {iteration}"
+    return f"only noise of H and of the frame is left to fit after iteration {iteration}" if settled else ""
+
+
+# -- steps ---------------------------------------------------------------------------------------------
+def _check(P: Projector, data: Measurement, iterations: int) -> None:
+    if data.image.shape != P.image_shape:
+        raise InputError.expected(
+            "image", f"shape {P.image_shape}", data.image.shape, "build the projector for this image"
+        )
+    if iterations < 1:
+        raise InputError.expected("iterations", "at least 1", iterations, "correct it")
+
+
+def _parts(P: Projector, data: Measurement, options: EmOptions) -> tuple[_Part, ...]:
+    if options.subsets is None:
+        return (_part(P, None, data, options),)
+    check_partition(options.subsets, P.period)
+    return tuple(_part(P.subset(mask), P.grid.tiled(mask), data, options) for mask in options.subsets)
+
+
+def _part(P: Projector, mask: NDArray[np.bool_] | None, data: Measurement, options: EmOptions) -> _Part:
+    sensitivity = P.adjoint(data.ones())
+    np.maximum(sensitivity, 0, out=sensitivity)
+    matched = P.adjoint(data.weighted(data.image)) if options.rule == "isra" else None
+    return _Part(P, mask, sensitivity, matched)
+
+
+def _start(P: Projector, data: Measurement, parts: tuple[_Part, ...], initial: ArrayLike | None) -> NDArray[Any]:
+    sensitivity = parts[0].sensitivity
+    if len(parts) > 1:
+        sensitivity = sensitivity.copy()
+        for part in parts[1:]:
+            sensitivity += part.sensitivity
+    reach = float(np.sum(sensitivity, dtype=np.float64))
+    if not reach > 0 and data.ones().any():
+        raise no_light()
+    if initial is not None:
+        volume = np.array(initial, P.dtype)
+        if volume.shape != P.volume_shape or not np.isfinite(volume).all() or (volume < 0).any():
+            raise InputError.expected(
+                "initial volume", f"shape {P.volume_shape}, finite, not negative", volume.shape, "correct it"
+            )
+        return volume
+    light = float(data.weighted(np.maximum(data.image - data.background, 0)).sum(dtype=np.float64))
+    level = light / reach if reach > 0 else 0.0
+    # a voxel no pixel sees would keep its start for ever: it starts, and stays, at zero.
+    start = np.zeros(P.volume_shape, P.dtype)
+    start[sensitivity > UNSEEN * np.max(sensitivity)] = level
+    return start
+
+
+def _pace(state: SolverState, options: EmOptions) -> _Pace:
+    """Return how far the next update goes, as the state remembers it; one that does not is past its start."""
+    if state.iteration == 0:
+        return _Pace(0.0 if options.stretch is None else options.stretch.first)
+    if not state.numbers:
+        return _Pace(0.0)
+    if options.stretch is None or len(state.arrays) < 2:
+        return _Pace(0.0, likelihood=state.numbers[-1])
+    return _Pace(state.numbers[-1], state.arrays[1], state.numbers[-2])
+
+
+def _iterate(
+    volume: NDArray[Any],
+    parts: tuple[_Part, ...],
+    data: Measurement,
+    options: EmOptions,
+    pace: _Pace,
+    previous: NDArray[Any] | None,
+) -> _Pass:
+    """Return one pass over all subsets, from ``volume`` on.
+
+    Where a stretched update has lowered the likelihood, the pass begins between ``previous``, the volume before that
+    update, and ``volume``: where the likelihood is highest.
+    """
+    square, likelihood, foretold, error, norm = 0.0, 0.0, 0.0, 0.0, float(np.linalg.norm(data.weighted(data.image)))
+    start, turned_back = volume, False
+    for part in parts:
+        model, floor, fit = _compared(part, volume, data)
+        likelihood += fit.likelihood
+        foretold += fit.left_out
+        error += fit.left_out_error**2
+        # subsets are disjoint: their squares add up to that of the whole image, each at its own estimate.
+        own = data.image if part.mask is None else data.image * part.mask
+        square += (fit.residual * float(np.linalg.norm(data.weighted(own)))) ** 2
+        stretched, strength = pace.strength > 0, pace.at(model, data, floor)
+        reached = fit.likelihood
+        if stretched and reached < pace.likelihood and previous is not None:
+            start, model, floor = _shortened(part, previous, volume, model, data)
+            volume, turned_back, pace.model = start, True, model
+            reached = data.fit(model, part.mask, floor).likelihood
+        volume = _update(volume, model, floor, part, data, options, strength=strength)
+    pace.likelihood = likelihood if len(parts) > 1 else reached
+    if options.smoothing is not None:
+        volume = options.smoothing.apply(volume)
+    residual = fit.residual if len(parts) == 1 else (square**0.5 / norm if norm > 0 else 0.0)
+    return _Pass(start, volume, GoodnessOfFit(residual, likelihood, foretold, error**0.5), turned_back)
+
+
+def _compared(part: _Part, volume: NDArray[Any], data: Measurement) -> tuple[NDArray[Any], float, GoodnessOfFit]:
+    """Return the model ``(Y, X)`` of a volume, the value below which it is rounding, and how well it fits."""
+    P = part.projector
+    model = P.forward(volume) + data.background
+    floor = max(P.rounding * float(model.max(initial=0)), float(np.finfo(model.dtype).tiny))
+    return model, floor, data.fit(model, part.mask, floor)
+
+
+def _shortened(
+    part: _Part, previous: NDArray[Any], volume: NDArray[Any], model: NDArray[Any], data: Measurement
+) -> tuple[NDArray[Any], NDArray[Any], float]:
+    """Return the volume of the highest likelihood between two, its model, and the value below which that is rounding.
+
+    Models are linear in volumes: only that of ``previous`` is projected, ``model`` is that of ``volume``.
+    """
+    first, floor, _ = _compared(part, previous, data)
+    share = first.dtype.type(best_share(first, model, data, floor))
+    between = np.subtract(volume, previous)
+    between *= share
+    between += previous
+    return between, first + share * (model - first), floor
+
+
+def _ratio(
+    volume: NDArray[Any], model: NDArray[Any], floor: float, part: _Part, data: Measurement, options: EmOptions
+) -> NDArray[Any]:
+    """Return the factor from the image of a volume to the frame ``(Y, X)``."""
+    if options.model_noise is not None:
+        return options.model_noise.ratio(volume, model, part.mask, data, floor)
+    found: NDArray[Any] = np.divide(data.image, model, out=np.zeros_like(model), where=model > floor)
+    return found
+
+
+def _update(
+    volume: NDArray[Any],
+    model: NDArray[Any],
+    floor: float,
+    part: _Part,
+    data: Measurement,
+    options: EmOptions,
+    *,
+    strength: float,
+) -> NDArray[Any]:
+    """Return the volume after the update of one subset; a model below ``floor`` is rounding."""
+    P = part.projector
+    top = part.sensitivity.max(initial=0)
+    if options.rule == "isra":
+        assert part.matched is not None
+        above, below = part.matched, P.adjoint(data.weighted(model))
+        updated = below
+    else:
+        ratio = _ratio(volume, model, floor, part, data, options)
+        above, below = P.adjoint(data.weighted(ratio)), part.sensitivity
+        updated = above
+    scale = below.max(initial=0) if options.rule == "isra" else top
+    steep = None if options.penalty is None else options.penalty.gradient(volume)
+
+    def one(z: int) -> tuple[float, float]:
+        """Update a plane, into the array that is not needed again: volumes may fill the memory; return its light."""
+        share = below[z]
+        if steep is not None:
+            # a steep gradient would turn the denominator negative or blow the voxel up: grow no more than tenfold.
+            share = np.maximum(below[z] + scale * steep[z], 0.1 * below[z])
+        seen = (part.sensitivity[z] > UNSEEN * top) & (share > 0)
+        factor = np.divide(np.maximum(above[z], 0), share, out=np.ones_like(volume[z]), where=seen)
+        if options.repeating is not None:
+            factor = options.repeating.without(z, factor, seen)
+        light = longer = 0.0
+        if options.stretch is not None and strength > 0:
+            weight = part.sensitivity[z] * volume[z]
+            light = float(np.vdot(weight, factor))
+            factor = options.stretch.apply(z, factor, seen, strength)
+            longer = float(np.vdot(weight, factor))
+        if options.relaxation < 1:
+            factor = 1 + options.relaxation * (factor - 1)
+        np.multiply(volume[z], factor.astype(volume.dtype, copy=False), out=updated[z])
+        return light, longer
+
+    found = list(in_order(one, range(len(volume)), plane_threads(len(volume), volume[0].nbytes)))
+    light, longer = (sum(own) for own in zip(*found, strict=True))
+    if longer > 0:
+        # as much light in the image as the plain update has
+        updated *= updated.dtype.type(light / longer)
+    return updated

@@ -1,0 +1,95 @@
+"""Richardson-Lucy: the multiplicative solver of Poisson data, alone or with what it may be combined with."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from numpy.typing import ArrayLike
+
+from lfcal.base import drained
+from lfcal.reconstruct.projectors import Projector
+from lfcal.reconstruct.solvers._em import EmOptions, RichardsonLucySettings, iter_em, iter_run
+from lfcal.reconstruct.solvers.records import SolverWork
+from lfcal.reconstruct.solvers.solver import EM, Solver, with_settings
+
+__all__ = ["SOLVER", "iter_richardson_lucy", "richardson_lucy"]
+
+
+@with_settings(RichardsonLucySettings)
+def iter_richardson_lucy(P: Projector, image: ArrayLike, settings: RichardsonLucySettings) -> SolverWork:
+    """Deconvolve ``image`` ``(Y, X)`` by Richardson-Lucy.
+
+    ``g <- g / HT1 * HT( f / (Hg + b) )`` (Eberhart et al. 2020, equation 2); with weights, ``HT(w f / (Hg + b)) /
+    HTw``. Where Hg + b is nothing but rounding the ratio is 0; voxels no pixel sees stay as they are.
+
+    Parameters
+    ----------
+    P
+        Projector pair.
+    image
+        ``(Y, X)`` in counts.
+    iterations
+        How many to do, beyond those of ``resume``.
+    background, weights, saturation, read_noise
+        As for `Measurement.of`.
+    penalty, acceleration, subsets, relaxation, smoothing, tolerance
+        As in `EmOptions`.
+    initial
+        Start ``(nz, Y, X)``, not negative; by default even, with the light of the image.
+    resume
+        State to go on from instead.
+
+    Yields
+    ------
+    SolverProgress
+        After each iteration.
+
+    Raises
+    ------
+    InputError
+        If the image does not fit the projector or an argument is out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.reconstruct import Projector, iter_richardson_lucy
+    >>> P = Projector(np.array([1, 2, 1]).reshape(1, 1, 1, 1, 3) / 4, (1, 7))
+    >>> for record in iter_richardson_lucy(P, [[0, 0, 2, 4, 2, 0, 0]], 3):
+    ...     print(record.count, f"peak {record.state.volume.max():.2f}")
+    1 of 3 peak 3.00
+    2 of 3 peak 4.00
+    3 of 3 peak 4.76
+    """
+    data = settings.measurement(P, image, read_noise=settings.read_noise)
+    options = settings.options("richardson-lucy")
+    return iter_em(P, data, settings.iterations, options, initial=settings.initial, resume=settings.resume)
+
+
+richardson_lucy = drained(
+    iter_richardson_lucy,
+    """
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import open_psf
+    >>> from lfcal.reconstruct import Projector, richardson_lucy
+    >>> with open_psf("H.h5") as H:
+    ...     P = Projector(H, (64, 64), method="direct")
+    ...     beads = np.zeros(P.volume_shape)
+    ...     beads[0, 20, 30], beads[1, 40, 45] = 1.0, 2.0
+    ...     result = richardson_lucy(P, P.forward(beads), iterations=12)
+    >>> print("beads found at", np.argwhere(result.volume > 0.3).tolist())
+    beads found at [[0, 20, 30], [1, 40, 45]]
+    """,
+)
+
+
+SOLVER = Solver(
+    "rl",
+    "Richardson-Lucy, as published (Eberhart et al. 2020, equation 2)",
+    partial(iter_run, options=EmOptions()),
+    EM,
+    rank=10,
+    volumes=(3, 3),
+)
+"""What the registry takes from this module; the same in every module of a solver."""

@@ -1,0 +1,440 @@
+"""Compiled passes of a response on a grid: fast Fourier transforms on lanes, with all that lies between them.
+
+A lane holds one complex number of its own transform, so that `LANES` columns, or rows, of the grid are transformed at
+once, in the caches (Van Loan, Computational Frameworks for the Fast Fourier Transform, 1992). On the way forth the
+frequencies are decimated (Gentleman and Sande 1966), which leaves them in the order of reversed digits; on the way back
+the times (Cooley and Tukey 1965), which takes them so: nothing is put in order. Butterflies of composite size are made
+of smaller ones (those of Good 1958 where their sizes have no factor in common). numba has no words for lanes: they are
+given as LLVM code, for any processor. Sums are done in one order, and results are the same in every run.
+
+A buffer of ``n`` numbers on lanes holds (n, 2, LANES) reals, real parts before imaginary ones; places are counted in
+reals. The way back is the way forth with real and imaginary parts exchanged, at its start and at its end.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba.core import cgutils, types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from lfcal.base import njit
+
+__all__ = ["LANES", "RADICES", "STEP", "Pixels", "ResponseGrid", "Stages", "Way", "Work", "respond"]
+
+Reals = NDArray[np.float32]
+
+LANES = 16
+"""Transforms that are made at once: each part is a cache line."""
+
+STEP = 2 * LANES
+"""Reals from one number on lanes to the next."""
+
+RADICES = (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12)
+"""Sizes of butterflies."""
+
+_I32, _I64, _REAL = ir.IntType(32), ir.IntType(64), ir.FloatType()
+_LANES = ir.VectorType(_REAL, LANES)
+
+
+class Stages(NamedTuple):
+    """Stages of butterflies of a transform; its last has no twiddle factors."""
+
+    radices: NDArray[np.int64]
+    starts: NDArray[np.int64]  # of each stage's factors
+    twiddles: Reals  # exp(-2 pi i j k / block) as (re, im): for each j, k = 1 ... radix - 1
+
+
+class Way(NamedTuple):
+    """A transform: its first stage, and what then becomes of each block that it leaves, within the nearest cache."""
+
+    first: Stages
+    then: Stages
+
+
+class ResponseGrid(NamedTuple):
+    """What responses are made of; the arrays of complex numbers flat, as reals (re, im)."""
+
+    lit: Reals  # the field that meets the array (n, n)
+    seen: Reals  # what the array lets through, a table of which the grid of a position is a part
+    width: int  # of that table
+    corners: NDArray[np.int64]  # index in the table of the first sample of each position's grid
+    side: int  # n
+    transfer: Reals  # to the sensor: a buffer for each LANES rows of frequencies, over n^2
+
+
+class Pixels(NamedTuple):
+    """The pixels of a cutout: each takes samples ``per`` apart from its neighbour's, as many as there are weights."""
+
+    weights: Reals
+    per: int
+    top: int  # the first pixel's first samples
+    left: int
+    rows: int
+    columns: int
+
+
+class Work(NamedTuple):
+    """What a thread works on, aligned to the lanes; made of zeros."""
+
+    columns: Reals  # a buffer for each LANES columns, with LANES * ceil(n / LANES) numbers each
+    rows: Reals  # one buffer
+    lines: Reals  # (rows of pixels, n): light on the samples of a row
+
+
+# -- code on lanes ----------------------------------------------------------------------------------------
+class _Wave:
+    """A complex number on each lane, as LLVM values."""
+
+    def __init__(self, b: Any, re: Any, im: Any) -> None:
+        self.b, self.re, self.im = b, re, im
+
+    def __add__(self, other: _Wave) -> _Wave:
+        return _Wave(self.b, self.b.fadd(self.re, other.re), self.b.fadd(self.im, other.im))
+
+    def __sub__(self, other: _Wave) -> _Wave:
+        return _Wave(self.b, self.b.fsub(self.re, other.re), self.b.fsub(self.im, other.im))
+
+    def turned(self) -> _Wave:
+        """Return -i times this."""
+        return _Wave(self.b, self.im, self.b.fneg(self.re))
+
+    def scaled(self, by: float, plus: _Wave | None = None) -> _Wave:
+        """Return a real number times this, plus another."""
+        c = ir.Constant(_LANES, [by] * LANES)
+        if plus is None:
+            return _Wave(self.b, self.b.fmul(c, self.re), self.b.fmul(c, self.im))
+        return _Wave(self.b, _fused(self.b, c, self.re, plus.re), _fused(self.b, c, self.im, plus.im))
+
+    def times(self, re: Any, im: Any) -> _Wave:
+        b = self.b
+        real = _fused(b, self.re, re, b.fneg(b.fmul(self.im, im)))
+        return _Wave(b, real, _fused(b, self.re, im, b.fmul(self.im, re)))
+
+    def rotated(self, part: int, whole: int) -> _Wave:
+        """Return exp(-2 pi i part / whole) times this."""
+        quarters, rest = divmod(4 * part, whole)
+        found = self
+        for _ in range(quarters % 4):
+            found = found.turned()
+        if rest:
+            w = cmath.exp(-0.5j * math.pi * rest / whole)
+            found = found.times(*(ir.Constant(_LANES, [x] * LANES) for x in (w.real, w.imag)))
+        return found
+
+
+def _fused(b: Any, x: Any, y: Any, plus: Any) -> Any:
+    """Return x y + plus, rounded once where the processor is quick at it."""
+    kind = ir.FunctionType(_LANES, [_LANES] * 3)
+    return b.call(cgutils.get_or_insert_function(b.module, kind, f"llvm.fmuladd.v{LANES}f32"), [x, y, plus])
+
+
+def _butterfly(a: list[_Wave]) -> list[_Wave]:
+    """Return the transform of a few numbers, in order."""
+    n = len(a)
+    if n == 2:
+        return [a[0] + a[1], a[0] - a[1]]
+    first = next((f for f in (4, 3, 2, 5) if n % f == 0 and n > f), n)
+    if n == 4:
+        s, t, u, v = a[0] + a[2], a[0] - a[2], a[1] + a[3], (a[1] - a[3]).turned()
+        return [s + u, t + v, s - u, t - v]
+    if first == n:
+        return _prime_butterfly(a)
+    other, out = n // first, list(a)
+    if math.gcd(first, other) == 1:
+        # time other i + first j and frequency by the remainders (Good 1958)
+        inner = [_butterfly([a[(other * i + first * j) % n] for i in range(first)]) for j in range(other)]
+        for k in range(first):
+            for m, wave in enumerate(_butterfly([row[k] for row in inner])):
+                out[next(q for q in range(n) if q % first == k and q % other == m)] = wave
+        return out
+    inner = [_butterfly(a[j::other]) for j in range(other)]
+    for k in range(first):
+        out[k::first] = _butterfly([row[k].rotated(j * k, n) for j, row in enumerate(inner)])
+    return out
+
+
+def _prime_butterfly(a: list[_Wave]) -> list[_Wave]:
+    n, out = len(a), list(a)
+    pairs = range(1, n // 2 + 1)
+    sums, differences = [a[j] + a[n - j] for j in pairs], [a[j] - a[n - j] for j in pairs]
+    for s in sums:
+        out[0] = out[0] + s
+    for k in pairs:
+        even, odd = a[0], None
+        for j in pairs:
+            angle = 2 * math.pi * (j * k % n) / n
+            even = sums[j - 1].scaled(math.cos(angle), even)
+            odd = differences[j - 1].scaled(math.sin(angle), odd)
+        assert odd is not None
+        turned = odd.turned()
+        out[k], out[n - k] = even + turned, even - turned
+    return out
+
+
+def _reals(context: Any, b: Any, signature: Any, arguments: Any, which: int) -> Any:
+    """Return the pointer to the first number of an array of reals."""
+    return context.make_array(signature.args[which])(context, b, arguments[which]).data
+
+
+def _lanes_at(b: Any, data: Any, at: Any, beyond: int = 0) -> Any:
+    place = b.gep(data, [b.add(at, ir.Constant(_I64, beyond))])
+    return b.bitcast(place, _LANES.as_pointer())
+
+
+def _load(b: Any, data: Any, at: Any) -> _Wave:
+    return _Wave(b, *(b.load(_lanes_at(b, data, at, part), align=4) for part in (0, LANES)))
+
+
+def _store(b: Any, data: Any, at: Any, wave: _Wave) -> None:
+    for part, lanes in ((0, wave.re), (LANES, wave.im)):
+        b.store(lanes, _lanes_at(b, data, at, part), align=4)
+
+
+def _same(b: Any, value: Any) -> Any:
+    """Return a real number on all lanes."""
+    none = ir.Constant(_LANES, ir.Undefined)
+    one = b.insert_element(none, value, ir.Constant(_I32, 0))
+    return b.shuffle_vector(one, none, ir.Constant(ir.VectorType(_I32, LANES), [0] * LANES))
+
+
+def _picked(b: Any, pair: tuple[Any, ...], places: list[int]) -> Any:
+    """Return the lanes of two that are named, those of the second counted on from the first's."""
+    return b.shuffle_vector(*pair, ir.Constant(ir.VectorType(_I32, LANES), places))
+
+
+def _stage(before: bool, after: bool) -> Any:
+    """Make ``step(x, at, apart, twiddles, first, radix)``: butterflies of numbers ``apart`` on lanes from one another.
+
+    As many, in place, the first from ``at`` on; with twiddle factors from ``first`` on before or after them.
+    """
+
+    def implement(context: Any, b: Any, signature: Any, arguments: Any) -> Any:
+        _, at, apart, _, first, radix = arguments
+        data, factors = (_reals(context, b, signature, arguments, k) for k in (0, 3))
+        end = b.append_basic_block("end")
+        chosen = b.switch(radix, end)
+
+        def twiddled(wave: _Wave, own: Any, k: int) -> _Wave:
+            if not k:
+                return wave
+            places = (b.gep(own, [ir.Constant(_I64, 2 * k - part)]) for part in (2, 1))
+            return wave.times(*(_same(b, b.load(place)) for place in places))
+
+        for n in RADICES:
+            block = b.append_basic_block(f"radix{n}")
+            chosen.add_case(ir.Constant(_I64, n), block)
+            b.position_at_end(block)
+            starts = [b.gep(data, [b.add(at, b.mul(apart, ir.Constant(_I64, k * STEP)))]) for k in range(n)]
+            with cgutils.for_range(b, apart) as loop:
+                here = b.mul(loop.index, ir.Constant(_I64, STEP))
+                own = b.gep(factors, [b.add(first, b.mul(loop.index, ir.Constant(_I64, 2 * n - 2)))])
+                waves = [_load(b, start, here) for start in starts]
+                if before:
+                    waves = [twiddled(wave, own, k) for k, wave in enumerate(waves)]
+                waves = _butterfly(waves)
+                if after:
+                    waves = [twiddled(wave, own, k) for k, wave in enumerate(waves)]
+                for start, wave in zip(starts, waves, strict=True):
+                    _store(b, start, here, wave)
+            b.branch(end)
+        b.position_at_end(end)
+        return context.get_dummy_value()
+
+    def typed(_: Any, x: Any, at: Any, apart: Any, twiddles: Any, first: Any, radix: Any) -> Any:
+        return types.void(x, types.int64, types.int64, twiddles, types.int64, types.int64), implement
+
+    return intrinsic(typed)
+
+
+_step_forth, _step_back, _step_last = _stage(False, True), _stage(True, False), _stage(False, False)
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _multiply(_: Any, lit: Any, i: Any, seen: Any, j: Any, x: Any, at: Any, rows: Any, sums: Any) -> Any:
+    """Fill x from ``at`` on with products of ``LANES`` numbers (re, im) of two arrays on each of several rows.
+
+    ``rows`` are their count and the reals from one to the next in either array; ``sums`` become the products' power.
+    """
+
+    def implement(context: Any, b: Any, signature: Any, arguments: Any) -> Any:
+        lit, seen, x, sums = (_reals(context, b, signature, arguments, which) for which in (0, 2, 4, 7))
+        count, *apart = cgutils.unpack_tuple(b, arguments[6], 3)
+        powers = [cgutils.alloca_once_value(b, ir.Constant(_LANES, [0.0] * LANES)) for _ in range(2)]
+        with cgutils.for_range(b, count) as loop:
+            waves = []
+            for data, start, step in ((lit, arguments[1], apart[0]), (seen, arguments[3], apart[1])):
+                first = b.add(start, b.mul(loop.index, step))
+                pair = tuple(b.load(_lanes_at(b, data, first, part), align=4) for part in (0, LANES))
+                waves.append(_Wave(b, *(_picked(b, pair, list(range(part, STEP, 2))) for part in (0, 1))))
+            found = waves[0].times(waves[1].re, waves[1].im)
+            _store(b, x, b.add(arguments[5], b.mul(loop.index, ir.Constant(_I64, STEP))), found)
+            for power, part in zip(powers, (found.re, found.im), strict=True):
+                b.store(_fused(b, part, part, b.load(power)), power)
+        total = b.fadd(*(b.load(power) for power in powers))
+        b.store(total, b.bitcast(sums, _LANES.as_pointer()), align=4)
+        return context.get_dummy_value()
+
+    whole = types.int64
+    return types.void(lit, whole, seen, whole, x, whole, rows, sums), implement
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _transfer(_: Any, x: Any, at: Any, factors: Any, first: Any) -> Any:
+    """Multiply the numbers at ``at`` by those of a buffer at ``first``, and exchange real and imaginary part."""
+
+    def implement(context: Any, b: Any, signature: Any, arguments: Any) -> Any:
+        x, factors = (_reals(context, b, signature, arguments, which) for which in (0, 2))
+        by = _load(b, factors, arguments[3])
+        found = _load(b, x, arguments[1]).times(by.re, by.im)
+        _store(b, x, arguments[1], _Wave(b, found.im, found.re))
+        return context.get_dummy_value()
+
+    return types.void(x, types.int64, factors, types.int64), implement
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _collect(_: Any, x: Any, at: Any, weights: Any, count: Any, line: Any, j: Any) -> Any:
+    """Set line[j ...] to the power of the ``count`` numbers from ``at`` on, summed with their weights."""
+
+    def implement(context: Any, b: Any, signature: Any, arguments: Any) -> Any:
+        x, weights, line = (_reals(context, b, signature, arguments, which) for which in (0, 2, 4))
+        total = cgutils.alloca_once_value(b, ir.Constant(_LANES, [0.0] * LANES))
+        with cgutils.for_range(b, arguments[3]) as loop:
+            wave = _load(b, x, b.add(arguments[1], b.mul(loop.index, ir.Constant(_I64, STEP))))
+            weight = _same(b, b.load(b.gep(weights, [loop.index])))
+            power = _fused(b, wave.im, wave.im, b.fmul(wave.re, wave.re))
+            b.store(_fused(b, weight, power, b.load(total)), total)
+        b.store(b.load(total), _lanes_at(b, line, arguments[5]), align=4)
+        return context.get_dummy_value()
+
+    return types.void(x, types.int64, weights, types.int64, line, types.int64), implement
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _turn(_: Any, x: Any, at: Any, y: Any, to: Any) -> Any:
+    """Copy ``LANES`` numbers on lanes from ``at`` on to ``to`` on, lanes and numbers exchanged (Eklundh 1972)."""
+
+    def implement(context: Any, b: Any, signature: Any, arguments: Any) -> Any:
+        x, y = (_reals(context, b, signature, arguments, which) for which in (0, 2))
+        for part in (0, LANES):
+            rows = [b.load(_lanes_at(b, x, arguments[1], part + k * STEP), align=4) for k in range(LANES)]
+            half = LANES // 2
+            while half:
+                lower = [lane + (LANES - half if lane & half else 0) for lane in range(LANES)]
+                upper = [lane + (LANES if lane & half else half) for lane in range(LANES)]
+                for k in (k for k in range(LANES) if not k & half):
+                    pair = rows[k], rows[k + half]
+                    rows[k], rows[k + half] = _picked(b, pair, lower), _picked(b, pair, upper)
+                half //= 2
+            for k, lanes in enumerate(rows):
+                b.store(lanes, _lanes_at(b, y, arguments[3], part + k * STEP), align=4)
+        return context.get_dummy_value()
+
+    return types.void(x, types.int64, y, types.int64), implement
+
+
+# -- transforms -------------------------------------------------------------------------------------------
+@njit()
+def _forth(x: Reals, at: int, count: int, stages: Stages) -> None:
+    """Do some stages of a transform of ``count`` numbers at ``at``."""
+    block = count
+    for s in range(stages.radices.size):
+        radix = stages.radices[s]
+        apart = block // radix
+        for start in range(at, at + count * STEP, block * STEP):
+            if apart == 1:
+                _step_last(x, start, 1, stages.twiddles, 0, radix)
+            else:
+                _step_forth(x, start, apart, stages.twiddles, stages.starts[s], radix)
+        block = apart
+
+
+@njit()
+def _back(x: Reals, at: int, count: int, stages: Stages) -> None:
+    """Undo what `_forth` does, for numbers whose parts are exchanged."""
+    apart = count
+    for s in range(stages.radices.size):
+        apart //= stages.radices[s]
+    for s in range(stages.radices.size - 1, -1, -1):
+        radix = stages.radices[s]
+        block = apart * radix
+        for start in range(at, at + count * STEP, block * STEP):
+            if apart == 1:
+                _step_last(x, start, 1, stages.twiddles, 0, radix)
+            else:
+                _step_back(x, start, apart, stages.twiddles, stages.starts[s], radix)
+        apart = block
+
+
+@njit()
+def _light_on_rows(grid: ResponseGrid, corner: int, way: Way, pixels: Pixels, work: Work) -> float:
+    """Fill ``work.lines`` with the light on rows of pixels, at the samples of columns that pixels see.
+
+    Returns the power just behind the array, summed over its samples.
+    """
+    n, size = grid.side, work.rows.size
+    groups, part = work.columns.size // size, n // way.first.radices[0]
+    # behind the array, transformed along y; the last group of columns overlaps the one before
+    energy, sums, rows = 0.0, np.empty(LANES, np.float32), (n, 2 * n, 2 * grid.width)
+    for g in range(groups):
+        left, at = min(g * LANES, n - LANES), g * size
+        _multiply(grid.lit, 2 * left, grid.seen, 2 * (corner + left), work.columns, at, rows, sums)
+        for k in range(g * LANES - left, LANES):
+            energy += sums[k]
+        _forth(work.columns, at, n, way.first)
+        for start in range(at, at + n * STEP, part * STEP):
+            _forth(work.columns, start, part, way.then)
+
+    # along x, over the gap, and back: of the samples that pixels see
+    beyond = pixels.left + (pixels.columns - 1) * pixels.per + pixels.weights.size
+    seen = range(pixels.left // LANES, min((beyond + LANES - 1) // LANES, groups))
+    whole = n * STEP
+    for at in range(0, size, LANES * STEP):
+        for g in range(groups):
+            _turn(work.columns, g * size + at, work.rows, min(g * LANES, n - LANES) * STEP)
+        own = at // STEP * n * 2
+        _forth(work.rows, whole - whole, n, way.first)
+        for start in range(0, whole, part * STEP):
+            _forth(work.rows, start, part, way.then)
+            for k in range(start, start + part * STEP, STEP):
+                _transfer(work.rows, k, grid.transfer, own + k)
+            _back(work.rows, start, part, way.then)
+        _back(work.rows, whole - whole, n, way.first)
+        for g in seen:
+            _turn(work.rows, min(g * LANES, n - LANES) * STEP, work.columns, g * size + at)
+
+    # back along y, to rows of pixels
+    for g in seen:
+        left, at = min(g * LANES, n - LANES), g * size
+        for start in range(at, at + n * STEP, part * STEP):
+            _back(work.columns, start, part, way.then)
+        _back(work.columns, at, n, way.first)
+        for t in range(pixels.rows):
+            row = at + (pixels.top + t * pixels.per) * STEP
+            _collect(work.columns, row, pixels.weights, pixels.weights.size, work.lines, t * n + left)
+    return energy
+
+
+@njit()
+def _add_up(lines: Reals, side: int, pixels: Pixels, out: NDArray[Any]) -> None:
+    """Fill ``out`` (rows, columns) with the light on pixels, from that on the samples of their rows."""
+    for t in range(pixels.rows):
+        for s in range(pixels.columns):
+            first, total = t * side + pixels.left + s * pixels.per, np.float32(0)
+            for i in range(pixels.weights.size):
+                total += pixels.weights[i] * lines[first + i]
+            out[t, s] = total
+
+
+@njit()
+def respond(grid: ResponseGrid, way: Way, pixels: Pixels, work: Work, out: Reals, powers: NDArray[np.float64]) -> None:
+    """Fill ``out`` (positions, rows, columns) with the light on pixels, and the powers just behind the array."""
+    for k in range(grid.corners.size):
+        powers[k] = _light_on_rows(grid, grid.corners[k], way, pixels, work)
+        _add_up(work.lines, grid.side, pixels, out[k])

@@ -1,0 +1,286 @@
+"""W2: the light of each lenslet by a zoomed Fourier transform, from the main lens's tabulated field.
+
+With c the lenslet's centre, X0 the source's image and L = lambda B', a lenslet's field on the sensor is
+
+    V(s) = exp(i pi |s-c|^2 / L) / L * integral E(x + c - X0) m(x) exp(i pi sigma x^2 / L)
+           exp(-2 pi i x.(s - c + (B'/a')(c - X0)) / L) dx,     sigma = 1 - B'/a' - B'/f
+
+(E-mode; near the native plane E is the field U itself, sigma = 1 - B'/f and the term in B'/a' is absent). All
+steep phases have cancelled, so single precision holds. Between lenslets intensities are added, or fields
+(``coherent``) where their spots overlap.
+"""
+
+from __future__ import annotations
+
+import math
+from copy import copy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.base import for_each_chunk, leave_if_unwanted
+from lfcal.simulate._pupil import pixel_response
+from lfcal.simulate._symmetry import mirrored_rows
+from lfcal.simulate.engines._kernels import LightTarget, Optics, respond
+from lfcal.simulate.engines._lenslets import SPOT, LensletLight, LensletWindow, select, square_fields
+from lfcal.simulate.engines._tails import Tail, tail_of
+from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
+from lfcal.simulate.engines.extent import SWITCH
+from lfcal.simulate.engines.field import choose_mode
+from lfcal.simulate.engines.tables import Array, LensTable, PlaneTables, bent, build_tables, serve, tail_px
+from lfcal.simulate.scene import Scene
+
+__all__ = ["WavePlane"]
+
+TOLERANCE = 0.02
+"""Share by which a response's energy may exceed its input before it is called too coarsely sampled."""
+
+FAINT = 0.01
+"""Share of the best-lit lenslet's energy below which a response may err by that of one so faint."""
+COHERENT_BATCH = 8
+"""Positions whose node grids are held at once."""
+
+PILOT_COLUMNS = 48
+"""Positions of a row that are timed: what is done once for each lenslet of a row counts as in whole rows."""
+
+
+class WavePlane:
+    """Engine of level ``"wave"`` for one depth plane.
+
+    Parameters
+    ----------
+    scene, sampling
+        What is computed, and how finely.
+    mode
+        ``"E"`` or ``"U"`` to override the choice by Fresnel number (see `lfcal.simulate.engines.field`).
+    """
+
+    level = "wave"
+
+    def __init__(self, scene: Scene, sampling: Sampling | None = None, mode: str | None = None) -> None:
+        self.scene = scene
+        self.sampling = sampling or Sampling()
+        self.mode = mode or choose_mode(scene)
+        self.tables = build_tables(scene, self.sampling, self.mode)
+        self._wider: PlaneTables | None = None
+        wanted = self.sampling.coherent
+        self.coherent = self._overlap() if wanted is None else wanted
+        self._tails = () if self.coherent else self._tails_of(self.tables)
+        self._dtype = np.dtype(np.float64 if self.sampling.double else np.float32)
+        self._ledger = Ledger()
+        self._pilot = Pilot(PILOT_COLUMNS)
+
+    def _tails_of(self, tables: PlaneTables) -> tuple[Tail, ...]:
+        return tuple(tail_of(self.scene, self.sampling, lens, kind) for kind, lens in enumerate(tables.kinds))
+
+    def _overlap(self) -> bool:
+        """Return whether neighbouring lenslets' spots share so much of their windows that fields must be added."""
+        if self.mode != "E" or self.scene.shadow_radius_um < 0.6 * self.scene.lattice.pitch_um:
+            return True
+        apart = abs(1 - self.tables.ratio) * self.scene.lattice.pitch_um
+        return apart < 0.5 * max(lens.width for lens in self.tables.kinds) * self.scene.reduced_pixel_um
+
+    def displaced(self, offsets_um: NDArray[np.float64]) -> WavePlane:
+        """Return the engine of the same plane for sources displaced by ``(ny, nx, 2)``: its tables are shared."""
+        scene = replace(self.scene, offsets_um=offsets_um)
+        other = copy(self)
+        other.scene = scene
+        # far beside their cutouts sources light lenslets that the tables do not hold
+        if scene.farthest_um > self.scene.farthest_um and not serve(self.tables, scene, self.sampling, self.mode):
+            if self._wider is None or not serve(self._wider, scene, self.sampling, self.mode):
+                # twice as far: the next source may lie farther still
+                farther = replace(scene, offsets_um=2 * offsets_um)
+                self._wider = build_tables(farther, self.sampling, self.mode)
+            other.tables = self._wider
+        other._ledger = Ledger()
+        other._pilot = Pilot(PILOT_COLUMNS)
+        return other
+
+    @property
+    def certificate(self) -> Certificate:
+        """Energy in and out of all responses so far."""
+        return self._ledger.certificate
+
+    def rows(
+        self, ys: ArrayLike, xs: ArrayLike, out: NDArray[np.float32] | None = None, workers: int | None = None
+    ) -> NDArray[np.float32]:
+        """Return the cutouts of positions ys x xs; see `PlaneEngine.rows`."""
+        scene = self.scene
+        rows, columns = np.atleast_1d(np.asarray(ys, np.int64)), np.atleast_1d(np.asarray(xs, np.int64))
+        result = np.empty((rows.size, columns.size, *scene.cutout), np.float32) if out is None else out
+
+        # of rows that mirror each other about a row of lenslets one is computed, and turned
+        mirrored = mirrored_rows(scene, rows)
+        own = [r for r in range(rows.size) if r not in mirrored]
+
+        def some(start: int, stop: int) -> None:
+            for r in own[start:stop]:
+                leave_if_unwanted()
+                source = np.array([scene.source_um(int(rows[r]), int(x)) for x in columns])
+                pixel = np.stack([np.full(columns.size, rows[r]), columns], axis=1)
+                self._respond(source, pixel, result[r])
+
+        for_each_chunk(some, len(own), workers)
+        for r, twin in mirrored.items():
+            result[r] = result[twin][:, ::-1]
+        return result
+
+    def point(self, y_um: float, x_um: float) -> NDArray[np.float32]:
+        """Return the cutout about the pixel nearest to a chief ray; see `PlaneEngine.point`."""
+        result = np.empty((1, *self.scene.cutout), np.float32)
+        pixel = np.array([self.scene.nearest_pixel(y_um, x_um)], np.int64)
+        self._respond(np.array([[y_um, x_um]]), pixel, result)
+        cutout: NDArray[np.float32] = result[0]
+        return cutout
+
+    def predicted_seconds(self, n_positions: int) -> float:
+        """Return the CPU-seconds of ``n_positions``; see `PlaneEngine.predicted_seconds`."""
+        return self._pilot.seconds(self, n_positions)
+
+    # -- one row of positions ------------------------------------------------------------------------------
+    def _respond(self, source_yx: NDArray[np.float64], pixel: NDArray[np.int64], out: NDArray[np.float32]) -> None:
+        """Fill ``out`` (n, nt, ns) for sources (n, 2) as (y, x) on the sensor; pixels are the cutouts' centres."""
+        # to the reduced frame, where micro-images lie as far apart as lenslets, and to the lattice's (x, y)
+        source = np.ascontiguousarray(source_yx[:, ::-1]) / self.scene.scale
+        image: Array = np.zeros(out.shape, np.float64) if self.sampling.double else out
+        image[...] = 0
+        batch = min(len(source), COHERENT_BATCH) if self.coherent else len(source)
+        # the squares leave the grids empty, so that one target serves all batches
+        target = self._target(image, batch if self.coherent else 0)
+        for start in range(0, len(source), batch):
+            part = slice(start, start + batch)
+            self._add_lenses(source[part], pixel[part], target._replace(image=image[part]))
+        if self.scene.accept[0] and not self._directed:
+            self._undirected_gain(image, source, pixel)
+        if image is not out:
+            out[...] = image
+
+    def _add_lenses(self, source: NDArray[np.float64], pixel: NDArray[np.int64], target: LightTarget) -> None:
+        """Add the light behind every lenslet that one of the sources (n, 2), as (x, y), reaches."""
+        lo, hi = source.min(0), source.max(0)
+        middle, span = (lo + hi) / 2, (hi - lo) / 2 + self.tables.reach_um
+        centres, types = self.scene.lattice.lenslets_within(span[0], span[1], (middle[0], middle[1]))
+        own = self.scene.passed(centres), *self.scene.tilted(centres, types)
+        for centre, kind, passed, moved, widened in zip(centres, types, *own, strict=True):
+            if passed == 0:
+                continue
+            lens = self.tables.kinds[kind]
+            if moved or widened or passed != 1:
+                bend = math.pi * widened / self.tables.spread_um2
+                lens = replace(lens, pull=lens.pull + moved, aperture=bent(lens.aperture, bend, math.sqrt(passed)))
+            spots, far = self._add_lens(centre, lens, source, pixel, target, self.tables.ratio + moved)
+            tail = self._tails[kind] if self._tails else None
+            if tail and len(far):
+                tail.add_far(far, passed, lens.width, target.image)
+            if len(spots):
+                beyond = tail.add(spots, lens.width, target.image) if tail else 0.0
+                self._certify(spots, lens, tail.edge if tail else 1.0, beyond)
+        if self.coherent:
+            rule = self.tables.rule
+            square_fields(*target[1:], rule.weights.astype(self._dtype), rule.per_px, target.image)
+
+    def _target(self, image: Array, count: int) -> LightTarget:
+        """Return where light is added for ``image``, with empty node grids and boxes of ``count`` positions."""
+        nt, ns = (self.tables.rule.count(n) for n in self.scene.cutout)
+        boxes = np.tile(np.array([1 << 30, -(1 << 30)] * 2, np.int64), (count, 1))
+        return LightTarget(image, np.zeros((count, nt, ns), self._dtype), np.zeros((count, nt, ns), self._dtype), boxes)
+
+    def _add_lens(
+        self,
+        centre: NDArray[np.float64],
+        lens: LensTable,
+        source: NDArray[np.float64],
+        pixel: NDArray[np.int64],
+        target: LightTarget,
+        ratio: float,
+    ) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Add the light behind the lenslet at ``centre`` (x, y) for sources (n, 2) as (x, y).
+
+        ``ratio`` is B'/a', of this lenslet where the array is tilted. Returns `SPOT` arrays: the spots, and those whose
+        windows miss the cutout.
+        """
+        scene, tables, dx = self.scene, self.tables, lens.field.dx_um
+        spots = np.empty(len(source), SPOT)
+        beyond = tail_px(self.sampling) if self._tails else 0
+        window = LensletWindow(scene.reduced_pixel_um, ratio, lens.pull, lens.width, *scene.cutout, beyond)
+        found, far = select(
+            LensletLight(lens.energy, tables.floor, dx, lens.half), window, centre, source, pixel, spots
+        )
+        missed, spots = spots[len(source) - far :], spots[:found]
+        if found:
+            # positions that share the lenslet's place between two samples share its mask
+            spots = spots[np.argsort(np.round(spots["x0"] / dx, 6), kind="stable")]
+            respond(lens.field, lens.aperture, lens.zoom, self._optics(lens), spots, target)
+        return spots, missed
+
+    def _optics(self, lens: LensTable) -> Optics:
+        """Return what a kernel needs of the plane; no exact rays near the native plane, where rays cross."""
+        scene, tables = self.scene, self.tables
+        share = (tables.spread_um2 / (lens.field.dx_um * scene.reduced_pixel_um)) ** 2
+        flat = 1 / tables.spread_um2, share, 1 - tables.ratio
+        none = np.ones(5)
+        # near the native plane rays cross, and have no direction of their own
+        straight = scene.exact_rays and self.mode == "E"
+        accept = scene.accept if self._directed else (0.0, 0.0, 0.0)
+        if not straight and accept[0] == 0:
+            return Optics(*flat, 0.0, 0.0, 0.0, 0.0, accept, none)
+        gap, a = scene.reduced_gap_um, scene.reduced_image_um
+        sigma = lens.aperture.bend * tables.spread_um2 / math.pi
+        # 1/a' + 1/f = (1 - sigma)/B', by the definition of sigma; without the source's sphere 1/f
+        bends = (1 - sigma) / gap + (0.0 if self.mode == "E" else 1 / a)
+        if not straight:
+            return Optics(*flat, 0.0, 1 / a, bends, gap, accept, none)
+        # a plate takes t n G(s²/n²) instead of t/n G(s²): of the series' k-th term n^(1 - 2k) t is left
+        thick, index = scene.glass[0] / scene.scale, scene.glass[1]
+        left = np.asarray(1 + thick / gap * (index ** (1.0 - 2 * np.arange(2, 7)) - 1 / index), np.float64)
+        return Optics(*flat, 2 * math.pi * gap / scene.wavelength_um, 1 / a, bends, gap, accept, left)
+
+    @property
+    def _directed(self) -> bool:
+        """Whether each point of a lenslet is lit from one direction, away from the native plane."""
+        return self.mode == "E" or (self.mode == "D" and self.scene.fresnel_number >= SWITCH)
+
+    def _undirected_gain(self, image: Array, source: NDArray[np.float64], pixel: NDArray[np.int64]) -> None:
+        """Multiply by the pixels' response near the native plane, where the lenslet nearest to the image has the light.
+
+        A ray of slope -u there meets it at X0 + a' u and the sensor at c + o (X0 - c) + (o a' - B') u, o = 1 - B'/f: a
+        pixel tells u.
+        """
+        scene, px = self.scene, self.scene.reduced_pixel_um
+        (power, *chief), gap, a = scene.accept, scene.reduced_gap_um, scene.reduced_image_um
+        for k, x0 in enumerate(source):
+            pitch = 2 * scene.lattice.pitch_um
+            centres, kinds = scene.lattice.lenslets_within(pitch, pitch, (float(x0[0]), float(x0[1])))
+            nearest = int(np.argmin(np.hypot(*(centres - x0).T)))
+            own = 1.0 - scene.lens_curvature(int(kinds[nearest]))
+            spread = own * a - gap
+            slopes = []
+            for axis, count in enumerate(scene.cutout):
+                image_at, centre = x0[1 - axis], centres[nearest][1 - axis]
+                at = (np.arange(count) - count // 2 + pixel[k, axis]) * px
+                # in focus one pixel has all slopes: their mean
+                u = (at - centre - own * (image_at - centre)) / spread if abs(spread) > 0.3 * gap else 0 * at
+                rim = 1.5 / (2 * scene.f_number)
+                slopes.append((at - image_at - a * np.clip(u, -rim, rim)) / gap + chief[axis])
+            image[k] *= pixel_response(power, slopes[0][:, None], slopes[1][None, :])
+
+    def _certify(self, spots: NDArray[Any], lens: LensTable, edge: float, beyond: float) -> None:
+        """Raise `EnergyError` where a window received more than its lenslet passed.
+
+        ``edge`` times what samples hold is what the lenslet passes, ``beyond`` what lies beyond the windows.
+        """
+        energy_in, energy_out = spots["energy_in"], spots["energy_out"]
+        # behind a faint lenslet errors of the sum's accuracy look large, and mean nothing beside a bright one's light
+        slack = TOLERANCE * np.maximum(energy_in, FAINT * float(lens.energy.max()))
+        ratio = energy_out / np.maximum(energy_in, 1e-300)
+        if (energy_out > energy_in + slack).any():
+            used = self.scene.reduced_pixel_um / lens.field.dx_um
+            finer = f"samples_per_px above {used:g} or nodes_per_px above {self.tables.rule.per_px}"
+            remedy = f"ask for a smaller tolerance, or in Python raise {finer}"
+            wanted, got = f"at most what it passed (+{TOLERANCE:.0%})", f"{float(ratio.max()):.3g} times that"
+            raise EnergyError.expected("energy behind a lenslet", wanted, got, remedy)
+        bright = energy_in >= FAINT * float(lens.energy.max())
+        worst = float(ratio[bright].max(initial=0.0))
+        self._ledger.add(len(energy_in), edge * float(energy_in.sum()), float(energy_out.sum()) + beyond, worst)
