@@ -7,7 +7,19 @@ import gc
 from functools import cache
 from pathlib import Path
 
-__all__ = ["FILES", "MODULES", "PACKAGES", "ROOT", "WINDOW", "name_of", "text_of", "tree_of"]
+__all__ = [
+    "FILES",
+    "MODULES",
+    "PACKAGES",
+    "ROOT",
+    "WINDOW",
+    "face_of",
+    "is_package",
+    "name_of",
+    "origin",
+    "text_of",
+    "tree_of",
+]
 
 ROOT = Path(__file__).resolve().parents[2]
 WINDOW = ROOT / "gui" / "lfcal_gui"
@@ -42,3 +54,28 @@ def tree_of(path: Path) -> ast.Module:
     finally:
         if collecting:
             gc.enable()
+
+
+def is_package(module: str) -> bool:
+    """Return whether a module of ours is a package."""
+    return module in MODULES and MODULES[module].name == "__init__.py"
+
+
+@cache
+def face_of(package: str) -> dict[str, tuple[str, str]]:
+    """Return the public names of a package: the module that each is imported from, and its name there."""
+    face = MODULES.get(f"{package}._face")
+    return {
+        alias.asname or alias.name: (str(node.module), alias.name)
+        for node in (tree_of(face).body if face else ())
+        if isinstance(node, ast.ImportFrom) and node.module != "__future__"
+        for alias in node.names
+    }
+
+
+def origin(module: str, name: str) -> str:
+    """Return the module that a name comes from which is imported from a package or module."""
+    while name in face_of(module):
+        module, name = face_of(module)[name]
+    inner = f"{module}.{name}"
+    return inner if inner in MODULES else module

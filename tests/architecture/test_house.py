@@ -5,10 +5,25 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
-from tests.architecture.sources import FILES, MODULES, PACKAGES, ROOT, WINDOW, name_of, text_of, tree_of
+import pytest
+
+from tests.architecture.sources import (
+    FILES,
+    MODULES,
+    PACKAGES,
+    ROOT,
+    WINDOW,
+    face_of,
+    is_package,
+    name_of,
+    origin,
+    text_of,
+    tree_of,
+)
 
 LONG_BODY = 40
 MOST_POSITIONAL = 6
@@ -28,15 +43,18 @@ def statements(tree: ast.Module) -> Iterator[ast.stmt]:
 
 @cache
 def imports(path: Path) -> set[tuple[str, str]]:
-    """Return (module, name) of every import anywhere in a file; the name is empty where a module is imported."""
+    """Return (module, name) of every import anywhere in a file; the name is empty where a module is imported.
+
+    A public name of a package stands for the module that it comes from.
+    """
     found: set[tuple[str, str]] = set()
     for node in statements(tree_of(path)):
         if isinstance(node, ast.Import):
             found |= {(alias.name, "") for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
             for alias in node.names:
-                whole = f"{node.module}.{alias.name}"
-                found.add((whole, "") if whole in MODULES else (node.module, alias.name))
+                home = origin(node.module, alias.name)
+                found.add((home, "") if home == f"{node.module}.{alias.name}" else (home, alias.name))
     return found
 
 
@@ -48,7 +66,7 @@ def ancestors(module: str) -> set[str]:
 def runtime_imports(name: str) -> set[str]:
     """Return the modules that importing a module waits for: what it imports at its top level, and their packages.
 
-    A public name of a package with a lazy face stands for the package's module ``_face``.
+    A public name of a package stands for the package and the module that it comes from; no face is run.
     """
     found = ancestors(name)
     waiting: list[ast.stmt] = list(tree_of(MODULES[name]).body)
@@ -59,9 +77,7 @@ def runtime_imports(name: str) -> set[str]:
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
-            face = f"{node.module}._face"
-            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
-            found |= {face for alias in node.names if not alias.name.startswith("_")}
+            found |= {node.module, *(origin(node.module, alias.name) for alias in node.names)}
         parts = ("orelse",) if is_for_types_only(node) else ("body", "orelse", "finalbody", "handlers")
         for part in parts:
             waiting += getattr(node, part, [])
@@ -83,7 +99,7 @@ def circles(graph: dict[str, set[str]]) -> list[list[str]]:
     def visit(node: str) -> None:
         number[node] = low[node] = len(number)
         stack.append(node)
-        for other in graph[node]:
+        for other in graph.get(node, ()):
             if other not in number:
                 visit(other)
                 low[node] = min(low[node], low[other])
@@ -103,7 +119,11 @@ def circles(graph: dict[str, set[str]]) -> list[list[str]]:
 
 def test_no_circle_of_files() -> None:
     """Also not through functions or type checking: a reader must be able to begin somewhere."""
-    graph = {name: {m for m, _ in imports(path) if m in MODULES} - {name} for name, path in MODULES.items()}
+    graph = {
+        name: {m for m, _ in imports(path) if m in MODULES} - {name}
+        for name, path in MODULES.items()
+        if not name.endswith("._face")  # it is read, not run
+    }
     assert circles(graph) == []
 
 
@@ -112,16 +132,164 @@ def test_circles_are_found() -> None:
     assert circles({"a": {"b"}, "b": set()}) == []
 
 
+def written(path: Path) -> Iterator[tuple[str, str]]:
+    """Yield (module, name) of every import of ours in a file, as it is written; no name where a module is imported."""
+    for node in statements(tree_of(path)):
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, "") for alias in node.names if alias.name.split(".")[0] in PACKAGES)
+        elif isinstance(node, ast.ImportFrom) and str(node.module).split(".")[0] in PACKAGES:
+            yield from ((str(node.module), alias.name) for alias in node.names)
+
+
+def package_of(path: Path) -> str:
+    """Return the package that a file is in."""
+    return name_of(path) if path.name == "__init__.py" else name_of(path).rpartition(".")[0]
+
+
+def sees(here: str, package: str) -> bool:
+    """Return whether a file in package ``here`` may import modules of a package: its own, and those around it."""
+    return f"{here}.".startswith(f"{package}.")
+
+
+def past_the_face(path: Path) -> list[str]:
+    """Return what a file takes from other packages but their public names; parts of packages by attribute, too."""
+    found, here = [], package_of(path)
+    for module, name in written(path):
+        inner = f"{module}.{name}"
+        if not name and module not in PACKAGES and not sees(here, module.rpartition(".")[0]):
+            found.append(f"import {module}")
+        elif not is_package(module):
+            found += [] if not name or sees(here, module.rpartition(".")[0]) else [inner]
+        elif inner in MODULES and name not in face_of(module) and not is_package(inner) and not sees(here, module):
+            found.append(inner)
+    return found + [part for part in attributes(path) if not sees(here, part.rpartition(".")[0])]
+
+
+def attributes(path: Path) -> Iterator[str]:
+    """Yield the modules that a file reaches as attributes of a package: ``p.store`` after ``import lfcal.psf as p``."""
+    bound = {"lfcal": "lfcal"} if "import lfcal\n" in text_of(path) else {}
+    for node in statements(tree_of(path)):
+        if isinstance(node, ast.Import):
+            bound |= {alias.asname: alias.name for alias in node.names if alias.asname and is_package(alias.name)}
+        elif isinstance(node, ast.ImportFrom):
+            inner = {alias.asname or alias.name: f"{node.module}.{alias.name}" for alias in node.names}
+            bound |= {name: whole for name, whole in inner.items() if is_package(whole)}
+    if not bound:
+        return
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.Attribute):
+            whole = ast.unparse(node)
+            first, _, rest = whole.partition(".")
+            inner = f"{bound.get(first, '')}.{rest}"
+            package, _, name = inner.rpartition(".")
+            if inner in MODULES and not is_package(inner) and name not in face_of(package):
+                yield inner
+
+
+def test_other_packages_are_used_by_their_faces() -> None:
+    assert not {str(path.relative_to(ROOT)): found for path in FILES if (found := past_the_face(path))}
+
+
+def test_ways_past_a_face_are_found(tmp_path: Path) -> None:
+    bad = WINDOW / "bad.py"
+    lines = {
+        "from lfcal.psf.store import save": ["lfcal.psf.store.save"],
+        "from lfcal.psf import store": ["lfcal.psf.store"],
+        "import lfcal.psf.store": ["import lfcal.psf.store"],
+        "import lfcal\nlfcal.psf.store.save": ["lfcal.psf.store"],
+        "from lfcal import psf\npsf.store.save": ["lfcal.psf.store"],
+        "from lfcal.psf import save\nfrom lfcal.frames import formats\nimport lfcal\nlfcal.psf.save": [],
+    }
+    for code, found in lines.items():
+        with spoken(bad, code):
+            assert past_the_face(bad) == found, code
+
+
+@contextmanager
+def spoken(path: Path, text: str) -> Iterator[None]:
+    """Let a file that is not there have this text."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tests.architecture.test_house.text_of", lambda _: text)
+        patch.setattr("tests.architecture.test_house.tree_of", lambda _: ast.parse(text))
+        yield
+
+
+FOUND_BY_NAME = {
+    "lfcal.__main__": "run by Python",
+    "lfcal_gui.__main__": "run by Python",
+    "lfcal.napari.reader": "named in the manifest of the plug-in",
+}
+"""Modules that give their package no public name, and who asks for them."""
+
+
+def registered(module: str) -> bool:
+    """Return whether a module is found by a registry, or is a command, which its package looks for."""
+    package = module.rpartition(".")[0]
+    names = REGISTRIES.get(package, ("register",) if package == "lfcal.cli" else ())
+    tops = {node.name for node in tree_of(MODULES[module]).body if isinstance(node, ast.FunctionDef)}
+    for node in tree_of(MODULES[module]).body:
+        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+        tops |= {target.id for target in targets if isinstance(target, ast.Name)}
+    return not tops.isdisjoint(names)
+
+
+def _registries() -> dict[str, tuple[str, ...]]:
+    """Return the packages whose modules a registry finds, and the name that it looks for in each."""
+    found = {}
+    for path in FILES:
+        for node in ast.walk(tree_of(path)) if "Registry(" in text_of(path) else ():
+            if isinstance(node, ast.Call) and ast.unparse(node.func) == "Registry":
+                words = [a.value for a in node.args if isinstance(a, ast.Constant) and isinstance(a.value, str)]
+                if len(words) > 2:
+                    found[words[1]] = (words[2],)
+    return found
+
+
+REGISTRIES = _registries()
+
+
+def homes() -> set[str]:
+    """Return the modules that public names of packages come from."""
+    return {origin(package, name) for package in MODULES if is_package(package) for name in face_of(package)}
+
+
+def closed() -> list[str]:
+    """Return the public modules that no other package has a use for: they are private, or parts of another module."""
+    used = homes()
+    return [
+        module
+        for module in MODULES
+        if not is_package(module)
+        and not module.rpartition(".")[2].startswith("_")
+        and module not in used
+        and module not in FOUND_BY_NAME
+        and not registered(module)
+        # the window's pages are rooms of one shape, found by name
+        and not (module.startswith("lfcal_gui.pages.") or module.count(".") == 1 and module.startswith("lfcal_gui."))
+    ]
+
+
+def test_modules_that_give_no_public_name_are_private() -> None:
+    assert len(REGISTRIES) > 8 and closed() == []
+
+
+def test_no_module_is_hidden_by_a_name_of_its_package() -> None:
+    assert not [
+        f"{package}.{name}"
+        for package in MODULES
+        if is_package(package)
+        for name, (module, _) in face_of(package).items()
+        if f"{package}.{name}" in MODULES and f"{package}.{name}" != module
+    ]
+
+
 def private(path: Path) -> list[str]:
     """Return the private modules and names of other packages that a file imports."""
-    here = name_of(path) if path.name == "__init__.py" else name_of(path).rpartition(".")[0]
+    here = package_of(path)
     found = []
-    for module, name in imports(path):
-        if module.split(".")[0] not in PACKAGES:
-            continue
+    for module, name in written(path):
         home, _, last = module.rpartition(".")
-        inside = f"{here}.".startswith(f"{home}.")
-        if last.startswith("_") and not last.startswith("__") and not inside:
+        if last.startswith("_") and not last.startswith("__") and not sees(here, home):
             found.append(module)
         if name.startswith("_") and not name.startswith("__") and here not in (home, module):
             found.append(f"{module}.{name}")

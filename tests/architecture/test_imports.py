@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.architecture.sources import FILES, PACKAGES, ROOT, WINDOW, name_of, text_of, tree_of
+from tests.architecture.sources import FILES, PACKAGES, ROOT, WINDOW, name_of, origin, text_of, tree_of
 from tests.architecture.test_house import statements
 
 GROUND = {"base", "_lazy"}
@@ -61,6 +61,16 @@ def imported(path: Path) -> set[str]:
     return found
 
 
+def modules_used(path: Path) -> set[str]:
+    """Return the modules of ours that the names which a file imports come from."""
+    return {
+        origin(str(node.module), alias.name)
+        for node in ast.walk(tree_of(path))
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+
+
 def part_of(path: Path) -> str:
     return path.relative_to(ROOT / "lfcal").parts[0].removesuffix(".py")
 
@@ -86,7 +96,7 @@ def test_arrows() -> None:
 
 def test_psf_knows_frames_by_their_protocol_only() -> None:
     for path in modules("lfcal.psf"):
-        for name in imported(path):
+        for name in modules_used(path):
             if name.startswith("lfcal.frames"):
                 assert name.startswith(FRAMES_OF_PSF), f"{path.name} imports {name}"
 
