@@ -11,11 +11,12 @@ from __future__ import annotations
 import builtins
 import importlib
 import sys
+from functools import cache
 from importlib.util import find_spec
 from types import ModuleType
 from typing import Any
 
-__all__ = ["lazy_face"]
+__all__ = ["lazy_face", "public_names"]
 
 
 def lazy_face(package: str) -> None:
@@ -31,9 +32,9 @@ class _Package(ModuleType):
 
     def __getattr__(self, name: str) -> object:
         if name == "__all__":
-            return sorted(_names(self))
-        if not name.startswith("_") and name in _names(self):
-            module, there = _names(self)[name]
+            return sorted(public_names(self.__name__))
+        if not name.startswith("_") and name in public_names(self.__name__):
+            module, there = public_names(self.__name__)[name]
             self.__dict__[name] = getattr(importlib.import_module(module), there)
             return self.__dict__[name]
         part = sys.modules.get(f"{self.__name__}.{name}")
@@ -47,7 +48,7 @@ class _Package(ModuleType):
             super().__setattr__(name, value)
 
     def __dir__(self) -> list[str]:
-        return sorted({*super().__dir__(), *_names(self)})
+        return sorted({*super().__dir__(), *public_names(self.__name__)})
 
 
 class _Noted:
@@ -60,14 +61,11 @@ class _Noted:
         return self._module, name
 
 
-def _names(package: ModuleType) -> dict[str, tuple[str, str]]:
-    """Return module and name there of each public name of a package, read once from the code of its face."""
-    known: dict[str, tuple[str, str]] | None = package.__dict__.get("_names")
-    if known is None:
-        spec = find_spec(f"{package.__name__}._face")
-        assert spec is not None and spec.loader is not None
-        space: dict[str, Any] = {"__builtins__": {**vars(builtins), "__import__": lambda module, *_: _Noted(module)}}
-        exec(spec.loader.get_code(spec.name), space)  # type: ignore[attr-defined]
-        known = {name: found for name, found in space.items() if isinstance(found, tuple) and found[0] != "__future__"}
-        package.__dict__["_names"] = known
-    return known
+@cache
+def public_names(package: str) -> dict[str, tuple[str, str]]:
+    """Return module and name there of each public name of a package, read from the code of its module ``_face``."""
+    spec = find_spec(f"{package}._face")
+    assert spec is not None and spec.loader is not None
+    space: dict[str, Any] = {"__builtins__": {**vars(builtins), "__import__": lambda module, *_: _Noted(module)}}
+    exec(spec.loader.get_code(spec.name), space)  # type: ignore[attr-defined]
+    return {name: found for name, found in space.items() if isinstance(found, tuple) and found[0] != "__future__"}

@@ -8,7 +8,7 @@ from lfcal.camera.description import Camera
 from lfcal.camera.distortion import BrownDistortion, LatticeDistortion
 from lfcal.camera.draft import Draft
 from lfcal.camera.forecast import Forecast
-from lfcal.camera.importers import CAMERA_FORMATS, Imported, Wanted, import_camera, read_raytrix_xml
+from lfcal.camera.importers import CAMERA_FORMATS, Imported, Wanted, import_camera, read_camera, read_raytrix_xml
 from lfcal.camera.lattice import LensletLattice, LensType
 from lfcal.camera.main_lens import MainLens, Microscope
 from lfcal.camera.marks import MARKS, Marks
@@ -48,6 +48,7 @@ __all__ = [
     "import_camera",
     "preset",
     "quantities_of",
+    "read_camera",
     "read_raytrix_xml",
     "value_at",
 ]

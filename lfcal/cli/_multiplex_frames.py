@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from lfcal.base import InputError, tiff_file
+from lfcal.base import InputError
+from lfcal.base import write_tiff as write_pages
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -115,4 +116,4 @@ def write_tiff(path: Path, planes: NDArray[Any]) -> None:
     """Write ``(n, rows, columns)`` as float32 TIFF, one page each, whole or not at all."""
     import numpy as np
 
-    tiff_file.write_tiff(path, planes.astype(np.float32), metadata=None)
+    write_pages(path, planes.astype(np.float32), metadata=None)

@@ -359,11 +359,11 @@ def _solve_in_units(
 def _list_solvers() -> None:
     """Print every solver, and why those of other distributions could not be had."""
     from lfcal.cli._console import print_table, report
-    from lfcal.reconstruct.solvers import choice
+    from lfcal.reconstruct import SOLVERS
 
-    for reason in choice.SOLVERS.failures().values():
+    for reason in SOLVERS.failures().values():
         report(f"left out: {reason}")
-    print_table(["solver", "what it does"], [[solver.name, solver.title] for solver in choice.SOLVERS])
+    print_table(["solver", "what it does"], [[solver.name, solver.title] for solver in SOLVERS])
 
 
 def _show_results(

@@ -264,8 +264,9 @@ def closed() -> list[str]:
         and module not in used
         and module not in FOUND_BY_NAME
         and not registered(module)
-        # the window's pages are rooms of one shape, found by name
-        and not (module.startswith("lfcal_gui.pages.") or module.count(".") == 1 and module.startswith("lfcal_gui."))
+        # pages and scenes of the window are found by name
+        and not module.startswith(("lfcal_gui.pages.", "lfcal_gui.scenes."))
+        and not (module.count(".") == 1 and module.startswith("lfcal_gui."))
     ]
 
 

@@ -32,14 +32,14 @@ ALLOWED: dict[str, set[str]] = {
     "acquire": GROUND | {"devices", "camera", "frames", "psf", "targets"},
     "campaign": GROUND | {"acquire", "devices", "fit", "camera", "frames", "psf", "simulate", "targets"},
     "reconstruct": GROUND | {"psf"},
-    "inspect": GROUND | {"camera", "psf", "simulate", "fit", "reconstruct"},
+    "judge": GROUND | {"camera", "psf", "simulate", "fit", "reconstruct"},
     "multiplex": GROUND | {"camera", "lattice", "frames"},
     "napari": GROUND | {"acquire", "psf", "reconstruct"},
     "accuracy": GROUND | {"camera", "frames", "lattice", "psf", "simulate", "acquire", "reconstruct", "multiplex"},
 }
 """Which parts of the library a part may import besides itself; a part stands on those below it."""
 
-TOP = {"cli", "__main__"}
+TOP = {"cli", "__main__", "_face"}
 FRAMES_OF_PSF = ("lfcal.frames.source", "lfcal.frames.regions", "lfcal.frames.orientation", "lfcal.frames.part")
 """All that the matrix knows of frames: the protocol, and the geometry of regions, parts, flips and turns."""
 

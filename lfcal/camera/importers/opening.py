@@ -6,9 +6,10 @@ import os
 from pathlib import Path
 
 from lfcal.base import FileFormatError, Registry
+from lfcal.camera.description import Camera
 from lfcal.camera.importers.camera_format import CameraFormat, Imported, Wanted, file_text
 
-__all__ = ["CAMERA_FORMATS", "import_camera"]
+__all__ = ["CAMERA_FORMATS", "import_camera", "read_camera"]
 
 CAMERA_FORMATS: Registry[CameraFormat] = Registry(
     "camera format", "lfcal.camera.importers", "FORMAT", "lfcal.camera_formats", order=lambda f: (f.rank, f.name)
@@ -17,6 +18,20 @@ CAMERA_FORMATS: Registry[CameraFormat] = Registry(
 
 HEAD = 1 << 14
 """Characters that a format is recognised by."""
+
+
+def read_camera(path: str | os.PathLike[str], wanted: Wanted | None = None) -> Camera:
+    """Return the camera that a file in any known format describes; `import_camera` tells how its values are known, too.
+
+    Raises what `import_camera` raises.
+
+    Examples
+    --------
+    >>> from lfcal import read_camera
+    >>> print(read_camera("session/camera.json").name)
+    bench (sample session)
+    """
+    return import_camera(path, wanted).camera
 
 
 def import_camera(path: str | os.PathLike[str], wanted: Wanted | None = None) -> Imported:

@@ -1,6 +1,6 @@
 """Direct projection on a device: one matrix product for a few rows of sources, windows folded onto the image.
 
-The arithmetic is that of `lfcal.reconstruct.projectors._direct`. Windows are added up by shifted slices of whole lattice
+The arithmetic is that of `projectors._direct`. Windows are added up by shifted slices of whole lattice
 rows, a few for each, instead of one by one.
 """
 

@@ -1,6 +1,6 @@
 """Sparse projection on a device: rows of shifted lattices gathered, and summed by small products.
 
-Entries of H are kept as in `lfcal.reconstruct.projectors._sparse`, for both directions, in slices of rows of about equal
+Entries of H are kept as in `projectors._sparse`, for both directions, in slices of rows of about equal
 length that are filled up with zeros (SELL: Kreutzer et al. 2014, SIAM J. Sci. Comput. 36, C401).
 """
 

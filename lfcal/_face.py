@@ -1,0 +1,23 @@
+"""The ten most used names of lfcal: each is loaded when it is asked for."""
+
+from __future__ import annotations
+
+from lfcal.camera import ScanPlan, preset, read_camera
+from lfcal.fit import fit_camera
+from lfcal.frames import open_frames
+from lfcal.psf import assemble, inspect, open_psf
+from lfcal.reconstruct import Projector
+from lfcal.simulate import simulate_psf
+
+__all__ = [
+    "Projector",
+    "ScanPlan",
+    "assemble",
+    "fit_camera",
+    "inspect",
+    "open_frames",
+    "open_psf",
+    "preset",
+    "read_camera",
+    "simulate_psf",
+]
