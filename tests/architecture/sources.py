@@ -63,11 +63,12 @@ def is_package(module: str) -> bool:
 
 @cache
 def face_of(package: str) -> dict[str, tuple[str, str]]:
-    """Return the public names of a package: the module that each is imported from, and its name there."""
-    face = MODULES.get(f"{package}._face")
+    """Return the names that a package gives: the module that each is imported from, and its name there."""
+    files = [MODULES[face] for face in (f"{package}._face", f"{package}._shared") if face in MODULES]
     return {
         alias.asname or alias.name: (str(node.module), alias.name)
-        for node in (tree_of(face).body if face else ())
+        for path in files
+        for node in tree_of(path).body
         if isinstance(node, ast.ImportFrom) and node.module != "__future__"
         for alias in node.names
     }
