@@ -274,6 +274,25 @@ def test_modules_that_give_no_public_name_are_private() -> None:
     assert len(REGISTRIES) > 8 and closed() == []
 
 
+def without_client() -> list[str]:
+    """Return the names that packages give to other packages alone, and that none of these takes."""
+    taken = {(module, name) for path in FILES for module, name in written(path) if not path.stem.startswith("_shared")}
+    shared = (path for path in FILES if path.stem == "_shared")
+    names = ((package_of(path), alias.name) for path in shared for alias in imported_names(path))
+    return [f"{package}.{name}" for package, name in names if (package, name) not in taken]
+
+
+def imported_names(path: Path) -> Iterator[ast.alias]:
+    """Yield the names that a face imports."""
+    for node in tree_of(path).body:
+        if isinstance(node, ast.ImportFrom) and node.module != "__future__":
+            yield from node.names
+
+
+def test_names_for_other_packages_are_used_by_one() -> None:
+    assert without_client() == []
+
+
 def test_no_module_is_hidden_by_a_name_of_its_package() -> None:
     assert not [
         f"{package}.{name}"
