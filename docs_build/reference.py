@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 __all__ = ["Module", "Package", "packages", "page_of"]
@@ -46,32 +47,54 @@ def _private(path: Path, root: Path) -> bool:
 
 def _package(folder: Path, root: Path) -> Package:
     name = ".".join(folder.relative_to(root).parts)
-    tree = ast.parse((folder / "__init__.py").read_text(encoding="utf-8"))
-    modules = (_module(path, root) for path in sorted(folder.glob("*.py")) if not path.name.startswith("_"))
-    face = folder / "_face.py"
-    names = _exported(ast.parse(face.read_text(encoding="utf-8")) if face.is_file() else tree)
-    return Package(name, _first_line(tree), tuple(one for one in modules if one.public), tuple(names or ()))
+    summary = _first_line(_tree(folder / "__init__.py"))
+    given = _given(name, root)
+    places: dict[str, list[str]] = {}
+    for public in given:
+        module, there = _home(name, public, root)
+        package = module.rpartition(".")[0]
+        # what another package makes public is on that one's page
+        if package == name or public not in _given(package, root):
+            places.setdefault(module, []).append(there)
+    modules = (_module(module, names, root) for module, names in sorted(places.items()))
+    return Package(name, summary, tuple(one for one in modules if one.public), tuple(given))
 
 
-def _module(path: Path, root: Path) -> Module:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    name = ".".join(path.relative_to(root).with_suffix("").parts)
-    own = _defined(tree)
-    exported = _exported(tree)
-    public = own if exported is None else [one for one in own if one in exported]
-    return Module(name, _first_line(tree), tuple(public))
+def _module(name: str, given: list[str], root: Path) -> Module:
+    tree = _tree(_file(name, root))
+    return Module(name, _first_line(tree), tuple(one for one in _defined(tree) if one in given))
+
+
+def _given(package: str, root: Path, face: str = "_face") -> dict[str, tuple[str, str]]:
+    """Return the public names of a package: the module that its face imports each from, and its name there."""
+    path = root.joinpath(*package.split("."), f"{face}.py")
+    return {
+        alias.asname or alias.name: (str(node.module), alias.name)
+        for node in (_tree(path).body if path.is_file() else ())
+        if isinstance(node, ast.ImportFrom) and node.module != "__future__"
+        for alias in node.names
+    }
+
+
+def _home(package: str, name: str, root: Path) -> tuple[str, str]:
+    """Return the module that defines a name which a package gives, and its name there."""
+    while name in (given := _given(package, root) | _given(package, root, "_shared")):
+        package, name = given[name]
+    return package, name
+
+
+def _file(module: str, root: Path) -> Path:
+    path = root.joinpath(*module.split("."))
+    return path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+
+
+@cache
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def _first_line(tree: ast.Module) -> str:
     return (ast.get_docstring(tree) or "").split("\n")[0]
-
-
-def _exported(tree: ast.Module) -> list[str] | None:
-    """Return what ``__all__`` lists, or None without one."""
-    for node in tree.body:
-        if isinstance(node, ast.Assign) and any(isinstance(t, ast.Name) and t.id == "__all__" for t in node.targets):
-            return [str(item.value) for item in ast.walk(node.value) if isinstance(item, ast.Constant)]
-    return None
 
 
 def _defined(tree: ast.Module) -> list[str]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import typer
 
 from lfcal.base import InputError
+from lfcal.cli._console import print_json
+from lfcal.cli._options import JsonOption
 
 __all__ = ["register"]
 
@@ -16,11 +18,14 @@ def register(app: typer.Typer) -> None:
     app.command("bench")(command)
 
 
-def command(name: str = typer.Argument("", help="Benchmark that is looked for.")) -> None:
+def command(name: str = typer.Argument("", help="Benchmark that is looked for."), json: JsonOption = False) -> None:
     """Say where the benchmarks are: beside the installed package, in the source.
 
     Example: `lfcal bench`
     """
     if name:
         raise InputError(f"bench {name}: benchmarks are not part of the installed program; {WHERE}")
+    if json:
+        print_json({"benchmarks": WHERE})
+        return
     typer.echo(f"The benchmarks time lfcal side by side with other ways to do the same: {WHERE}.")

@@ -128,7 +128,7 @@ def test_the_lens_is_covered_by_hand_once_for_all_darks(
 
     requests: list[str] = []
     monkeypatch.setattr(sys, "stdin", Hands())
-    monkeypatch.setattr("lfcal.devices.registry.open_rig", lambda *_, **__: replace(rig, light=None))
+    monkeypatch.setattr("lfcal.devices.open_rig", lambda *_, **__: replace(rig, light=None))
     arguments = ("acquire", tmp_path / "plan.json", "--out", tmp_path / "s", "--no-check-stage")
     assert run(*arguments, "--cover", monkeypatch=monkeypatch) == 0
     assert requests == ["cover", "uncover"]

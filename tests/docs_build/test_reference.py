@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 import types
 from functools import cache
 from pathlib import Path
@@ -23,13 +21,11 @@ def found() -> dict[str, Package]:
     return {one.name: one for one in packages(ROOT)}
 
 
-def test_every_public_module_is_on_the_page_of_its_package() -> None:
-    listed = {module.name for one in found().values() for module in one.modules}
+def test_every_public_name_is_on_a_page() -> None:
+    shown = {name for one in found().values() for module in one.modules for name in module.public}
     for package in (lfcal.camera, lfcal.psf):
-        for module in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
-            if not module.name.rpartition(".")[2].startswith("_") and not module.ispkg:
-                public = getattr(importlib.import_module(module.name), "__all__", ())
-                assert not public or module.name in listed, module.name
+        values = {name: getattr(package, name) for name in package.__all__}
+        assert not {name for name, value in values.items() if isinstance(value, type | types.FunctionType)} - shown
 
 
 def test_what_a_package_exports_is_documented_where_it_is_defined() -> None:
@@ -37,15 +33,14 @@ def test_what_a_package_exports_is_documented_where_it_is_defined() -> None:
         for name in package.__all__:
             value = getattr(package, name)
             if isinstance(value, type | types.FunctionType):
-                home = found()[value.__module__.rpartition(".")[0]]
-                module = next(m for m in home.modules if m.name == value.__module__)
-                assert name in module.public, (value.__module__, name)
+                places = [m for one in found().values() for m in one.modules if m.name == value.__module__]
+                assert any(name in module.public for module in places), (value.__module__, name)
 
 
 def test_a_page_names_modules_and_what_they_make_public() -> None:
     page = page_of(found()["lfcal.psf"])
-    assert page.startswith("# lfcal.psf\n") and "::: lfcal.psf.transpose\n" in page
-    assert '"transpose"' in page and "`open_psf`" in page and "._" not in page
+    assert page.startswith("# lfcal.psf\n") and "::: lfcal.psf._transpose\n" in page
+    assert '"transpose"' in page and "`open_psf`" in page and "PlaneSource" not in page
     assert found()["lfcal.psf"].page == "reference/lfcal.psf.md" and found()["lfcal.psf"].summary == "The PSF matrix H."
 
 

@@ -40,7 +40,7 @@ class Mutant:
 def mirror_of(path: Path, root: Path = ROOT) -> Path | None:
     """Return the tests of a file of the library, None where it has none under its own name."""
     below = path.relative_to(root / "lfcal")
-    found = root / "tests" / below.parent / f"test_{below.name}"
+    found = root / "tests" / below.parent / f"test_{below.name.removeprefix('_')}"
     return found if found.is_file() else None
 
 
