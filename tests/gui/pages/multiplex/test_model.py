@@ -377,10 +377,10 @@ def test_dead_pixels_on_a_lattice_and_no_numbers(tmp_path: Path) -> None:
 def test_the_black_level_that_a_file_states_is_taken_off_place_by_place(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import lfcal.frames.formats.opening as opening
+    import lfcal.frames
 
     frame = np.random.default_rng(1).integers(300, 4000, (240, 241)).astype(np.uint16)
-    files, open_image = saved(tmp_path, image=frame), opening.open_image
+    files, open_image = saved(tmp_path, image=frame), lfcal.frames.open_image
 
     def stating(*args: Any, **options: Any) -> Any:
         image = open_image(*args, **options)
@@ -388,7 +388,7 @@ def test_the_black_level_that_a_file_states_is_taken_off_place_by_place(
         object.__setattr__(image, "metadata", stated)
         return image
 
-    monkeypatch.setattr(opening, "open_image", stating)
+    monkeypatch.setattr(lfcal.frames, "open_image", stating)
     # a larger frame is worked on in its middle
     monkeypatch.setattr("lfcal_gui.pages.multiplex.model_frames.LARGEST", 176)
     settings = MultiplexSettings(cfa="typed", pattern="GRBG", scene="image", weighted=True, **files)

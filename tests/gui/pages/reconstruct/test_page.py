@@ -303,9 +303,9 @@ def test_a_device_that_is_not_there_is_refused_in_a_line(
 
 
 def test_no_library_is_loaded_where_there_is_no_driver(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lfcal.reconstruct.projectors.device.find_device", lambda text: None)
+    monkeypatch.setattr("lfcal.reconstruct.projectors.find_device", lambda text: None)
     assert device_reason() == NO_DEVICE
-    monkeypatch.setattr("lfcal.reconstruct.projectors.device.find_device", lambda text: ArrayDevice("torch", 0))
+    monkeypatch.setattr("lfcal.reconstruct.projectors.find_device", lambda text: ArrayDevice("torch", 0))
     assert device_reason() == ""
 
 

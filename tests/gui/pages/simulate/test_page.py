@@ -41,7 +41,7 @@ def test_simulate_both_ways(window: MainWindow, qtbot: QtBot, tmp_path: Path) ->
     box = table.setting_box("bandwidth")
     box.setCurrentIndex(box.findData("on"))
     box.activated.emit(box.currentIndex())
-    assert SimulateSettings.of(window.project.state).override("bandwidth") == "on"
+    assert dict(SimulateSettings.of(window.project.state).overrides)["bandwidth"] == "on"
     idle(window.jobs, qtbot)
     assert page.verdict.row("bandwidth").on and table.setting_box("bandwidth") is box and box.currentData() == "on"
     table.select("bandwidth")
@@ -147,7 +147,7 @@ def test_rungs_that_were_measured_stay_when_measuring_is_stopped(
         go_on.wait(GUARD_MS / 1e3)
         yield LadderProgress(3, 3, "wave", 3.0, ladder=found)
 
-    monkeypatch.setattr("lfcal.simulate.accuracy._ladder.iter_ladder", measuring)
+    monkeypatch.setattr("lfcal.simulate.iter_ladder", measuring)
     context.project.update("plan", plan=plan)
     page = open_page("simulate")
     page.ladder()
