@@ -97,7 +97,17 @@ class Clock:
 
 
 def drain(work: Work[R], on_progress: Callable[[Progress], None] | None = None) -> R:
-    """Run ``work`` to its end, hand each record to ``on_progress``, return its result."""
+    """Run ``work`` to its end, hand each record to ``on_progress``, return its result.
+
+    Examples
+    --------
+    >>> from lfcal.base import Progress, drain
+    >>> def iter_add(a, b):
+    ...     yield Progress(1, 1, "add")
+    ...     return a + b
+    >>> drain(iter_add(2, 3))
+    5
+    """
     try:
         while True:
             record = next(work)

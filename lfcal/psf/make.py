@@ -271,7 +271,15 @@ def _lent(source: PlaneSource, units: tuple[Unit, ...]) -> AbstractContextManage
 
 
 def units_of(source: PlaneSource, stored: Stored) -> dict[int, Unit]:
-    """Return the units that make planes, by the number of the plane; those that are made here have none."""
+    """Return the units that make planes, by the number of the plane; those that are made here have none.
+
+    Examples
+    --------
+    >>> from lfcal.psf import MatrixPlanes, Stored, open_psf, units_of
+    >>> with open_psf("H.h5") as H:
+    ...     print(sorted(units_of(MatrixPlanes(H.T, title="transpose to"), Stored())))
+    [0, 1]
+    """
     from lfcal.work import Unit
 
     found: dict[int, Unit] = {}

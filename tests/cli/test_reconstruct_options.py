@@ -166,7 +166,7 @@ def test_frames_of_a_series_on_the_device_of_their_worker(
         asked.append((text, worker))
         return devices.ArrayDevice("numpy")
 
-    monkeypatch.setattr(devices, "find_device", find)
+    monkeypatch.setattr("lfcal.reconstruct.projectors.find_device", find)
     monkeypatch.setattr("lfcal.reconstruct.projectors._device_choice.find_device", find)
     (tmp_path / "frames").mkdir()
     for name in ("a", "b"):

@@ -25,7 +25,9 @@ def foreign(tmp_path, monkeypatch):
 
     def put(source, name="SOLVER"):
         install(monkeypatch, tmp_path, "their_solver", source, {"lfcal.solvers": f"theirs = their_solver:{name}"})
-        monkeypatch.setattr(choice, "SOLVERS", find_solvers())
+        solvers = find_solvers()
+        monkeypatch.setattr(choice, "SOLVERS", solvers)
+        monkeypatch.setattr("lfcal.reconstruct.SOLVERS", solvers)
 
     return put
 

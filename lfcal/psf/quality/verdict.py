@@ -84,6 +84,12 @@ def judged_sentence(problems: Sequence[QualityProblem], rest: str) -> str:
         What is wrong, the worst first; those of a merit that is good concern positions to repeat.
     rest
         What is known of H besides, as "good by 26 metrics".
+
+    Examples
+    --------
+    >>> from lfcal.psf.quality import judged_sentence
+    >>> print(judged_sentence([], "good by 26 metrics"))
+    This PSF is good by 26 metrics.
     """
     worst: Merit = next((m for m in ("bad", "fair") if any(one.merit == m for one in problems)), "good")
     if not problems:
