@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import pkgutil
+import pydoc
 import subprocess
 import sys
 import time
@@ -26,6 +28,18 @@ def test_parts_are_loaded_when_they_are_asked_for() -> None:
     assert {"camera", "frames", "psf", "simulate", "acquire"} <= set(dir(lfcal))
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = lfcal.nothing
+
+
+def test_the_top_level_has_the_ten_names_and_says_what_each_package_is_for() -> None:
+    names = (
+        "Projector ScanPlan assemble fit_camera inspect open_frames open_psf preset read_camera simulate_psf".split()
+    )
+    packages = {part.name for part in pkgutil.iter_modules(lfcal.__path__) if part.ispkg}
+    assert lfcal.__all__ == names and set(dir(lfcal)) == {*names, *packages, "__version__"}
+    assert all(callable(getattr(lfcal, name)) for name in names)
+    shown = pydoc.render_doc(lfcal, renderer=pydoc.plaintext)
+    assert not [name for name in (*names, *packages) if f"``{name}``" not in str(lfcal.__doc__)]
+    assert all(f"class {name}" in shown or f"{name}(" in shown for name in names)
 
 
 def test_the_package_runs_as_a_module() -> None:
