@@ -11,7 +11,7 @@ __all__ = ["FileLock"]
 
 
 class FileLock:
-    """The lock ``.NAME.window`` beside a file; ``.NAME.lock`` is that of whoever writes it (`lfcal.base.files`).
+    """The lock ``.NAME.window`` beside a file; ``.NAME.lock`` is that of the program that writes it.
 
     Where the folder cannot be written to there is no lock, and the file counts as free: it cannot be overwritten there.
     """

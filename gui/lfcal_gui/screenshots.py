@@ -61,6 +61,10 @@ def _play(options: argparse.Namespace, sizes: Sequence[str]) -> int:
     from lfcal_gui.app import make_window, parse
     from lfcal_gui.scenes import SCENES, Stage
 
+    unknown = [name for name in options.scene or () if name not in SCENES]
+    if unknown:
+        print(f"--scene: expected some of {', '.join(SCENES)}, got {', '.join(unknown)}; correct it", file=sys.stderr)
+        return 2
     out: Path = options.out
     out.mkdir(parents=True, exist_ok=True)
     app = QApplication.instance() or QApplication(["lfcal"])

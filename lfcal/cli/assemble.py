@@ -153,7 +153,7 @@ def command(
         refuse(context, "--white", "none", "white_mode", "white_floor")
     place = parse_origin(origin)
     words = ScanFrames(frames, plan, manifest, pattern, order, columns, first, skip_damaged, orientation, place)
-    # a manifest's frames lie beside it.
+    # a manifest's frames are in its folder
     read = (frames, words.beside, plan, manifest, dark, white, fill)
     if channel != "each":
         check_output(out, *read, force=may_replace(out, resume=resume, force=force))
