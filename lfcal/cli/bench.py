@@ -19,7 +19,7 @@ def register(app: typer.Typer) -> None:
 
 
 def command(name: str = typer.Argument("", help="Benchmark that is looked for."), json: JsonOption = False) -> None:
-    """Say where the benchmarks are: beside the installed package, in the source.
+    """Say where the benchmarks are: in the source, outside the installed package.
 
     Example: `lfcal bench`
     """

@@ -91,7 +91,7 @@ class PlaneSource:
         z
             Number of the plane.
         zeros
-            Gives the memory to compute into, for sources that have no array of their own.
+            Gives the memory to compute into, for sources without an array.
         workers
             Threads; None takes every processor.
         alone

@@ -1,4 +1,4 @@
-"""What other packages of lfcal use of `lfcal.base.h5`, and nobody else: it may change."""
+"""Names of `lfcal.base.h5` for other packages of lfcal only: they may change without notice."""
 
 from __future__ import annotations
 

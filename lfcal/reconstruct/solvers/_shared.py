@@ -1,4 +1,4 @@
-"""What other packages of lfcal use of `lfcal.reconstruct.solvers`, and nobody else: it may change."""
+"""Names of `lfcal.reconstruct.solvers` for other packages of lfcal only: they may change without notice."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ def iter_richardson_lucy(P: Projector, image: ArrayLike, settings: RichardsonLuc
     initial
         Start ``(nz, Y, X)``, not negative; by default even, with the light of the image.
     resume
-        State to go on from instead.
+        State to continue from instead.
 
     Yields
     ------
