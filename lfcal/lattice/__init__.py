@@ -1,13 +1,11 @@
 """The lenslet lattice of an image: where the lenslets are, of which type, how bright, and what each one sees.
 
-- ``fit``: the lattice from a white image; ``spectrum``, ``rounds``, ``model``, ``micro_image`` are its steps,
-  ``mosaic`` what it does of colour filters
+- ``fit``: the lattice from a white image; ``_spectrum``, ``_rounds``, ``_forms`` and ``_micro_image`` are its steps
 - ``lens_types``: which lenslet is of which type
-- ``vignetting``: the fall of light over the field; ``smooth_field`` is its model
+- ``vignetting``: the fall of light over the field; ``_smooth_field`` is its model
 - ``micro_images``: what views ask of a lattice, and the lattice of a camera description, of a crop, of one lens type
-- ``views``: sub-aperture views; ``view_grid`` and ``view_cells`` say where their samples lie and which lenslets make
-  them, ``view_samples`` is the one extractor
-- ``refocus``: images focused at a depth, from views
+- ``views``: sub-aperture views; ``_view_grid`` defines where their samples lie and which lenslets contribute to them
+- ``_refocus``: images focused at a depth, from views
 - ``rendering``: the same for lenslets focused on the scene, lens types by their sharpness, and all in focus
 """
 

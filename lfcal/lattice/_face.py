@@ -8,8 +8,7 @@ from lfcal.lattice.fit import LatticeFit, fit_lattice
 from lfcal.lattice.lens_types import LensTypes, classify_lens_types, expected_blur
 from lfcal.lattice.micro_images import FrameLattice, MicroImageLattice, TypeLattice, cropped, lattice_of, type_lattice
 from lfcal.lattice.rendering import RenderedPlanes, render, sharpness_shares, total_focus
-from lfcal.lattice.view_samples import sample_views
-from lfcal.lattice.views import Views, extract_views
+from lfcal.lattice.views import Views, extract_views, sample_views
 from lfcal.lattice.vignetting import Vignetting, vignetting_map
 
 __all__ = [

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.lattice._forms import thinned
 from lfcal.lattice._micro_image import mean_micro_image
 from lfcal.lattice._model import LatticeModel
-from lfcal.lattice._selection import thinned
 
 __all__ = ["IrisCentre", "iris_centre", "polygon_transform"]
 

@@ -11,11 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.base import InputError, as_sensor_frame
 from lfcal.lattice._micro_image import light_of, mean_micro_image, place_lenslets
 from lfcal.lattice._model import LatticeModel, class_median
-from lfcal.lattice._mosaic import levelled
 from lfcal.lattice._smooth_field import fit_field
 from lfcal.lattice._spectrum import MIN_LENSLETS, MIN_PITCH
 
-__all__ = ["PlacedLenslets", "centred", "evened", "mean_light", "place_all", "prepare"]
+__all__ = ["PlacedLenslets", "centred", "evened", "levelled", "mean_light", "place_all", "prepare"]
 
 Array = NDArray[np.float64]
 
@@ -230,3 +229,41 @@ def place_all(
     draw = np.where((~steep & (slope > EVEN))[:, None], micro.draw(radius) * fall, 0.0)
     places = centres + placed.shifts - draw
     return PlacedLenslets(index, places, dead, noise, steep)
+
+
+MOSAIC_BLOCKS = 4
+"""Blocks along each side of the frame that must show the same mosaic of colour filters."""
+
+MOSAIC_CONTRAST = 0.04
+"""Difference of the four pixels' brightness from which they lie behind filters (relative)."""
+
+MOSAIC_SCATTER = 0.3
+"""How much the difference may scatter from block to block, as a share of itself."""
+
+
+def levelled(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the image with the gains of a 2 x 2 mosaic taken out, where there is one: it would beat with the pitch.
+
+    The four subgrids of evenly lit lenslets are equally bright, unless filters of other colours lie before them.
+    """
+    rows, columns = (n // (2 * MOSAIC_BLOCKS) * 2 for n in image.shape)
+    whole = image[: rows * MOSAIC_BLOCKS, : columns * MOSAIC_BLOCKS]
+    cells = whole.reshape(MOSAIC_BLOCKS, rows // 2, 2, MOSAIC_BLOCKS, columns // 2, 2)
+    means = np.nan_to_num(cells.mean((1, 4), dtype=np.float64)).transpose(0, 2, 1, 3).reshape(-1, 2, 2)
+    light = means.mean((1, 2))
+    if not light.sum() > 0:
+        return image
+    gains = means.sum(0) / light.sum()
+    unlike = float(np.abs(gains - 1).max())
+    scatter = np.abs(means - gains * light[:, None, None]).max((1, 2))
+    # filters are the same everywhere; what beats between lattice and pixels is not
+    if (
+        unlike < MOSAIC_CONTRAST
+        or gains.min() <= 0
+        or float(scatter.mean()) > MOSAIC_SCATTER * unlike * float(light.mean())
+    ):
+        return image
+    even_light = image.copy()
+    for row, column in np.ndindex(2, 2):
+        even_light[row::2, column::2] /= np.float32(gains[row, column])
+    return even_light

@@ -9,19 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError, check_choice, check_number
-from lfcal.lattice._checkered import check_cell, mean_cell
 from lfcal.lattice._doubts import check_white, evenness
-from lfcal.lattice._forms import DistortionFrame, fit_form
-from lfcal.lattice._growth import followed, start_reach
+from lfcal.lattice._forms import DistortionFrame, LatticeForm, Selection, fit_form, flexible_form, select_form, thinned
 from lfcal.lattice._iris_centre import iris_centre
-from lfcal.lattice._local_means import best_places
 from lfcal.lattice._model import LatticeModel
 from lfcal.lattice._rounds import PlacedLenslets, centred, evened, mean_light, place_all, prepare
-from lfcal.lattice._selection import Selection, flexible_form, select_form, thinned
 from lfcal.lattice._spectrum import MIN_LENSLETS, MIN_PITCH, guess_lattice
-from lfcal.lattice.lattice_fit import LatticeErrors, LatticeFit
+from lfcal.lattice.lattice_fit import LatticeErrors, LatticeFit, best_places
 
-__all__ = ["LatticeFit", "fit_lattice"]
+__all__ = ["LatticeFit", "check_cell", "fit_lattice", "followed", "mean_cell", "start_reach"]
 
 Array = NDArray[np.float64]
 
@@ -183,3 +179,101 @@ def _believable(residual: Array, pitch: float) -> float:
             "take an evenly lit image of the lenslets",
         )
     return rms
+
+
+START_PITCHES = 10.0
+START_SHARE = 0.33
+"""Radius of the first region, as a share of half the frame's diagonal."""
+
+START_PX = 700.0
+"""Largest first region (pixels): there the spectrum's lattice is right to a fraction of a pitch."""
+
+GROWTH = 1.6
+"""From one region to the next: a cubic runs ahead that far."""
+
+MIN_REGION = 60
+"""Lenslets of the first region, at least."""
+
+TRACKING_DEGREE = 3
+"""A higher order would run away from the measured region."""
+
+
+def start_reach(model: LatticeModel, frame: DistortionFrame) -> float:
+    """Return the radius of the first region (pixels)."""
+    wanted = max(START_PITCHES * model.pitch, min(START_SHARE * frame.scale, START_PX))
+    return wanted if 3 * (wanted / model.pitch) ** 2 >= MIN_REGION else frame.scale
+
+
+def tracking_form(count: int) -> LatticeForm:
+    """Return the form that runs ahead of ``count`` lenslets."""
+    form = flexible_form(count // 2)
+    return form if form.degree <= TRACKING_DEGREE else flexible_form(100)
+
+
+def followed(image: NDArray[np.float32], model: LatticeModel, workers: int | None) -> LatticeModel:
+    """Return the lattice fitted in growing regions, each placed about what the smaller one foretells."""
+    frame = DistortionFrame.of(image.shape)
+    reach = start_reach(model, frame)
+    # the first region is placed twice: its start is the spectrum's alone
+    reaches = [reach]
+    while reaches[-1] < frame.scale:
+        reaches.append(min(frame.scale, GROWTH * reaches[-1]))
+    for near in [reaches[0], *reaches]:
+        lenslets = place_all(image, model, workers, near)
+        alive = np.flatnonzero(~lenslets.dead)
+        alive = alive[thinned(len(alive))]
+        form = tracking_form(len(alive))
+        fitted = fit_form(model, form, lenslets.index[alive], lenslets.places[alive], frame)
+        if fitted is not None:
+            model = fitted.model
+    return model
+
+
+CELL_SIDE = 12
+"""Samples along each side of a cell; even, so that half a cell is a whole number of them."""
+
+CELL_LENSLETS = 400
+
+INVERSE_CORRELATION = -0.99
+"""Correlation of a cell with itself half a diagonal away from which light and dark only change places. Measured:
+checkerboards -0.999 and below; sharp micro-images that fill 50 % to 100 % of the pitch -0.36 to -0.86."""
+
+SHARP_EDGES = 0.35
+"""Share of the cell between a quarter and three quarters of its contrast up to which its edges are sharp: blurred ones,
+0.42 and above where micro-images are not resolved, look alike whatever they are of."""
+
+
+def mean_cell(image: NDArray[np.float32], model: LatticeModel, index: NDArray[np.intp]) -> Array:
+    """Return the mean brightness over one cell ``(CELL_SIDE, CELL_SIDE)``, from the lenslets (q, r) of ``index``."""
+    from scipy.ndimage import map_coordinates
+
+    chosen = index[:: max(1, len(index) // CELL_LENSLETS)]
+    part = np.arange(CELL_SIDE) / CELL_SIDE
+    basis = model.basis()
+    offsets = (part[:, None, None] * basis[0] + part[None, :, None] * basis[1]).reshape(-1, 1, 2)
+    points = (model.places(chosen) + offsets)[..., ::-1]
+    values = map_coordinates(image, points.reshape(-1, 2).T, order=1, mode="nearest")
+    mean: Array = values.reshape(CELL_SIDE, CELL_SIDE, -1).mean(-1, dtype=np.float64)
+    return mean
+
+
+def check_cell(cell: Array) -> None:
+    """Raise `InputError` where the mean cell is that of a checkerboard.
+
+    Its light and dark fields have one shape: half a diagonal away each is the negative of the other. Micro-images and
+    the gaps between them have two.
+    """
+    contrast = float(np.ptp(cell))
+    if contrast <= 0:
+        return
+    level = (cell - cell.min()) / contrast
+    between = float(((level > 0.25) & (level < 0.75)).mean())
+    turned = np.roll(level, (CELL_SIDE // 2, CELL_SIDE // 2), (0, 1))
+    alike = float(np.corrcoef(level.ravel(), turned.ravel())[0, 1])
+    if alike < INVERSE_CORRELATION and between < SHARP_EDGES:
+        raise InputError.expected(
+            "white image",
+            "micro-images with gaps of another shape between them",
+            "light and dark fields of one shape, as of a checkerboard",
+            "take an evenly lit image of the lenslets",
+        )

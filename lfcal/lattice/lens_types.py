@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.base import InputError, as_sensor_frame, check_choice, check_tuple
 from lfcal.camera import Camera, LensletLattice
 from lfcal.lattice._micro_image import light_of
-from lfcal.lattice._mosaic import levelled
+from lfcal.lattice._rounds import levelled
 from lfcal.lattice.fit import LatticeFit
 
 __all__ = ["LensTypes", "classify_lens_types", "expected_blur"]

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.base import InputError, check_number, for_each_chunk
 from lfcal.camera import Camera
 from lfcal.lattice._refocus import MIN_WEIGHT, virtual_depth_of_slope
-from lfcal.lattice._rendering_kernels import RefocusPlane, render_rows
 from lfcal.lattice._view_grid import ViewGrid, view_grid
+from lfcal.lattice._view_kernels import RefocusPlane, render_rows
 from lfcal.lattice.lens_types import expected_blur
 from lfcal.lattice.micro_images import FrameLattice, TypeOf
 from lfcal.lattice.views import RADIUS, less_dark

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from lfcal.base.errors import InputError
-from lfcal.lattice._checkered import check_cell
-from lfcal.lattice.fit import fit_lattice
+from lfcal.lattice.fit import check_cell, fit_lattice
 from tests.lattice.white_frames import draw_white
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from lfcal.lattice._forms import DistortionFrame
-from lfcal.lattice._growth import start_reach, tracking_form
 from lfcal.lattice._model import LatticeModel
-from lfcal.lattice.fit import fit_lattice
+from lfcal.lattice.fit import fit_lattice, start_reach, tracking_form
 from tests.lattice.white_frames import barrel, draw_white
 
 

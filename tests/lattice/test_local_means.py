@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfcal.lattice._local_means import best_places, gridded
+from lfcal.lattice.lattice_fit import best_places, gridded
 
 
 def field(common: float, noise: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from lfcal.lattice._mosaic import levelled
+from lfcal.lattice._rounds import levelled
 from lfcal.lattice.fit import fit_lattice
 from tests.lattice.white_frames import draw_white
 

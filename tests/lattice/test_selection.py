@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from lfcal.camera import LatticeDistortion
-from lfcal.lattice._forms import DistortionFrame
+from lfcal.lattice._forms import ENOUGH, DistortionFrame, flexible_form, select_form, thinned
 from lfcal.lattice._model import LatticeModel
-from lfcal.lattice._selection import ENOUGH, flexible_form, select_form, thinned
 
 SHAPE = (500, 600)
 FRAME = DistortionFrame.of(SHAPE)
