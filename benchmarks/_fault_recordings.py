@@ -57,7 +57,7 @@ class Recording:
 
     @cached_property
     def _light(self) -> F4:
-        values = np.asarray(simulate_psf(self.plan.camera, self.plan, workers=1)[:], np.float32)
+        values = np.asarray(simulate_psf(self.plan, workers=1)[:], np.float32)
         return values * np.float32(PEAK / values.max())
 
     def light(self) -> F4:

@@ -64,7 +64,7 @@ def run_reduced(
     for tolerance in tolerances:
         check_number("tolerance of the projection", tolerance, above=0, below=1)
     camera = preset(CAMERA)
-    H = simulate_psf(camera, ScanPlan.for_camera(camera, virtual_depths=[VIRTUAL_DEPTH]), workers=workers)[:]
+    H = simulate_psf(ScanPlan.for_camera(camera, virtual_depths=[VIRTUAL_DEPTH]), workers=workers)[:]
     rng = np.random.default_rng(0)
     g, f = rng.random((1, side, side), np.float32), rng.random((side, side), np.float32)
     points = [tuple(place) for place in rng.integers(side // 4, 3 * side // 4, (6, 2)).tolist()]

@@ -132,7 +132,7 @@ def subject_of(name: str, side: int = 0) -> Subject:
         virtual, lengths = (depths, None) if setup.virtual else (None, depths)
         plan = ScanPlan.for_camera(camera, virtual_depths=virtual, depths_um=lengths, cutout=setup.cutout)
         plan = replace(plan, anchor=(plan.anchor[0] + beside, plan.anchor[1] + beside))
-        return simulate_psf(camera, plan, plan_effects(camera, plan, tolerance), tolerance=tolerance)
+        return simulate_psf(plan, plan_effects(plan, tolerance), tolerance=tolerance)
 
     apart = setup.depths[1] - setup.depths[0]
     between = tuple(z + part * apart for z in setup.depths for part in (-0.25, 0.25))

@@ -66,7 +66,7 @@ def command(
     described = load_camera(camera)
     planes = {"depths_um": [depth]} if depth is not None else {"virtual_depths": [virtual_depth]}
     plan = ScanPlan.for_camera(described, **planes)  # type: ignore[arg-type]
-    found = run_work(iter_ladder(described, plan, tolerance, positions=positions), quiet=json)
+    found = run_work(iter_ladder(plan, tolerance, positions=positions), quiet=json)
     title = f"{described.name}, {plan.period[1]} x {plan.period[0]} positions"
     if figure is not None:
         draw_ladder(found, figure, f"{title}, {plan.cutout[0]} x {plan.cutout[1]} px, v = {found.virtual_depth:.3g}")
@@ -113,7 +113,7 @@ def _timed(plan: ScanPlan, tolerance: float) -> dict[str, float]:
     predicted = predict_seconds(plan, tolerance=tolerance)
     # processor time: what else runs on the machine does not count, and the forecast is in the same unit.
     start = time.process_time()
-    simulate_psf(plan.camera, plan, tolerance=tolerance)
+    simulate_psf(plan, tolerance=tolerance)
     measured = time.process_time() - start
     return {"predicted": predicted, "measured": measured, "ratio": predicted / measured}
 
@@ -155,7 +155,7 @@ def _reached(plan: ScanPlan, asked: float, positions: int) -> Reached:
     from lfcal.simulate.engines.choose import engine_for
     from lfcal.simulate.response import PlaneResponse
 
-    effects = plan_effects(plan.camera, plan, asked).effects
+    effects = plan_effects(plan, asked).effects
     response = PlaneResponse(plan, 0, effects, tolerance=asked)
     engine = response.engine()
     ny, nx = plan.period

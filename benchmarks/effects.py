@@ -130,7 +130,7 @@ def judge(number: int, tolerance: float) -> Judged:
     outlook = outlook_of(plan, 0)
     known = tuple(e for e in known if e.runs(outlook) <= MOST_RUNS)
     start = time.process_time()
-    selection = plan_effects(plan.camera, plan, tolerance, effects=known)
+    selection = plan_effects(plan, tolerance, effects=known)
     seconds = time.process_time() - start
     counting = _counting(selection, known)
     pairs = tuple(_pairs(plan, selection, counting))

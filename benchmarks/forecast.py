@@ -81,10 +81,10 @@ def _timed(plan: ScanPlan, tolerance: float) -> dict[str, float]:
     """Return the seconds of one plane: foretold by its description, by a short run, and taken (processor time)."""
     from lfcal.simulate import plan_effects, predict_seconds, simulate_psf
 
-    chosen = plan_effects(plan.camera, plan, tolerance)
+    chosen = plan_effects(plan, tolerance)
     predicted = predict_seconds(plan, chosen, tolerance=tolerance)
     start = time.process_time()
-    simulate_psf(plan.camera, plan, chosen, tolerance=tolerance)
+    simulate_psf(plan, chosen, tolerance=tolerance)
     taken = time.process_time() - start
     where = {"depth_um": plan.depths_um[0], "cutout": plan.cutout[0]}
     return {**where, "planned": chosen.seconds, "predicted": predicted, "taken": taken}

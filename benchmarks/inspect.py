@@ -143,7 +143,7 @@ def write(path: Path, problem: Problem) -> None:
         for z, depth in enumerate(depths):
             # plane by plane: 11 planes of the R29 in float32 are 7.5 GB.
             one = ScanPlan.for_camera(camera, virtual_depths=[depth], cutout=plan.shape[3:])
-            values = simulate_psf(camera, one, (), workers=workers).plane(0).copy()  # a plane is read-only
+            values = simulate_psf(one, (), workers=workers).plane(0).copy()  # a plane is read-only
             top = float(values.max())
             for row in values:
                 row += np.float32(problem.noise * top) * rng.standard_normal(row.shape, np.float32)
@@ -156,4 +156,4 @@ def small() -> PSFMatrix:
     from lfcal.simulate import simulate_psf
 
     camera = preset("bench")
-    return simulate_psf(camera, ScanPlan.for_camera(camera, virtual_depths=[3.0, 4.0]), ())
+    return simulate_psf(ScanPlan.for_camera(camera, virtual_depths=[3.0, 4.0]), ())

@@ -118,7 +118,7 @@ def simulated() -> PSFMatrix:
 
     camera = preset("bench")
     plan = ScanPlan.for_camera(camera, virtual_depths=DEPTHS, cutout=61)
-    return simulate_psf(camera, plan, "auto", tolerance=0.1)
+    return simulate_psf(plan, "auto", tolerance=0.1)
 
 
 def _opened(path: Path) -> PSFMatrix:

@@ -124,7 +124,7 @@ def _simulated(camera: str, depths: Sequence[float], workers: int | None) -> Ite
     plans = [ScanPlan.for_camera(optics, virtual_depths=[depth]) for depth in depths]
     nt, ns = (max(plan.cutout[k] for plan in plans) for k in (0, 1))
     for depth, plan in zip(depths, plans, strict=True):
-        plane = simulate_psf(optics, plan, workers=workers).plane(0)
+        plane = simulate_psf(plan, workers=workers).plane(0)
         beside = [(n - m) // 2 for n, m in zip((nt, ns), plan.cutout, strict=True)]
         wide = np.pad(plane, [(0, 0), (0, 0), *((b, b) for b in beside)])
         yield depth, PSFMatrix(wide[None], depths=plan.depths_um, camera=optics)

@@ -106,14 +106,14 @@ def _measured(plan: ScanPlan, tolerance: float, executors: list[str], rounds: in
     from lfcal.simulate.simulate import iter_simulate_psf
     from lfcal.work import RunChoice
 
-    effects = plan_effects(plan.camera, plan, tolerance)
+    effects = plan_effects(plan, tolerance)
     predicted = predict_seconds(plan, effects, tolerance=tolerance)
 
     def once(executor: str, workers: int, scan: ScanPlan) -> tuple[float, float]:
         """Return the seconds of a run, and those of the processor."""
         out, start, spent = place / f"{executor}_{workers}.h5", time.perf_counter(), _cpu_seconds()
         run = RunChoice(executor, workers)
-        drain(iter_simulate_psf(scan.camera, scan, effects, run=run, tolerance=tolerance, out=out)).close()
+        drain(iter_simulate_psf(scan, effects, run=run, tolerance=tolerance, out=out)).close()
         took = time.perf_counter() - start, _cpu_seconds() - spent
         out.unlink()
         return took

@@ -167,7 +167,7 @@ class Subject:
             H = self.matrix
             return np.array([[H[z, int(y), int(x)] for x in xs] for y in ys], np.float32), f"of {self.name}"
         plan = self.planned
-        effects = plan_effects(plan.camera, plan, EFFECTS_TOLERANCE).at(plan.depths_um[z])
+        effects = plan_effects(plan, EFFECTS_TOLERANCE).at(plan.depths_um[z])
         response = PlaneResponse(plan, z, effects, tolerance=TOLERANCE)
         return response.rows(ys, xs, self.workers), f"simulated at level {response.level}"
 
@@ -201,13 +201,13 @@ class Subject:
             cutout=_window(plan.shape, count),
         )
         yield Clock("sample of H", 1).at(0)
-        found = plan_effects(plan.camera, part, EFFECTS_TOLERANCE)
+        found = plan_effects(part, EFFECTS_TOLERANCE)
         waves = found.seconds <= LONGEST_WAVES
         scene, level = resolve_level(scene_for(part, 0, found.effects), "auto" if waves else "geometric")
         # as fine as is expected to do, without a probe of every plane
         sampling = step_for(scene, level, TOLERANCE).sampling if level != "geometric" else None
         made = yield from iter_simulate_psf(
-            plan.camera, part, found, level, tolerance=TOLERANCE, sampling=sampling, workers=self.workers
+            part, found, level, tolerance=TOLERANCE, sampling=sampling, workers=self.workers
         )
         how = f"simulated at level {level}" + ("" if waves else ", as waves take longer")
         return Sample(made, math.prod(plan.shape) / math.prod(part.shape), (_sample_note(made, plan.shape, how),))

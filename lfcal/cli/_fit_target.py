@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from lfcal.camera import Camera
     from lfcal.frames import CorrectionRecipe
     from lfcal.simulate.effects import Effect
     from lfcal.targets import TargetPlan
@@ -26,23 +25,18 @@ def fit_target(
     out: Path,
     *,
     regions: str,
-    camera: Camera | None,
     most: int | None,
     with_h: bool,
     workers: int | None,
     json: bool,
 ) -> None:
     """Fit one camera to the points of a target's frames, and write it with H of its region, or of ``regions``."""
-    from dataclasses import replace
-
     from lfcal.camera import RegionPlan, parse_regions
     from lfcal.campaign import MOST, hole_words, iter_fit_points, iter_write_points, target_facts
     from lfcal.cli._console import print_json, print_table, report, run_work
     from lfcal.cli._target_frames import found_points, opened_target
     from lfcal.fit import called_for, fit_dict, with_given
 
-    if camera is not None:
-        plan = replace(plan, scan=replace(plan.scan, camera=camera))
     field = RegionPlan.spread(plan.scan, parse_regions(regions)) if regions else plan.scan
     begins = None if effects is None else with_given(called_for(plan.scan), *effects)
     with opened_target(source, plan, recipe) as view:

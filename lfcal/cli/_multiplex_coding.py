@@ -252,7 +252,7 @@ def _simulated(
         else {"virtual_depths": (4.0 if virtual_depth is None else virtual_depth,)}
     )
     plan = ScanPlan.for_camera(camera, **planes)
-    effects = plan_effects(plan.camera, plan, TOLERANCE).effects
+    effects = plan_effects(plan, TOLERANCE).effects
     response = PlaneResponse(plan, 0, effects, tolerance=TOLERANCE)
     ny, nx = plan.period
     side = step * np.arange(math.ceil(math.sqrt(points)))

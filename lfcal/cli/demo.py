@@ -143,7 +143,7 @@ def _against_truth(matrix: PSFMatrix, plan: ScanPlan, out: Path, steps: _Steps) 
     from lfcal.simulate import simulate_psf
 
     with steps.step("the same H simulated directly, and compared") as made:
-        truth = simulate_psf(plan.camera, plan, "auto", tolerance=0.05, out=out / "truth.h5")
+        truth = simulate_psf(plan, "auto", tolerance=0.05, out=out / "truth.h5")
         with truth:
             found = compare(matrix, truth)
         made.append("truth.h5")

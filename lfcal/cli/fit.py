@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -205,6 +205,8 @@ def command(
             }
         )
         check_outputs(point_outputs(out), source, plan, dark, white, camera, force=force)
+        if camera:
+            target = replace(target, scan=replace(target.scan, camera=load_camera(camera)))
         fit_target(
             source,
             target,
@@ -213,7 +215,6 @@ def command(
             chosen if effects else None,
             out,
             regions=regions,
-            camera=load_camera(camera) if camera else None,
             most=positions,
             with_h=not no_h,
             workers=workers,

@@ -110,7 +110,7 @@ def command(
     making = frames is not None
 
     def choose(error: float) -> EffectSelection:
-        return plan_effects(planned.camera, planned, error, settings, effects=given, frames=making, peak=peak)
+        return plan_effects(planned, error, settings, effects=given, frames=making, peak=peak)
 
     found = choose(tolerance)
     if plan_only:
@@ -156,7 +156,7 @@ def command(
 
         def region(plan: ScanPlan, name: str, part: Path) -> dict[str, Any]:
             report(f"region {name}")
-            own = plan_effects(plan.camera, plan, tolerance, settings, effects=given)
+            own = plan_effects(plan, tolerance, settings, effects=given)
             return _write_h(replace(task, planned=plan, found=own), _Runner(part, "", "", workers, False, False), None)
 
         told = make_regions(several, out or Path(), region, one, workers=workers)
@@ -327,7 +327,6 @@ def _simulation(
             report(f"{whole[-1]}; Ctrl-C keeps it")
 
     return iter_refine_psf(
-        plan.camera,
         plan,
         choose,
         task.level,
@@ -345,7 +344,6 @@ def _in_one_pass(task: _Task, out: Path, workers: int | None, run: RunChoice | N
 
     plan = task.planned
     return iter_simulate_psf(
-        plan.camera,
         plan,
         task.found,
         task.level,

@@ -89,7 +89,10 @@ def _ratio(above: NDArray[np.float64], below: NDArray[np.float64]) -> NDArray[np
 
 
 def lens_types(camera: Camera, plan: ScanPlan, y: int, x: int) -> NDArray[np.intp]:
-    """Return the type of the lenslet in front of each pixel ``(nt, ns)`` of the pattern of a source position."""
+    """Return the type of the lenslet in front of each pixel ``(nt, ns)`` of the pattern of a source position.
+
+    ``camera`` is the one that was found, ``plan`` the scan with the camera as it was described.
+    """
     nt, ns = plan.cutout
     rows = round(plan.anchor[0] + y) + np.arange(nt) - (nt - 1) // 2
     columns = round(plan.anchor[1] + x) + np.arange(ns) - (ns - 1) // 2

@@ -4,37 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields, replace
-from typing import Any, Protocol
+from typing import Any
 
 from lfcal.base import InputError
 from lfcal.camera import Camera, LensletLattice, Microscope
 from lfcal.simulate._pupil import PupilIris
 from lfcal.simulate.scene import Scene
 
-__all__ = ["ScenePlan", "scene_of"]
-
-
-class ScenePlan(Protocol):
-    """What of a scan plan a scene needs."""
-
-    @property
-    def period(self) -> tuple[int, int]:
-        """Source positions (ny, nx)."""
-        ...
-
-    @property
-    def cutout(self) -> tuple[int, int]:
-        """Pixels (nt, ns)."""
-        ...
+__all__ = ["scene_of"]
 
 
 def scene_of(
     camera: Camera,
-    grid: ScenePlan | None = None,
     z_um: float | None = None,
     *,
     virtual_depth: float | None = None,
-    cutout: tuple[int, int] | None = None,
+    cutout: tuple[int, int],
     period: tuple[int, int] | None = None,
     anchor_px: tuple[float, float] = (0.0, 0.0),
     gap_um: float | None = None,
@@ -44,11 +29,10 @@ def scene_of(
 
     Parameters
     ----------
-    grid
-        A scan plan, or anything with ``period`` and ``cutout``; or give these two (the period defaults to the
-        camera's, rounded).
     z_um, virtual_depth
         The plane, one of the two; neither is the native plane.
+    cutout, period
+        Pixels ``(nt, ns)`` of a response, and source positions ``(ny, nx)``; None: the camera's period, rounded.
     anchor_px
         Source position (0, 0) as (y, x) pixels from the centre of a type-0 micro-image.
     gap_um
@@ -59,7 +43,7 @@ def scene_of(
     Raises
     ------
     InputError
-        For a depth given twice, a missing cutout, an unknown field or a value out of range.
+        For a depth given twice, an unknown field or a value out of range.
     """
     # a misspelt field would silently leave the camera's value
     unknown = sorted(set(overrides) - {f.name for f in fields(Scene)})
@@ -67,17 +51,14 @@ def scene_of(
         raise InputError.expected("scene", "fields of Scene", unknown[0], "correct the name")
     if z_um is not None and virtual_depth is not None:
         raise InputError.expected("depth", "z or virtual depth", "both", "give one of them")
-    window = cutout if cutout is not None else (grid.cutout if grid is not None else None)
-    if window is None:
-        raise InputError.expected("cutout", "(nt, ns) pixels", None, "give a scan plan or a cutout")
-    positions = period if period is not None else (grid.period if grid is not None else _whole_period(camera))
+    positions = _whole_period(camera) if period is None else period
     # one of the two is computed from the other, so that a and z cannot disagree
     depth = camera.depth_of(virtual_depth) if virtual_depth is not None else float(z_um or 0.0)
     a = virtual_depth * camera.lattice.gap_um if virtual_depth is not None else camera.image_shift_um(depth)
     lattice = _on_array(camera, anchor_px)
     if gap_um is not None:
         lattice = replace(lattice, gap_um=gap_um)
-    known = {"image_um": a, "z_um": depth, "lattice": lattice, "cutout": window, "period": positions}
+    known = {"image_um": a, "z_um": depth, "lattice": lattice, "cutout": cutout, "period": positions}
     return Scene(**(_described(camera) | known | overrides))
 
 

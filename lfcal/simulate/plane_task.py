@@ -74,7 +74,7 @@ def budgeted(effects: EffectsLike, plan: ScanPlan, tolerance: float | None) -> B
     if isinstance(effects, str):
         if effects != "auto":
             raise InputError.expected("effects", "effects, an EffectSelection or 'auto'", repr(effects), "correct it")
-        effects = plan_effects(plan.camera, plan, tolerance)
+        effects = plan_effects(plan, tolerance)
     if isinstance(effects, EffectSelection):
         return Budget(effects.effects, tolerance, effects)
     chosen = tuple(effects)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from lfcal.base import Progress, Work, check_number
-from lfcal.camera import Camera, ScanPlan
+from lfcal.camera import ScanPlan
 from lfcal.psf import (
     Facts,
     Plane,
@@ -69,7 +69,6 @@ def passes_for(tolerance: float, level: str = "auto") -> tuple[Pass, ...]:
 
 
 def iter_refine_psf(
-    camera: Camera,
     plan: ScanPlan,
     effects: EffectsLike | EffectsFor = "auto",
     level: str = "auto",
@@ -90,7 +89,7 @@ def iter_refine_psf(
 
     Parameters
     ----------
-    camera, plan, level, tolerance, dtype, compression, workers, provenance
+    plan, level, tolerance, dtype, compression, workers, provenance
         As in `simulate_psf`.
     effects
         As in `simulate_psf`, or a function that chooses them for the tolerance of a pass.
@@ -120,16 +119,14 @@ def iter_refine_psf(
     >>> camera = preset("bench")
     >>> plan = ScanPlan(camera, (1, 3), cutout=(41, 41), depths_um=(camera.depth_of(4.0),), anchor=(160, 160))
     >>> passes = []
-    >>> with drain(iter_refine_psf(camera, plan, out="refined.h5", on_pass=passes.append)) as H:
+    >>> with drain(iter_refine_psf(plan, out="refined.h5", on_pass=passes.append)) as H:
     ...     print(len(passes), "passes to", f"{H.facts.known()['error'].max():.0%}")
     4 passes to 2%
     """
     path = Path(out)
     chosen = effects if callable(effects) else lambda _: effects
     passes = passes_for(tolerance_for(effects, tolerance), level)
-    works = [
-        Simulation(camera, plan, chosen(p.tolerance), p.level, p.tolerance, None, provenance=provenance) for p in passes
-    ]
+    works = [Simulation(plan, chosen(p.tolerance), p.level, p.tolerance, None, provenance=provenance) for p in passes]
     stored = Stored(dtype, compression)
     units = None if run is None else _PassUnits(path, run, stored)
     marks = [""] * len(works) if units is None else units.marks(works)

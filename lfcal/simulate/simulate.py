@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lfcal.base import InputError, Work, drained, format_bytes, plain
-from lfcal.camera import Camera, ScanPlan
+from lfcal.camera import ScanPlan
 from lfcal.psf import Facts, Header, Plane, PlaneSource, PSFMatrix, Reopening, Stored, Zeros, iter_make
 from lfcal.simulate.accuracy import task_bytes
 from lfcal.simulate.effects import CATALOGUE, Effect, effect_from
@@ -31,7 +31,7 @@ class Simulation(PlaneSource):
 
     Parameters
     ----------
-    camera, plan, effects, level, tolerance, sampling
+    plan, effects, level, tolerance, sampling
         As in `simulate_psf`.
     provenance
         Kept with H, besides what it can be simulated again from.
@@ -42,7 +42,6 @@ class Simulation(PlaneSource):
 
     def __init__(
         self,
-        camera: Camera,
         plan: ScanPlan,
         effects: EffectsLike,
         level: str,
@@ -51,7 +50,6 @@ class Simulation(PlaneSource):
         *,
         provenance: Mapping[str, Any] | None = None,
     ) -> None:
-        _check_plan(camera, plan)
         self.plan, self.level, self.sampling = plan, level, sampling
         self.budget = budgeted(effects, plan, tolerance)
         self.header = header_of(plan, {**self.provenance(), **(provenance or {})})
@@ -152,7 +150,6 @@ def effects_told(said: Iterable[Mapping[str, Any]]) -> tuple[Effect, ...]:
 
 
 def iter_simulate_psf(
-    camera: Camera,
     plan: ScanPlan,
     effects: EffectsLike = "auto",
     level: str = "auto",
@@ -167,7 +164,7 @@ def iter_simulate_psf(
     store_tolerance: float | None = None,
     run: RunChoice | None = None,
 ) -> Work[PSFMatrix]:
-    """Return H of ``camera`` for a scan plan, by simulation.
+    """Return H of a scan plan by simulation of its camera.
 
     Values are shares of the light that passes the iris towards the lenslets: the sum over an infinite cutout is
     what the lenslets let through. Effects on the motion and on the sensor frame do not enter H: they belong to
@@ -175,11 +172,9 @@ def iter_simulate_psf(
 
     Parameters
     ----------
-    camera
-        The camera; the plan's own.
     plan
-        Period, cutout, depths and anchor: H has shape ``plan.shape``, axes (z, y, x, t, s). Where the plan resamples
-        its frames, pixels of H are those of the resampled frames: light is integrated over their area.
+        Camera, period, cutout, depths and anchor: H has shape ``plan.shape``, axes (z, y, x, t, s). Where the plan
+        resamples its frames, pixels of H are those of the resampled frames: light is integrated over their area.
     effects
         A tuple of effects, ``()`` for the ideal camera; an `EffectSelection`; or ``"auto"``: what `plan_effects`
         finds necessary for ``tolerance``.
@@ -220,7 +215,7 @@ def iter_simulate_psf(
     Raises
     ------
     InputError
-        If plan, camera and effects do not fit, or H is too large for memory.
+        If plan and effects do not fit, or H is too large for memory.
     EnergyError
         If more light came out of a response than went in: the sampling is too coarse.
     StorageError
@@ -232,12 +227,12 @@ def iter_simulate_psf(
     >>> from lfcal.simulate import iter_simulate_psf
     >>> camera = preset("bench")
     >>> plan = ScanPlan(camera, (3, 5), cutout=(41, 41), depths_um=(camera.depth_of(2.0),), anchor=(160, 160))
-    >>> for step in iter_simulate_psf(camera, plan, effects=()):
+    >>> for step in iter_simulate_psf(plan, effects=()):
     ...     print(step.stage, step.count)
     simulate plane 1 of 1 0 of 3
     simulate plane 1 of 1 3 of 3
     """
-    work = Simulation(camera, plan, effects, level, tolerance, sampling, provenance=provenance)
+    work = Simulation(plan, effects, level, tolerance, sampling, provenance=provenance)
     if out is None:
         _check_memory(plan)
     return (yield from iter_make(work, out, Stored(dtype, compression, store_tolerance), run=run, workers=workers))
@@ -252,7 +247,7 @@ simulate_psf = drained(
     >>> from lfcal.simulate import simulate_psf
     >>> camera = preset("bench")
     >>> plan = ScanPlan(camera, (3, 5), cutout=(41, 41), depths_um=(camera.depth_of(2.0),), anchor=(160, 160))
-    >>> H = simulate_psf(camera, plan, effects=())
+    >>> H = simulate_psf(plan, effects=())
     >>> print(H.shape, f"{H.plane(0)[1, 2].sum():.2f} of the light passes the round lenslets")
     (1, 3, 5, 41, 41) 0.84 of the light passes the round lenslets
     """,
@@ -264,11 +259,3 @@ def _check_memory(plan: ScanPlan) -> None:
     if need > MEMORY_LIMIT:
         limit = f"at most {format_bytes(MEMORY_LIMIT)}"
         raise InputError.expected("H in memory", limit, format_bytes(need), "name a file with out=")
-
-
-def _check_plan(camera: Camera, plan: ScanPlan) -> None:
-    """Raise `InputError` unless H of ``plan`` can be computed for ``camera``."""
-    if camera != plan.camera:
-        raise InputError.expected(
-            "camera", f"the plan's ({plan.camera.name})", camera.name, "make the plan for this camera"
-        )

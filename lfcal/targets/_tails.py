@@ -116,7 +116,7 @@ def simulated_tails(plan: ScanPlan, z: int, *, level: str = "auto") -> Tails:
         ``"geometric"``: rays, whose patterns end; ``"auto"``: waves, with the diffraction of lenslets and iris.
     """
     on = dict.fromkeys((LensletDiffraction.name, IrisDiffraction.name), "on")
-    effects = plan_effects(plan.camera, plan, TOLERANCE, on).effects
+    effects = plan_effects(plan, TOLERANCE, on).effects
     response = _response(plan, z, effects, WINDOWS[0], level=level, tolerance=TOLERANCE)
     light = None
     if response.level == "wave" and (light := _light_by_grid(plan, z, effects)) is None:

@@ -96,7 +96,7 @@ class TargetCamera(Frames):
         self.plan, self.target = plan, really or plan.target
         scan = plan.scan
         if effects == "auto":
-            effects = plan_effects(scan.camera, scan, tolerance_for(effects, tolerance), frames=True, peak=peak).effects
+            effects = plan_effects(scan, tolerance_for(effects, tolerance), frames=True, peak=peak).effects
         budget = budgeted(effects, scan, tolerance)
         chosen = budget.effects
         if any(isinstance(effect, MotionEffect) for effect in chosen):

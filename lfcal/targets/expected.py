@@ -59,7 +59,7 @@ def noise_share(scan: ScanPlan, z: int, *, level: str = "auto") -> float:
     Photon noise and read noise of the pixels of a cutout, Gaussian: the mean of ``|x|`` is ``sqrt(2 / pi)`` times its
     standard deviation. Exposures are those of a simulated session, whose brightest pixel reaches 0.8 of the range.
     """
-    effects = plan_effects(scan.camera, scan, TOLERANCE).effects
+    effects = plan_effects(scan, TOLERANCE).effects
     camera = SimulatedCamera(scan, effects, level=level, tolerance=TOLERANCE)
     ny, nx = scan.period
     order = scan.order_indices()

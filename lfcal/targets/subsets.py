@@ -39,7 +39,7 @@ def subset_patterns(plan: TargetPlan, z: int, frames: int) -> NDArray[np.float64
     round. NaN beyond each pattern's own cutout.
     """
     scan = plan.scan
-    effects = plan_effects(scan.camera, scan, TOLERANCE).effects
+    effects = plan_effects(scan, TOLERANCE).effects
     response = PlaneResponse(scan, z, effects, tolerance=TOLERANCE, on_sensor=True)
     step = scan.camera.step_um(scan.depths_um[z])
     apart = [pitch / step for pitch in plan.target.pitch_um]

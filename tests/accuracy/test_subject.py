@@ -62,21 +62,21 @@ def test_a_simulated_sample_is_the_middle_of_a_simulated_h(plan: ScanPlan, monke
     monkeypatch.setattr(module, "SAMPLE_BYTES", 4 * 9 * 15 * 15)
     monkeypatch.setattr(module, "LONGEST_WAVES", 0.0)
     sample = drain(Subject("small", plan).iter_sample(1))
-    effects = plan_effects(plan.camera, plan, module.EFFECTS_TOLERANCE)
+    effects = plan_effects(plan, module.EFFECTS_TOLERANCE)
     middle = replace(plan, depths_um=plan.depths_um[1:2], exposure_s=plan.exposures[1:2])
-    (whole,) = simulate_psf(plan.camera, middle, effects, level="geometric", tolerance=module.TOLERANCE)
+    (whole,) = simulate_psf(middle, effects, level="geometric", tolerance=module.TOLERANCE)
     np.testing.assert_allclose(sample.matrix[0], whole[:, :, 3:18, 3:18], atol=1e-6 * float(whole.max()))
     assert "by rays" in sample.notes[0] or "level geometric, as waves take longer" in sample.notes[0]
 
 
 def test_the_plan_of_h_is_the_one_it_was_made_with(plan: ScanPlan, tmp_path: Path) -> None:
-    H = simulate_psf(plan.camera, plan, (), "geometric", out=tmp_path / "H.h5", provenance={"plan": plan.to_dict()})
+    H = simulate_psf(plan, (), "geometric", out=tmp_path / "H.h5", provenance={"plan": plan.to_dict()})
     with H:
         assert Subject.of_matrix(H, "H").planned == plan
 
 
 def test_the_plan_of_h_is_made_of_its_camera_where_it_tells_none(plan: ScanPlan) -> None:
-    H = simulate_psf(plan.camera, plan, (), "geometric")
+    H = simulate_psf(plan, (), "geometric")
     found = Subject.of_matrix(H, "H").planned
     assert (found.camera, found.shape, found.anchor) == (plan.camera, plan.shape, plan.anchor)
     assert found.depths_um == plan.depths_um

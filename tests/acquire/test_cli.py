@@ -165,7 +165,7 @@ def test_by_default_the_simulator_records_the_camera_of_the_plan(
     assert run(*arguments, monkeypatch=monkeypatch) == 0
     assert "frames: simulated, the plan's camera (optics=auto)" in capsys.readouterr().out
     assert SessionFile.read(out).devices.optics == "auto"
-    expected = simulate_psf(bench_plan.camera, bench_plan)
+    expected = simulate_psf(bench_plan)
     with open_psf(matrix) as recorded:
         assert recorded.provenance["optics"] == "auto"
         for at in np.ndindex(recorded.shape[:3]):

@@ -75,7 +75,7 @@ def test_frames_of_a_resampled_plan_become_the_simulated_h(
 
 def light_of(plan: ScanPlan, points: list[tuple[int, float, float]]) -> np.ndarray:
     """Return the sensor's light of points (plane, row, column) anywhere between the positions of the plan."""
-    effects = plan_effects(plan.camera, plan, 0.03).effects
+    effects = plan_effects(plan, 0.03).effects
     rows, columns = plan.camera.sensor.shape
     image = np.zeros((rows + 200, columns + 200))
     for z, y, x in points:

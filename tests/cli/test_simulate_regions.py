@@ -38,7 +38,7 @@ def test_regions_differ_by_the_effects_of_the_field(
     assert loss.losses[0] == 0 and loss.losses[1:].min() > 0.01
     own = plan.plan(2)
     settings, given = parse_effects([EFFECT])
-    alone = simulate_psf(own.camera, own, plan_effects(own.camera, own, 0.1, settings, effects=given), tolerance=0.1)
+    alone = simulate_psf(own, plan_effects(own, 0.1, settings, effects=given), tolerance=0.1)
     with open_psf(out, region=plan.names[2]) as stored:
         assert stored.anchor == own.anchor
         np.testing.assert_allclose(stored.plane(0), alone.plane(0), atol=1e-5 * alone.plane(0).max())

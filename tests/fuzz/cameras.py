@@ -131,7 +131,7 @@ def _load_engines() -> None:
 
 def verdict(trial: Trial, *, timed: bool = False) -> tuple[str, str, float, float]:
     """Return what is wrong (empty: nothing), what it refused, CPU-seconds forecast and taken (0 unless ``timed``)."""
-    camera, plan = trial.plan.camera, trial.plan
+    plan = trial.plan
     arguments: dict[str, Any] = {"effects": trial.effects, "tolerance": trial.tolerance}
     wrong, forecast, taken = [], 0.0, 0.0
     _load_engines()
@@ -144,7 +144,7 @@ def verdict(trial: Trial, *, timed: bool = False) -> tuple[str, str, float, floa
         if timed:
             forecast = predict_seconds(plan, **arguments)
         start = time.process_time()
-        H = simulate_psf(camera, plan, workers=1, **arguments)
+        H = simulate_psf(plan, workers=1, **arguments)
         taken = time.process_time() - start
     except LfcalError as error:
         text = str(error)

@@ -133,12 +133,12 @@ def assert_says_how(matrix: PSFMatrix) -> None:
 
 def test_each_simulated_plane_says_how_it_was_computed(tmp_path: Path) -> None:
     plan = small()
-    assert_says_how(simulate_psf(plan.camera, plan, BASE, sampling=FAST))
-    with simulate_psf(plan.camera, plan, BASE, sampling=FAST, out=tmp_path / "file.h5") as H:
+    assert_says_how(simulate_psf(plan, BASE, sampling=FAST))
+    with simulate_psf(plan, BASE, sampling=FAST, out=tmp_path / "file.h5") as H:
         assert_says_how(H)
         assert_says_how(open_psf(drain(iter_transpose_file(H, tmp_path / "HT.h5"))))
     how = {"tolerance": 0.3, "out": tmp_path / "units.h5"}
-    with drain(iter_simulate_psf(plan.camera, plan, run=RunChoice("threads"), **how)) as H:
+    with drain(iter_simulate_psf(plan, run=RunChoice("threads"), **how)) as H:
         assert_says_how(H)
 
 
@@ -146,7 +146,7 @@ def test_a_plane_that_a_pass_keeps_says_how_it_was_computed_before(tmp_path: Pat
     plan = small()
     for run in (None, RunChoice("threads")):
         out = tmp_path / f"{run is None}.h5"
-        with drain(iter_refine_psf(plan.camera, plan, tolerance=0.3, out=out, run=run)) as H:
+        with drain(iter_refine_psf(plan, tolerance=0.3, out=out, run=run)) as H:
             assert_says_how(H)
 
 
@@ -183,7 +183,7 @@ def test_the_commit_is_read_from_a_checkout_of_any_form(tmp_path: Path) -> None:
 def test_simulated_frames_give_counts_and_a_computed_h_shares_of_the_light() -> None:
     """H of frames of a simulated session was labelled as shares of the light."""
     plan = replace(small_plan(), period=(1, 2))
-    assert light_shares(simulate_psf(plan.camera, plan, (), "geometric").provenance)
+    assert light_shares(simulate_psf(plan, (), "geometric").provenance)
     frames = SimulatedCamera(plan, (Quantisation(),), level="geometric")
     found = assemble_plan(frames, plan).matrix
     assert "simulated" in found.provenance and found[0, 0, 0].max() > 1 and not light_shares(found.provenance)

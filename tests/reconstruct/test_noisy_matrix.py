@@ -39,7 +39,7 @@ def exact() -> np.ndarray:
     camera = replace(camera, lattice=replace(camera.lattice, kind="square", types=camera.lattice.types[1:2]))
     depths = tuple(camera.depth_of(v) for v in (2.2, 3.0))
     plan = ScanPlan(camera, (11, 11), cutout=(41, 41), depths_um=depths, anchor=(137, 137))
-    values = np.asarray(simulate_psf(camera, plan, effects=(), tolerance=0.1)[:], np.float64)
+    values = np.asarray(simulate_psf(plan, effects=(), tolerance=0.1)[:], np.float64)
     return values / values.max()
 
 

@@ -40,7 +40,7 @@ def measured(depths, cutout):
         sensor=replace(camera.sensor, shape=(435, 435), pixel_um=pitch / 15),
     )
     plan = ScanPlan.for_camera(camera, depths_um=depths, cutout=cutout)
-    H = simulate_psf(camera, plan, plan_effects(camera, plan, 0.3), tolerance=0.3)
+    H = simulate_psf(plan, plan_effects(plan, 0.3), tolerance=0.3)
     corner = lattice_anchor_of(H)
     view = Resampling.of_fit(fit, H.period, corner)
     chain = CorrectionChain((Dark(dark), White(white, dark)))

@@ -36,7 +36,7 @@ def microscope() -> PSFMatrix:
         sensor=replace(camera.sensor, shape=(165, 165), pixel_um=100.1 / 11),
     )
     plan = ScanPlan.for_camera(camera, depths_um=(-4.0, 0.0, 4.0), cutout=101)
-    return simulate_psf(camera, plan, plan_effects(camera, plan, 0.3), tolerance=0.3)
+    return simulate_psf(plan, plan_effects(plan, 0.3), tolerance=0.3)
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def textured() -> tuple[Projector, tuple[slice, slice]]:
     camera = replace(camera, lattice=replace(camera.lattice, kind="square", types=camera.lattice.types[1:2]))
     depths = tuple(camera.depth_of(v) for v in (2.2, 2.8, 3.4))
     plan = ScanPlan(camera, (11, 11), cutout=(45, 45), depths_um=depths, anchor=(137, 137))
-    H = simulate_psf(camera, plan, effects=(), tolerance=0.1)
+    H = simulate_psf(plan, effects=(), tolerance=0.1)
     # without the camera: nothing but the stretch tells it from accelerated Richardson-Lucy
     return Projector(H[:], (77, 77), anchor=(5, 5), workers=1), (slice(14, -14), slice(14, -14))
 
@@ -200,7 +200,7 @@ def test_where_every_point_lies_under_several_lenslets_the_sieve_is_as_fine_as_v
     """A main lens and hexagonal lenslets, one type and three: beyond virtual depth 2 what is left is acceleration."""
     camera = CAMERAS[name]().camera
     plan = ScanPlan.for_camera(camera, virtual_depths=(1.5, 3.0), cutout=41)
-    H = simulate_psf(camera, plan, plan_effects(camera, plan, 0.3), tolerance=0.3)
+    H = simulate_psf(plan, plan_effects(plan, 0.3), tolerance=0.3)
     shape = (72, 72)
     P = Projector(H, shape, workers=1)
     assert sieve_of(P).sigmas == pytest.approx((SIEVE * camera.pitch_px / 2, FINE))

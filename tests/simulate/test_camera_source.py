@@ -69,24 +69,24 @@ def test_is_a_frame_source_in_scan_order() -> None:
 )
 def test_frames_without_noise_assemble_to_h_exactly(effects: tuple[Effect, ...]) -> None:
     plan = corner(small_plan())
-    h = simulate_psf(plan.camera, plan, effects, sampling=FAST).plane(0)
+    h = simulate_psf(plan, effects, sampling=FAST).plane(0)
     assert difference(assembled(SimulatedCamera(plan, effects, sampling=FAST)), h) < 2e-6
 
 
 @pytest.mark.parametrize("anchor", [(70.4, 64.0), (70.0, 64.5), (69.7, 64.2)])
 def test_anchor_between_pixels(anchor: tuple[float, float]) -> None:
     plan = corner(small_plan(anchor=anchor), 2, 2)
-    h = simulate_psf(plan.camera, plan, BASE, sampling=FAST).plane(0)
+    h = simulate_psf(plan, BASE, sampling=FAST).plane(0)
     assert difference(assembled(SimulatedCamera(plan, BASE, sampling=FAST)), h) < 2e-6
     whole = corner(small_plan(anchor=tuple(float(np.ceil(v - 0.5)) for v in anchor)), 2, 2)
-    assert difference(simulate_psf(plan.camera, whole, BASE, sampling=FAST).plane(0), h) > 0.01
+    assert difference(simulate_psf(whole, BASE, sampling=FAST).plane(0), h) > 0.01
 
 
 def test_noisy_frames_assemble_to_h_within_the_noise() -> None:
     plan = corner(small_plan(), 4, 6)
     source = SimulatedCamera(plan, (*BASE, *NOISE), sampling=FAST, seed=2)
     assert source.dtype == np.uint16 and source.read(0).dtype == np.uint16
-    h = simulate_psf(plan.camera, plan, BASE, sampling=FAST).plane(0)
+    h = simulate_psf(plan, BASE, sampling=FAST).plane(0)
     sensor = plan.camera.sensor
     electrons = h.astype(float) * source.electrons_per_unit(0)
     lsb = sensor.electrons_per_count

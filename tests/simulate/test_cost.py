@@ -59,6 +59,6 @@ def test_simulations_correct_the_forecast(off: float, monkeypatch: pytest.Monkey
     monkeypatch.setattr(cost, "_timed_rate", lambda: cost.FITTED_RATE / off)
     before = machine_rate()
     for _ in range(4):
-        simulate_psf(plan.camera, plan, (), "wave", workers=1)
+        simulate_psf(plan, (), "wave", workers=1)
     # as far as simulations may correct it, in the right direction
     assert machine_rate() == pytest.approx(before * (5 if off > 1 else 0.2), rel=1e-6)

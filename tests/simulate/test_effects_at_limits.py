@@ -93,7 +93,7 @@ def test_extremes_are_computed_or_refused(effect: Effect, side: bool) -> None:
 def test_an_effect_that_is_not_called_for_costs_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Not planned, not asked; and of no size, the engines do the same work, call by call, on the same scene."""
     effect, plan = NOMINAL[name], small_plan(cutout=31)
-    assert not plan_effects(plan.camera, plan).row(name).on
+    assert not plan_effects(plan).row(name).on
     counted: list[str] = []
     for module, function in ((wave, "build_tables"), (wave, "respond"), (geometric, "draw_spots")):
         plain = getattr(module, function)
@@ -108,13 +108,13 @@ def test_an_effect_that_is_not_called_for_costs_nothing(name: str, monkeypatch: 
     methods = ("on_scene", "spread", "kernel", "on_frame")
     for method in (m for m in methods if hasattr(CATALOGUE.get(name), m)):
         monkeypatch.setattr(type(effect), method, lambda *_: pytest.fail("an effect that is off was asked"))
-    simulate_psf(plan.camera, plan, plan_effects(plan.camera, plan, 0.2), sampling=FAST)
+    simulate_psf(plan, plan_effects(plan, 0.2), sampling=FAST)
 
 
 @pytest.mark.parametrize("name", [*sorted(NOMINAL), "angular_response"])
 def test_it_is_off_unless_called_for_and_then_given_or_asked(name: str) -> None:
     plan = small_plan(cutout=31)
     for frames in (False, True):
-        assert not plan_effects(plan.camera, plan, 1e-4, frames=frames).row(name).on
-    wanted = plan_effects(plan.camera, plan, overrides={name: "on"}, frames=True).row(name)
+        assert not plan_effects(plan, 1e-4, frames=frames).row(name).on
+    wanted = plan_effects(plan, overrides={name: "on"}, frames=True).row(name)
     assert wanted.on and wanted.effect == CATALOGUE.get(name)()

@@ -47,9 +47,9 @@ def test_a_bent_sensor_reads_what_the_curve_says() -> None:
 
 def test_nonlinearity_is_no_part_of_h_and_off_by_itself() -> None:
     plan = small_plan(cutout=31)
-    row = plan_effects(plan.camera, plan, frames=True).row("nonlinearity")
+    row = plan_effects(plan, frames=True).row("nonlinearity")
     assert not row.on and "not known of this camera" in row.reason
-    asked = plan_effects(plan.camera, plan, overrides={"nonlinearity": "on"}).row("nonlinearity")
+    asked = plan_effects(plan, overrides={"nonlinearity": "on"}).row("nonlinearity")
     assert not asked.on and "not on H" in asked.reason
     with pytest.raises(InputError, match="share"):
         SensorNonlinearity(0.6)
@@ -109,5 +109,5 @@ def test_a_ghost_is_told_by_whether_it_meets_the_cutout() -> None:
         measured = difference(*(c.read(40)[part].astype(float) - black for c in (plain, camera)))
         assert 0.5 * measured <= estimate.error + 1e-9 and estimate.error <= 2 * measured + 1e-9
         assert (measured > 0.01) == meets and ("misses" in estimate.formula) == (not meets)
-    row = plan_effects(far.camera, far, effects=(Ghost(0.05),)).row("ghost")
+    row = plan_effects(far, effects=(Ghost(0.05),)).row("ghost")
     assert not row.on and "not on H" in row.reason

@@ -41,11 +41,11 @@ def foreign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
 def test_the_documented_effect_is_planned_and_enters_h(foreign: Install) -> None:
     foreign(PAGE[0], "ArrayDecentre")
     plan = replace(small_plan(cutout=41), period=(2, 3))
-    row = plan_effects(plan.camera, plan, 0.03).row("array_decentre")
+    row = plan_effects(plan, 0.03).row("array_decentre")
     assert not row.on and "not known of this camera" in row.reason
-    switched = plan_effects(plan.camera, plan, 0.03, {"array_decentre": "on"})
-    plain = simulate_psf(plan.camera, plan, plan_effects(plan.camera, plan, 0.03), sampling=FAST)
-    decentred = simulate_psf(plan.camera, plan, switched, sampling=FAST)
+    switched = plan_effects(plan, 0.03, {"array_decentre": "on"})
+    plain = simulate_psf(plan, plan_effects(plan, 0.03), sampling=FAST)
+    decentred = simulate_psf(plan, switched, sampling=FAST)
     assert difference(plain.plane(0), decentred.plane(0)) > 0.02
     names = {"plan": plan, "plan_effects": plan_effects, "simulate_psf": simulate_psf}
     exec(f"from their_effects import *\n{PAGE[1]}", names)  # the page's second block, as it stands
@@ -169,6 +169,6 @@ def test_a_foreign_frame_effect_has_its_own_random_numbers(foreign: Install) -> 
 def test_a_plan_may_leave_a_foreign_effect_out(foreign: Install) -> None:
     foreign(HOT, "Flicker")
     plan: ScanPlan = small_plan(cutout=31)
-    assert not plan_effects(plan.camera, plan).row("flicker").on
-    assert plan_effects(plan.camera, plan, frames=True).row("flicker").on
-    assert plan_effects(plan.camera, plan, frames=True).row("flicker").seconds > 0
+    assert not plan_effects(plan).row("flicker").on
+    assert plan_effects(plan, frames=True).row("flicker").on
+    assert plan_effects(plan, frames=True).row("flicker").seconds > 0

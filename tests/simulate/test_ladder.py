@@ -39,7 +39,7 @@ COARSE_TO_FINE = [
 @pytest.fixture(scope="module")
 def measured(pytestconfig: pytest.Config) -> Ladder:
     plan, positions = small_plan(), 2 if pytestconfig.getoption("--long") else 1
-    return ladder(plan.camera, plan, 0.05, positions=positions, samplings=COARSE_TO_FINE)
+    return ladder(plan, 0.05, positions=positions, samplings=COARSE_TO_FINE)
 
 
 @pytest.mark.long
@@ -82,18 +82,16 @@ def test_picture(measured: Ladder, tmp_path: Path) -> None:
 
 def test_progress_and_bad_input() -> None:
     plan = small_plan()
-    work = iter_ladder(plan.camera, plan, samplings=COARSE_TO_FINE[:1])
+    work = iter_ladder(plan, samplings=COARSE_TO_FINE[:1])
     assert next(work).total == 3
     work.close()
     with pytest.raises(InputError, match="plane"):
-        ladder(plan.camera, plan, z=3)
-    with pytest.raises(InputError, match="one camera"):
-        ladder(preset("r29"), plan)
+        ladder(plan, z=3)
 
 
 def test_too_coarse_a_sampling_is_refused_by_its_energy() -> None:
     plan = small_plan(cutout=41)
-    found = ladder(plan.camera, plan, positions=1, samplings=[Sampling(nodes_per_px=1, margin_px=2)])
+    found = ladder(plan, positions=1, samplings=[Sampling(nodes_per_px=1, margin_px=2)])
     assert len(found.refused) == 1 and [r.level for r in found.rungs] == ["geometric"]
 
 
@@ -107,10 +105,10 @@ def test_seconds_are_foretold(case: str) -> None:
     else:
         plan = ScanPlan.for_camera(small_camera(), virtual_depths=[4.0, 2.5])
     effects = BASE if case != "microscope" else "auto"
-    simulate_psf(plan.camera, replace(plan, period=(1, 2)), effects, tolerance=0.12)  # compile
+    simulate_psf(replace(plan, period=(1, 2)), effects, tolerance=0.12)  # compile
     foretold = predict_seconds(plan, effects, tolerance=0.12)
     start = time.process_time()
-    simulate_psf(plan.camera, plan, effects, tolerance=0.12, workers=1)
+    simulate_psf(plan, effects, tolerance=0.12, workers=1)
     spent = time.process_time() - start
     assert spent / 4 < foretold < 4 * spent + 0.1
 
@@ -136,7 +134,7 @@ def test_what_a_session_makes_once_is_not_foretold(
 
 def test_a_measurement_that_is_stopped_has_told_its_rungs() -> None:
     plan = small_plan()
-    running = iter_ladder(plan.camera, plan, 0.05, positions=1, samplings=COARSE_TO_FINE[:1])
+    running = iter_ladder(plan, 0.05, positions=1, samplings=COARSE_TO_FINE[:1])
     records = [next(running) for _ in range(3)]
     running.close()
     told = [getattr(record, "ladder", None) for record in records]

@@ -233,9 +233,7 @@ def test_aberrations_of_lens_types_are_one_a_type() -> None:
 
 def test_rays_do_not_show_aberrated_lenslets_and_waves_are_called_for() -> None:
     plan = small_plan(cutout=31)
-    found = plan_effects(
-        plan.camera, plan, 2.0, effects=(LensletSpherical(8.0),), overrides={"lenslet_spherical": "on"}
-    )
+    found = plan_effects(plan, 2.0, effects=(LensletSpherical(8.0),), overrides={"lenslet_spherical": "on"})
     assert found.level == "wave"
 
 

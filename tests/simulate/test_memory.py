@@ -35,7 +35,7 @@ def plan_of(name: str, where: float) -> ScanPlan:
 def test_it_is_enough_and_not_many_times_too_much(name: str, where: float, level: str, tolerance: float) -> None:
     plan = plan_of(name, where)
     allowed = predict_bytes(plan, BASE, level, tolerance=tolerance, workers=1)
-    _, taken = peak_bytes(lambda: simulate_psf(plan.camera, plan, BASE, level, tolerance=tolerance, workers=1))
+    _, taken = peak_bytes(lambda: simulate_psf(plan, BASE, level, tolerance=tolerance, workers=1))
     assert taken <= allowed
     assert allowed < TIGHT * taken or allowed < 64 << 20
 

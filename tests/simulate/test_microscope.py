@@ -202,7 +202,7 @@ def test_light_out_of_nothing_is_computed_again_more_finely() -> None:
     """Probes miss what a later position shows: the response refines itself, and tells the one who fixed the nodes."""
     camera = preset("lfm_20x05")
     plan = ScanPlan.for_camera(camera, depths_um=[-10.0], cutout=39)
-    effects = plan_effects(camera, plan, 0.03).effects
+    effects = plan_effects(plan, 0.03).effects
     response = PlaneResponse(plan, 0, effects)
     response.engine()
     response._engines[0.525] = DebyePlane(response.scene, Sampling(nodes_per_px=1))
@@ -221,7 +221,7 @@ def test_light_out_of_nothing_is_computed_again_more_finely() -> None:
 def test_a_tolerance_that_no_sampling_keeps_is_told_by_what_is_reached() -> None:
     camera = preset("lfm_20x05")
     plan = ScanPlan.for_camera(camera, depths_um=[-10.0], cutout=39)
-    response = PlaneResponse(plan, 0, plan_effects(camera, plan, 0.03).effects, tolerance=1e-9)
+    response = PlaneResponse(plan, 0, plan_effects(plan, 0.03).effects, tolerance=1e-9)
     response.rows([0], [0])
     assert 1e-9 < response.reached < 1e-3
 
@@ -243,7 +243,7 @@ def test_other_objectives_and_lenslets_keep_the_tolerance(objective, lenslet, z)
     lattice = LensletLattice("square", *lenslet, (LensType.focused_at(math.inf, lenslet[1]),))
     camera = replace(preset("lfm_20x05"), optics=objective, lattice=lattice)
     plan = ScanPlan.for_camera(camera, depths_um=[z], cutout=61)
-    effects = plan_effects(camera, plan, 0.03).effects
+    effects = plan_effects(plan, 0.03).effects
     response = PlaneResponse(plan, 0, effects, tolerance=0.03)
     fine = DebyePlane(response.scene, Sampling(nodes_per_px=12))
     for y, x in ((0, 0), (2, 5), (7, 7), (3, 11)):

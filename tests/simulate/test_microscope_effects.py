@@ -91,13 +91,13 @@ def test_estimate_of_the_mismatch(objective, lenslet, mismatch, z):
 def test_the_planner_switches_the_vector_field_on_where_it_shows():
     camera = preset("lfm_60x12")
     near, far = (ScanPlan.for_camera(camera, depths_um=[z], cutout=39) for z in (0.0, 40.0))
-    found = plan_effects(camera, near, 0.03)
-    row, scalar = found.row("vectorial"), plan_effects(camera, near, 0.03, {"vectorial": "off"})
+    found = plan_effects(near, 0.03)
+    row, scalar = found.row("vectorial"), plan_effects(near, 0.03, {"vectorial": "off"})
     assert row.on and "above" in row.reason and found.seconds > 2 * scalar.seconds > 0
-    assert not plan_effects(camera, far, 0.03).row("vectorial").on
+    assert not plan_effects(far, 0.03).row("vectorial").on
     bench = preset("bench")
     plan = ScanPlan.for_camera(bench, virtual_depths=[4.0])
-    lens = plan_effects(bench, plan, 1e-6).row("vectorial")
+    lens = plan_effects(plan, 1e-6).row("vectorial")
     assert not lens.on and lens.estimate.error == 0 and lens.seconds == 0 and "f/2" in lens.estimate.formula
     for effect in (VectorialPupil(), IndexMismatch(1.4, 10.0)):
         outlook = Outlook(bench, plan.depths_um[0], plan.cutout, plan.period)
@@ -109,13 +109,13 @@ def test_h_with_both_effects_says_so():
     camera = preset("lfm_20x05")
     plan = ScanPlan.for_camera(camera, depths_um=[0.0], cutout=15)
     given = (VectorialPupil(), IndexMismatch(WATER, 3.0))
-    H = simulate_psf(camera, plan, given, tolerance=0.05)
+    H = simulate_psf(plan, given, tolerance=0.05)
     assert H.provenance["simulated"]["effects"] == [
         {"name": "vectorial"},
         {"name": "index_mismatch", "index": WATER, "depth_um": 3.0},
     ]
     assert 0 < H.facts.error[0] < 0.05
-    plain = simulate_psf(camera, plan, (LensletDiffraction(),), tolerance=0.05)
+    plain = simulate_psf(plan, (LensletDiffraction(),), tolerance=0.05)
     assert relative_error(H.plane(0), plain.plane(0)) > 0.05
 
 

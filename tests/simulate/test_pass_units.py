@@ -51,12 +51,12 @@ def computed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Computed]:
 
 
 def refine(plan: ScanPlan, out: Path, run: RunChoice | None = GO_ON, tolerance: float = 0.05) -> None:
-    drain(iter_refine_psf(plan.camera, plan, tolerance=tolerance, out=out, workers=1, run=run)).close()
+    drain(iter_refine_psf(plan, tolerance=tolerance, out=out, workers=1, run=run)).close()
 
 
 @pytest.mark.long
 def test_planes_are_joined_from_none_to_all(plan: ScanPlan, tmp_path: Path) -> None:
-    work = iter_refine_psf(plan.camera, plan, tolerance=0.05, out=tmp_path / "H.h5", workers=1, run=GO_ON)
+    work = iter_refine_psf(plan, tolerance=0.05, out=tmp_path / "H.h5", workers=1, run=GO_ON)
     joined: list[int] = []
     seen = 0
     while True:

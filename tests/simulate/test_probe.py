@@ -161,17 +161,17 @@ def test_h_states_what_each_plane_reached(tmp_path: Path) -> None:
     camera = small_camera(96, 96)
     plan = ScanPlan.for_camera(camera, virtual_depths=[3.0, 4.0], cutout=21)
     plan = replace(plan, period=(2, 3))
-    H = simulate_psf(camera, plan, BASE, tolerance=0.05)
+    H = simulate_psf(plan, BASE, tolerance=0.05)
     errors = H.facts.known()["error"]
     assert errors.shape == (2,) and (errors > 0.001).all() and (errors <= 0.05).all()
-    rays = simulate_psf(camera, plan, BASE, "geometric", tolerance=0.05)
+    rays = simulate_psf(plan, BASE, "geometric", tolerance=0.05)
     assert (rays.facts.known()["error"] > 0.2).all()
-    fixed = simulate_psf(camera, plan, BASE, sampling=Sampling(nodes_per_px=3))
+    fixed = simulate_psf(plan, BASE, sampling=Sampling(nodes_per_px=3))
     assert all(math.isnan(e) for e in fixed.facts.known()["error"])
     # of what nobody measured a file says nothing, and not that it is right
-    stored = simulate_psf(camera, plan, BASE, sampling=Sampling(nodes_per_px=3), out=tmp_path / "H.h5")
+    stored = simulate_psf(plan, BASE, sampling=Sampling(nodes_per_px=3), out=tmp_path / "H.h5")
     assert "error" not in stored.facts.known() or np.isnan(stored.facts.known()["error"]).all()
-    reference = simulate_psf(camera, plan, BASE, "reference", tolerance=0.05)
+    reference = simulate_psf(plan, BASE, "reference", tolerance=0.05)
     assert (reference.facts.known()["error"] == 0.03).all()
 
 

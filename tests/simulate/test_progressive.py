@@ -46,14 +46,14 @@ def test_every_pass_is_a_whole_h_labelled_with_its_error(plan: ScanPlan, tmp_pat
             seen.append((found[:], [float(e) for e in found.facts.known()["error"]]))
 
     stages = []
-    work = iter_refine_psf(plan.camera, plan, tolerance=0.05, out=out, workers=1, on_pass=look)
+    work = iter_refine_psf(plan, tolerance=0.05, out=out, workers=1, on_pass=look)
     with pytest.raises(StopIteration) as stop:
         while True:
             stages.append(next(work))
     stop.value.value.close()
     assert len(seen) == 3 and {r.stage for r in stages} >= {"pass 1 of 3, simulate plane 2 of 2"}
     assert "H so far within" in stages[-1].note
-    truth = simulate_psf(plan.camera, plan, tolerance=0.015, workers=1)[:]
+    truth = simulate_psf(plan, tolerance=0.015, workers=1)[:]
     worst = [max(errors) for _, errors in seen]
     assert worst == sorted(worst, reverse=True) and worst[-1] <= 0.05
     for found, errors in seen:
@@ -72,7 +72,7 @@ def test_no_pass_is_open_when_the_next_takes_its_name(
     keep_open_files(monkeypatch, tmp_path)
     passes: list[PSFMatrix] = []
     run = RunChoice() if in_units else None
-    work = iter_refine_psf(plan.camera, plan, tolerance=0.3, out=tmp_path / "H.h5", on_pass=passes.append, run=run)
+    work = iter_refine_psf(plan, tolerance=0.3, out=tmp_path / "H.h5", on_pass=passes.append, run=run)
     with drain(work) as last:
         assert len(passes) == 2 and last is passes[-1] and np.isfinite(last[0, 0, 0]).all()
         with pytest.raises(ValueError, match=r"."):
@@ -84,7 +84,6 @@ def test_stopping_keeps_the_last_whole_pass(plan: ScanPlan, tmp_path: Path) -> N
     out = tmp_path / "H.h5"
     done: list[float] = []
     work = iter_refine_psf(
-        plan.camera,
         plan,
         tolerance=0.05,
         out=out,
@@ -114,8 +113,8 @@ def test_planes_that_keep_the_tolerance_are_not_computed_again(
 
     monkeypatch.setattr("lfcal.simulate.plane_task.PlaneResponse", Counted)
     monkeypatch.setattr(progressive, "passes_for", lambda *_: (Pass("wave", 0.05), Pass("wave", 0.05)))
-    effects = plan_effects(plan.camera, plan, 0.05)
-    for _ in iter_refine_psf(plan.camera, plan, effects, out=tmp_path / "H.h5", workers=1):
+    effects = plan_effects(plan, 0.05)
+    for _ in iter_refine_psf(plan, effects, out=tmp_path / "H.h5", workers=1):
         pass
     assert [z for z, _ in made] == [0, 1]
 
@@ -125,8 +124,8 @@ def test_effects_are_chosen_for_each_pass(plan: ScanPlan, tmp_path: Path) -> Non
 
     def choose(tolerance: float) -> object:
         asked.append(tolerance)
-        return plan_effects(plan.camera, plan, tolerance)
+        return plan_effects(plan, tolerance)
 
-    for _ in iter_refine_psf(plan.camera, plan, choose, tolerance=0.1, out=tmp_path / "H.h5", workers=1):  # type: ignore[arg-type]
+    for _ in iter_refine_psf(plan, choose, tolerance=0.1, out=tmp_path / "H.h5", workers=1):  # type: ignore[arg-type]
         pass
     assert asked == [1.0, pytest.approx(1 / 3), 0.1]

@@ -43,7 +43,7 @@ def from_frames(source: SimulatedCamera, cut: Cutout, position: tuple[int, int])
 def test_frames_assemble_to_the_direct_h(name: str, side: int, options: dict, cubic: float) -> None:
     """What is left is the interpolation: spots are finer than the sensor's pixels resolve."""
     plan = ScanPlan.for_camera(cropped(preset(name), side), resample=True, **options)
-    effects = plan_effects(plan.camera, plan, 0.03).effects
+    effects = plan_effects(plan, 0.03).effects
     direct = PlaneResponse(plan, 0, effects)
     source = SimulatedCamera(plan, effects)
     ny, nx = plan.period
@@ -62,7 +62,7 @@ def test_frames_assemble_to_the_direct_h(name: str, side: int, options: dict, cu
 
 def test_cubic_beats_linear_where_pixels_are_scaled() -> None:
     plan = ScanPlan.for_camera(cropped(preset("lfm_60x12"), 120), resample=True, depths_um=[-2.0], cutout=71)
-    effects = plan_effects(plan.camera, plan, 0.03).effects
+    effects = plan_effects(plan, 0.03).effects
     wanted = PlaneResponse(plan, 0, effects).rows([4], [9])[0, 0]
     source = SimulatedCamera(plan, effects)
     found = {k: from_frames(source, Cutout.for_plan(plan, interpolation=k), (4, 9)) for k in ("linear", "cubic")}
@@ -100,8 +100,8 @@ def propagated(plan: ScanPlan, z: int, y: int, x: int, per: int) -> np.ndarray:
 @pytest.mark.parametrize(("name", "z"), [("lfm_20x05", -12.0), ("lfm_60x12", -1.5), ("lfm_60x12", 2.0)])
 def test_against_one_large_transform(name: str, z: float) -> None:
     plan = ScanPlan.for_camera(cropped(preset(name), 120), depths_um=[z], cutout=61, resample=True)
-    effects = plan_effects(plan.camera, plan, 0.02, {"vectorial": "off"})
-    found = simulate_psf(plan.camera, plan, effects, tolerance=0.02)
+    effects = plan_effects(plan, 0.02, {"vectorial": "off"})
+    found = simulate_psf(plan, effects, tolerance=0.02)
     for y, x in ((0, 0), (4, 11)):
         wanted = propagated(plan, 0, y, x, 9)
         assert difference(found.plane(0)[y, x], wanted) < 0.02
@@ -110,9 +110,9 @@ def test_against_one_large_transform(name: str, z: float) -> None:
 
 def test_h_repeats_over_the_resampled_period() -> None:
     plan = ScanPlan.for_camera(cropped(preset("lfm_60x12"), 120), depths_um=[2.0], cutout=61, resample=True)
-    response = PlaneResponse(plan, 0, plan_effects(plan.camera, plan, 0.03).effects)
+    response = PlaneResponse(plan, 0, plan_effects(plan, 0.03).effects)
     one, next_one = response.rows([3, 18], [5])[:, 0]
     assert difference(next_one, one) < 1e-5
-    uneven = PlaneResponse(replace(plan, resample=False), 0, plan_effects(plan.camera, plan, 0.03).effects)
+    uneven = PlaneResponse(replace(plan, resample=False), 0, plan_effects(plan, 0.03).effects)
     one, next_one = uneven.rows([3, 18], [5])[:, 0]
     assert difference(next_one, one) > 0.02

@@ -82,14 +82,6 @@ def test_gap_may_differ_from_the_camera_and_leaves_the_image():
     assert moved.image_um == plain.image_um
 
 
-def test_grid_gives_period_and_cutout():
-    class Grid:
-        period, cutout = (7, 9), (21, 23)
-
-    scene = scene_of(preset("bench"), Grid(), virtual_depth=3.0)
-    assert (scene.period, scene.cutout) == ((7, 9), (21, 23))
-
-
 def test_nearest_pixel_and_offsets():
     offsets = np.zeros((26, 45, 2))
     offsets[3, 4] = (1.0, -2.0)
@@ -147,8 +139,6 @@ def test_bad_questions_are_refused():
     camera = preset("bench")
     with pytest.raises(InputError, match="both"):
         scene_of(camera, z_um=0.0, virtual_depth=2.0, cutout=(31, 31))
-    with pytest.raises(InputError, match="cutout"):
-        scene_of(camera, virtual_depth=2.0)
     with pytest.raises(InputError, match="nonsense"):
         scene_of(camera, virtual_depth=2.0, cutout=(31, 31), nonsense=1)
     with pytest.raises(InputError):

@@ -41,7 +41,7 @@ def two_planes() -> ScanPlan:
 
 def test_h_is_what_the_engine_says() -> None:
     plan = two_planes()
-    h = simulate_psf(plan.camera, plan, BASE, sampling=FAST)
+    h = simulate_psf(plan, BASE, sampling=FAST)
     assert h.shape == plan.shape and h.camera == plan.camera and h.anchor == plan.anchor
     assert h.depths.tolist() == list(plan.depths_um)
     scene, level = resolve_level(scene_for(plan, 1, BASE))
@@ -52,9 +52,9 @@ def test_h_is_what_the_engine_says() -> None:
 def test_streamed_file_equals_memory(tmp_path: Path) -> None:
     plan, path = two_planes(), tmp_path / "h.h5"
     effects = (*BASE, Crosstalk(0.01))
-    stored = simulate_psf(plan.camera, plan, effects, sampling=FAST, out=path, workers=2)
+    stored = simulate_psf(plan, effects, sampling=FAST, out=path, workers=2)
     assert stored.shape == plan.shape
-    kept = simulate_psf(plan.camera, plan, effects, sampling=FAST, workers=1)
+    kept = simulate_psf(plan, effects, sampling=FAST, workers=1)
     for z in range(2):
         assert np.array_equal(stored.plane(z), kept.plane(z))
     assert open_psf(path).provenance["simulated"]["effects"][-1] == {"name": "crosstalk", "share": 0.01}
@@ -62,7 +62,7 @@ def test_streamed_file_equals_memory(tmp_path: Path) -> None:
 
 def test_progress_and_cancel_leave_nothing(tmp_path: Path) -> None:
     plan = two_planes()
-    work = iter_simulate_psf(plan.camera, plan, BASE, sampling=FAST, out=tmp_path / "h.h5")
+    work = iter_simulate_psf(plan, BASE, sampling=FAST, out=tmp_path / "h.h5")
     first = next(work)
     assert first.total == 3 and first.done == 0 and "plane 1 of 2" in first.stage
     next(work)
@@ -106,47 +106,47 @@ def test_certificate_is_passed_on() -> None:
 
 def test_frame_and_motion_effects_do_not_enter_h() -> None:
     plan = corner(small_plan(cutout=31))
-    plain = simulate_psf(plan.camera, plan, ())
-    assert np.array_equal(simulate_psf(plan.camera, plan, (ReadNoise(), PositioningError())).plane(0), plain.plane(0))
+    plain = simulate_psf(plan, ())
+    assert np.array_equal(simulate_psf(plan, (ReadNoise(), PositioningError())).plane(0), plain.plane(0))
 
 
 def test_rays_do_not_lose_an_aberration() -> None:
     """Rays know no wavefront: with an aberration the light is followed as waves, or its share is stated as missing."""
     plan, coma = corner(small_plan()), Coma(0.5)
     waves = {"lenslet_diffraction": "off"}
-    found = plan_effects(plan.camera, plan, 0.3, waves, effects=(coma,))
+    found = plan_effects(plan, 0.3, waves, effects=(coma,))
     assert found.level == "wave" and found.row("coma").on
     alone, both, none = (
-        simulate_psf(plan.camera, plan, effects, tolerance=0.3)[:]
+        simulate_psf(plan, effects, tolerance=0.3)[:]
         for effects in ((coma,), (LensletDiffraction(), coma), (LensletDiffraction(),))
     )
     assert np.array_equal(alone, both) and difference(none, alone) > 0.1
-    rays = simulate_psf(plan.camera, plan, (coma,), "geometric", tolerance=0.3)
+    rays = simulate_psf(plan, (coma,), "geometric", tolerance=0.3)
     assert (rays.facts.known()["error"] > 0.99 * found.row("coma").estimate.error).all()
-    untouched = (simulate_psf(plan.camera, plan, effects, tolerance=0.3)[:] for effects in ((Zernike(),), ()))
+    untouched = (simulate_psf(plan, effects, tolerance=0.3)[:] for effects in ((Zernike(),), ()))
     assert np.array_equal(*untouched), "a wavefront without terms calls for nothing"
 
 
 def test_effects_may_be_planned_or_given_as_a_plan() -> None:
     plan = corner(small_plan(cutout=31))
-    planned = plan_effects(plan.camera, plan, 0.3)
-    given = simulate_psf(plan.camera, plan, planned, tolerance=0.3)
-    found = simulate_psf(plan.camera, plan, "auto", tolerance=0.3)
+    planned = plan_effects(plan, 0.3)
+    given = simulate_psf(plan, planned, tolerance=0.3)
+    found = simulate_psf(plan, "auto", tolerance=0.3)
     assert np.array_equal(given.plane(0), found.plane(0))
 
 
 def test_levels() -> None:
     plan = corner(small_plan(cutout=41), 1, 2)
-    rays = simulate_psf(plan.camera, plan, BASE, "geometric").plane(0)
-    waves = simulate_psf(plan.camera, plan, BASE, "wave").plane(0)
-    reference = simulate_psf(plan.camera, plan, BASE, "reference").plane(0)
+    rays = simulate_psf(plan, BASE, "geometric").plane(0)
+    waves = simulate_psf(plan, BASE, "wave").plane(0)
+    reference = simulate_psf(plan, BASE, "reference").plane(0)
     assert difference(waves, reference) < 0.03 < 0.2 < difference(rays, reference)
     microscope = preset("lfm_20x05")
     small = replace(microscope, sensor=replace(microscope.sensor, shape=(200, 200)))
     scope = corner(ScanPlan.for_camera(small, depths_um=[10.0], cutout=61), 1, 2)
-    found = PlaneResponse(scope, 0, plan_effects(small, scope).effects)
+    found = PlaneResponse(scope, 0, plan_effects(scope).effects)
     assert found.level == "debye" and resolve_level(found.scene, "microscope")[1] == "debye"
-    assert simulate_psf(small, scope, "auto", "microscope").plane(0).sum() > 1.5
+    assert simulate_psf(scope, "auto", "microscope").plane(0).sum() > 1.5
 
 
 @pytest.mark.parametrize("tolerances", [(0.05, 0.015), pytest.param((0.12, 0.05, 0.03, 0.015), marks=pytest.mark.long)])
@@ -174,22 +174,20 @@ def test_bad_input() -> None:
         ({"effects": (1,)}, "effect objects"),
     ):
         with pytest.raises(InputError, match=match):
-            simulate_psf(plan.camera, plan, **options)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="make the plan for this camera"):
-        simulate_psf(preset("r29"), plan)
+            simulate_psf(plan, **options)  # type: ignore[arg-type]
     large = ScanPlan.for_camera(preset("r29"), virtual_depths=[2.0, 3.0, 4.0], cutout=401)
     with pytest.raises(InputError, match="out="):
-        simulate_psf(large.camera, large, ())
+        simulate_psf(large, ())
 
 
 def test_effects_that_are_on_at_some_planes_name_them() -> None:
     """What H was made of is known plane by plane."""
     plan = corner(ScanPlan.for_camera(small_camera(), virtual_depths=[6.0, 4.0, 2.5], cutout=31), 1, 1)
-    found = Simulation(plan.camera, plan, "auto", "auto", 0.3, None)
+    found = Simulation(plan, "auto", "auto", 0.3, None)
     on = [{effect.name for effect in found.budget.at(z)[0]} for z in plan.depths_um]
     told = found.provenance()["simulated"]
     everywhere, some = set.intersection(*on), set.union(*on) - set.intersection(*on)
     assert everywhere and some
     assert told["effect_planes"] == {name: [z for z in range(3) if name in on[z]] for name in some}
     assert {effect["name"] for effect in told["effects"]} == everywhere | some
-    assert "effect_planes" not in Simulation(plan.camera, plan, BASE, "auto", 0.3, None).provenance()["simulated"]
+    assert "effect_planes" not in Simulation(plan, BASE, "auto", 0.3, None).provenance()["simulated"]

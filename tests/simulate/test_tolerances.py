@@ -42,12 +42,12 @@ def test_a_selection_of_effects_brings_its_tolerance() -> None:
     """Where none is named: the library took 3 % whatever the selection was made for."""
     camera = preset("bench")
     plan = ScanPlan(camera, (2, 3), cutout=(41, 41), depths_um=(camera.depth_of(4.0),), anchor=(160, 160))
-    found = plan_effects(camera, plan, 0.01)
-    by_itself, named, coarse = (simulate_psf(camera, plan, found, tolerance=t) for t in (None, 0.01, 0.03))
+    found = plan_effects(plan, 0.01)
+    by_itself, named, coarse = (simulate_psf(plan, found, tolerance=t) for t in (None, 0.01, 0.03))
     np.testing.assert_array_equal(by_itself[:], named[:])
     assert by_itself.facts.error[0] == named.facts.error[0] <= 0.01 < coarse.facts.error[0]
     assert by_itself.provenance["simulated"]["tolerance"] == 0.01
-    assert simulate_psf(camera, plan, found.effects).provenance["simulated"]["tolerance"] == 0.03
+    assert simulate_psf(plan, found.effects).provenance["simulated"]["tolerance"] == 0.03
     assert SimulatedCamera(plan, found).tolerance == 0.01 and SimulatedCamera(plan).tolerance == 0.03
     assert tolerance_for(found, 0.1) == 0.1
     volume = np.zeros((1, 9, 9), np.float32)
@@ -63,11 +63,11 @@ def test_a_tighter_tolerance_is_never_further_off(number: int) -> None:
     known = tuple(e for e in given if not isinstance(e, FiniteSource))
     ny, nx = plan.period
     ys, xs = [ny // 3], [nx // 5, (4 * nx) // 7]
-    everything = plan_effects(plan.camera, plan, 1e-9, {"bandwidth": "off"}, effects=known)
+    everything = plan_effects(plan, 1e-9, {"bandwidth": "off"}, effects=known)
     truth = finest(plan, everything.effects, ys, xs)
     errors = []
     for tolerance in TOLERANCES:
-        found = plan_effects(plan.camera, plan, tolerance, {"bandwidth": "off"}, effects=known)
+        found = plan_effects(plan, tolerance, {"bandwidth": "off"}, effects=known)
         chosen, share = budgeted(found, plan, tolerance).at(plan.depths_um[0])
         response = PlaneResponse(plan, 0, chosen, tolerance=share)
         errors.append(difference(response.rows(ys, xs), truth))  # type: ignore[arg-type]

@@ -37,7 +37,7 @@ def plan() -> ScanPlan:
 def direct(plan: ScanPlan, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """H file of one process."""
     path = tmp_path_factory.mktemp("direct") / "H.h5"
-    simulate_psf(plan.camera, plan, tolerance=0.1, out=path, workers=2).close()
+    simulate_psf(plan, tolerance=0.1, out=path, workers=2).close()
     return contents(path)
 
 
@@ -45,7 +45,7 @@ def direct(plan: ScanPlan, tmp_path_factory: pytest.TempPathFactory) -> dict[str
 def test_bit_for_bit(plan: ScanPlan, direct: dict[str, Any], tmp_path: Path, executor: str) -> None:
     out = tmp_path / "H.h5"
     run = RunChoice(executor, workers=2)
-    drain(iter_simulate_psf(plan.camera, plan, run=run, tolerance=0.1, out=out)).close()
+    drain(iter_simulate_psf(plan, run=run, tolerance=0.1, out=out)).close()
     assert contents(out) == direct
     assert not parts_folder(out).exists()
 
@@ -55,7 +55,7 @@ def test_what_an_earlier_run_left(plan: ScanPlan, direct: dict[str, Any], tmp_pa
 
     def work(begun: str, tolerance: float = 0.1) -> Any:
         run = RunChoice("threads", 1, begun=begun)
-        return iter_simulate_psf(plan.camera, plan, run=run, tolerance=tolerance, out=out)
+        return iter_simulate_psf(plan, run=run, tolerance=tolerance, out=out)
 
     first = work("refuse")
     for record in first:
@@ -92,7 +92,7 @@ def test_effects_travel_as_text(name: str, plan: ScanPlan) -> None:
 
 def test_a_unit_is_small_and_tells_settings_apart(plan: ScanPlan) -> None:
     def unit(z: int = 0, tolerance: float = 0.1, level: str = "auto", sampling: Sampling | None = None) -> Any:
-        work = Simulation(plan.camera, plan, "auto", level, tolerance, sampling)
+        work = Simulation(plan, "auto", level, tolerance, sampling)
         return units_of(work, Stored())[z]
 
     first = unit()
@@ -111,6 +111,6 @@ def test_an_effect_of_nobody_cannot_travel(plan: ScanPlan, tmp_path: Path) -> No
 
     run = RunChoice("threads", 1)
     with pytest.raises(InputError, match="one of the catalogue"):
-        drain(iter_simulate_psf(plan.camera, plan, [Own()], run=run, out=tmp_path / "H.h5"))
+        drain(iter_simulate_psf(plan, [Own()], run=run, out=tmp_path / "H.h5"))
     assert dataclasses.is_dataclass(Own)
     assert not list(tmp_path.iterdir())

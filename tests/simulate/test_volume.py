@@ -48,7 +48,7 @@ def test_a_plan_is_simulated_through_the_same_h() -> None:
     plan = replace(ScanPlan.for_camera(camera, virtual_depths=[4.0, 3.0], cutout=31), period=(19, 33))
     g = points((2, 40, 50), 6, np.random.default_rng(0), margin=3)
     direct = light_field(g, plan, effects=BASE, sampling=FAST)
-    stored = light_field(g, simulate_psf(camera, plan, BASE, "auto", sampling=FAST))
+    stored = light_field(g, simulate_psf(plan, BASE, "auto", sampling=FAST))
     assert difference(direct, stored) < 1e-6 and direct.max() > 0
 
 

@@ -19,7 +19,7 @@ SCAN = scan_of(small(160))
 
 def test_the_share_of_noise_is_that_of_exposed_frames() -> None:
     noise = {"shot_noise": "on", "read_noise": "on"}
-    effects = plan_effects(SCAN.camera, SCAN, TOLERANCE, noise, frames=True, peak=0.8).effects
+    effects = plan_effects(SCAN, TOLERANCE, noise, frames=True, peak=0.8).effects
     camera = SimulatedCamera(SCAN, effects, tolerance=TOLERANCE)
     sensor, shares = SCAN.camera.sensor, []
     for index in (0, 60, 130, 200, 250):

@@ -34,7 +34,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     plan, z = subject.planned, subject.middle
     camera = plan.camera
     diameter = iris_diameter_px(camera, plan.depths_um[z])
-    effects = plan_effects(camera, plan, TOLERANCE).effects
+    effects = plan_effects(plan, TOLERANCE).effects
     response = PlaneResponse(plan, z, effects, level="geometric")
     yield Truth(
         f"the iris of the camera description: its shadow at plane {z} has the area of a circle of {diameter:.1f} px",

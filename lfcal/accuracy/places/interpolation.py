@@ -42,7 +42,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     """Cut patterns out of simulated frames that are moved by parts of a pixel."""
     plan = replace(subject.planned, resample=False)
     z, (nt, ns) = subject.middle, plan.cutout
-    effects = plan_effects(plan.camera, plan, TOLERANCE).effects
+    effects = plan_effects(plan, TOLERANCE).effects
     whole = replace(plan, anchor=(float(round(plan.anchor[0])), float(round(plan.anchor[1]))))
     yield AccuracyStep("pattern on whole pixels")
     # one response settles how finely all are computed, so that only the place of the pixels differs

@@ -33,7 +33,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     low, high = min(plan.depths_um), max(plan.depths_um)
     if low == high:
         raise InputError.expected("depths", "two planes or more, that bound the range", "one", "add a plane")
-    effects = plan_effects(plan.camera, plan, TOLERANCE).effects
+    effects = plan_effects(plan, TOLERANCE).effects
     # irrational shares of the range, so that none of them lies on a plane of any count
     between = [float(low + (high - low) * ((k + 1) * 0.6180339887498949 % 1)) for k in range(PLACES)]
     true = []

@@ -26,7 +26,7 @@ FIRST = 2
 def measure(subject: Subject, seconds: float) -> Measuring:
     """Measure the ladder of `lfcal.simulate.ladder` a few samplings at a time."""
     plan, z = subject.planned, subject.middle
-    effects = plan_effects(plan.camera, plan, TOLERANCE).effects
+    effects = plan_effects(plan, TOLERANCE).effects
     scene = scene_for(plan, z, effects)
     _, level = resolve_level(replace(scene, lenslet_diffraction=True, main_diffraction=True))
     samplings = shown_steps(scene, level)
@@ -38,7 +38,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
         size += 1
         yield AccuracyStep(f"{len(part)} samplings")
         found = yield from iter_ladder(
-            plan.camera, plan, TOLERANCE, effects=effects, z=z, positions=1, samplings=part, reference=reference
+            plan, TOLERANCE, effects=effects, z=z, positions=1, samplings=part, reference=reference
         )
         if not seen:
             names = ", ".join(effect.name for effect in effects) or "none"

@@ -38,7 +38,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     plan, z = subject.planned, subject.middle
     count = max(1, min(MOST_POSITIONS, int(seconds / POSITION_SECONDS)))
     places = _places(plan.period, count)
-    every = plan_effects(plan.camera, plan, FINEST).at(plan.depths_um[z])
+    every = plan_effects(plan, FINEST).at(plan.depths_um[z])
     yield AccuracyStep(f"reference at {len(places)} positions")
     finest = PlaneResponse(plan, z, every, level="reference", tolerance=FINEST / 2)
     truth = []
@@ -58,7 +58,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
 def _rung(
     plan: ScanPlan, z: int, tolerance: float, places: Sequence[tuple[int, int]], truth: NDArray[np.float64]
 ) -> Rung:
-    found = plan_effects(plan.camera, plan, tolerance)
+    found = plan_effects(plan, tolerance)
     budget = budgeted(found, plan, tolerance)
     # the computation may use what the effects left out leave of the tolerance
     chosen, share = budget.at(plan.depths_um[z])

@@ -190,6 +190,6 @@ def chosen_effects(plan: ScanPlan, effects: str, tolerance: float = TOLERANCE) -
     from lfcal.simulate.effects import parse_entries
 
     if effects == "auto":
-        return plan_effects(plan.camera, plan, tolerance).effects
+        return plan_effects(plan, tolerance).effects
     settings, given = parse_entries(effects)
-    return plan_effects(plan.camera, plan, tolerance, settings, effects=given).effects
+    return plan_effects(plan, tolerance, settings, effects=given).effects

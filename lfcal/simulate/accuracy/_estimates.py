@@ -24,7 +24,7 @@ KEPT = 4096
 
 
 def estimates_of(
-    effects: Sequence[Effect], counting: Sequence[Effect], planes: Sequence[Outlook], plan: ScanPlan | None
+    effects: Sequence[Effect], counting: Sequence[Effect], planes: Sequence[Outlook], plan: ScanPlan
 ) -> list[list[Estimate]]:
     """Return the estimate of every effect at every plane.
 
@@ -37,11 +37,9 @@ def estimates_of(
     planes
         The depth planes.
     plan
-        The plan whose planes they are; None: nothing can be run, and formulas are all there is.
+        The plan whose planes they are.
     """
     found = [[effect.estimate(outlook) for outlook in planes] for effect in effects]
-    if plan is None:
-        return found
     counted = tuple(e for e in counting if e.acts_on.enters_h and not _costly_for_nothing(e, planes))
     names = {effect.name for effect in counted}
     run = measured if _hashable(plan, counted) else measured.__wrapped__

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import Clock, InputError, LfcalError, Progress, Work, drained
-from lfcal.camera import Camera, ScanPlan
+from lfcal.camera import ScanPlan
 from lfcal.simulate.accuracy.forecast import Whole, own_rows, whole_of
 from lfcal.simulate.accuracy.probe import LARGEST_GRID
 from lfcal.simulate.accuracy.sampling import LevelSampling, steps_for
@@ -118,7 +118,6 @@ class LadderProgress(Progress):
 
 
 def iter_ladder(
-    camera: Camera,
     plan: ScanPlan,
     tolerance: float | None = None,
     *,
@@ -132,7 +131,7 @@ def iter_ladder(
 
     Parameters
     ----------
-    camera, plan
+    plan
         What is simulated.
     tolerance
         Relative L1 error for which a rung is picked, as in `simulate_psf`.
@@ -155,7 +154,7 @@ def iter_ladder(
     Raises
     ------
     InputError
-        If camera, plan and plane do not fit, or no grid holds the reference.
+        If the plan has no such plane, or no grid holds the reference.
 
     Examples
     --------
@@ -164,14 +163,12 @@ def iter_ladder(
     >>> from lfcal.simulate.effects import LensTypeDefocus
     >>> camera = preset("bench")
     >>> plan = ScanPlan(camera, (3, 5), cutout=(41, 41), depths_um=(camera.depth_of(2.0),), anchor=(160, 160))
-    >>> work = iter_ladder(camera, plan, effects=[LensTypeDefocus()], positions=1, samplings=())
+    >>> work = iter_ladder(plan, effects=[LensTypeDefocus()], positions=1, samplings=())
     >>> step: LadderProgress = next(work)
     >>> print(step.stage, step.count, step.note, sep="; ")
     accuracy against time; 0 of 2; reference
     >>> work.close()  # no more of it is wanted
     """
-    if camera != plan.camera:
-        raise InputError.expected("camera", f"the plan's ({plan.camera.name})", camera.name, "use one camera")
     z = len(plan.depths_um) // 2 if z is None else z
     if not 0 <= z < len(plan.depths_um):
         raise InputError.expected("plane", f"0 … {len(plan.depths_um) - 1}", z, "choose one of the plan")
@@ -188,7 +185,7 @@ def iter_ladder(
     truth, judge, each = _reference(scene, places, reference)
     shares = whole_of(plan, z, budget, level)
     whole = each * scene.period[0] * scene.period[1] * shares.runs * shares.planes
-    v = camera.virtual_depth(plan.depths_um[z])
+    v = plan.camera.virtual_depth(plan.depths_um[z])
     found = Ladder((), (), budget.tolerance, f"reference, {judge} samples/px", whole, v, len(places))
     for done, (kind, sampling) in enumerate(tasks, 1):
         label = rung_label(kind, sampling)
@@ -212,7 +209,7 @@ ladder = drained(
     >>> from lfcal.simulate.effects import LensTypeDefocus
     >>> camera = preset("bench")
     >>> plan = ScanPlan(camera, (3, 5), cutout=(41, 41), depths_um=(camera.depth_of(2.0),), anchor=(160, 160))
-    >>> found: Ladder = ladder(camera, plan, effects=[LensTypeDefocus()], positions=1, samplings=[Sampling()])
+    >>> found: Ladder = ladder(plan, effects=[LensTypeDefocus()], positions=1, samplings=[Sampling()])
     >>> for rung in found.rungs:
     ...     print(f"{rung.label}: off by {rung.error:.0%} at v = {found.virtual_depth:.0f}")
     geometric: off by 52% at v = 2
@@ -331,7 +328,7 @@ def draw_ladder(found: Ladder, path: str | os.PathLike[str], title: str = "") ->
     >>> from lfcal.simulate.effects import LensTypeDefocus
     >>> camera = preset("bench")
     >>> plan = ScanPlan(camera, (3, 5), cutout=(41, 41), depths_um=(camera.depth_of(2.0),), anchor=(160, 160))
-    >>> found = ladder(camera, plan, effects=[LensTypeDefocus()], positions=1, samplings=())
+    >>> found = ladder(plan, effects=[LensTypeDefocus()], positions=1, samplings=())
     >>> draw_ladder(found, "ladder.png", title="bench")
     >>> Path("ladder.png").read_bytes()[1:4]
     b'PNG'

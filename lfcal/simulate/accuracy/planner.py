@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from lfcal.base import InputError, check_number, choose, format_seconds, format_share
-from lfcal.camera import Camera, ScanPlan
+from lfcal.camera import ScanPlan
 from lfcal.simulate.accuracy._estimates import estimates_of
 from lfcal.simulate.accuracy.cost import engine_times
 from lfcal.simulate.effects import (
@@ -61,7 +61,7 @@ class PlannedEffect:
     >>> from lfcal.simulate import PlannedEffect, plan_effects
     >>> camera = preset("bench")
     >>> plan = ScanPlan(camera, (3, 5), cutout=(41, 41), depths_um=(camera.depth_of(4.0),), anchor=(160, 160))
-    >>> row: PlannedEffect = plan_effects(camera, plan).row("bandwidth")
+    >>> row: PlannedEffect = plan_effects(plan).row("bandwidth")
     >>> print(row.on, row.brief, row.reason, sep="; ")
     False; small; 0.0364 relative: 0.47 % of the image, within the 1.5 % that may be left out
     """
@@ -114,7 +114,7 @@ class EffectSelection:
     >>> from lfcal.simulate import EffectSelection, plan_effects
     >>> camera = preset("bench")
     >>> plan = ScanPlan(camera, (3, 5), cutout=(41, 41), depths_um=(camera.depth_of(4.0),), anchor=(160, 160))
-    >>> found: EffectSelection = plan_effects(camera, plan, overrides={"iris_shape": "off"})
+    >>> found: EffectSelection = plan_effects(plan, overrides={"iris_shape": "off"})
     >>> print(found.level, f"{found.left_out[0]:.2%} left out", found.row("iris_shape").brief, sep="; ")
     wave; 0.47% left out; switched off
     """
@@ -155,8 +155,7 @@ class EffectSelection:
 
 
 def plan_effects(
-    camera: Camera,
-    region: ScanPlan | Iterable[Outlook],
+    plan: ScanPlan,
     tolerance: float = 0.03,
     overrides: Mapping[str, str] | None = None,
     *,
@@ -164,7 +163,7 @@ def plan_effects(
     frames: bool = False,
     peak: float = 0.8,
 ) -> EffectSelection:
-    """Return which effects a scene calls for.
+    """Return the effects that the planes of a scan need.
 
     Effects are left out, the costly ones first and then the smallest, as long as their estimates add up to less
     than half the tolerance: the rest is for the computation. Errors of build and use (a gap error, a loose stage) are
@@ -173,10 +172,8 @@ def plan_effects(
 
     Parameters
     ----------
-    camera
-        The camera.
-    region
-        A scan plan, or the outlooks of its depth planes.
+    plan
+        The camera and its depth planes.
     tolerance
         Relative L1 error of the image allowed, for all that is left out and for the computation together.
     overrides
@@ -191,7 +188,7 @@ def plan_effects(
     Raises
     ------
     InputError
-        For an unknown name or setting, a tolerance out of range, or a plan of another camera.
+        For an unknown name or setting, or a tolerance out of range.
 
     Examples
     --------
@@ -199,20 +196,20 @@ def plan_effects(
     >>> from lfcal.simulate import plan_effects
     >>> camera = preset("bench")
     >>> plan = ScanPlan(camera, (3, 5), cutout=(41, 41), depths_um=(camera.depth_of(4.0),), anchor=(160, 160))
-    >>> found = plan_effects(camera, plan, tolerance=0.03)
+    >>> found = plan_effects(plan, tolerance=0.03)
     >>> [effect.name for effect in found], found.level
     (['lens_types', 'lenslet_diffraction', 'iris_diffraction', 'iris_shape', 'telecentricity', 'exact_angles'],
     'wave')
     """
     check_number("tolerance", tolerance, above=0, at_most=4, remedy="0.03 is usual")
-    planes = _outlooks(camera, region, peak)
+    planes = tuple(outlook_of(plan, z, peak=peak) for z in range(plan.shape[0]))
     # a given effect takes the place, and the order, of the catalogue's of its name.
     candidates = tuple({e.name: e for e in (*catalogue(), *effects)}.values())
     settings = _settings(overrides or {}, candidates)
     known = {effect.name for effect in effects}
-    costs = _Costs(planes, "debye" if camera.optics.telecentric else "wave", tolerance)
+    costs = _Costs(planes, "debye" if plan.camera.optics.telecentric else "wave", tolerance)
     counting = tuple(e for e in candidates if _counts(e, e.name in known, frames))
-    estimates = estimates_of(candidates, counting, planes, region if isinstance(region, ScanPlan) else None)
+    estimates = estimates_of(candidates, counting, planes, plan)
     drafts = [
         _Draft(e, settings[e.name], tuple(found), costs.of(e), known=e.name in known, frames=frames)
         for e, found in zip(candidates, estimates, strict=True)
@@ -230,17 +227,6 @@ def plan_effects(
     return EffectSelection(
         rows, depths, tolerance, level, costs.total(chosen), costs.rays, tuple(out for _, out in decided)
     )
-
-
-def _outlooks(camera: Camera, region: ScanPlan | Iterable[Outlook], peak: float) -> tuple[Outlook, ...]:
-    if isinstance(region, ScanPlan):
-        if region.camera != camera:
-            raise InputError.expected("camera", f"the plan's ({region.camera.name})", camera.name, "use one camera")
-        return tuple(outlook_of(region, z, peak=peak) for z in range(region.shape[0]))
-    planes = tuple(region)
-    if not planes or any(o.camera != camera for o in planes):
-        raise InputError.expected("depth planes", "at least one, of this camera", len(planes), "correct them")
-    return planes
 
 
 def _settings(overrides: Mapping[str, str], candidates: Sequence[Effect]) -> dict[str, str]:

@@ -87,7 +87,7 @@ class SimulatedCamera(Frames):
         check_number("brightest pixel (share of the full well)", peak, above=0, at_most=1000)
         check_number("seed", seed, at_least=0, at_most=2**64 - 1, integer=True)
         if effects == "auto":
-            effects = plan_effects(plan.camera, plan, tolerance_for(effects, tolerance), frames=True, peak=peak)
+            effects = plan_effects(plan, tolerance_for(effects, tolerance), frames=True, peak=peak)
         self.plan, self.camera = plan, plan.camera
         self.budget = budgeted(effects, plan, tolerance)
         self.effects = self.budget.effects

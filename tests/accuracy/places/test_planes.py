@@ -15,8 +15,8 @@ from lfcal.simulate import plan_effects, simulate_psf
 
 def pattern(plan: ScanPlan, depth: float) -> np.ndarray:
     one = replace(plan, depths_um=(depth,), exposure_s=0.02)
-    effects = plan_effects(plan.camera, plan, planes.TOLERANCE)
-    return simulate_psf(plan.camera, one, effects, tolerance=planes.TOLERANCE)[0, 1, 1].astype(float)
+    effects = plan_effects(plan, planes.TOLERANCE)
+    return simulate_psf(one, effects, tolerance=planes.TOLERANCE)[0, 1, 1].astype(float)
 
 
 @pytest.mark.long

@@ -26,14 +26,14 @@ def test_a_rung_errs_as_the_h_that_its_tolerance_gives(single: Subject, monkeypa
     curve = measure_curve(PLACES.get("simulation"), single, 100)
     plan = single.planned
     assert [r.settings["tolerance"] for r in sorted(curve.rungs, key=lambda r: -r.error)] == [0.3, 0.06]
-    finest = plan_effects(plan.camera, plan, simulation.FINEST)
-    true = simulate_psf(plan.camera, plan, finest, "reference", tolerance=simulation.FINEST)[0].astype(float)
+    finest = plan_effects(plan, simulation.FINEST)
+    true = simulate_psf(plan, finest, "reference", tolerance=simulation.FINEST)[0].astype(float)
     for rung in curve.rungs:
         tolerance = rung.settings["tolerance"]
         assert 0 < rung.error < tolerance and rung.cost > 0
-        H = simulate_psf(plan.camera, plan, tolerance=tolerance)[0]
+        H = simulate_psf(plan, tolerance=tolerance)[0]
         assert rung.error == pytest.approx(np.abs(H - true).sum() / true.sum(), rel=0.02)
-        assert rung.settings["effects"] == [e.name for e in plan_effects(plan.camera, plan, tolerance).effects]
+        assert rung.settings["effects"] == [e.name for e in plan_effects(plan, tolerance).effects]
 
 
 def test_closed_after_the_first_rung_it_is_kept(single: Subject) -> None:
@@ -48,9 +48,9 @@ def test_samplings_are_those_of_the_ladder(single: Subject) -> None:
     plan = single.planned
     curve = measure_curve(PLACES.get("sampling"), single, 0.1)
     assert curve.stopped.startswith("ended after")
-    effects = plan_effects(plan.camera, plan, 0.03).effects
+    effects = plan_effects(plan, 0.03).effects
     two = [s.sampling for s in steps_for(scene_for(plan, 0, effects), "wave")][:2]
-    found = ladder(plan.camera, plan, effects=effects, positions=1, samplings=two, reference=QUICK)
+    found = ladder(plan, effects=effects, positions=1, samplings=two, reference=QUICK)
     errors = {r.label: r.error for r in found.rungs}
     assert {r.label: r.error for r in curve.rungs} == {r.label: errors[r.label] for r in curve.rungs}
     assert set(errors) == {r.label for r in curve.rungs} and curve.truth == found.reference

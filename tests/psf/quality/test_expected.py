@@ -47,7 +47,7 @@ def test_a_convolution_is_as_large_as_its_pictures() -> None:
 def simulated(name: str = "lfm_20x05", depths: tuple[float, ...] = (-22.0, 0.0, 12.0), side: int = 81) -> PSFMatrix:
     camera = preset(name)
     plan = ScanPlan.for_camera(camera, depths_um=depths, cutout=side, resample=name == "lfm_60x12")
-    return simulate_psf(camera, plan, tolerance=0.05)
+    return simulate_psf(plan, tolerance=0.05)
 
 
 def with_stray(share: float, H: PSFMatrix) -> PSFMatrix:

@@ -214,7 +214,7 @@ def _rays(plan: ScanPlan, depth: float, point: tuple[float, float]) -> NDArray[A
             resample=False,
             cutout=Cutout.for_plan(plan).reach,
         )
-        pattern: NDArray[Any] = simulate_psf(plan.camera, one, (), "geometric", workers=1)[0, 0, 0]
+        pattern: NDArray[Any] = simulate_psf(one, (), "geometric", workers=1)[0, 0, 0]
     except (LfcalError, ZeroDivisionError):
         return None
     return pattern

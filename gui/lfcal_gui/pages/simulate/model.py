@@ -162,7 +162,7 @@ def preview(
     middle = (plan.anchor[0] + ny // 2, plan.anchor[1] + nx // 2)
     one = replace(plan, depths_um=(z_um,), exposure_s=plan.exposures[0], period=(1, 1), anchor=middle, resample=False)
     with _lock:
-        matrix = simulate_psf(plan.camera, one, effects, level, tolerance=tolerance, workers=1)
+        matrix = simulate_psf(one, effects, level, tolerance=tolerance, workers=1)
     pattern: NDArray[np.float32] = matrix[0, 0, 0]
     return pattern
 

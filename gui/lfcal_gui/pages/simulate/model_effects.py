@@ -130,7 +130,7 @@ def verdict_of(plan: ScanPlan, settings: SimulateSettings) -> EffectsVerdict:
     """Ask the planner, for H and for frames, and put its answer into words."""
     from lfcal.simulate import plan_effects
 
-    asked = (plan.camera, plan, settings.tolerance, settings.choices())
+    asked = (plan, settings.tolerance, settings.choices())
     found = plan_effects(*asked, effects=settings.effects())
     frames = plan_effects(*asked, effects=settings.effects(), frames=True)
     rows = tuple(
@@ -241,7 +241,6 @@ def iter_simulation(
     # the selection, not its effects: what is left out uses its part of the tolerance
     return (
         yield from iter_simulate_psf(
-            plan.camera,
             plan,
             found,
             settings.level,

@@ -40,11 +40,10 @@ class Passes:
         def choose(tolerance: float) -> EffectSelection:
             if tolerance == settings.tolerance:
                 return last
-            return plan_effects(plan.camera, plan, tolerance, settings.choices(), effects=effects)
+            return plan_effects(plan, tolerance, settings.choices(), effects=effects)
 
         return (
             yield from iter_refine_psf(
-                plan.camera,
                 plan,
                 choose,
                 settings.level,

@@ -354,7 +354,7 @@ class Page(BasePage):
             tolerance = self.settings.tolerance
             self.panel.show_accuracy_tab()
             self._measuring = self.context.jobs.start(
-                "Accuracy against time", "simulate", lambda: iter_ladder(plan.camera, plan, tolerance), leave=True
+                "Accuracy against time", "simulate", lambda: iter_ladder(plan, tolerance), leave=True
             )
 
     def _measured(self, job: WindowJob) -> None:

@@ -32,9 +32,9 @@ from lfcal.simulate.effects.described import parse_entries
 
 plan = ScanPlan.from_json(Path({PLAN_FILE!r}).read_text(encoding="utf-8"))
 settings, given = {known}
-effects = plan_effects(plan.camera, plan, {chosen.tolerance!r}, settings, effects=given)
+effects = plan_effects(plan, {chosen.tolerance!r}, settings, effects=given)
 H = simulate_psf(
-    plan.camera, plan, effects, {chosen.level!r}, tolerance={chosen.tolerance!r}, out={out!r}
+    plan, effects, {chosen.level!r}, tolerance={chosen.tolerance!r}, out={out!r}
 )
 print(H.shape)
 """

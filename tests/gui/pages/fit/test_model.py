@@ -304,13 +304,13 @@ def test_simulate_then_computes_the_h_of_the_fit(found: FoundFit) -> None:
     after = replace(state, **use_of(state, found.fit).changes)
     assert after.plan is not None
     settings, plan = SimulateSettings.of(after), after.plan
-    effects = plan_effects(plan.camera, plan, 0.01, settings.choices(), effects=settings.effects())
-    H = np.asarray(simulate_psf(plan.camera, plan, effects, tolerance=0.01, workers=1))
+    effects = plan_effects(plan, 0.01, settings.choices(), effects=settings.effects())
+    H = np.asarray(simulate_psf(plan, effects, tolerance=0.01, workers=1))
     model = np.asarray(found.fit.model(workers=1))
     scale = float((H * model).sum() / (H * H).sum())
     assert np.abs(scale * H - model).sum() < 0.015 * model.sum()
     # the camera as described is told from it
-    before = np.asarray(simulate_psf(state.plan.camera, state.plan, effects, tolerance=0.01, workers=1))  # type: ignore[union-attr]
+    before = np.asarray(simulate_psf(state.plan, effects, tolerance=0.01, workers=1))  # type: ignore[union-attr]
     scale = float((before * model).sum() / (before * before).sum())
     assert np.abs(scale * before - model).sum() > 0.03 * model.sum()
 

@@ -98,7 +98,7 @@ def test_what_is_left_out_uses_its_part_of_the_tolerance(tmp_path: Path) -> None
     assert (left_out > 0).all(), "the test needs effects that are left out"
     with drain(iter_simulation(plan, settings, str(tmp_path / "H.h5"), verdict)) as matrix:
         stated = matrix.facts.known()["error"]
-    alone = simulate_psf(plan.camera, plan, verdict.found.effects, "geometric", tolerance=0.3)
+    alone = simulate_psf(plan, verdict.found.effects, "geometric", tolerance=0.3)
     # what is left out is stated beside what the computation reached
     assert (stated > alone.facts.known()["error"] + 0.9 * left_out).all()
 
