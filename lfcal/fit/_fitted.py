@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-from lfcal.base import Work
-from lfcal.camera import Camera, ScanPlan
+from lfcal.camera import ScanPlan
 from lfcal.fit._weighing import PatternLevels
 from lfcal.fit.judge import ModelError
+from lfcal.fit.model import ModelPlanes
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import Setup
 
@@ -39,11 +36,6 @@ class FittedPlace(Protocol):
 
 class Fitted(Protocol):
     """What of `lfcal.fit.Fit` a hybrid H is made of; attributes are as there."""
-
-    @property
-    def camera(self) -> Camera:
-        """The camera as found."""
-        ...
 
     @property
     def planned(self) -> ScanPlan:
@@ -75,11 +67,6 @@ class Fitted(Protocol):
         """Error of the model's patterns."""
         ...
 
-    @property
-    def provenance(self) -> dict[str, Any]:
-        """What H of the fitted camera says of where it comes from."""
-        ...
-
-    def iter_plane(self, z: int, workers: int | None = None) -> Work[NDArray[np.float32]]:
-        """Compute a plane of the model."""
+    def planes(self) -> ModelPlanes:
+        """Return what computes the planes of the model."""
         ...

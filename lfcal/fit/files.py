@@ -11,11 +11,10 @@ from typing import Any
 
 from lfcal.base import Work, plain, replace_whole
 from lfcal.camera import Camera, quantities_of, value_at
-from lfcal.fit._model_units import iter_model_units
-from lfcal.fit.hybrid import HybridPlane, HybridSummary, hybrid_note, iter_hybrid_planes
+from lfcal.fit.hybrid import HybridPlanes, HybridSummary
 from lfcal.fit.measured import Measured
 from lfcal.fit.result import Fit
-from lfcal.psf import OF_FRAMES, PSFMatrix, PSFWriter
+from lfcal.psf import OF_FRAMES, Header, PSFMatrix, Stored, iter_write
 from lfcal.simulate.effects import Entry, entries_json
 from lfcal.work import RunChoice
 
@@ -106,24 +105,9 @@ def fit_dict(fit: Fit) -> dict[str, Any]:
     return found
 
 
-def _writer(
-    fit: Fit,
-    out: str | os.PathLike[str],
-    provenance: Mapping[str, Any] | None,
-    compression: str,
-    workers: int | None,
-) -> PSFWriter:
-    """Return the writer of an H of the fitted camera."""
-    return PSFWriter(
-        out,
-        fit.planned.shape,
-        depths=fit.planned.depths_um,
-        camera=measured_camera(fit),
-        anchor=fit.planned.anchor,
-        compression=compression,
-        provenance={**fit.provenance, **(provenance or {})},
-        workers=workers,
-    )
+def _header(fit: Fit, provenance: Mapping[str, Any] | None) -> Header:
+    """Return what an H file of the fitted camera says besides values; ``provenance`` is kept with the fit's own."""
+    return replace(fit.header, camera=measured_camera(fit), provenance={**fit.provenance, **(provenance or {})})
 
 
 def iter_write_model(
@@ -138,21 +122,17 @@ def iter_write_model(
 ) -> Work[Path]:
     """Write H of the fitted camera to a file, one plane in memory at a time; yields progress in rows.
 
-    Closing it leaves nothing half-written. ``provenance`` is kept beside the fit's own. With ``run`` each plane is a
-    unit of long work, whose files stay with ``keep``, see `lfcal.fit._model_units`.
+    Closing it leaves nothing half-written. ``provenance`` is kept with the fit's own. With ``run`` each plane is a
+    unit of long work, whose files stay with ``keep``. The fit itself is not: each of its steps takes seconds and needs
+    the one before it. After a kill it is made again, to the same values, and H is resumed.
 
     Raises
     ------
     StorageError
         If the file cannot be written.
     """
-    writing = _writer(fit, out, provenance, compression, workers)
-    if run is not None:
-        yield from iter_model_units(fit, writing, compression, run=run, keep=keep)
-        return Path(out)
-    with writing as writer:
-        yield from fit.iter_planes(writer.write_plane, workers)
-    return Path(out)
+    source, stored = fit.planes(_header(fit, provenance)), Stored(compression=compression)
+    return (yield from iter_write(source, out, stored, run=run, keep=keep, workers=workers))
 
 
 def iter_write_hybrid(
@@ -179,14 +159,9 @@ def iter_write_hybrid(
     """
     recorded = source.provenance if isinstance(source, PSFMatrix) else {}
     kept = {name: recorded[name] for name in OF_FRAMES if name in recorded}
-    with _writer(fit, out, {**kept, **(provenance or {})}, compression, workers) as writer:
-
-        def take(z: int, plane: HybridPlane) -> None:
-            writer.write_plane(z, plane.values, facts=plane.facts, uncertainty=plane.uncertainty)
-
-        summary = yield from iter_hybrid_planes(fit, source, take, noise=noise, workers=workers)
-        writer.note(hybrid_note(summary))
-    return summary
+    planes = HybridPlanes(_header(fit, {**kept, **(provenance or {})}), fit, source, noise)
+    yield from iter_write(planes, out, Stored(compression=compression), workers=workers)
+    return planes.summary
 
 
 def write_text(path: Path, text: str) -> None:

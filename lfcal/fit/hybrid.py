@@ -7,7 +7,7 @@ first where it matters, for H has neither. Where residuals are noise the hybrid 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -22,14 +22,12 @@ from lfcal.fit._leftover_size import PlaneResiduals
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness
 from lfcal.fit.problem import ERRORS
-from lfcal.psf import Facts, Origin, PSFMatrix, stacked
+from lfcal.psf import Facts, Header, Origin, Plane, PlaneSource, PSFMatrix, Stored, Zeros
 
 __all__ = [
-    "HybridPlane",
+    "HybridPlanes",
     "HybridSummary",
     "hybrid_note",
-    "iter_hybrid",
-    "iter_hybrid_planes",
 ]
 
 F4 = NDArray[np.float32]
@@ -37,29 +35,6 @@ F4 = NDArray[np.float32]
 
 TOLD = 0.95
 """Share of the variance that must be left at most for a position to follow its neighbours."""
-
-
-@dataclass(frozen=True, eq=False)
-class HybridPlane:
-    """One plane of the hybrid H.
-
-    Attributes
-    ----------
-    values, uncertainty
-        Every entry ``(ny, nx, nt, ns)`` and its standard deviation.
-    facts
-        Which positions were recorded, and where each pattern comes from.
-    changed
-        How far each position's pattern is from the model's ``(ny, nx)``, as rms over rms of its light.
-    supported
-        Whether positions between recorded ones follow them.
-    """
-
-    values: F4
-    uncertainty: F4
-    facts: Facts
-    changed: NDArray[np.float64]
-    supported: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,73 +79,54 @@ class HybridSummary:
         return cls(count[0], count[1], count[2], between, size, float(changed.max(initial=0.0)))
 
 
-def iter_hybrid_planes(
-    fit: Fitted,
-    source: PSFMatrix | Measured,
-    take: Callable[[int, HybridPlane], object],
-    *,
-    noise: tuple[float, float] | None = None,
-    workers: int | None = None,
-) -> Work[HybridSummary]:
-    """Compute the hybrid H one plane after the other; yields progress in rows and tiles.
+class HybridPlanes(PlaneSource):
+    """The planes of the hybrid H of a fit and recorded patterns.
 
     Parameters
     ----------
+    header
+        What H is, besides its values.
     fit
         The fit whose model is the base.
     source
         Recorded patterns of the same scan, those that were not fitted among them.
-    take
-        Is handed the number of each plane and the plane.
     noise
         Constant and slope of a sample's variance; None takes what the source states.
-    workers
-        Threads; None takes every processor.
 
     Raises
     ------
     InputError
         If the patterns are of another scan, or their noise is not known.
     """
-    recorded = RecordedPatterns.of(source, fit.planned, noise)
-    found: list[tuple[Facts, NDArray[np.float64]]] = []
-    for z in range(fit.planned.shape[0]):
-        model = yield from fit.iter_plane(z, workers)
-        data, facts = yield from iter_plane_data(fit, recorded, z, model, workers)
+
+    def __init__(
+        self, header: Header, fit: Fitted, source: PSFMatrix | Measured, noise: tuple[float, float] | None = None
+    ) -> None:
+        self.header, self._fit, self._model = header, fit, fit.planes()
+        self._recorded = RecordedPatterns.of(source, fit.planned, noise)
+        self._made: dict[int, tuple[Facts, NDArray[np.float64]]] = {}
+
+    def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
+        """Compute plane ``z``; progress counts rows of the model, then patterns and tiles."""
+        model = yield from self._model.iter_plane(z, zeros, workers, alone=alone)
+        data, facts = yield from iter_plane_data(self._fit, self._recorded, z, model.values, workers)
         left = yield from iter_leftover(data, f"beyond the model, plane {z}", seed=z, workers=workers)
-        plane = _joined(fit, data, facts, left)
-        assert plane.facts.origin is not None
-        found.append((plane.facts, plane.changed))
-        take(z, plane)
-    return HybridSummary.of(found)
+        plane, changed = _joined(self._fit, data, facts, left)
+        self._made[z] = plane.facts, changed
+        return plane
 
+    def reopening(self, z: int, stored: Stored) -> None:
+        """Return nothing: every plane is made here, for the summary is of all."""
+        return
 
-def iter_hybrid(
-    fit: Fitted,
-    source: PSFMatrix | Measured,
-    *,
-    noise: tuple[float, float] | None = None,
-    workers: int | None = None,
-) -> Work[PSFMatrix]:
-    """Compute the hybrid H in memory; see `iter_hybrid_planes`."""
-    shape = fit.planned.shape
-    values, spread = np.empty(shape, np.float32), np.empty(shape, np.float32)
-    facts: list[Facts] = []
+    @property
+    def summary(self) -> HybridSummary:
+        """What the planes that were made consist of."""
+        return HybridSummary.of([self._made[z] for z in sorted(self._made)])
 
-    def take(z: int, plane: HybridPlane) -> None:
-        values[z], spread[z] = plane.values, plane.uncertainty
-        facts.append(plane.facts)
-
-    summary = yield from iter_hybrid_planes(fit, source, take, noise=noise, workers=workers)
-    return PSFMatrix(
-        values,
-        depths=fit.planned.depths_um,
-        camera=fit.camera,
-        anchor=fit.planned.anchor,
-        facts=stacked(facts),
-        uncertainty=spread,
-        provenance=fit.provenance | hybrid_note(summary),
-    )
+    def late_provenance(self) -> dict[str, Any]:
+        """Return the summary for provenance."""
+        return hybrid_note(self.summary)
 
 
 def hybrid_note(summary: HybridSummary) -> dict[str, Any]:
@@ -178,8 +134,11 @@ def hybrid_note(summary: HybridSummary) -> dict[str, Any]:
     return {"hybrid": asdict(summary)}
 
 
-def _joined(fit: Fitted, data: PlaneResiduals, facts: Facts, left: Leftover) -> HybridPlane:
-    """Return the plane of model and estimate, where the estimate is better than none."""
+def _joined(fit: Fitted, data: PlaneResiduals, facts: Facts, left: Leftover) -> tuple[Plane, NDArray[np.float64]]:
+    """Return the plane of model and estimate, where the estimate is better than none, and how far it is changed.
+
+    The latter of each position's pattern ``(ny, nx)``, as rms over rms of its light.
+    """
     assert facts.origin is not None
     own = data.recorded & (not left.kind.empty)
     changed = own | ((facts.origin != Origin.OUTLIER) & left.kind.supported)
@@ -196,10 +155,5 @@ def _joined(fit: Fitted, data: PlaneResiduals, facts: Facts, left: Leftover) -> 
     share = error.value if left.kind.empty else error.statistical
     base = model_uncertainty(data.model, math.hypot(share, ERRORS[Fineness.finest]))
     beyond = np.where(changed[:, :, None, None], left.variance, left.prior)
-    return HybridPlane(
-        data.model + value,
-        np.sqrt(np.square(base) + beyond),
-        replace(facts, origin=origin.astype(np.uint8)),
-        np.where(changed, size, 0.0),
-        left.kind.supported,
-    )
+    known = replace(facts, origin=origin.astype(np.uint8))
+    return Plane(data.model + value, known, np.sqrt(np.square(base) + beyond)), np.where(changed, size, 0.0)

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import Clock, Work, for_each_chunk, worker_count
-from lfcal.camera import ScanPlan
+from lfcal.camera import Camera, ScanPlan
 from lfcal.fit.setup import Setup
-from lfcal.simulate import PlaneResponse, Sampling, at_wavelength, filtered
+from lfcal.psf import Facts, Header, Plane, PlaneSource, Reopening, Stored, Zeros
+from lfcal.simulate import PlaneResponse, Sampling, at_wavelength, effects_told, filtered, told_effects
 from lfcal.simulate.accuracy import grid_margin
 from lfcal.simulate.engines import Displaceable, PlaneEngine, engine_for
 
-__all__ = ["LEVEL", "Fineness", "PlaneModel", "iter_model_plane", "predict"]
+__all__ = ["LEVEL", "Fineness", "ModelPlanes", "PlaneModel", "predict"]
 
 LEVEL = "grid"
 """Level at which patterns are computed: all lenslets coherent, exact angles, and smooth in every unknown."""
@@ -126,26 +129,72 @@ def predict(
     return out
 
 
-def iter_model_plane(
-    setup: Setup, planned: ScanPlan, z: int, gain: float, workers: int | None = None, sampling: Sampling | None = None
-) -> Work[NDArray[np.float32]]:
-    """Compute ``gain`` times the patterns of all positions of plane ``z`` ``(ny, nx, nt, ns)``.
+class ModelPlanes(PlaneSource):
+    """The planes of H of a setup: the patterns of all positions, without noise.
 
-    Yields progress in rows of all planes; rows are computed in ``workers`` threads, None: every processor.
+    Parameters
+    ----------
+    header
+        What H is, besides its values.
+    setup, planned
+        What is computed, and the scan as planned.
+    gains
+        By which the patterns of each plane are multiplied ``(nz,)``.
+
+    Raises
+    ------
+    InputError
+        In units, if an effect of the setup is not found again by its name.
     """
-    nz, ny, nx = planned.shape[:3]
-    out = np.empty(planned.shape[1:], np.float32)
-    clock, count = Clock("model", nz * ny), worker_count(workers)
-    yield clock.at(z * ny)
-    plane = PlaneModel(setup, planned, z, sampling or Fineness.finest)
 
-    def rows(start: int, stop: int) -> None:
-        for y in range(start, stop):
-            places = np.stack([np.full(nx, y), np.arange(nx)], axis=1)
-            out[y] = np.float32(gain) * plane.patterns(places, np.zeros((nx, 2)))
+    def __init__(self, header: Header, setup: Setup, planned: ScanPlan, gains: Sequence[float]) -> None:
+        self.header, self.setup, self.planned, self.gains = header, setup, planned, tuple(gains)
 
-    for first in range(0, ny, count):
-        last = min(ny, first + count)
-        for_each_chunk(lambda a, b, at=first: rows(at + a, at + b), last - first, count)  # type: ignore[misc]
-        yield clock.at(z * ny + last)
-    return out
+    def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
+        """Compute plane ``z`` by rows in threads; progress counts its rows, or those of all planes."""
+        nz, ny, nx = self.planned.shape[:3]
+        clock, before = (Clock(f"model plane {z}", ny), 0) if alone else (Clock("model", nz * ny), z * ny)
+        count, gain = worker_count(workers), np.float32(self.gains[z])
+        yield clock.at(before)
+        values, plane = zeros(), PlaneModel(self.setup, self.planned, z, Fineness.finest)
+
+        def rows(start: int, stop: int) -> None:
+            for y in range(start, stop):
+                places = np.stack([np.full(nx, y), np.arange(nx)], axis=1)
+                values[y] = gain * plane.patterns(places, np.zeros((nx, 2)))
+
+        for first in range(0, ny, count):
+            last = min(ny, first + count)
+            for_each_chunk(lambda a, b, at=first: rows(at + a, at + b), last - first, count)  # type: ignore[misc]
+            yield clock.at(before + last)
+        return Plane(values, Facts.of(self.planned.period, self.planned.cutout))
+
+    def reopening(self, z: int, stored: Stored) -> Reopening:
+        """Return setup, scan and gains as plain lists and numbers."""
+        setup = self.setup
+        values = {
+            "camera": setup.camera.to_dict(),
+            "effects": told_effects(setup.effects),
+            "depth_errors_um": setup.depth_errors_um,
+            "aside_px": setup.aside_px,
+            "plan": self.planned.to_dict(),
+            "gains": self.gains,
+        }
+        return Reopening(f"{__name__}:{open_model.__name__}", values)
+
+    def named(self, out: Path) -> str:
+        """Return whose H it is."""
+        return f"H of the fitted camera, {out.name}"
+
+
+def open_model(values: Mapping[str, Any], workers: int) -> ModelPlanes:
+    """Return the planes of a model, of the values that `ModelPlanes.reopening` gives."""
+    planned = ScanPlan.from_dict(values["plan"])
+    rows, columns = values["aside_px"]
+    setup = Setup(
+        Camera.from_dict(values["camera"]),
+        effects_told(values["effects"]),
+        tuple(values["depth_errors_um"]),
+        aside_px=(rows, columns),
+    )
+    return ModelPlanes(Header(planned.shape, planned.depths_um), setup, planned, values["gains"])

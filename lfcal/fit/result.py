@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from lfcal.base import InputError, Position, Work, drained, plain
 from lfcal.camera import Camera, ScanPlan
 from lfcal.fit._weighing import PatternLevels
-from lfcal.fit.hybrid import iter_hybrid
+from lfcal.fit.hybrid import HybridPlanes
 from lfcal.fit.judge import INCOMPLETE, ChiSquare, ModelError
 from lfcal.fit.measured import Measured
-from lfcal.fit.model import Fineness, iter_model_plane
+from lfcal.fit.model import ModelPlanes
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import Setup
-from lfcal.psf import PSFMatrix
+from lfcal.psf import Header, PSFMatrix, iter_make
 from lfcal.simulate.effects import Effect
 
 __all__ = ["Fit", "InRegion", "Outlier", "Parameter"]
@@ -188,26 +188,15 @@ class Fit:
             raise InputError.expected("residual", "a measured position", tuple(where), "choose one that was recorded")
         return self.residuals[z, y, x]
 
-    def iter_planes(self, take: Callable[[int, NDArray[np.float32]], object], workers: int | None = None) -> Work[None]:
-        """Compute H of the fitted camera one plane after the other; yields progress in rows.
+    @property
+    def header(self) -> Header:
+        """What H of the fitted camera is, besides its values."""
+        plan = self.planned
+        return Header(plan.shape, plan.depths_um, self.camera, plan.anchor, self.provenance)
 
-        Parameters
-        ----------
-        take
-            Is handed the number of each plane and its values ``(ny, nx, nt, ns)``, which the next plane replaces.
-        workers
-            Threads; None takes every processor.
-        """
-        for z in range(self.planned.shape[0]):
-            take(z, (yield from self.iter_plane(z, workers)))
-
-    def iter_plane(self, z: int, workers: int | None = None) -> Work[NDArray[np.float32]]:
-        """Compute plane ``z`` of H of the fitted camera ``(ny, nx, nt, ns)``; yields progress in rows."""
-        return (
-            yield from iter_model_plane(
-                self.ideal_places, self.planned, z, float(self.levels.gains[z]), workers, Fineness.finest
-            )
-        )
+    def planes(self, header: Header | None = None) -> ModelPlanes:
+        """Return what computes the planes of H of the fitted camera; ``header`` is kept in place of its own."""
+        return ModelPlanes(header or self.header, self.ideal_places, self.planned, self.levels.gains.tolist())
 
     def iter_model(self, workers: int | None = None) -> Work[PSFMatrix]:
         """Return H of the fitted camera over all positions and depths, without noise, in the units of the data.
@@ -217,15 +206,7 @@ class Fit:
         Progress
             In rows.
         """
-        whole = np.empty(self.planned.shape, np.float32)
-        yield from self.iter_planes(whole.__setitem__, workers)
-        return PSFMatrix(
-            whole,
-            depths=self.planned.depths_um,
-            camera=self.camera,
-            anchor=self.planned.anchor,
-            provenance=self.provenance,
-        )
+        return (yield from iter_make(self.planes(), workers=workers))
 
     model = drained(iter_model)
 
@@ -295,6 +276,6 @@ class Fit:
         InputError
             If they are of another scan, or their noise is not known.
         """
-        return (yield from iter_hybrid(self, source, noise=noise, workers=workers))
+        return (yield from iter_make(HybridPlanes(self.header, self, source, noise), workers=workers))
 
     hybrid = drained(iter_hybrid)

@@ -12,11 +12,10 @@ from lfcal.psf.export_units import iter_export_units
 from lfcal.psf.facts import Origin, stacked
 from lfcal.psf.filling import Fill, Filled
 from lfcal.psf.half_cell import copied_positions
-from lfcal.psf.joining import iter_join
 from lfcal.psf.layout import COMPRESSIONS, Header, Plane
 from lfcal.psf.lens_centre import lens_centre_of
 from lfcal.psf.light import dark_planes, empty_positions, empty_words
-from lfcal.psf.make import PlaneSource, Reopening, Zeros, iter_make, iter_units, iter_write
+from lfcal.psf.make import PlaneSource, Reopening, Zeros, iter_make, iter_write
 from lfcal.psf.mat_import import MAT_ORDERS, check_mat_order
 from lfcal.psf.measured_noise import scan_noise
 from lfcal.psf.opening import mat_order_of, opening_notes
@@ -72,12 +71,10 @@ __all__ = [
     "ht_slice",
     "iter_difference",
     "iter_export_units",
-    "iter_join",
     "iter_make",
     "iter_pick",
     "iter_region_loss",
     "iter_transpose_file",
-    "iter_units",
     "iter_upright",
     "iter_write",
     "lens_centre_of",

@@ -2,49 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from lfcal.base import Clock, FileFormatError, Work
+from lfcal.base import FileFormatError
 from lfcal.base.h5 import H5File
 from lfcal.psf.layout import StoredPlane
 from lfcal.psf.opening import depth_sums_of, facts_in, provenance_of, scaling_of
 from lfcal.psf.provenance import simulated_planes
 from lfcal.psf.store import VERSION, PSFWriter
 
-__all__ = ["adopt", "iter_join", "stored_plane"]
+__all__ = ["adopt", "stored_plane"]
 
 
-def iter_join(parts: Sequence[Path], writer: PSFWriter) -> Work[None]:
-    """Fill an H file from files of one plane each, in order; the file is whole at the end.
-
-    Parameters
-    ----------
-    parts
-        H files of one plane each, with the writer's stored type and compression.
-    writer
-        Not yet entered; its facts of the whole matrix are its own, those of the planes are the parts'.
+def adopt(writer: PSFWriter, z: int, path: Path) -> None:
+    """Take plane ``z`` over from an H file of it alone, of the writer's stored type and compression.
 
     Raises
     ------
     FileFormatError, StorageError
-        If a part is damaged or not there.
+        If the file is damaged or not there.
     InputError
-        If a part does not fit.
+        If its plane does not fit.
     """
-    clock = Clock("join planes", len(parts))
-    with writer:
-        yield clock.at(0)
-        for z, path in enumerate(parts):
-            adopt(writer, z, path)
-            yield clock.at(z + 1)
-
-
-def adopt(writer: PSFWriter, z: int, path: Path) -> None:
-    """Take plane ``z`` over from a file of it alone; raises as `iter_join`."""
     with H5File(path) as file:
         writer.adopt_plane(z, stored_plane(file))
 

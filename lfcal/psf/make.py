@@ -38,7 +38,6 @@ __all__ = [
     "Zeros",
     "do_plane",
     "iter_make",
-    "iter_units",
     "iter_write",
     "iter_write_regions",
     "units_of",
@@ -111,6 +110,10 @@ class PlaneSource:
         """Return the progress of a run of units with what this process knows of its planes."""
         return record
 
+    def late_provenance(self) -> Mapping[str, Any]:
+        """Return provenance that is known only once all planes are made here; it is kept with the header's."""
+        return {}
+
     def close(self) -> None:
         """Release the files that the source has opened itself; called before the new file takes its name."""
 
@@ -143,6 +146,7 @@ def iter_write(
     stored: Stored | None = None,
     *,
     run: RunChoice | None = None,
+    keep: bool = False,
     workers: int | None = None,
 ) -> Work[Path]:
     """Write a matrix to an H file, which appears whole or not at all; one plane of it is in memory at a time.
@@ -158,6 +162,8 @@ def iter_write(
     run
         Make it in units of a plane: by whom, and what becomes of an earlier run. Planes that are done stay for the next
         run.
+    keep
+        With a ``run``, the files of its units stay, as in `lfcal.work.iter_made`.
     workers
         Threads of this process, without a ``run``; None takes every processor.
 
@@ -168,12 +174,13 @@ def iter_write(
     """
     target, stored = Path(out), stored or Stored()
     if run is not None:
-        yield from iter_units(source, target, stored, run)
+        yield from _iter_units(source, target, stored, run, keep=keep)
         return target
     zeros = _Buffer(source.header.shape[1:])
     with PSFWriter.of(target, source.header, stored, workers) as writer, closing(source):
         for z in range(source.header.shape[0]):
             writer.write(z, (yield from source.iter_plane(z, zeros, workers)))
+        writer.note(source.late_provenance())
     return target
 
 
@@ -199,6 +206,7 @@ def iter_write_regions(
                     part.write_plane(z, drain(source.iter_plane(z, zeros, workers)))
                     done += 1
                     yield clock.at(done)
+                part.note(source.late_provenance())
             part.complete()
         mark_default_plot(file)
     return target
@@ -238,6 +246,7 @@ def _in_memory(source: PlaneSource, workers: int | None) -> Work[PSFMatrix]:
     del known["shape"]
     if any(simulated is not None for _, simulated in made):
         known["provenance"] = with_simulated(header.provenance, [simulated for _, simulated in made])
+    known["provenance"] = {**known["provenance"], **source.late_provenance()}
     return PSFMatrix(whole, facts=stacked([facts for facts, _ in made]), uncertainty=uncertainty, **known)
 
 
@@ -245,8 +254,8 @@ def _in_memory(source: PlaneSource, workers: int | None) -> Work[PSFMatrix]:
 _HELD: Held[PlaneSource] = Held(lambda source: source.close())
 
 
-def iter_units(source: PlaneSource, out: Path, stored: Stored, run: RunChoice, *, keep: bool = False) -> Work[None]:
-    """Write a matrix in units of a plane; with ``keep`` the units' files stay, as in `lfcal.work.iter_made`."""
+def _iter_units(source: PlaneSource, out: Path, stored: Stored, run: RunChoice, *, keep: bool) -> Work[None]:
+    """Write a matrix in units of a plane."""
     from lfcal.work import iter_made
 
     check_storable(source.header, stored)
@@ -310,6 +319,7 @@ def _iter_joined(
             else:
                 writer.write(z, drain(source.iter_plane(z, _Buffer(source.header.shape[1:]), None)))
             yield clock.at(z + 1)
+        writer.note(source.late_provenance())
 
 
 def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:

@@ -21,7 +21,6 @@ from lfcal.psf import (
     Reopening,
     Stored,
     Zeros,
-    iter_units,
     iter_write,
     open_psf,
     simulated_planes,
@@ -232,7 +231,7 @@ class _PassUnits:
     def iter_pass(self, planes: _PassPlanes, mark: str) -> Work[None]:
         """Write the planes of a pass, and note that the file holds it."""
         run = self.run if planes.before is None else replace(self.run, begun="resume")  # the first pass began it
-        yield from iter_units(planes, self.out, self.stored, run, keep=True)
+        yield from iter_write(planes, self.out, self.stored, run=run, keep=True)
         with Journal.open(parts_folder(self.out)) as journal:
             journal.note(PASS, mark=mark, stamp=stamp_of([str(self.out)]))
 

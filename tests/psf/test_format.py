@@ -13,7 +13,7 @@ from lfcal.base.errors import FileFormatError, InputError
 from lfcal.base.h5.filters import encode_chunk
 from lfcal.frames import ArraySource
 from lfcal.psf import Cutout, PSFMatrix, PSFWriter, assemble, open_psf, save, save_regions
-from lfcal.psf.joining import iter_join
+from lfcal.psf.joining import adopt
 from lfcal.psf.steps import step_of_range
 
 SHAPE = (3, 4, 5, 9, 11)
@@ -169,5 +169,6 @@ def test_a_plane_of_another_version_is_not_joined(tmp_path: Path) -> None:
     with h5py.File(part, "r+") as file:
         file.attrs["version"] = 2
     with pytest.raises(FileFormatError, match=r"plane of version 4.*version 2.*begin again"):
-        list(iter_join([part], PSFWriter(tmp_path / "H.h5", (1, *SHAPE[1:]), dtype="rounded")))
+        with PSFWriter(tmp_path / "H.h5", (1, *SHAPE[1:]), dtype="rounded") as writer:
+            adopt(writer, 0, part)
     assert not (tmp_path / "H.h5").exists()

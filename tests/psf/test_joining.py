@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from lfcal.base.errors import FileFormatError, InputError, StorageError
-from lfcal.base.progress import drain
 from lfcal.psf import open_psf
 from lfcal.psf.facts import Facts
-from lfcal.psf.joining import iter_join
+from lfcal.psf.joining import adopt
 from lfcal.psf.store import PSFWriter
 
 SHAPE = (3, 2, 4, 5, 7)
@@ -37,6 +36,12 @@ def write(path: Path, planes: list[int], values: np.ndarray, uncertain: int | No
             stated = np.abs(values[z]) / 50 if z == uncertain else None
             writer.write_plane(k, values[z], facts=facts_of(z), uncertainty=stated)
     return path
+
+
+def join(parts: list[Path], writer: PSFWriter) -> None:
+    with writer:
+        for z, part in enumerate(parts):
+            adopt(writer, z, part)
 
 
 def contents(path: Path) -> dict[str, Any]:
@@ -77,7 +82,7 @@ def test_the_file_that_one_writer_would_have_written(
     whole = write(tmp_path / "whole.h5", [0, 1, 2], values, uncertain, **common)
     parts = [write(tmp_path / f"{z}.h5", [z], values, uncertain, **how) for z in range(3)]
     joined = tmp_path / "joined.h5"
-    drain(iter_join(parts, PSFWriter(joined, SHAPE, depths=DEPTHS, **common)))
+    join(parts, PSFWriter(joined, SHAPE, depths=DEPTHS, **common))
     assert contents(joined) == contents(whole)
     with open_psf(joined, check=True) as found, open_psf(whole) as wanted:
         np.testing.assert_array_equal(found[:], wanted[:])
@@ -89,14 +94,14 @@ def test_parts_that_do_not_fit(tmp_path: Path) -> None:
     parts = [write(tmp_path / f"{z}.h5", [z], values, None, compression="none") for z in range(3)]
     joined = tmp_path / "joined.h5"
     with pytest.raises(InputError, match="stored as the others"):
-        drain(iter_join(parts, PSFWriter(joined, SHAPE)))
+        join(parts, PSFWriter(joined, SHAPE))
     with pytest.raises(InputError, match="plane 0"):
-        drain(iter_join(parts, PSFWriter(joined, (3, 2, 4, 5, 9), compression="none")))
+        join(parts, PSFWriter(joined, (3, 2, 4, 5, 9), compression="none"))
     two = write(tmp_path / "two.h5", [0, 1], values, None, compression="none")
     with pytest.raises(FileFormatError, match="one plane"):
-        drain(iter_join([two], PSFWriter(joined, (1, *SHAPE[1:]), compression="none")))
+        join([two], PSFWriter(joined, (1, *SHAPE[1:]), compression="none"))
     with pytest.raises(StorageError, match="no such file"):
-        drain(iter_join([tmp_path / "gone.h5"], PSFWriter(joined, (1, *SHAPE[1:]))))
+        join([tmp_path / "gone.h5"], PSFWriter(joined, (1, *SHAPE[1:])))
     with pytest.raises(InputError, match="planes \\[2\\] missing"):
-        drain(iter_join(parts[:2], PSFWriter(joined, SHAPE, compression="none")))
+        join(parts[:2], PSFWriter(joined, SHAPE, compression="none"))
     assert not joined.exists() and not list(tmp_path.glob(".joined*"))
