@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass, fields
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,17 +24,25 @@ from lfcal.base import (
     require_space,
     storage_errors,
 )
-from lfcal.psf._matlab import MatOptions, iter_write_mat, mat_notes
+from lfcal.base.h5 import H5File, new_h5
+from lfcal.psf._chunk_codec import copy_plane
+from lfcal.psf._matlab import MatOptions, create_mat_data, iter_write_mat, mat_notes, mat_plane, mat_written
 from lfcal.psf._tiff_export import iter_write_tiff, tiff_files
+from lfcal.psf.layout import Stored
 from lfcal.psf.light import empty_positions, empty_words
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.saving import iter_save
+from lfcal.psf.saving import MatrixPlanes, iter_save, open_planes
+from lfcal.psf.store import store_plane
+
+if TYPE_CHECKING:
+    from lfcal.work import RunChoice
 
 __all__ = [
     "WRITERS",
     "ExportOptions",
     "check_export",
     "check_missing",
+    "do_plane",
     "export",
     "export_files",
     "export_notes",
@@ -98,26 +108,36 @@ class ExportOptions:
         return MatOptions(**{name: value for name, value in self.given().items() if name in names})
 
 
-def _write_h5(matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions) -> Work[Path]:
-    return iter_save(matrix, path, dtype=options.dtype, compression="none" if options.compress is False else "gzip")
+def _write_h5(
+    matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions, run: RunChoice | None
+) -> Work[Path]:
+    compression = "none" if options.compress is False else "gzip"
+    return iter_save(matrix, path, dtype=options.dtype, compression=compression, run=run)
 
 
-def _write_mat(matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions) -> Work[Path]:
-    return iter_write_mat(matrix, path, options.mat)
+def _write_mat(
+    matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions, run: RunChoice | None
+) -> Work[Path]:
+    return iter_write_mat(matrix, path, options.mat) if run is None else _iter_units(matrix, Path(path), options, run)
 
 
-def _write_npy(matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions) -> Work[Path]:
-    return iter_write_npy(matrix, path)
+def _write_npy(
+    matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions, run: RunChoice | None
+) -> Work[Path]:
+    return iter_write_npy(matrix, path) if run is None else _iter_units(matrix, Path(path), options, run)
 
 
-def _write_tiff(matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions) -> Work[Path]:
+def _write_tiff(
+    matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions, run: RunChoice | None
+) -> Work[Path]:
+    # without units: a TIFF of several planes is one file for each already, or small
     return iter_write_tiff(matrix, path, position=options.position)
 
 
 class _Writer(NamedTuple):
     """How a format is written, and the options it uses."""
 
-    write: Callable[[PSFMatrix, str | os.PathLike[str], ExportOptions], Work[Path]]
+    write: Callable[[PSFMatrix, str | os.PathLike[str], ExportOptions, RunChoice | None], Work[Path]]
     uses: frozenset[str]
 
 
@@ -177,17 +197,22 @@ def iter_export(
     interpolation: str | None = None,
     position: tuple[int, int] | None = None,
     allow_missing: bool | None = None,
+    run: RunChoice | None = None,
 ) -> Work[Path]:
     """Write ``matrix`` in the format of the suffix.
 
     ``.h5`` H file, ``.mat`` MATLAB v7.3 (H, Ht, Nnum, CAindex, x3objspace, anchor, lensCentre), ``.npy``, ``.tif``
     hyperstacks. For the options see `ExportOptions`; what readers of the file take otherwise, `export_notes` says.
+    With ``run``, a matrix that was opened from a file is written in units of a plane, by whom and after which earlier
+    run that says: planes that are done stay for the next run. TIFF has no units.
 
     Raises
     ------
     InputError
         For an unknown suffix, or an option that its format does not use; or for missing positions that its format
-        cannot mark, without ``allow_missing``.
+        cannot mark, without ``allow_missing``. With a ``run`` where the matrix has no file.
+    StorageError
+        If the file cannot be written; with a ``run`` as `lfcal.work.iter_made`.
 
     Examples
     --------
@@ -202,7 +227,7 @@ def iter_export(
         compress, dtype, include_transpose, rows_first, lens_centred, interpolation, position, allow_missing
     )
     suffix = check_export(matrix, path, options)
-    return WRITERS[suffix].write(matrix, path, options)
+    return WRITERS[suffix].write(matrix, path, options, run)
 
 
 export = drained(
@@ -243,3 +268,80 @@ def check_missing(matrix: PSFMatrix, suffix: str, options: ExportOptions) -> Non
             empty_words(matrix),
             "fill them (lfcal assemble --fill), write an H file (.h5), or allow zeros in their place (--allow-missing)",
         )
+
+
+# -- units: other threads, processes, machines -------------------------------------------------------------------------
+PLANE, CROP = "plane", "crop"
+
+
+def _iter_units(matrix: PSFMatrix, target: Path, options: ExportOptions, run: RunChoice) -> Work[Path]:
+    """Write a ``.mat`` or ``.npy`` file of planes that are files of their own until all are there."""
+    from lfcal.work import Unit, iter_made
+
+    suffix = target.suffix.lower()
+    names = ("H", "Ht") if suffix == ".mat" and options.mat.include_transpose else ("H",)
+    # before any plane is made
+    require_space(target.parent, len(names) * matrix.nbytes, what=target.name)
+    reopening = MatrixPlanes(matrix).reopening(0, Stored())
+    shared = {"matrix": reopening.values, "suffix": suffix, "options": asdict(options.mat) if suffix == ".mat" else {}}
+    units = [
+        Unit(
+            f"plane {z:04d}" if name == "H" else f"{name} plane {z:04d}",
+            f"{__name__}:{do_plane.__name__}",
+            shared | {"name": name, "z": z},
+            reopening.inputs,
+        )
+        for name in names
+        for z in range(len(matrix))
+    ]
+    join = partial(_iter_joined, matrix=matrix, target=target, options=options)
+    yield from iter_made(units, target, run, join, title=f"export {target.name}")
+    return target
+
+
+def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
+    """Write one plane into a file of its own, stored as it will be: the task of a unit."""
+    z, suffix = int(arguments["z"]), arguments["suffix"]
+    clock = Clock(f"export plane {z}", 1)
+    yield clock.at(0)
+    with closing(open_planes(arguments["matrix"], workers)) as planes:
+        options = MatOptions(**arguments["options"]) if suffix == ".mat" else MatOptions(compress=False)
+        written = mat_written(planes.matrix, options) if suffix == ".mat" else planes.matrix
+        plane, crop = mat_plane(written, options, arguments["name"], z)
+        with new_h5(out) as file:
+            data = create_mat_data(file, PLANE, written, options, planes=1)
+            store_plane(data, 0, plane, workers=workers)
+            data.attrs[CROP] = crop
+    yield clock.at(1)
+
+
+def _iter_joined(parts: Sequence[Path], *, matrix: PSFMatrix, target: Path, options: ExportOptions) -> Work[None]:
+    """Make the file of its planes."""
+    if target.suffix.lower() == ".npy":
+        yield from iter_write_npy(matrix, target, lambda z: _read(parts[z]))
+    else:
+
+        def store(name: str, z: int, data: Any) -> tuple[int, int]:
+            return _take(parts[z if name == "H" else len(matrix) + z], data, z)
+
+        yield from iter_write_mat(matrix, target, options.mat, store)
+
+
+def _read(part: Path) -> NDArray[Any]:
+    """Return the plane of a part that is stored plainly."""
+    with H5File(part) as file:
+        plane: NDArray[Any] = file.dataset(PLANE).read()[0]
+        return plane
+
+
+def _take(part: Path, data: Any, z: int) -> tuple[int, int]:
+    """Copy the plane of a part into an open dataset, as it is stored; return its crop."""
+    with H5File(part) as file:
+        stored = file.dataset(PLANE)
+        if data.chunks:
+            copy_plane(stored, data, z)
+        else:
+            data[z] = stored.read()[0]
+        crop = file.attributes(PLANE).numbers(CROP, (2,))
+        assert crop is not None, "do_plane writes it"
+        return int(crop[0]), int(crop[1])

@@ -8,8 +8,7 @@ from lfcal.psf.assembly import AssembledPlanes, AssemblyProgress, planes_of_fram
 from lfcal.psf.cutout import INTERPOLATIONS, Window
 from lfcal.psf.denoising import mean_noise
 from lfcal.psf.difference import Difference, iter_difference
-from lfcal.psf.export_units import iter_export_units
-from lfcal.psf.facts import Origin, stacked
+from lfcal.psf.facts import Origin
 from lfcal.psf.filling import Fill, Filled
 from lfcal.psf.half_cell import copied_positions
 from lfcal.psf.layout import COMPRESSIONS, Header, Plane
@@ -70,7 +69,6 @@ __all__ = [
     "find_orientation",
     "ht_slice",
     "iter_difference",
-    "iter_export_units",
     "iter_make",
     "iter_pick",
     "iter_region_loss",
@@ -88,6 +86,5 @@ __all__ = [
     "planes_of_frames",
     "scan_noise",
     "simulated_planes",
-    "stacked",
     "voxel_um",
 ]

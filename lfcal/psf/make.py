@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import Clock, InputError, Progress, Work, drain, plain, require_space
+from lfcal.psf._joining import adopt
 from lfcal.psf._nexus import mark_default_plot
 from lfcal.psf.facts import stacked
-from lfcal.psf.joining import adopt
 from lfcal.psf.layout import Header, MatrixGroup, Plane, Stored
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.opening import open_psf

@@ -171,7 +171,7 @@ class PSFWriter:
         self._matrix.write_plane(z, plane)
 
     def adopt_plane(self, z: int, stored: StoredPlane) -> None:
-        """Take plane ``z`` over as another file has it, byte for byte; see `lfcal.psf.joining`."""
+        """Take plane ``z`` over as another file has it, byte for byte; see `lfcal.psf._joining`."""
         self._matrix.adopt_plane(z, stored)
 
     def note(self, provenance: Mapping[str, Any]) -> None:

@@ -12,9 +12,8 @@ import pytest
 from lfcal.base.errors import InputError, StorageError
 from lfcal.base.progress import drain
 from lfcal.camera import preset
-from lfcal.psf import PSFMatrix, export_units, make, open_psf, save
+from lfcal.psf import PSFMatrix, _export, make, open_psf, save, save_regions
 from lfcal.psf._export import ExportOptions, iter_export
-from lfcal.psf.export_units import iter_export_units
 from lfcal.work import RunChoice, parts_folder
 from tests.psf.test_joining import contents
 
@@ -45,19 +44,18 @@ def stored(path: Path) -> Any:
     return contents(path) if h5py.is_hdf5(path) else path.read_bytes()
 
 
-def straight(psf: Path, path: Path, options: ExportOptions, turned: bool) -> Any:
+def exported(psf: Path, path: Path, options: ExportOptions, turned: bool = False, run: RunChoice | None = None) -> Path:
     with open_psf(psf) as H:
-        drain(iter_export(H.T if turned else H, path, **options.given()))
-    return stored(path)
+        return drain(iter_export(H.T if turned else H, path, **options.given(), run=run))
 
 
 @pytest.mark.parametrize(("suffix", "options", "turned"), WAYS)
 def test_the_same_file_in_units_and_without(
     psf: Path, tmp_path: Path, suffix: str, options: ExportOptions, turned: bool
 ) -> None:
-    expected = straight(psf, tmp_path / f"one{suffix}", options, turned)
+    expected = stored(exported(psf, tmp_path / f"one{suffix}", options, turned))
     out = tmp_path / f"two{suffix}"
-    assert drain(iter_export_units(psf, out, options, turned=turned, run=RunChoice("threads", 1))) == out
+    assert exported(psf, out, options, turned, RunChoice("threads", 1)) == out
     assert stored(out) == expected and not parts_folder(out).exists()
 
 
@@ -65,9 +63,9 @@ def test_the_same_file_in_units_and_without(
 def test_it_goes_on_with_what_was_done(
     psf: Path, tmp_path: Path, suffix: str, options: ExportOptions, turned: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    expected = straight(psf, tmp_path / f"one{suffix}", options, turned)
+    expected = stored(exported(psf, tmp_path / f"one{suffix}", options, turned))
     # an H file is made as every matrix is
-    module: Any = make if suffix == ".h5" else export_units
+    module: Any = make if suffix == ".h5" else _export
     out, made, real = tmp_path / f"two{suffix}", list[str](), module.do_plane
     full = True
 
@@ -80,17 +78,35 @@ def test_it_goes_on_with_what_was_done(
     monkeypatch.setattr(module, "do_plane", task)
     task.__name__ = "do_plane"
     with pytest.raises(StorageError, match="disk is full"):
-        drain(iter_export_units(psf, out, options, turned=turned, run=GO_ON))
+        exported(psf, out, options, turned, GO_ON)
     assert made == ["H0"] and not out.exists()
     full = False
-    drain(iter_export_units(psf, out, options, turned=turned, run=GO_ON))
+    exported(psf, out, options, turned, GO_ON)
     assert len(made) == len(set(made)) and stored(out) == expected and not parts_folder(out).exists()
 
 
 def test_what_an_export_refuses_is_refused_before_anything_is_made(psf: Path, tmp_path: Path) -> None:
     for path, options in ((tmp_path / "x.foo", ExportOptions()), (tmp_path / "x.npy", ExportOptions(compress=True))):
         with pytest.raises(InputError):
-            drain(iter_export_units(psf, path, options, run=GO_ON))
+            exported(psf, path, options, run=GO_ON)
     with pytest.raises(InputError):
-        drain(iter_export_units(psf, psf, run=GO_ON))
+        exported(psf, psf, ExportOptions(), run=GO_ON)
     assert [path.name for path in tmp_path.iterdir()] == ["H.h5"]
+
+
+@pytest.mark.parametrize("suffix", [".h5", ".mat", ".npy"])
+def test_a_matrix_without_a_file_has_no_units(tmp_path: Path, suffix: str) -> None:
+    with pytest.raises(InputError, match="one opened from a file"):
+        drain(iter_export(PSFMatrix(np.ones((1, 2, 2, 3, 3))), tmp_path / f"H{suffix}", run=GO_ON))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", [".mat", ".npy"])
+def test_another_region_is_exported_in_units(psf: Path, tmp_path: Path, suffix: str) -> None:
+    """Units of an export opened the first region of a file, whichever was given."""
+    with open_psf(psf) as H:
+        save_regions({"centre": H, "edge": PSFMatrix(2 * H[:], depths=H.depths)}, tmp_path / "field.h5")
+    with open_psf(tmp_path / "field.h5", region="edge") as edge:
+        drain(iter_export(edge, tmp_path / f"one{suffix}"))
+        drain(iter_export(edge, tmp_path / f"two{suffix}", run=RunChoice("threads", 1)))
+    assert stored(tmp_path / f"two{suffix}") == stored(tmp_path / f"one{suffix}")

@@ -13,7 +13,7 @@ from lfcal.base.errors import FileFormatError, InputError
 from lfcal.base.h5.filters import encode_chunk
 from lfcal.frames import ArraySource
 from lfcal.psf import Cutout, PSFMatrix, PSFWriter, assemble, open_psf, save, save_regions
-from lfcal.psf.joining import adopt
+from lfcal.psf._joining import adopt
 from lfcal.psf.steps import step_of_range
 
 SHAPE = (3, 4, 5, 9, 11)

@@ -12,8 +12,8 @@ import pytest
 
 from lfcal.base.errors import FileFormatError, InputError, StorageError
 from lfcal.psf import open_psf
+from lfcal.psf._joining import adopt
 from lfcal.psf.facts import Facts
-from lfcal.psf.joining import adopt
 from lfcal.psf.store import PSFWriter
 
 SHAPE = (3, 2, 4, 5, 7)

@@ -179,10 +179,11 @@ def iter_exported(psf: str, intent: ExportIntent, path: str) -> Work[Path]:
 
     Planes that are done stay where it is stopped; called again it goes on from them.
     """
-    from lfcal.psf import iter_export_units
+    from lfcal.psf import iter_export, open_psf
 
-    turned = intent.transposed and intent.suffix != ".mat"
-    return iter_export_units(psf, path, intent.options, turned=turned, run=going_on())
+    with open_psf(psf) as opened:
+        matrix = opened.T if intent.transposed and intent.suffix != ".mat" else opened
+        return (yield from iter_export(matrix, path, **intent.options.given(), run=going_on()))
 
 
 def _settled(intent: ExportIntent) -> ExportIntent:
