@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from lfcal.acquire._forecast import SessionForecast, forecast
-from lfcal.acquire.blocks import coarse_order, window_shape
 from lfcal.acquire.control import Control
 from lfcal.acquire.errors import AcquisitionStopped, SuspectFrame
 from lfcal.acquire.finish import iter_assemble_session, iter_finish
@@ -26,12 +25,11 @@ from lfcal.acquire.recording import (
     read_checks,
     verify,
 )
-from lfcal.acquire.redo import RedoList
+from lfcal.acquire.redo import RedoList, read_suspects
 from lfcal.acquire.runner import Observer, Outcome
-from lfcal.acquire.schedule import Schedule, ScheduledFrame
+from lfcal.acquire.schedule import Schedule, ScheduledFrame, coarse_order, window_shape
 from lfcal.acquire.session import check_devices, iter_record, record
 from lfcal.acquire.session_file import SessionFile
-from lfcal.acquire.suspects import read_suspects
 from lfcal.acquire.suspending import Bound, Suspender
 from lfcal.devices import open_rig
 

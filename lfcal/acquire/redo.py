@@ -1,4 +1,4 @@
-"""A list of positions: to record again, as the quality report writes it, or those that a session records at all."""
+"""Lists of positions: to record again (from the quality report or a session), or those that a session records."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lfcal.acquire.recording import open_session
 from lfcal.base import FileFormatError, parse_json, read_text, replace_whole
 from lfcal.frames import Position
 
-__all__ = ["RedoList"]
+__all__ = ["RedoList", "read_suspects"]
 
 FORMAT = "lfcal-redo"
 VERSION = 1
@@ -100,3 +101,25 @@ def _are_positions(value: Any) -> bool:
     return isinstance(value, list) and all(
         isinstance(p, list) and len(p) == 3 and all(type(v) is int for v in p) for p in value
     )
+
+
+def read_suspects(folder: Path) -> RedoList:
+    """Return what the newest frames of a session are suspected of; empty where all is well.
+
+    Raises
+    ------
+    StorageError, FileFormatError
+        If there is no session, or it is damaged.
+    InputError
+        If nothing was recorded.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.acquire import read_suspects
+    >>> print(len(read_suspects(Path("recorded")).positions), "frames look unlike their neighbours")
+    0 frames look unlike their neighbours
+    """
+    with open_session(folder) as source:
+        found = source.suspects()
+    return RedoList.of([position for position, _ in found], [what.words for _, what in found])

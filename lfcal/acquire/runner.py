@@ -1,34 +1,321 @@
-"""The strict loop: move, arrive, settle, read back, expose, read back, write, acknowledge."""
+"""The strict loop: move, arrive, settle, read back, expose, read back, write, acknowledge.
+
+A step is taken as the schedule says (`Taker`), again where a device failed, and looked into where its content is
+doubtful (`Attempts`); `Runner` goes through the schedule.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire._attempts import Attempts
-from lfcal.acquire._known import Known
-from lfcal.acquire._motion import check_limits
-from lfcal.acquire._taking import Taker
+from lfcal.acquire._exposing import ExposedFrame, Exposer
+from lfcal.acquire._motion import Mover, check_limits
 from lfcal.acquire.control import Aborted, Control
 from lfcal.acquire.errors import AcquisitionStopped, SuspectFrame
-from lfcal.acquire.guard import ContentGuard, SensorLimits
-from lfcal.acquire.lighting import check_light
+from lfcal.acquire.guard import (
+    NO_DOUBT,
+    CheckedFrame,
+    Content,
+    ContentGuard,
+    Doubt,
+    FramePlace,
+    MeasuredFrame,
+    SensorLimits,
+    measured,
+    same_place,
+)
+from lfcal.acquire.lighting import Lighting, check_light
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import LiveFrame, Preview
-from lfcal.acquire.recording import Acknowledged, Kind, Note, Sink, Writer
+from lfcal.acquire.recording import Acknowledged, Kind, Note, RecordingSource, Sink, Writer
 from lfcal.acquire.schedule import Schedule, ScheduledFrame
 from lfcal.base import LfcalError, Progress, Work
 from lfcal.camera import ScanPlan
-from lfcal.devices import Rig, Roi
+from lfcal.devices import CameraError, Point, Rig, Roi, StageError, WrongFrame
 from lfcal.frames import Position
 
-__all__ = ["Observer", "Outcome", "Runner"]
+__all__ = ["Known", "Observer", "Outcome", "Runner", "known_around"]
+
+ENOUGH = 512
+
+
+class Known(NamedTuple):
+    """A position that was recorded: its frame ``(rows, columns)``, saturated pixels, and exposure (s)."""
+
+    position: Position
+    frame: NDArray[Any]
+    saturated: int
+    exposure_s: float
+
+
+def known_around(folder: Path, todo: NDArray[np.bool_]) -> list[Known]:
+    """Return the trusted frames next to the positions of ``todo`` ``(nz, ny, nx)``, some hundreds at most.
+
+    Frames that cannot be read are left out: there is less to compare with, and nothing else.
+    """
+    near = todo.copy()
+    for axis in (1, 2):
+        for step in (-1, 1):
+            near |= np.roll(near, step, axis)
+    known: list[Known] = []
+    with suppress(LfcalError), RecordingSource(folder, skip_damaged=True) as source:
+        suspect = {position for position, _ in source.suspects()}
+        for k in range(len(source)):
+            info = source.info(k)
+            if near[info.position] and not todo[info.position] and info.position not in suspect:
+                with suppress(LfcalError):
+                    record = source.record(k)
+                    exposure, saturated = float(record["exposure_s"]), int(record["saturated"])
+                    known.append(Known(info.position, source.read(k), saturated, exposure))
+            if len(known) == ENOUGH:
+                break
+    return known
+
+
+class TakenFrame(NamedTuple):
+    """A frame ``(rows, columns)`` as it is to be kept, in numbers, its note, and all that was read of ``roi``."""
+
+    frame: NDArray[Any]
+    now: MeasuredFrame
+    note: Note
+    exposed: ExposedFrame
+    roi: Roi
+
+
+class Taker:
+    """Take steps of a schedule with the devices of a rig.
+
+    Parameters
+    ----------
+    rig, plan, options, schedule, control
+        As in `Runner`.
+    sensor
+        The camera's.
+    elapsed
+        Seconds of recording so far, pauses left out.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        plan: ScanPlan,
+        options: Options,
+        schedule: Schedule,
+        control: Control,
+        *,
+        sensor: SensorLimits,
+        elapsed: Callable[[], float],
+    ) -> None:
+        self._rig, self._plan, self._options, self._schedule = rig, plan, options, schedule
+        self._elapsed = elapsed
+        self.mover = Mover(rig.stage, rig.time, options.motion(plan), control)
+        self.lighting = Lighting(rig, control, options.light_settle_s)
+        black = plan.camera.sensor.black_level
+        self._exposer = Exposer(rig, control, options.bracket, black, options.grab_timeout_s)
+        self._exposures = plan.exposures
+        self._sensor = sensor
+
+    def take(self, step: ScheduledFrame, attempt: int = 1) -> TakenFrame:
+        """Return the frame of ``step``; raises `DeviceError` if a device fails."""
+        self._exposer.read_region(self._schedule.roi_of(step.kind))
+        dark = step.kind is Kind.DARK
+        self.lighting.switch(not dark)
+        if dark:
+            repeats = self._options.darks
+            exposed = self._exposer.expose(self._exposures[step.z], repeats, self._rig.time.monotonic())
+            here = self.mover.position()
+        else:
+            self.mover.go(step.target)
+            repeats = self._plan.frames_averaged
+            exposed = self._exposer.expose(self._exposures[step.z], repeats, self._rig.time.monotonic())
+            here = self.mover.check(step.target)  # a stage that crept away during the exposure shows here
+        frame, mask, row, column = self._crop(step, exposed)
+        saturated = int(np.count_nonzero(frame >= self._sensor.ceiling if mask is None else mask))
+        now = measured(frame, saturated, self._sensor)
+        note = self._note(step, exposed, now, stage_um=here, place=(row, column), attempts=attempt)
+        return TakenFrame(frame, now, note, exposed, self._exposer.roi)
+
+    def _note(
+        self,
+        step: ScheduledFrame,
+        exposed: ExposedFrame,
+        now: MeasuredFrame,
+        *,
+        stage_um: Point,
+        place: tuple[int, int],
+        attempts: int,
+    ) -> Note:
+        return Note(
+            index=step.flat,
+            attempts=attempts,
+            kind=step.kind,
+            row=place[0],
+            column=place[1],
+            period_y=step.period_y,
+            period_x=step.period_x,
+            saturated=now.saturated,
+            sensor_saturated=exposed.saturated,
+            target_um=step.target,
+            stage_um=stage_um,
+            exposure_s=exposed.exposure_s,
+            time_s=self._rig.time.wall(),
+            elapsed_s=self._elapsed(),
+            energy=now.total,
+            peak=now.peak,
+        )
+
+    def _crop(self, step: ScheduledFrame, exposed: ExposedFrame) -> tuple[NDArray[Any], NDArray[Any] | None, int, int]:
+        """Return the part that is kept, contiguous, with its saturation mask and first sensor row and column."""
+        roi = self._exposer.roi
+        # dark frames keep the whole region: the cutouts of all positions lie in it
+        wanted = self._schedule.roi if step.kind is Kind.DARK else Roi(step.row, step.column, *self._schedule.window)
+        part = wanted.within(roi)
+        mask = None if exposed.mask is None else exposed.mask[part]
+        return np.ascontiguousarray(exposed.data[part]), mask, wanted.row, wanted.column
+
+
+class _Judged(NamedTuple):
+    """A frame with its content, what is seen of it, and what is doubted after all."""
+
+    taken: TakenFrame
+    content: Content
+    seen: CheckedFrame
+    doubt: Doubt
+
+
+class Attempts:
+    """Take steps and judge what comes.
+
+    A doubtful frame is taken again, because most faults pass. If it stays unlike its neighbours, the latest trusted
+    position is taken again: where that comes out as it was recorded, the rig is as it was, and the pattern itself is
+    unusual; where it does not, the rig changed. So a pattern of any kind costs a few frames more, and never an alarm.
+
+    Parameters
+    ----------
+    taker, guard
+        What takes a frame, and what judges it.
+    schedule, plan, options
+        As in `Runner`.
+    """
+
+    def __init__(self, taker: Taker, guard: ContentGuard, schedule: Schedule, plan: ScanPlan, options: Options) -> None:
+        self._taker, self._guard, self._schedule = taker, guard, schedule
+        self._plan, self._options = plan, options
+        self._trusted: tuple[ScheduledFrame, MeasuredFrame] | None = None
+        self._standing = NO_DOUBT
+        self._attempt = 1
+
+    def trust(self, step: ScheduledFrame, now: MeasuredFrame) -> None:
+        """Take ``step`` of an earlier run, which looked like ``now``, for one that is known."""
+        self._trusted = step, now
+
+    def record(self, step: ScheduledFrame) -> TakenFrame:
+        """Return frame and note of ``step``, the latter with what is still suspected of the frame.
+
+        Raises
+        ------
+        DeviceError
+            If a device fails more often than is allowed.
+        SuspectFrame
+            If a doubt stays, and the options say that the session stops then.
+        """
+        self._attempt = 1
+        judged = self._judged(step)
+        if judged.doubt and judged.doubt.what != self._standing.what:
+            judged = self._looked_into(step)
+        elif not judged.doubt and self._standing and step.kind is not Kind.DARK:
+            # with few neighbours to be trusted, only a known place tells whether the fault is over
+            judged = judged._replace(doubt=self._witness())
+        self._standing = judged.doubt
+        if judged.doubt:
+            if self._options.on_suspect == "stop":
+                raise SuspectFrame(judged.doubt.text, judged.doubt.what)
+            note = replace(judged.taken.note, suspicion=judged.doubt.what)
+            return judged.taken._replace(note=note)
+        self._guard.accept(judged.content, judged.seen)
+        if step.kind is Kind.POSITION:
+            self._trusted = step, judged.seen.now
+        return judged.taken
+
+    def _looked_into(self, step: ScheduledFrame) -> _Judged:
+        """Return a later frame of ``step`` with what is to be thought of it."""
+        second = self._again(step)
+        if not second.doubt or second.doubt.certain or step.kind is not Kind.POSITION:
+            return second
+        if self._trusted is None:  # nothing to hold it against: the source may well be dim
+            return second._replace(doubt=NO_DOUBT)
+        witness = self._witness()
+        if witness:
+            return second._replace(doubt=second.doubt | witness)
+        # the rig is as it was: is it the fault of a moment, which passed meanwhile, or the pattern?
+        third = self._again(step)
+        steady = not same_place(third.seen.now, second.seen.now, self._guard.sensor)
+        return third._replace(doubt=NO_DOUBT) if steady and not third.doubt.certain else third
+
+    def _witness(self) -> Doubt:
+        """Return the doubt about the latest trusted position, taken again."""
+        if self._trusted is None:
+            return NO_DOUBT
+        step, before = self._trusted
+        self._taker.mover.forget()
+        found = self._judged(step)
+        if found.doubt.certain:
+            return found.doubt
+        changed = same_place(found.seen.now, before, self._guard.sensor)
+        if not changed:
+            return NO_DOUBT
+        known = f"(z, y, x) = {tuple(self._position(step))}, taken again, differs from its frame too"
+        return Doubt(changed.what, (known,))
+
+    def _again(self, step: ScheduledFrame) -> _Judged:
+        self._taker.mover.forget()
+        self._attempt += 1
+        return self._judged(step)
+
+    def _judged(self, step: ScheduledFrame) -> _Judged:
+        taken = self._faultless(step)
+        exposed = taken.exposed
+        place = FramePlace(self._position(step), (step.period_y, step.period_x))
+        content = Content(
+            step.kind,
+            place,
+            taken.frame,
+            taken.now,
+            exposed.raws,
+            self._plan.exposures[step.z],
+            (exposed.exposure_s, *exposed.reported_s),
+        )
+        seen = self._guard.look(content)
+        return _Judged(taken, content, seen, seen.doubt)
+
+    def _faultless(self, step: ScheduledFrame) -> TakenFrame:
+        """Return what is taken of ``step``, after as many faults of the devices as are allowed."""
+        faults = 0
+        while True:
+            try:
+                return self._taker.take(step, self._attempt)
+            # the camera was changed from outside: every further frame would be wrong too
+            except WrongFrame:
+                raise
+            except (CameraError, StageError):
+                faults += 1
+                if faults > self._options.retries:
+                    raise
+            # the fault may have left the stage anywhere, so the next attempt approaches from the start
+            self._taker.mover.forget()
+            self._attempt += 1
+
+    def _position(self, step: ScheduledFrame) -> Position:
+        return self._schedule.position(step.flat)
+
 
 HOLD_S, TICK_S = 0.2, 0.01
 """How long a session that holds waits before it looks again, and how much of it always passes really (s)."""

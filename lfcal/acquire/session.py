@@ -13,8 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire._known import Known, known_around
-from lfcal.acquire._origin import check_origin
+from lfcal.acquire._looking import Looker
 from lfcal.acquire.control import Control
 from lfcal.acquire.errors import AcquisitionStopped
 from lfcal.acquire.frame_plan import FramePlan
@@ -32,10 +31,11 @@ from lfcal.acquire.recording import (
     iter_verify,
     recording_bytes,
 )
-from lfcal.acquire.runner import Observer, Outcome, Runner
+from lfcal.acquire.runner import Known, Observer, Outcome, Runner, known_around
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session_file import Devices, Run, SessionFile, frame_dtype
 from lfcal.acquire.setup import iter_stage_check
+from lfcal.acquire.spots import image_shift
 from lfcal.acquire.suspending import Suspender
 from lfcal.base import InputError, LfcalError, StorageError, Work, drained, require_space, storage_errors
 from lfcal.camera import ScanPlan
@@ -43,6 +43,52 @@ from lfcal.devices import Rig
 from lfcal.frames import Position
 
 __all__ = ["check_devices", "check_fixed", "check_new", "iter_record", "record"]
+
+CORRELATION = 0.8
+
+
+def check_origin(
+    rig: Rig,
+    plan: ScanPlan,
+    options: Options,
+    schedule: Schedule,
+    latest: tuple[int, NDArray[Any], NDArray[Any]],
+    control: Control,
+) -> None:
+    """Raise `InputError` unless the latest recorded position looks as it did.
+
+    Parameters
+    ----------
+    rig, plan, options, schedule, control
+        As in `Runner`.
+    latest
+        Slot, frame and record of the latest acknowledged position.
+    """
+    slot, before, note = latest
+    tolerance = options.origin_tolerance_px
+    if tolerance is None:
+        return
+    x, y, depth = (float(v) for v in note["target_um"])
+    targets = np.array([[x, y, depth]])
+    looker = Looker(rig, plan, options, control, targets=targets, roi=schedule.roi, bracket=options.bracket)
+    looker.go((x, y, depth))
+    z = schedule.position(int(note["index"])).z
+    data = looker.expose(plan.exposures[z], plan.frames_averaged)
+    top, left = int(note["row"]) - looker.roi.row, int(note["column"]) - looker.roi.column
+    after = data[top : top + before.shape[0], left : left + before.shape[1]]
+    what = f"image of the last recorded position (slot {slot})"
+    remedy = "restore the stage's origin and the optics, or start a new session"
+    try:
+        down, right, correlation = image_shift(before, after)
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from error
+    if max(abs(down), abs(right)) > tolerance:
+        got = f"moved by ({down:.2f}, {right:.2f}) px"
+        raise InputError.expected(what, f"where it was to {tolerance:g} px (row, column)", got, remedy)
+    # an image in the same place may still be another one: defocused, or of another spot
+    if correlation < CORRELATION:
+        raise InputError.expected(what, f"a correlation above {CORRELATION}", f"{correlation:.2f}", remedy)
+
 
 R = TypeVar("R")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from lfcal.acquire.recording._slots import read_layout
+from lfcal.acquire.recording.recording_file import read_layout
 from lfcal.acquire.recording.records import RECORD
 
 PAGE = 4096

@@ -17,11 +17,10 @@ import numpy as np
 import pytest
 
 from lfcal.acquire.finish import iter_assemble_session
-from lfcal.acquire.recording.reader import RecordingFile
+from lfcal.acquire.recording.recording_file import RecordingFile
 from lfcal.acquire.recording.source import RecordingSource, read_checks
-from lfcal.acquire.redo import RedoList
+from lfcal.acquire.redo import RedoList, read_suspects
 from lfcal.acquire.session_file import SessionFile
-from lfcal.acquire.suspects import read_suspects
 from lfcal.base.errors import FileFormatError, InputError
 from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan, preset

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfcal.acquire._combining import average, merge
+from lfcal.acquire._exposing import average, merge
 from lfcal.base.errors import InputError
 
 MAX, BLACK = 4095, 64

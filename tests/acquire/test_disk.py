@@ -191,7 +191,7 @@ def test_a_slow_disk_records_the_same_frames(tmp_path: Path, monkeypatch: pytest
         sync_data(descriptor)
         syncs.append(time.monotonic())
 
-    monkeypatch.setattr("lfcal.acquire.recording._slots.sync_data", slow)
+    monkeypatch.setattr("lfcal.acquire.recording.recording_file.sync_data", slow)
     acknowledged = list[float]()
     watch = lambda *_: acknowledged.append(time.monotonic())  # noqa: E731
     assert record(tmp_path / "slow", PLAN, rig_for(PLAN), OPTIONS, observers=(watch,)).how == "complete"

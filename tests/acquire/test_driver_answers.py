@@ -16,15 +16,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfcal.acquire.blocks import window_shape
 from lfcal.acquire.control import Control
 from lfcal.acquire.errors import AcquisitionStopped
 from lfcal.acquire.live_quality import LiveQuality
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import Preview
+from lfcal.acquire.redo import read_suspects
+from lfcal.acquire.schedule import window_shape
 from lfcal.acquire.session import record
 from lfcal.acquire.setup.live import iter_live
-from lfcal.acquire.suspects import read_suspects
 from lfcal.base.errors import LfcalError
 from lfcal.camera import ScanPlan, preset
 from lfcal.devices import calling, checked

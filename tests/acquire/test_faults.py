@@ -14,7 +14,7 @@ import pytest
 
 from lfcal.acquire._motion import LAST_POLL_S
 from lfcal.acquire.errors import AcquisitionStopped
-from lfcal.acquire.recording import _slots as journal_module
+from lfcal.acquire.recording import recording_file as journal_module
 from lfcal.acquire.recording.durable import FolderLock
 from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.session import record

@@ -12,7 +12,7 @@ import pytest
 
 from lfcal.acquire.control import Control
 from lfcal.acquire.finish import iter_assemble_session, iter_finish, iter_repack
-from lfcal.acquire.recording._slots import read_layout
+from lfcal.acquire.recording.recording_file import read_layout
 from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.session import iter_record, record
 from lfcal.base.errors import FileFormatError, InputError, StorageError

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfcal.acquire.blocks import window_shape
 from lfcal.acquire.control import Control
 from lfcal.acquire.finish import iter_assemble_session
 from lfcal.acquire.live_quality import LiveQuality, QualityState
+from lfcal.acquire.schedule import window_shape
 from lfcal.acquire.session import record
 from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan, StageAxes

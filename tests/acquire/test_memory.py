@@ -17,7 +17,7 @@ import json, os, sys
 from pathlib import Path
 from lfcal.acquire.live_quality import LiveQuality
 from lfcal.acquire.preview import Preview
-from lfcal.acquire.blocks import window_shape
+from lfcal.acquire.schedule import window_shape
 from lfcal.acquire.session import iter_record
 from tests.acquire.rigs import CAREFUL, rig_for, small_plan
 

@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfcal.acquire.blocks import coarse_order, window_shape
 from lfcal.acquire.options import Options
 from lfcal.acquire.recording.records import Kind
-from lfcal.acquire.schedule import Schedule
+from lfcal.acquire.schedule import Schedule, coarse_order, window_shape
 from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
 from lfcal.frames.source import Position

@@ -16,12 +16,12 @@ from lfcal.acquire.control import Control
 from lfcal.acquire.errors import AcquisitionStopped
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import Preview
-from lfcal.acquire.recording.reader import RecordingFile
+from lfcal.acquire.recording.recording_file import RecordingFile
 from lfcal.acquire.recording.records import Kind
 from lfcal.acquire.recording.source import RecordingSource, read_checks
 from lfcal.acquire.session import iter_record, record
 from lfcal.acquire.session_file import SessionFile
-from lfcal.acquire.setup._levels import levels
+from lfcal.acquire.setup.live import levels
 from lfcal.base.errors import FileFormatError, InputError, StorageError
 from lfcal.base.progress import drain
 from lfcal.camera import StageAxes

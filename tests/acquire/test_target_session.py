@@ -14,11 +14,10 @@ import pytest
 from lfcal.acquire.frame_plan import frame_grid
 from lfcal.acquire.options import Options
 from lfcal.acquire.recording._verify import verify
-from lfcal.acquire.recording.source import RecordingSource, read_checks
-from lfcal.acquire.recording.whole_frames import TargetRecording
+from lfcal.acquire.recording.source import RecordingSource, TargetRecording, read_checks
+from lfcal.acquire.redo import read_suspects
 from lfcal.acquire.session import record
 from lfcal.acquire.session_file import SessionFile
-from lfcal.acquire.suspects import read_suspects
 from lfcal.base.axes import Position
 from lfcal.base.errors import FileFormatError, InputError
 from lfcal.camera import ScanPlan

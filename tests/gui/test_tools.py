@@ -12,7 +12,7 @@ from PySide6.QtCore import QSettings
 from PySide6.QtWidgets import QApplication, QMessageBox
 from pytestqt.qtbot import QtBot
 
-from lfcal.acquire.recording.reader import RecordingFile
+from lfcal.acquire.recording.recording_file import RecordingFile
 from lfcal.acquire.session import record
 from lfcal.base.threads import WORKERS
 from lfcal.psf import PSFMatrix, save

@@ -1,13 +1,11 @@
-"""The content guard: each frame is held against what it should be before it counts.
+"""The content guard: each frame is checked before it counts.
 
 - ``doubts``: what can be wrong with a frame, and the words for it
-- ``kernels``: compiled measurements of a frame
-- ``repeats``: content of an earlier exposure, whole or in part
-- ``neighbours``: light, place, dark level and clipping against the frames around
-- ``content``: all of it for one frame
+- ``content``: content of an earlier exposure, and light, place, dark level and clipping that differ from the frames
+  around it
 
 A frame is judged by what was recorded before it, never by a model: any camera and any pattern will do. What only looks
-unusual is no fault yet: `lfcal.acquire._attempts` takes the frame again, and then a frame that is known, to see whether
+unusual is no fault yet: `lfcal.acquire.runner` takes the frame again, and then a frame that is known, to see whether
 the rig changed or the pattern.
 """
 

@@ -64,7 +64,7 @@ def learn(
 ) -> None:
     """Take the differences of ``values`` from ``expected`` into what they mostly are, ``usual`` ``(4,)``.
 
-    Units are those of `lfcal.acquire.guard.neighbours.FIRST`. Quick to widen, slow to narrow: patterns that jump do so
+    Units are those of `lfcal.acquire.guard.content.FIRST`. Quick to widen, slow to narrow: patterns that jump do so
     again.
     """
     light = max(abs(expected[1]), 1e-9)

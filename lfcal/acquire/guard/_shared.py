@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
-from lfcal.acquire.guard.content import CheckedFrame, Content, ContentGuard
+from lfcal.acquire.guard.content import (
+    CheckedFrame,
+    Content,
+    ContentGuard,
+    FramePlace,
+    MeasuredFrame,
+    SensorLimits,
+    measured,
+    same_place,
+)
 from lfcal.acquire.guard.doubts import NO_DOUBT, Doubt
-from lfcal.acquire.guard.neighbours import MeasuredFrame, SensorLimits, measured, same_place
-from lfcal.acquire.guard.repeats import FramePlace
 
 __all__ = [
     "NO_DOUBT",

@@ -1,23 +1,177 @@
-"""One file of a session as it was recorded: what should be in it, whatever is left of it."""
+"""One file of a session as it was recorded: what belongs into it, and what of it is there.
+
+The header may be gone and the end cut off. `lfcal.acquire.recording.recording_file.lay_out` puts the same recording at
+the same place every time, so that the session says where the frames are, and the records prove it.
+"""
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+import os
+import re
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.recording._contents import Slots, files_made, slots_of
-from lfcal.acquire.recording._recovery import opened
-from lfcal.acquire.recording.reader import RecordingFile
-from lfcal.acquire.recording.records import Kind, file_name
+from lfcal.acquire.recording.recording_file import Layout, RecordingFile, lay_out, read_layout
+from lfcal.acquire.recording.records import FILES, RECORD, Kind, file_name
+from lfcal.acquire.recording.store import files_of
 from lfcal.acquire.schedule import Schedule
-from lfcal.acquire.session_file import SessionFile
-from lfcal.base import FileFormatError
+from lfcal.acquire.session_file import SessionFile, frame_dtype
+from lfcal.base import OPEN_FLAGS, FileFormatError, LfcalError, reserve, storage_errors, sync_data, write_at
+from lfcal.base.h5 import trust
 
-__all__ = ["RecordedFile"]
+__all__ = ["RecordedFile", "Slots", "files_made", "opened", "restore", "slots_of"]
+
+
+class Made:
+    """A recording as the session lays it out; where its parts lie is found out when it is asked for.
+
+    Parameters
+    ----------
+    kind, count, shape, dtype
+        What the frames are, how many, rows and columns, and sample type.
+    attributes
+        What the file says of itself.
+    """
+
+    def __init__(
+        self, kind: Kind, count: int, shape: tuple[int, int], dtype: np.dtype[Any], attributes: dict[str, Any]
+    ) -> None:
+        self.frames = count, shape, dtype
+        self._attributes = {**attributes, "holds": FILES[kind]}
+
+    @property
+    def layout(self) -> Layout:
+        """Where everything lies."""
+        return self._laid_out[0]
+
+    @property
+    def size(self) -> int:
+        """Bytes of the file."""
+        return self._laid_out[1]
+
+    @property
+    def header(self) -> bytes:
+        """What the file begins with."""
+        return self._laid_out[2]
+
+    @property
+    def frame_ends(self) -> NDArray[np.int64]:
+        """Where in the file each frame ends (bytes), ``(N,)``."""
+        layout = self.layout
+        return layout.frames_at + layout.frame_bytes * np.arange(1, layout.count + 1, dtype=np.int64)
+
+    @cached_property
+    def _laid_out(self) -> tuple[Layout, int, bytes]:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "layout.h5"  # sparse: it takes the room of its header only
+            size, records_at = lay_out(path, *self.frames, self._attributes)
+            trust(path)
+            with path.open("rb") as file:
+                header = file.read(records_at)
+            return read_layout(path), size, header
+
+
+def recovered(path: Path, made: Made) -> RecordingFile | None:
+    """Return a recording that HDF5 cannot open, read where it was ``made``; None where no frame is whole there.
+
+    A packed recording may have its records at the same place, but never a frame.
+    """
+    try:
+        file = RecordingFile(path, made.layout)
+    except (LfcalError, OSError):
+        return None
+    within = np.flatnonzero(file.taken & (made.frame_ends <= path.stat().st_size))
+    if any(file.is_whole(slot) for slot in within.tolist()):
+        return file
+    file.close()
+    return None
+
+
+def restore(path: Path, made: Made) -> None:
+    """Give a recording its header and its size again; records and frames that are there stay as they are."""
+    with storage_errors(path):
+        descriptor = os.open(path, os.O_RDWR | OPEN_FLAGS)
+        try:
+            reserve(descriptor, made.size)
+            write_at(descriptor, made.header, 0)
+            sync_data(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+@contextmanager
+def opened(path: Path, made: Made, identity: str) -> Iterator[tuple[RecordingFile | None, str]]:
+    """Open a recording as far as that is possible; give it, or None, and what is wrong with the file."""
+    fault, file = "", None
+    try:
+        file = RecordingFile(path)
+        got = file.layout
+        if (got.count, got.shape, got.dtype) != made.frames:
+            fault = f"{got.count} frames of {got.shape} {got.dtype}, not those of this session"
+        elif got.attributes.get("session") != identity:
+            fault = "one of another session"
+    except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
+        fault = _told(" ".join(str(error).split()).removeprefix(f"{path}: "))
+        size = path.stat().st_size if path.is_file() else 0
+        file = recovered(path, made) if size else None
+        if file is not None:
+            fault = f"cut short: {size} of {made.size} bytes" if size < made.size else "its header is damaged"
+    # another session's, and not one that was read where this session's frames lie
+    if fault and file is not None and file.layout is not made.layout:
+        file.close()
+        file = None
+    try:
+        yield file, fault
+    finally:
+        if file is not None:
+            file.close()
+
+
+def _told(error: str) -> str:
+    """Return what was found in place of what: the sentence stands within another that says what to do."""
+    found = re.fullmatch(r"(?:[^:]*: )?expected (.+?), got (.+?)(?:; .*)?", error)
+    return f"{found[2]} in place of {found[1]}" if found else error
+
+
+class Slots(NamedTuple):
+    """What belongs into each of the ``N`` slots of one file.
+
+    ``kinds`` ``(N,)``, ``flat`` ``(N,)`` positions of the plan, ``origins`` ``(N, 2)`` sensor (row, column) of the
+    first pixel, as in `Schedule`.
+    """
+
+    kinds: NDArray[np.uint8]
+    flat: NDArray[np.int64]
+    origins: NDArray[np.int64]
+
+    def records(self, exposures_s: NDArray[np.float64]) -> NDArray[np.void]:
+        """Return stand-ins ``(N,)`` for records that are lost, with the exposure (s) of each slot's plane."""
+        records = np.zeros(len(self.flat), RECORD)
+        records["index"], records["kind"], records["exposure_s"] = self.flat, self.kinds, exposures_s
+        records["row"], records["column"] = self.origins.T
+        return records
+
+
+def slots_of(schedule: Schedule, kind: Kind) -> Slots:
+    """Return what belongs into the slots of the file for ``kind``."""
+    here = np.isin(schedule.kinds, [k for k in Kind if file_name(k, 0) == file_name(kind, 0)])
+    order = np.argsort(schedule.slots[here])
+    kinds, flat, origins = (values[here][order] for values in (schedule.kinds, schedule.flat, schedule.origins))
+    return Slots(kinds.astype(np.uint8), flat.astype(np.int64), origins.astype(np.int64))
+
+
+def files_made(session: SessionFile, run: int, schedule: Schedule) -> dict[Kind, Made]:
+    """Return how the files of recording ``run`` are laid out, by the kind they are for."""
+    plans = files_of(schedule, frame_dtype(session.plan, session.options, session.devices))
+    about = session.attributes(run, schedule)
+    return {kind: Made(kind, *plan, about) for kind, plan in plans.items()}
 
 
 class RecordedFile:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from lfcal.acquire.recording._verify import DamagedFrame, SessionReport, iter_verify, verify
+from lfcal.acquire.recording._verify import DamagedFrame, SessionReport, iter_repair, iter_verify, verify
 from lfcal.acquire.recording.durable import DiskGuard, FolderLock, holder_of
 from lfcal.acquire.recording.opening import open_session
-from lfcal.acquire.recording.reader import RecordingFile
+from lfcal.acquire.recording.recording_file import RecordingFile
 from lfcal.acquire.recording.records import RECORD, Kind, Note, Suspicion, file_name, frame_crc
-from lfcal.acquire.recording.repair import iter_repair
-from lfcal.acquire.recording.source import CheckFrame, RecordingSource, read_checks
+from lfcal.acquire.recording.source import CheckFrame, RecordingSource, TargetRecording, read_checks
 from lfcal.acquire.recording.store import Store, recording_bytes
-from lfcal.acquire.recording.whole_frames import TargetRecording
 from lfcal.acquire.recording.writer import Acknowledged, Sink, Writer
 
 __all__ = [

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lfcal.acquire.recording.source import RecordingSource
-from lfcal.acquire.recording.whole_frames import TargetRecording
+from lfcal.acquire.recording.source import RecordingSource, TargetRecording
 from lfcal.acquire.session_file import NAME, SessionFile
 from lfcal.frames.sources import FrameOptions, SourceKind
 

@@ -1,43 +1,120 @@
-"""A recorded session as frames: cutouts that know where on the sensor they were."""
+"""A recorded session as frames: cutouts with their places on the sensor, or whole frames of a target."""
 
 from __future__ import annotations
 
 import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.recording._darks import read_darks
 from lfcal.acquire.recording._recorded import RecordedFile
-from lfcal.acquire.recording.reader import RecordingFile
+from lfcal.acquire.recording.recording_file import RecordingFile
 from lfcal.acquire.recording.records import Kind, Suspicion, file_name, suspicions
+from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session_file import Devices, SessionFile, frame_dtype
-from lfcal.base import InputError, position_at
+from lfcal.base import FileFormatError, InputError, StorageError, position_at
 from lfcal.camera import ScanPlan
 from lfcal.frames import (
     ArraySource,
+    Dark,
     FrameInfo,
     FrameMetadata,
     Frames,
     FrameSource,
+    LeftOut,
     Noise,
     Position,
     Region,
     Samples,
+    average_frames,
     check_index,
     check_region,
     named,
     stated_noise,
 )
+from lfcal.frames.corrections import difference_variance
 from lfcal.frames.formats import codec_fact
 
-__all__ = ["CheckFrame", "RecordingSource", "read_checks"]
+if TYPE_CHECKING:
+    from lfcal.targets import Phases, TargetPlan
+
+__all__ = ["CheckFrame", "RecordingSource", "TargetRecording", "read_checks"]
+
+
+@dataclass(frozen=True)
+class RecordedDarks:
+    """Mean dark frames by exposure (s), what was left out of them, and exposures (s) of which none is whole."""
+
+    darks: dict[float, Dark] = field(default_factory=dict)
+    left_out: tuple[LeftOut, ...] = ()
+    lost: tuple[float, ...] = ()
+
+
+def read_darks(folder: Path, session: SessionFile, schedule: Schedule, *, skip_damaged: bool = False) -> RecordedDarks:
+    """Return the dark frames of a session, nothing where none was to be recorded.
+
+    Parameters
+    ----------
+    folder, session, schedule
+        The session and the steps of its first recording.
+    skip_damaged
+        Average what is whole, and name what is not.
+
+    Raises
+    ------
+    FileFormatError, StorageError
+        Unless ``skip_damaged``: if a dark frame is damaged, or their file is gone.
+    """
+    if not schedule.count(Kind.DARK):
+        return RecordedDarks()
+    file = RecordedFile(folder, session, 0, schedule, Kind.DARK)
+    darks: dict[float, Dark] = {}
+    left_out: list[LeftOut] = []
+    lost: list[float] = []
+    try:
+        if not skip_damaged:
+            file.check()
+        # nanoseconds: the same exposure read back twice may differ in its last bits
+        exposures = np.round(file.records["exposure_s"], 9)
+        for seconds in np.unique(exposures[file.there]).tolist():
+            slots = np.flatnonzero(file.there & (exposures == seconds)).tolist()
+            frames = _whole(file, slots, left_out, skip_damaged)
+            if frames:
+                first = file.records[next(iter(frames))]
+                place = (int(first["row"]), int(first["column"]))
+                # each frame in the file is the mean of as many exposures as were asked for
+                count = len(frames) * session.options.darks
+                shown = list(frames.values())
+                pairs = [difference_variance(*pair) for pair in pairwise(shown)]
+                variance = session.options.darks * float(np.mean(pairs)) if pairs else None
+                darks[float(seconds)] = Dark(average_frames(shown), origin=place, count=count, variance=variance)
+            else:
+                lost.append(float(seconds))
+    finally:
+        file.close()
+    return RecordedDarks(darks, tuple(left_out), tuple(lost))
+
+
+def _whole(
+    file: RecordedFile, slots: list[int], left_out: list[LeftOut], skip_damaged: bool
+) -> dict[int, NDArray[np.float32]]:
+    """Return the frames that are whole by slot, and note the others."""
+    frames = {}
+    for slot in slots:
+        try:
+            frames[slot] = file.read(slot)
+        except (FileFormatError, StorageError) as error:
+            if not skip_damaged:
+                raise type(error)(f"dark frame: {error}, or leave it out (--skip-damaged)") from error
+            left_out.append(LeftOut(file.label(slot), None, str(error)))
+    return frames
 
 
 class RecordingSource(Frames):
@@ -310,3 +387,83 @@ def _devices(devices: Devices) -> dict[str, Any]:
     """Return what H says of the devices: their names, and the settings of the camera where it gave any."""
     more = {"settings": dict(devices.settings), "automatic": list(devices.automatic)}
     return {"camera": devices.camera, "stage": devices.stage} | {key: value for key, value in more.items() if value}
+
+
+class TargetRecording(RecordingSource):
+    """The acknowledged frames of a target's session, in the plan's order.
+
+    Of a complete session frame ``k`` is frame ``k`` of its plan; `frames` says which it is of one that is not. Each
+    frame's ``points`` are the positions that its holes are next to **as planned**, in the order of
+    ``target.points(plane, offset)``: where the target really lay is found in the frames. ``metadata`` has the
+    ``plan`` of the scan and the ``target`` (`lfcal.targets.TargetPlan`) besides what every session brings.
+
+    Parameters
+    ----------
+    folder, skip_damaged
+        As of `RecordingSource`, which raises the same.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.acquire import Options, TargetRecording, open_session, record
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.devices import simulated_rig
+    >>> from lfcal.targets import Wishes, parse_target, plan_target
+    >>> scan = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,), cutout=31)
+    >>> plan = plan_target(scan, parse_target("array:3x3@2mm"), Wishes(most_frames=3, level="geometric"))
+    >>> _ = record(Path("new"), plan, simulated_rig(scan), Options(darks=0, reference_every=0, on_suspect="flag"))
+    >>> session: TargetRecording
+    >>> with open_session(Path("new")) as session:
+    ...     print(len(session), "whole frames", session.shape, "- of", len(session.info(0).points), "points each")
+    3 whole frames (320, 320) - of 9 points each
+    """
+
+    of_whole_frames = True
+
+    def __init__(self, folder: Path, *, skip_damaged: bool = False) -> None:
+        super().__init__(folder, skip_damaged=skip_damaged)
+
+    @property
+    def target(self) -> TargetPlan:
+        """The plan that was recorded."""
+        return self.session.target  # type: ignore[return-value]  # `read_frame_plan` makes no other
+
+    @cached_property
+    def frames(self) -> tuple[tuple[int, int], ...]:
+        """Plane and offset's number of every frame there is, as in `TargetPlan.frames`."""
+        _, _, most = self.session.grid
+        return tuple((flat // most, flat % most) for flat in self._flat.tolist())
+
+    def _known(self) -> FrameMetadata:
+        # frames are no scan's
+        return replace(super()._known(), target=self.target, target_frames=self.frames, plan_shape=None)
+
+    def info(self, index: int) -> FrameInfo:
+        """Return what the record of frame ``index`` says, and which positions it was planned to show."""
+        k = check_index(index, len(self))
+        record = self.record(k)
+        return FrameInfo(
+            self._points[k],
+            (int(record["row"]), int(record["column"])),
+            float(record["exposure_s"]),
+            saturated=int(record["saturated"]),
+            label=self._files[self._where[k]].label(int(self._slots[k])),
+        )
+
+    @cached_property
+    def _phases(self) -> Phases:
+        from lfcal.targets import Phases
+
+        return Phases.of(self.plan)
+
+    @cached_property
+    def _points(self) -> list[tuple[Position, ...]]:
+        from lfcal.targets import nearest_positions
+
+        found = []
+        for z, k in self.frames:
+            lit = [self.target.points(z, one).pixels for one in self.target.lit_in(z, k)]
+            pixels: NDArray[np.float64] = np.concatenate(lit)
+            index = nearest_positions(self._phases, pixels).positions
+            found.append(tuple(Position(z, y, x) for y, x in index.tolist()))
+        return found

@@ -9,8 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.recording._slots import RecordingJournal
-from lfcal.acquire.recording.reader import RecordingFile
+from lfcal.acquire.recording.recording_file import RecordingFile, RecordingJournal
 from lfcal.acquire.recording.records import FILES, RECORD, Kind, Note, file_name
 from lfcal.acquire.schedule import Schedule, ScheduledFrame
 from lfcal.base import FileFormatError, require_space

@@ -1,11 +1,10 @@
 """Live set-up: what a person needs to see before the session begins; no window in here.
 
-- ``levels``: histogram of every pixel, exact saturation
 - ``lfcal.acquire.spots``: where the spot is, how sharp, how far it moved
-- ``stage_fit``: stage-to-image scale, rotation and sign from a few moves
+- ``stage_fit``: stage-to-image scale, rotation and sign from a few moves, and how far the stage moves in depth
 - ``optical_axis``: where moving in depth does not move the image
 - ``exposure``: exposure time for each plane
-- ``live``: the live view, and where the plan expects the image
+- ``live``: the live view with histogram and exact saturation, and where the plan expects the image
 """
 
 from typing import TYPE_CHECKING

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from lfcal.acquire.setup._levels import Levels, levels
 from lfcal.acquire.setup.exposure import iter_exposures, suggest_exposure
-from lfcal.acquire.setup.live import LiveState, iter_live, predicted_image
+from lfcal.acquire.setup.live import Levels, LiveState, iter_live, levels, predicted_image
 from lfcal.acquire.setup.optical_axis import OpticalAxis, find_optical_axis, iter_optical_axis
 from lfcal.acquire.setup.stage_check import StageCheck, iter_stage_check
 from lfcal.acquire.setup.stage_fit import StageFit, check_stage, fit_stage, iter_stage_fit

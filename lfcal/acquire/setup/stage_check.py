@@ -19,13 +19,16 @@ from lfcal.acquire.frame_plan import FramePlan
 from lfcal.acquire.lighting import Lighting
 from lfcal.acquire.options import Options
 from lfcal.acquire.session_file import optics_of
-from lfcal.acquire.setup._stage_depth import DepthFit, DepthLook, check_depth, depth_fit
 from lfcal.acquire.setup.stage_fit import (
     CELL_PX,
     PHASE,
+    DepthFit,
+    DepthLook,
     StageFit,
     check_axes,
+    check_depth,
     check_stage,
+    depth_fit,
     fit_stage,
     phase_drift,
     places_about,

@@ -15,8 +15,8 @@ import pytest
 from lfcal.acquire.control import Control
 from lfcal.acquire.errors import AcquisitionStopped
 from lfcal.acquire.finish import iter_assemble_session, iter_finish
-from lfcal.acquire.recording._slots import read_layout
 from lfcal.acquire.recording._verify import verify
+from lfcal.acquire.recording.recording_file import read_layout
 from lfcal.acquire.runner import Outcome
 from lfcal.acquire.session import iter_record, record
 from lfcal.acquire.session_file import SessionFile

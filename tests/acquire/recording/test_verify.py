@@ -11,8 +11,8 @@ import pytest
 
 from lfcal.acquire.control import Control
 from lfcal.acquire.finish import iter_finish
-from lfcal.acquire.recording._slots import read_layout
 from lfcal.acquire.recording._verify import iter_verify, verify
+from lfcal.acquire.recording.recording_file import read_layout
 from lfcal.acquire.session import iter_record, record
 from lfcal.acquire.session_file import SessionFile
 from lfcal.base.errors import FileFormatError, StorageError

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
 
-from lfcal.acquire.blocks import window_shape
 from lfcal.acquire.control import Control
 from lfcal.acquire.live_coverage import LiveCoverage
 from lfcal.acquire.live_quality import LiveQuality, QualityState
+from lfcal.acquire.schedule import window_shape
 from lfcal.acquire.session import record
 from lfcal.base.errors import LfcalError
 from lfcal.devices.simulated._targets import TargetPattern
@@ -101,7 +101,7 @@ def test_a_slow_disk_ends_the_reading_with_a_part_of_the_plane(tmp_path: Path) -
 def test_a_damaged_frame_is_left_out_and_counted(tmp_path: Path) -> None:
     recorded(tmp_path)
     with open(tmp_path / "recording.h5", "r+b") as file:
-        from lfcal.acquire.recording._slots import read_layout
+        from lfcal.acquire.recording.recording_file import read_layout
 
         layout = read_layout(tmp_path / "recording.h5")
         file.seek(layout.frames_at + 3 * layout.frame_bytes + 10)

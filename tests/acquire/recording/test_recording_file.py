@@ -14,9 +14,8 @@ import h5py
 import numpy as np
 import pytest
 
-from lfcal.acquire.recording import _slots as journal_module
-from lfcal.acquire.recording._slots import RecordingJournal, read_layout
-from lfcal.acquire.recording.reader import RecordingFile
+from lfcal.acquire.recording import recording_file as journal_module
+from lfcal.acquire.recording.recording_file import RecordingFile, RecordingJournal, read_layout
 from lfcal.acquire.recording.records import RECORD, Kind, Note, Suspicion, frame_crc, intact, pack, suspicions
 from lfcal.base.errors import FileFormatError, StorageError
 
