@@ -3,11 +3,10 @@
 - ``source``: the protocol all frames share; ``view``: a source that looks at another one
 - ``opening``: `open_frames`, the only door; ``sources``: the kinds of source behind it
 - ``formats``: image files, one module a format
-- ``manifest``, ``manifest_file``, ``positions``: which frame was taken where
-- ``lists``, ``name_guess``: the same from what other programs wrote
+- ``manifest``, ``positions``: which frame was taken where; ``lists``: the same from what other programs wrote
 - ``regions``: parts of a frame; ``cfa``, ``channels``: colour filter patterns, and mosaics by channel
 - ``described``: what a scan plan adds to what frames say of themselves; ``aligned``: left-aligned samples
-- ``orientation``, ``oriented``: the eight flips and turns, and frames turned upright
+- ``orientation``: the eight flips and turns, and frames turned upright
 - ``damage``: frames that cannot be read, named and left out
 - ``corrections``: single corrections, their chain, the recipe, and the corrected view made from it
 """

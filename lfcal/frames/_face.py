@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from lfcal.frames._oriented import OrientedSource, oriented
 from lfcal.frames.channels import BalancedSource, ChannelSource, balanced_source, channel_source
 from lfcal.frames.corrections import (
     Background,
@@ -22,10 +21,17 @@ from lfcal.frames.corrections import (
 )
 from lfcal.frames.damage import iter_undamaged
 from lfcal.frames.formats import open_image, read_image
-from lfcal.frames.manifest import FrameEntry, Manifest
-from lfcal.frames.manifest_file import read_manifest, write_manifest
+from lfcal.frames.manifest import FrameEntry, Manifest, read_manifest, write_manifest
 from lfcal.frames.opening import open_frames
-from lfcal.frames.orientation import AS_IS, ORIENTATIONS, Orientation, named_orientation, nearest_orientation
+from lfcal.frames.orientation import (
+    AS_IS,
+    ORIENTATIONS,
+    Orientation,
+    OrientedSource,
+    named_orientation,
+    nearest_orientation,
+    oriented,
+)
 from lfcal.frames.positions import NamePattern, scan_positions
 from lfcal.frames.regions import check_region
 from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, LeftOut, Noise, Position, Samples

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from lfcal.frames._colour_scan import ThinnedSource, colour_scan, colours_of
 from lfcal.frames.aligned import chosen_shift, find_shift
 from lfcal.frames.cfa import cfa_from, check_cfa, pattern_side
-from lfcal.frames.components import COMPONENTS, open_component
+from lfcal.frames.channels import ThinnedSource, colour_scan, colours_of
 from lfcal.frames.damage import SelectedSource, named
 from lfcal.frames.described import stated_noise
 from lfcal.frames.half_cell import with_partners
-from lfcal.frames.opening import SOURCES
+from lfcal.frames.opening import COMPONENTS, SOURCES, open_component
 from lfcal.frames.orientation import AUTO, CHECK
 from lfcal.frames.part import binned, check_inside, check_stated, parse_origin, part_refusal, smaller, stated_origin
 from lfcal.frames.positions import natural_key

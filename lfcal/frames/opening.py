@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
-from lfcal.base import Registry, StorageError
+from lfcal.base import FileFormatError, Registry, StorageError
 from lfcal.camera import ScanPlan
 from lfcal.frames.manifest import Manifest
 from lfcal.frames.orientation import AS_IS
@@ -16,7 +17,7 @@ from lfcal.frames.source import FrameMetadata, Frames, FrameSource
 from lfcal.frames.sources import FrameOptions, SourceKind
 from lfcal.frames.view import SourceView
 
-__all__ = ["SOURCES", "open_frames"]
+__all__ = ["COMPONENTS", "SOURCES", "open_component", "open_frames"]
 
 SOURCES: Registry[SourceKind] = Registry(
     "frame source", "lfcal.frames.sources", "SOURCE", "lfcal.sources", order=lambda kind: (kind.rank, kind.name)
@@ -78,7 +79,7 @@ def open_frames(
     orientation
         What makes the frames upright (`lfcal.frames.orientation.ORIENTATIONS`), where the light in them shows which
         axis of a list's stage coordinates is which; ``"check"`` or ``"auto"``: it is not known, see
-        `lfcal.frames.lists._lie`. Nothing is turned here: `lfcal.frames.oriented` does.
+        `lfcal.frames.lists.motion`. Nothing is turned here: `lfcal.frames.oriented` does.
     origin
         Row and column, on the sensor as it is delivered, of the first pixel of frames that are a part of it (a camera's
         region of interest); dark and white frames are of the same part, or of the whole sensor.
@@ -132,3 +133,34 @@ class _Converted(SourceView):
     def repeats(self) -> FrameSource | None:
         """Return the plug-in's repeated frames."""
         return self.source.repeats() if isinstance(self.source, Frames) else None
+
+
+COMPONENTS = ("R", "G", "B")
+"""Components of colour images."""
+
+T = TypeVar("T")
+
+
+def open_component(opened: Callable[..., T], channel: str) -> T:
+    """Return what ``opened()`` does, or for colour pictures ``opened(colour=component)``.
+
+    Parameters
+    ----------
+    opened
+        Opens frames.
+    channel
+        Name of a colour, of a mosaic or a picture; ``"each"`` takes green first.
+
+    Raises
+    ------
+    FileFormatError
+        If the frames are colour pictures, and ``channel`` is none of their components.
+    """
+    try:
+        return opened()
+    except FileFormatError:
+        component = "G" if channel == "each" else channel
+        if component not in COMPONENTS:
+            raise
+    # grey frames that are damaged fail again, with the same words
+    return opened(colour=component)

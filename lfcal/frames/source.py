@@ -195,7 +195,7 @@ class FrameMetadata:
     codec
         How the files store samples: ``{"name": "lzw", "lossless": True}``. H keeps it.
     colour
-        Component of colour images that the frames are: one of `lfcal.frames.components.COMPONENTS`.
+        Component of colour images that the frames are: one of `lfcal.frames.opening.COMPONENTS`.
     pixel_um
         Size of a pixel in object space as the files state it (µm).
     path

@@ -15,7 +15,7 @@ import tifffile
 from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
 from lfcal.frames import ArraySource
-from lfcal.frames._colour_scan import colour_scan
+from lfcal.frames.channels import colour_scan
 from lfcal.psf import open_psf
 from tests.cli.conftest import Run
 

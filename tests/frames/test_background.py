@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lfcal.frames import Background, CorrectionChain
-from lfcal.frames.corrections.background import border_strips
+from lfcal.frames.corrections.steps import border_strips
 
 
 @pytest.mark.parametrize(("shape", "width"), [((30, 40), 5), ((30, 40), 14), ((30, 40), 15), ((3, 4), 8), ((1, 1), 1)])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from lfcal.frames.formats._decoder_messages import caught_messages
-from lfcal.frames.formats.opening import read_image
+from lfcal.frames.formats.image_file import read_image
 
 
 def test_complaints_are_kept_and_other_words_passed_on(capfd: pytest.CaptureFixture[str]) -> None:

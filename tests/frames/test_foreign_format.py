@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lfcal.base.registry import Registry
-from lfcal.frames.formats import opening
+from lfcal.frames.formats import image_file
 from tests.distribution import code_of, in_a_new_process, install
 
 
@@ -31,17 +31,17 @@ def test_the_documented_format_reads_frames(
     fresh: Registry = Registry(
         "image format", "lfcal.frames.formats", "FORMAT", "lfcal.formats", order=lambda f: (f.rank, f.name)
     )
-    monkeypatch.setattr(opening, "FORMATS", fresh)
+    monkeypatch.setattr(image_file, "FORMATS", fresh)
     assert "camera dump" in fresh and not fresh.failures()
-    assert ".flat" in opening.image_suffixes()
+    assert ".flat" in image_file.image_suffixes()
     path = flat(tmp_path / "run.flat", frames)
-    image = opening.open_image(path)
+    image = image_file.open_image(path)
     assert (image.pages, image.shape, image.dtype) == (3, (20, 30), np.dtype(np.uint16))
     np.testing.assert_array_equal(image.read_region(1, slice(3, 9), slice(5, 7)), frames[1, 3:9, 5:7])
     whole = path.read_bytes()
     path.write_bytes(whole[:-1])
     with pytest.raises(Exception, match=r"run\.flat") as caught:
-        opening.read_image(path, 2)
+        image_file.read_image(path, 2)
     assert "\n" not in str(caught.value)
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +13,9 @@ from hypothesis import strategies as st
 
 from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
-from lfcal.frames import NamePattern, Position, scan_positions
-from lfcal.frames.positions import natural_key
+from lfcal.frames import NamePattern, Position, open_frames, scan_positions
+from lfcal.frames.positions import guess_pattern, natural_key
+from tests.frames.scenes import session, write_pngs
 
 SMALL = st.integers(1, 5)
 
@@ -94,3 +97,88 @@ def test_unusable_scan_shapes(shape: tuple[int, ...]) -> None:
 def test_natural_order() -> None:
     names = ["img10.png", "img2.png", "img1.png", "b.png", "2_1.png"]
     assert sorted(names, key=natural_key) == ["2_1.png", "b.png", "img1.png", "img2.png", "img10.png"]
+
+
+SHAPE = (2, 3, 4)
+ALL = list(product(range(2), range(3), range(4)))
+FORMS = {
+    "img_x{x}_y{y}_z{z}.tif": "img_x{x:03d}_y{y:03d}_z{z}.tif",
+    "plane{z}/row-{y}_col-{x}.png": "plane{z}/row-{y}_col-{x}.png",
+    "run7_Z{z}Y{y}X{x}.tiff": "run7_Z{z:02d}Y{y:02d}X{x:02d}.tiff",
+    "z{z}r{y}c{x}.pgm": "z{z}r{y}c{x}.pgm",
+}
+
+
+@pytest.mark.parametrize("template", list(FORMS))
+def test_words_before_the_numbers_tell(template: str) -> None:
+    names = [FORMS[template].format(z=z, y=y, x=x) for z, y, x in ALL]
+    guess = guess_pattern(names, SHAPE)
+    assert guess.certain and guess.templates == (template,)
+    form = NamePattern(template)
+    assert [form.parse(name)[0] for name in names] == [Position(*p) for p in ALL]  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    ("shape", "templates"),
+    [(SHAPE, ("pos-{z}-{y}-{x}.png",)), ((2, 4, 3), ("pos-{z}-{x}-{y}.png",)), ((4, 2, 3), ("pos-{y}-{x}-{z}.png",))],
+)
+def test_numbers_without_words_are_told_by_the_scan(shape: tuple[int, int, int], templates: tuple[str, ...]) -> None:
+    names = [f"pos-{z:03d}-{y:03d}-{x:03d}.png" for z, y, x in ALL]
+    assert guess_pattern(names, shape).templates == templates
+    assert len(guess_pattern(names).templates) == 6 and not guess_pattern(names).certain
+    assert guess_pattern(names, (5, 5, 5)).templates == ()
+
+
+def test_a_square_scan_does_not_tell() -> None:
+    names = [f"pos-{y}-{x}.png" for y, x in product(range(3), range(3))]
+    assert guess_pattern(names, (1, 3, 3)).templates == ("pos-{y}-{x}.png", "pos-{x}-{y}.png")
+
+
+def test_one_plane_and_constant_numbers() -> None:
+    names = [f"run12_z1_y{y}_x{x}.png" for y, x in product(range(3), range(4))]
+    assert guess_pattern(names, (1, 3, 4)).templates == ("run12_z1_y{y}_x{x}.png",)
+    assert guess_pattern(names, SHAPE).templates == ("run12_z{z}_y{y}_x{x}.png",)
+
+
+@pytest.mark.parametrize("names", [[], ["dark.png"], ["a{1}_{2}.png", "a{2}_{2}.png"], ["a.png", "b.png"]])
+def test_names_that_hold_no_position(names: list[str]) -> None:
+    guess = guess_pattern(names, SHAPE)
+    assert guess.templates == () and not guess.certain and guess.numbered == 0
+
+
+def test_numbered_files_are_in_an_order() -> None:
+    assert guess_pattern([f"img_{k:05d}.tif" for k in range(24)], SHAPE).numbered == 24
+
+
+def test_what_is_said_of_a_folder(tmp_path: Path) -> None:
+    frames = session((1, 3, 3, 20, 30))
+    for name, (y, x) in zip(write_pngs(tmp_path, frames), product(range(3), range(3)), strict=True):
+        (tmp_path / name).rename(tmp_path / f"pos-{y}-{x}.png")
+    with pytest.raises(InputError, match=r"'pos-\{y\}-\{x\}\.png' or 'pos-\{x\}-\{y\}\.png'; say it: --pattern"):
+        open_frames(tmp_path, plan_shape=(1, 3, 3))
+    for k, path in enumerate(sorted(tmp_path.iterdir())):
+        path.rename(tmp_path / f"frame{k:03d}.png")
+    with pytest.raises(
+        InputError, match=r"9 numbered files such as frame\d+\.png; name their list .* their order: --order serpentine"
+    ):
+        open_frames(tmp_path, plan_shape=(1, 3, 3))
+
+
+def test_a_stray_image_makes_the_guess_a_question(tmp_path: Path) -> None:
+    names = write_pngs(tmp_path, session((1, 2, 3, 20, 30)))
+    (tmp_path / "overview.png").write_bytes((tmp_path / names[0]).read_bytes())
+    with pytest.raises(InputError, match=r"6 of 7 names that look like 'z0_y\{y\}_x\{x\}\.png'"):
+        open_frames(tmp_path)
+
+
+def test_names_count_from_one_or_nought(tmp_path: Path) -> None:
+    names = write_pngs(tmp_path, session((1, 2, 3, 20, 30)))
+    for name in names:
+        y, x = int(name[4]) + 1, int(name[7]) + 1
+        (tmp_path / name).rename(tmp_path / f"y{y}x{x}.png")
+    assert open_frames(tmp_path).info(5).position == Position(0, 1, 2)
+    assert open_frames(tmp_path, first=0).info(5).position == Position(0, 2, 3)
+    (tmp_path / "y1x1.png").unlink()
+    assert open_frames(tmp_path, plan_shape=(1, 2, 3)).info(0).position == Position(0, 0, 1)
+    # one number beyond the scan that starts at 1 fits: this is a scan from nought whose first rows are missing
+    assert open_frames(tmp_path, plan_shape=(1, 4, 4)).info(0).position == Position(0, 1, 2)

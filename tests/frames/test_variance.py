@@ -10,7 +10,7 @@ import pytest
 from lfcal.camera import ScanPlan, preset
 from lfcal.frames import ArraySource, CorrectionChain, Dark, Exposure, White, corrected
 from lfcal.frames.aligned import ShiftedSource
-from lfcal.frames.corrections.background import Background
+from lfcal.frames.corrections.steps import Background
 from lfcal.frames.described import DescribedSource, sensor_noise, stated_noise
 from lfcal.frames.source import Noise
 from tests.frames.photon_transfer.sensor_model import Truth, micro_images, vignetting

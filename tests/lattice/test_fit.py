@@ -7,15 +7,18 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from lfcal.base.errors import InputError
 from lfcal.camera import Camera, LensletLattice, MainLens, Sensor, preset
-from lfcal.lattice.fit import LatticeFit, fit_lattice
+from lfcal.lattice._forms import DistortionFrame
+from lfcal.lattice._model import LatticeModel
+from lfcal.lattice.fit import LatticeFit, check_cell, fit_lattice, start_reach, tracking_form
 from tests.lattice.test_iris_centre import off_centre, white
-from tests.lattice.white_frames import WhiteFrame, draw_white
+from tests.lattice.white_frames import WhiteFrame, barrel, draw_white
 
 REAL = Path(__file__).parents[3] / "shared/data/lfm_guv"
 needs_real = pytest.mark.skipif(not REAL.exists(), reason=f"{REAL} is not on this machine")
@@ -245,3 +248,66 @@ def test_an_iris_without_a_centre_of_symmetry_moves_the_lattice_and_adds_its_err
 def test_another_kind_is_refused_by_its_name() -> None:
     with pytest.raises(InputError, match="lattice: expected square or hexagonal"):
         fit_lattice(plain(), kind="round")
+
+
+@pytest.mark.long
+def test_a_distortion_of_half_a_pitch_does_not_lose_the_lattice() -> None:
+    """3 px with a pitch of 6.5 px: about a straight lattice the corners would be placed on the wrong side of a gap."""
+    shape = (380, 470)
+    reach = math.hypot(*shape) / 2
+    truth = draw_white(shape, 6.5, "square", rotation=0.3, bend=barrel(3.0, reach), dead=0.02, seed=2)
+    fit = fit_lattice(truth.frame)
+    errors = truth.errors(fit.centres_px(fit.index[:, 0], fit.index[:, 1]))
+    assert math.sqrt((errors**2).sum(1).mean()) < 0.02
+    # neighbours are neighbours: no row was skipped on the way
+    drawn = truth.indices(fit.centres_px(fit.index[:, 0], fit.index[:, 1]))
+    matrix = np.linalg.lstsq(np.column_stack([fit.index, np.ones(len(fit.index))]), drawn, rcond=None)[0]
+    assert np.abs(matrix[:2]).round(6).tolist() in ([[1, 0], [0, 1]], [[0, 1], [1, 0]])
+
+
+def test_the_first_region_is_small_but_never_too_small() -> None:
+    frame = DistortionFrame.of((4384, 6576))
+
+    def reach(pitch: float, frame: DistortionFrame = frame) -> float:
+        return start_reach(LatticeModel("square", np.zeros(2), np.array([pitch, 0.0]), 1.0), frame)
+
+    assert reach(15.0) == 700.0
+    assert reach(90.0) == 900.0
+    small = DistortionFrame.of((100, 120))
+    assert 3 * (reach(24.0, small) / 24.0) ** 2 >= 60
+
+
+def test_what_runs_ahead_is_no_more_than_a_cubic() -> None:
+    assert tracking_form(100000).degree == 3
+    assert tracking_form(12).name == "affine"
+
+
+def checkerboard(side: float, turn: float, blur: float, noise: float = 20.0) -> np.ndarray:
+    y, x = np.mgrid[:240, :260]
+    u, v = x * math.cos(turn) + y * math.sin(turn), y * math.cos(turn) - x * math.sin(turn)
+    fields = 1000.0 * ((np.floor(u / side) + np.floor(v / side)) % 2) + 100
+    soft = cv2.GaussianBlur(fields, (0, 0), blur) if blur else fields
+    return soft + np.random.default_rng(1).normal(0, noise, soft.shape)
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize(("side", "turn", "blur"), [(8.0, 0.0, 0.0), (11.0, 0.1, 1.0), (15.3, 0.78, 1.5)])
+def test_a_checkerboard_is_no_white_image(side: float, turn: float, blur: float) -> None:
+    with pytest.raises(InputError, match="checkerboard"):
+        fit_lattice(checkerboard(side, turn, blur))
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize("fill", [0.5, 0.75, 0.85, 1.0])
+def test_micro_images_of_any_size_are(fill: float) -> None:
+    assert fit_lattice(draw_white((200, 220), kind="square", fill=fill).frame).kind == "square"
+
+
+def test_micro_images_that_are_not_resolved_are_not_judged() -> None:
+    """Two crossed sines are their own negative half a diagonal away, too."""
+    frame = draw_white((200, 220), 6.0, "square", fill=0.8, snr=100.0).frame.astype(float)
+    assert fit_lattice(cv2.GaussianBlur(frame, (0, 0), 1.5)).kind == "square"
+
+
+def test_a_blank_cell_is_left_to_others() -> None:
+    check_cell(np.ones((12, 12)))

@@ -12,7 +12,7 @@ import pytest
 from lfcal.camera import ScanPlan, preset
 from lfcal.frames import ORIENTATIONS, ArraySource, Dark, OrientedSource, Position, corrected, open_frames
 from lfcal.frames.corrections.chain import CorrectionChain
-from lfcal.frames.formats.opening import read_image
+from lfcal.frames.formats.image_file import read_image
 from lfcal.psf.orientation import FoundOrientation, find_orientation
 from tests.frames.test_orientation import NUMPY
 

@@ -1,10 +1,9 @@
 """Between a raw frame and a clean one.
 
-- ``steps``, ``defects``, ``background``: single corrections; ``chain``: all of them in their order, in one pass
-- ``defect_search``: defect pixels found over many frames
-- ``noise``: the variance of a corrected sample
-- ``recipe``: which corrections are asked for, with which calibration frames
-- ``corrected``: a frame source seen through a chain
+- ``steps``: single corrections; ``defects``: defect pixels, found and repaired
+- ``chain``: all corrections in their order, in one pass
+- ``recipe``: which corrections are requested, with which calibration frames
+- ``_corrected``: a frame source seen through a chain, with the variance of its samples
 """
 
 from typing import TYPE_CHECKING

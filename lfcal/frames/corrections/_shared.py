@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from lfcal.frames.corrections._corrected import CorrectedSource, corrected
-from lfcal.frames.corrections.background import Background
 from lfcal.frames.corrections.chain import CorrectionChain
-from lfcal.frames.corrections.defect_search import find_defects, iter_find_defects
-from lfcal.frames.corrections.defects import Defects
+from lfcal.frames.corrections.defects import Defects, find_defects, iter_find_defects
 from lfcal.frames.corrections.recipe import (
     CorrectionRecipe,
     check_turned_colours,
@@ -14,7 +12,15 @@ from lfcal.frames.corrections.recipe import (
     first_image,
     read_average,
 )
-from lfcal.frames.corrections.steps import Dark, DarkSet, Exposure, White, average_frames, difference_variance
+from lfcal.frames.corrections.steps import (
+    Background,
+    Dark,
+    DarkSet,
+    Exposure,
+    White,
+    average_frames,
+    difference_variance,
+)
 
 __all__ = [
     "Background",

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, for_each_chunk
 from lfcal.frames.corrections import _kernels
-from lfcal.frames.corrections.background import Background, Plane
 from lfcal.frames.corrections.defects import Defects, repair_nan
-from lfcal.frames.corrections.steps import Dark, DarkSet, Exposure, White
+from lfcal.frames.corrections.steps import Background, Dark, DarkSet, Exposure, Plane, White
 from lfcal.frames.regions import Region, check_region, grow_region, region_shape, whole
 
 __all__ = ["CorrectionChain", "Step"]

@@ -17,9 +17,16 @@ from lfcal.camera import ScanPlan
 from lfcal.frames.aligned import ShiftedSource, shifted
 from lfcal.frames.channels import channel_source
 from lfcal.frames.corrections._corrected import CorrectedSource
-from lfcal.frames.corrections.background import Background
 from lfcal.frames.corrections.chain import CorrectionChain, Step
-from lfcal.frames.corrections.steps import Dark, DarkSet, Exposure, White, average_frames, difference_variance
+from lfcal.frames.corrections.steps import (
+    Background,
+    Dark,
+    DarkSet,
+    Exposure,
+    White,
+    average_frames,
+    difference_variance,
+)
 from lfcal.frames.described import DescribedSource
 from lfcal.frames.formats import image_suffixes, open_image
 from lfcal.frames.orientation import AS_IS
@@ -249,7 +256,7 @@ def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChai
         saturation = recipe.saturation if recipe.saturation is not None else known.saturation
         steps.append(_white(white, _white_dark(dark, white.shape), recipe, known.cfa, saturation))
     if recipe.defects:
-        from lfcal.frames.corrections.defect_search import find_defects
+        from lfcal.frames.corrections.defects import find_defects
 
         # the search compares one place of the sensor over all frames; cutouts lie at different places
         part = known.origin or (0, 0)

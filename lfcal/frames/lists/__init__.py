@@ -1,13 +1,11 @@
 """Lists of frames that other programs wrote: which column is what, and where on the stage each frame was taken.
 
-- ``table``: text tables of any separator, with decimal points or commas
-- ``columns``: which column holds file, place and exposure, by their names or as told
+- ``table``: text tables of any separator, and which column holds file, place and exposure, by its name or as stated
 - ``listing``: the frames of a table, with places in numbers of steps or in lengths
-- ``names``: files as other systems write them, found in the folder
-- ``micromanager``: what Micro-Manager writes beside its frames
-- ``grid``: planes, rows and columns in stage coordinates
-- ``step_error``: how well places tell the step of a plane
-- ``depths``: depths of planes, z held against the steps
+- ``entries``: the manifest of a list, with its files found in the folder
+- ``list_file``: the file of a list, text table or Micro-Manager's metadata, opened
+- ``_grid``: planes, rows and columns in stage coordinates
+- ``_depths``: depths of planes, z held against the steps
 - ``motion``: where the light goes as the stage moves
 - ``placing``: stage coordinates to positions of a scan plan
 - ``derived``: the scan plan that a list was recorded by

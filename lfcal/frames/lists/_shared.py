@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
-from lfcal.frames.lists.columns import LENGTHS, TIMES, Column, clear_columns, find_columns, parse_columns
 from lfcal.frames.lists.derived import plan_of_list
-from lfcal.frames.lists.entries import located
-from lfcal.frames.lists.listing import Listing
-from lfcal.frames.lists.micromanager import micromanager_list
-from lfcal.frames.lists.motion import Part, centre_of_light
-from lfcal.frames.lists.names import files_below
-from lfcal.frames.lists.open_table import (
+from lfcal.frames.lists.entries import files_below, located
+from lfcal.frames.lists.list_file import (
     any_listing,
     from_micromanager,
     from_stage,
     is_plain,
     manifest_from,
+    micromanager_list,
     reader,
     sample_of,
 )
+from lfcal.frames.lists.listing import Listing
+from lfcal.frames.lists.motion import Part, centre_of_light
 from lfcal.frames.lists.placing import place
-from lfcal.frames.lists.table import TABLE_SUFFIXES, Table, read_table
+from lfcal.frames.lists.table import (
+    LENGTHS,
+    TABLE_SUFFIXES,
+    TIMES,
+    Column,
+    Table,
+    clear_columns,
+    find_columns,
+    parse_columns,
+    read_table,
+)
 
 __all__ = [
     "LENGTHS",

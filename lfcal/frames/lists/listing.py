@@ -11,8 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import FileFormatError, InputError
-from lfcal.frames.lists.columns import LENGTHS, TIMES, Column, columns_in_words, find_columns, parse_columns
-from lfcal.frames.lists.table import Table, read_table
+from lfcal.frames.lists.table import (
+    LENGTHS,
+    TIMES,
+    Column,
+    Table,
+    columns_in_words,
+    find_columns,
+    parse_columns,
+    read_table,
+)
 
 __all__ = ["LONGEST_S", "Listing", "read_listing"]
 
@@ -80,7 +88,7 @@ def read_listing(path: str | os.PathLike[str], columns: str = "") -> Listing:
     path
         A text table with a row for each frame.
     columns
-        Which column holds what, as `lfcal.frames.lists.columns.parse_columns` reads it; the others are guessed.
+        Which column holds what, as `lfcal.frames.lists.table.parse_columns` reads it; the others are guessed.
 
     Raises
     ------

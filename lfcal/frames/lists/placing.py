@@ -15,9 +15,8 @@ from lfcal.base import InputError
 from lfcal.camera import ScanPlan, StageAxes
 from lfcal.frames.lists._depths import LEAST, MOST, with_depths
 from lfcal.frames.lists._grid import ScanGrid, find_grid
-from lfcal.frames.lists._lie import Lie, stage_and_lie
 from lfcal.frames.lists.listing import Listing
-from lfcal.frames.lists.motion import CentroidMotion, Part, image_motion, spread_out
+from lfcal.frames.lists.motion import CentroidMotion, Lie, Part, image_motion, spread_out, stage_and_lie
 from lfcal.frames.orientation import AS_IS
 
 __all__ = ["Placing", "anchor_of", "grid_of", "light_of", "place"]
@@ -83,7 +82,7 @@ def place(
         Returns the frame of a row of the list.
     lie
         ``"check"`` or ``"auto"``: frames may be flipped or turned, and axes that only such frames have are not taken
-        for the stage's (`lfcal.frames.lists._lie`); else they are upright as ``read`` returns them.
+        for the stage's (`lfcal.frames.lists.motion`); else they are upright as ``read`` returns them.
     part
         Where frames that are a part of the sensor lie on it; None: they are whole.
 

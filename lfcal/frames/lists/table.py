@@ -1,17 +1,28 @@
-"""Text tables as spreadsheets, stage programs and scripts write them."""
+"""Text tables as spreadsheets, stage programs and scripts write them, and what their columns hold."""
 
 from __future__ import annotations
 
 import csv
 import io
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from lfcal.base import FileFormatError, read_text
+from lfcal.base import FileFormatError, InputError, read_text
+from lfcal.frames.formats import image_suffixes
 
-__all__ = ["TABLE_SUFFIXES", "Table", "read_table"]
+__all__ = [
+    "ROLES",
+    "TABLE_SUFFIXES",
+    "Column",
+    "Table",
+    "clear_columns",
+    "columns_in_words",
+    "find_columns",
+    "parse_columns",
+    "read_table",
+]
 
 TABLE_SUFFIXES = frozenset({".csv", ".tsv", ".txt", ".dat"})
 """Endings of tables; of these, ``.csv`` and ``.tsv`` are looked for in a folder of frames."""
@@ -169,3 +180,184 @@ def _row(path: Path, number: int, row: list[str], count: int, decimal: str, sepa
     if decimal == ",":
         row = [cell.replace(",", ".") if _COMMA_NUMBER.fullmatch(cell) else cell for cell in row]
     return tuple(row)
+
+
+ROLES = ("file", "page", "z", "y", "x", "exposure", "dy", "dx")
+"""What a column can hold; only file, y and x are needed."""
+
+LENGTHS = {"um": 1.0, "µm": 1.0, "μm": 1.0, "micron": 1.0, "microns": 1.0, "mm": 1e3, "nm": 1e-3, "m": 1e6}
+"""Micrometres of each unit of length."""
+TIMES = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
+"""Seconds of each unit of time."""
+
+_FILE = {"file", "filename", "filepath", "image", "img", "imagefile", "name", "path"}
+_FILE_EXTRA = {"file", "name", "path", "image", "tif", "tiff", "frame"}
+_STAGE = {
+    *("pos", "position", "stage", "coord", "coordinate", "axis", "motor", "table", "abs", "absolute"),
+    *("set", "target", "nominal", "actual", "measured", "readback", "encoder", "source", "point", "pinhole"),
+}
+_INDEX = {"index", "idx", "step", "number", "no", "i"}
+_NAMED_INDEX = {"plane": "z", "slice": "z", "row": "y", "col": "x", "column": "x"}
+_EXPOSURE = {"exp", "exposure", "exposuretime", "exptime", "integration", "shutter"}
+_WORD = re.compile(r"[A-Z]+(?=[A-Z][a-zµμ])|[A-Zµμ]?[a-zµμ]+|[A-Zµμ]+|[0-9]+")
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column that is used.
+
+    Attributes
+    ----------
+    role
+        One of `ROLES`.
+    name
+        Its name in the table.
+    unit
+        Unit of length (z, y, x) or time (exposure) by name, ``"index"`` for numbers of positions; empty: not stated.
+    """
+
+    role: str
+    name: str
+    unit: str = ""
+
+    def __str__(self) -> str:
+        """Return ``role=name (unit)``, without the unit where the name has it."""
+        named = self.unit in (word.lower() for word in _WORD.findall(self.name))
+        return f"{self.role}={self.name}{f' ({self.unit})' if self.unit and not named else ''}"
+
+
+def parse_columns(text: str) -> dict[str, tuple[str, str]]:
+    """Return what ``"file=Name,y=PosY,exposure_ms=Exp"`` says: role to column name and unit.
+
+    A unit follows the role, ``y_mm=PosY``; ``y_index=Row`` says that a column counts positions; ``exposure=`` says that
+    no column holds it, whatever its name.
+
+    Raises
+    ------
+    InputError
+        If it is not of this form, or names what no column can hold.
+    """
+    found: dict[str, tuple[str, str]] = {}
+    for part in text.split(","):
+        key, equals, name = (piece.strip() for piece in part.partition("="))
+        role, _, unit = key.partition("_")
+        units = {"index": 1.0} | LENGTHS if role in ("z", "y", "x") else TIMES if role == "exposure" else {}
+        if not equals or role not in ROLES or (unit and unit not in units) or role in found:
+            raise InputError.expected(
+                "--columns",
+                f"ROLE=COLUMN,… with each of {', '.join(ROLES)} at most once",
+                repr(part),
+                "for example file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp",
+            )
+        found[role] = (name, unit)
+    return found
+
+
+def find_columns(table: Table, told: Mapping[str, tuple[str, str]] | None = None) -> tuple[Column, ...]:
+    """Return which columns are used for what, those that ``told`` names first.
+
+    Raises
+    ------
+    InputError
+        If several columns could hold the same, a needed one is not found, or ``told`` names one that is not there.
+    """
+    chosen, doubtful = _sorted_out(table, told or {})
+    for role, found in doubtful.items():
+        names = " or ".join(repr(column.name) for column in found)
+        raise InputError.expected(
+            f"{table.name}, column of {role}", "one", names, f"say which: --columns '{role}={found[-1].name}'"
+        )
+    missing = [role for role in ("file", "y", "x") if role not in chosen]
+    if missing:
+        raise InputError.expected(
+            f"{table.name}, column of {missing[0]}",
+            "a name such as " + {"file": "file, image or name", "y": "y, PosY or stage_y"}.get(missing[0], "x or PosX"),
+            f"columns {', '.join(table.columns)}",
+            f"say which it is: --columns {','.join(f'{role}=COLUMN' for role in missing)}",
+        )
+    return tuple(chosen[role] for role in ROLES if role in chosen)
+
+
+def clear_columns(table: Table, told: Mapping[str, tuple[str, str]] | None = None) -> tuple[Column, ...]:
+    """Return those columns that ``told`` names or whose names leave no doubt, also where others are missing."""
+    chosen, _ = _sorted_out(table, told or {})
+    return tuple(chosen[role] for role in ROLES if role in chosen)
+
+
+def _sorted_out(table: Table, told: Mapping[str, tuple[str, str]]) -> tuple[dict[str, Column], dict[str, list[Column]]]:
+    """Return the column of each role, and the columns that could have the same role."""
+    chosen = {role: _told(table, role, *value) for role, value in told.items() if value[0]}
+    used = {column.name for column in chosen.values()}
+    guesses: dict[str, list[Column]] = {}
+    for name in table.columns if table.header else ():
+        guess = _guess(name)
+        if guess is not None and name not in used and guess.role not in told:
+            guesses.setdefault(guess.role, []).append(guess)
+    doubtful = {}
+    for role, found in guesses.items():
+        exact = [column for column in found if column.name.strip().lower() == role]
+        if len(found) > 1 and len(exact) != 1:
+            doubtful[role] = found
+        else:
+            chosen[role] = exact[0] if exact else found[0]
+    if "file" not in {*chosen, *doubtful, *told}:
+        chosen |= _by_endings(table, used)
+    return chosen, doubtful
+
+
+def columns_in_words(columns: tuple[Column, ...]) -> str:
+    """Return what was found, as it is shown and as ``--columns`` takes it."""
+    return ", ".join(map(str, columns))
+
+
+def _by_endings(table: Table, used: set[str]) -> dict[str, Column]:
+    """Return the only column whose cells all end as images do, whatever its name."""
+    endings = tuple(image_suffixes())
+    found = [
+        name
+        for name in table.columns
+        if name not in used and table.rows and all(cell.lower().endswith(endings) for cell in table.column(name))
+    ]
+    return {"file": Column("file", found[0])} if len(found) == 1 else {}
+
+
+def _told(table: Table, role: str, name: str, unit: str) -> Column:
+    if name not in table.columns and name.isdigit() and 1 <= int(name) <= len(table.columns):
+        name = table.columns[int(name) - 1]  # a name that cannot be typed is given by its number
+    if name not in table.columns:
+        near = [column for column in table.columns if column.lower() == name.lower()]
+        if len(near) != 1:
+            raise InputError.expected(
+                f"{table.name}, column of {role}", f"one of {', '.join(table.columns)}", repr(name), "correct --columns"
+            )
+        name = near[0]
+    guess = _guess(name)
+    return Column(role, name, unit or (guess.unit if guess is not None and guess.role == role else ""))
+
+
+def _guess(name: str) -> Column | None:
+    """Return what a column of this name holds; None where it is not used."""
+    words = [word.lower() for word in _WORD.findall(name)]
+    if words in (["dy"], ["dx"]):
+        return Column(words[0], name)
+    if words == ["page"]:
+        return Column("page", name)
+    units = [word for word in words if word in LENGTHS or word in TIMES]
+    unit, rest = (units[-1] if units else ""), set(words) - set(units)
+    if rest & _EXPOSURE and rest <= _EXPOSURE | {"time", "t"}:
+        return Column("exposure", name, unit if unit in TIMES else "")
+    if rest & _FILE and rest <= _FILE | _FILE_EXTRA:
+        return Column("file", name)
+    return _place(name, rest, unit)
+
+
+def _place(name: str, words: set[str], unit: str) -> Column | None:
+    axes = words & {"x", "y", "z"}
+    extra = words - axes
+    if len(axes) == 1 and extra <= _STAGE | _INDEX:
+        return Column(axes.pop(), name, "index" if extra & _INDEX else unit if unit in LENGTHS else "")
+    if not axes and len(words) >= 1 and len(set(words) & set(_NAMED_INDEX)) == 1 and extra <= {*_NAMED_INDEX, *_INDEX}:
+        return Column(next(_NAMED_INDEX[word] for word in words if word in _NAMED_INDEX), name, "index")
+    if words == {"depth"}:
+        return Column("z", name, unit if unit in LENGTHS else "")
+    return None

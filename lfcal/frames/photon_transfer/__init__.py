@@ -2,13 +2,12 @@
 
 - ``values``: a number with its standard error
 - ``frame_list``: flats and darks found in folders and files, with their exposures
-- ``converter``: what the sample values themselves tell: bits in use, alignment, clipping
-- ``darks``: read noise, black level, dark current
-- ``pairs``: mean and variance of pixels of like brightness, from pairs of flats; ``levels``: flats of equal light
-- ``curve``: the photon-transfer curve: gain, saturation; ``linearity``: signal over exposure
-- ``pattern``: fixed pattern and defect pixels; ``checks``: what does not look like raw frames
-- ``measurement``: all of it; ``result``: the figures, and a camera with them
-- ``summary``: in words; ``figure``: the curve as a picture
+- ``_converter``: what the sample values themselves show: bits in use, alignment, clipping
+- ``_darks``: read noise, black level, dark current
+- ``_pairs``: mean and variance of pixels of like brightness, from pairs of flats
+- ``_flats``: levels of equal light, linearity, fixed pattern and defect pixels
+- ``_curve``: the photon-transfer curve: gain, saturation; ``_checks``: what does not look like raw frames
+- ``measurement``: all of it; ``result``: the figures in words, as a picture, and in a camera
 """
 
 from typing import TYPE_CHECKING

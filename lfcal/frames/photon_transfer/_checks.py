@@ -9,7 +9,7 @@ import numpy as np
 from lfcal.frames.photon_transfer._converter import Converter
 from lfcal.frames.photon_transfer._curve import PhotonTransferCurve
 from lfcal.frames.photon_transfer._darks import FINE, DarkLevel
-from lfcal.frames.photon_transfer._levels import FlatLevel
+from lfcal.frames.photon_transfer._flats import FlatLevel
 
 __all__ = ["doubts_of", "notes_of"]
 

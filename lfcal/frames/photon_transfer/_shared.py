@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from lfcal.frames.photon_transfer.figure import save_curve
 from lfcal.frames.photon_transfer.frame_list import find_frames
 from lfcal.frames.photon_transfer.measurement import iter_measure_sensor
-from lfcal.frames.photon_transfer.result import SensorMeasurement
-from lfcal.frames.photon_transfer.summary import figures_of, unlike
+from lfcal.frames.photon_transfer.result import SensorMeasurement, figures_of, save_curve, unlike
 from lfcal.frames.photon_transfer.values import MeasuredValue
 
 __all__ = [

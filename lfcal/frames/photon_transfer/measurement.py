@@ -21,10 +21,15 @@ from lfcal.frames.photon_transfer._darks import (
     offset_scatter,
     read_noise,
 )
-from lfcal.frames.photon_transfer._levels import FlatLevel, measure_level, sorted_levels
-from lfcal.frames.photon_transfer._linearity import measure_linearity
+from lfcal.frames.photon_transfer._flats import (
+    FlatLevel,
+    find_dead,
+    measure_level,
+    measure_linearity,
+    measure_prnu,
+    sorted_levels,
+)
 from lfcal.frames.photon_transfer._pairs import TransferPoints
-from lfcal.frames.photon_transfer._pattern import find_dead, measure_prnu
 from lfcal.frames.photon_transfer.frame_list import CalibrationFrame
 from lfcal.frames.photon_transfer.result import SensorMeasurement
 from lfcal.frames.photon_transfer.values import MeasuredValue

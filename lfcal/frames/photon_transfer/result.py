@@ -1,15 +1,18 @@
-"""The figures of a sensor, and a camera with them."""
+"""The figures of a sensor: in words, as a picture, and in a camera."""
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field, replace
 
-from lfcal.base import InputError
+import numpy as np
+
+from lfcal.base import LINES, InputError, figure, format_number, save_figure
 from lfcal.camera import Camera, Sensor
 from lfcal.frames.photon_transfer._curve import PhotonTransferCurve
 from lfcal.frames.photon_transfer.values import MeasuredValue
 
-__all__ = ["SensorMeasurement"]
+__all__ = ["SensorMeasurement", "figures_of", "save_curve", "unlike"]
 
 
 @dataclass(frozen=True)
@@ -128,3 +131,119 @@ class SensorMeasurement:
         """Return ``known`` with its sensor as measured, marked so."""
         sensor, changed = self.sensor(known.sensor)
         return replace(known, sensor=sensor, marks=known.marks.marked([f"sensor.{n}" for n in changed], "measured"))
+
+
+SMALLEST, LARGEST = 0.5, 2.0
+"""Ratio of electrons per count, measured over stated, outside which one of them is doubted."""
+
+
+def figures_of(found: SensorMeasurement, known: Sensor | None = None) -> list[tuple[str, str]]:
+    """Return name and value with its error and unit of every figure; "unknown" where it could not be told.
+
+    Parameters
+    ----------
+    found
+        The measurement.
+    known
+        The sensor as it is described; with it the full well that its description takes over is told, too.
+    """
+    channels = [(f"  {name}", _text(gain, "counts per e⁻")) for name, gain in found.channels.items()]
+    return [
+        ("gain", _text(found.gain, "counts per e⁻")),
+        ("", _text(found.electrons_per_count, "e⁻ per count")),
+        *channels,
+        ("black level", _text(found.black_level, "counts")),
+        ("read noise", _text(found.read_noise_e, "e⁻ rms")),
+        ("", _text(found.read_noise_counts, "counts rms")),
+        ("saturated from", _reached(found.saturation, found.brightest, "counts", found)),
+        ("full well", _reached(found.full_well_e, _brightest_e(found), "e⁻", found)),
+        *_taken(found, known),
+        ("departure from linearity", _text(_percent(found.linearity), "% at most")),
+        ("pixel response (PRNU)", _text(_percent(found.prnu), "% rms")),
+        ("offsets (DSNU)", _text(found.dsnu_e, "e⁻ rms")),
+        ("dark current", _text(found.dark_current_e_s, "e⁻/s")),
+        ("bits in use", f"{found.bits}" + (f", left-aligned by {found.shift}" if found.shift else "")),
+        ("hot and dead pixels", f"{found.hot}, {found.dead}"),
+    ]
+
+
+def unlike(found: SensorMeasurement, known: Sensor) -> list[str]:
+    """Return what the frames have that the sensor ``known`` has not: another size, another gain."""
+    words = []
+    if found.shape != known.shape:
+        sizes = [" × ".join(map(str, size)) for size in (found.shape, known.shape)]
+        words.append(
+            f"frames of {sizes[0]} px, and the camera's sensor has {sizes[1]}: a part of it, or another camera"
+        )
+    if found.electrons_per_count is not None:
+        stated = known.electrons_per_count * (1 << found.shift)
+        ratio = found.electrons_per_count.value / stated
+        if not SMALLEST <= ratio <= LARGEST:
+            words.append(
+                f"{ratio:.3g} times as many electrons per count as the camera description has ({stated:.4g}): "
+                "another gain setting, or frames that the camera averaged or denoised"
+            )
+    return words
+
+
+def _taken(found: SensorMeasurement, known: Sensor | None) -> list[tuple[str, str]]:
+    """Return the full well that the description of ``known`` takes over, which belongs to its highest sample value."""
+    if known is None or found.gain is None:
+        return []
+    try:
+        sensor, _ = found.sensor(known)
+    except InputError:  # nothing is taken over
+        return []
+    full = MeasuredValue(sensor.full_well_e, sensor.full_well_e * found.gain.sigma / found.gain.value)
+    return [("  for the camera", f"{full} e⁻ at its highest count, {sensor.max_value}")]
+
+
+def _brightest_e(found: SensorMeasurement) -> float:
+    return 0.0 if found.gain is None else (found.brightest - found.dark_level.value) / found.gain.value
+
+
+def _reached(value: MeasuredValue | None, brightest: float, unit: str, found: SensorMeasurement) -> str:
+    """Return a limit in words; where no flat reached it, what it is above."""
+    if value is not None or found.gain is None:
+        return _text(value, unit)
+    return f"above {format_number(brightest)} {unit} (not reached)"
+
+
+def _percent(value: MeasuredValue | None) -> MeasuredValue | None:
+    return None if value is None else value.times(100.0)
+
+
+def _text(value: MeasuredValue | None, unit: str) -> str:
+    return "unknown" if value is None else f"{value} {unit}"
+
+
+def save_curve(found: SensorMeasurement, path: str | os.PathLike[str]) -> None:
+    """Write noise over signal, both logarithmic: the points, the fit, and where it ends."""
+    curve = found.curve
+    with figure(6.4, 4.4) as fig:
+        axes = fig.add_subplot()
+        lit = curve.points.x > 0
+        for chosen, colour, label in (
+            (lit & curve.used, LINES[0], "measured, fitted"),
+            (lit & ~curve.used, LINES[5], "measured, not fitted"),
+        ):
+            x, y = curve.points.x[chosen], np.sqrt(np.maximum(curve.points.y[chosen], 0))
+            axes.plot(x, y, "o", ms=3, color=colour, label=label)
+        if curve.slope is not None:
+            first = max(float(curve.points.x[lit].min()) / 3, 1e-2)
+            x = np.geomspace(first, curve.limit, 200)
+            axes.plot(
+                x, np.sqrt(curve.variance(x)), color=LINES[1], label=f"fit: {found.electrons_per_count} e⁻ per count"
+            )
+            axes.plot(x, np.sqrt(curve.slope.value * x), ":", color=LINES[6], label="photon noise alone")
+        if found.read_noise_counts is not None:
+            axes.axhline(found.read_noise_counts.value, ls="--", color=LINES[2], label="read noise")
+        if found.saturation is not None:
+            axes.axvline(found.saturation.value - found.dark_level.value, color=LINES[3], label="saturation")
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_xlabel("signal above black (counts)")
+        axes.set_ylabel("noise, rms (counts)")
+        axes.set_title("Photon transfer")
+        axes.legend()
+        save_figure(fig, path)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from lfcal.base import FileFormatError, InputError
-from lfcal.frames._name_guess import guess_pattern
 from lfcal.frames.formats import ImageFile, image_suffixes, open_image
 from lfcal.frames.lists import (
     TABLE_SUFFIXES,
@@ -20,7 +19,7 @@ from lfcal.frames.lists import (
     micromanager_list,
 )
 from lfcal.frames.manifest import FrameEntry, Manifest
-from lfcal.frames.positions import NamePattern, first_number, natural_key
+from lfcal.frames.positions import NamePattern, first_number, guess_pattern, natural_key
 from lfcal.frames.source import Position
 from lfcal.frames.sources.base import FrameOptions, SourceKind
 from lfcal.frames.sources.folder import FolderSource

@@ -14,8 +14,7 @@ from lfcal.base.errors import FileFormatError
 from lfcal.camera import ScanPlan
 from lfcal.frames import open_frames
 from lfcal.frames.formats._ome import ome_facts
-from lfcal.frames.lists.micromanager import read_micromanager
-from lfcal.frames.lists.open_table import any_listing
+from lfcal.frames.lists.list_file import any_listing, read_micromanager
 from tests.frames.lists.scans import COLUMNS, ROWS, START, Scan, frame, scan, small_camera
 
 

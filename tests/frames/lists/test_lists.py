@@ -9,10 +9,9 @@ import pytest
 
 from lfcal.base.errors import InputError, StorageError
 from lfcal.frames import Position, open_frames
-from lfcal.frames.lists.columns import find_columns, parse_columns
 from lfcal.frames.lists.entries import located, manifest_of
 from lfcal.frames.lists.listing import Listing, read_listing
-from lfcal.frames.lists.table import Table, read_table
+from lfcal.frames.lists.table import Table, find_columns, parse_columns, read_table
 from tests.frames.scenes import session, write_pngs
 
 PLACES = np.array([[10.5, -2.25, 0.125], [11.5, -2.25, 0.125], [10.5, -1.25, 1000.0]])

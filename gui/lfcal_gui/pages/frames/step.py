@@ -48,7 +48,7 @@ def _script(frames: str, chosen: FrameSettings, dark: str, white: str, backgroun
     return f"""
 from lfcal.camera import ScanPlan
 from lfcal.frames import CorrectionRecipe, corrected_view, iter_undamaged, open_frames
-from lfcal.frames._oriented import oriented
+from lfcal.frames.orientation import oriented
 from lfcal.base.progress import drain
 from lfcal.psf import AssemblySettings, assemble_plan
 from lfcal.psf.upright import iter_upright

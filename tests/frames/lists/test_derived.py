@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lfcal.frames.lists._grid import find_grid
-from lfcal.frames.lists._step_error import rounding, step_error, step_size
+from lfcal.frames.lists.derived import rounding, step_error, step_size
 
 TRIES = 60
 

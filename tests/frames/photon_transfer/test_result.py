@@ -7,8 +7,7 @@ from dataclasses import replace
 import pytest
 
 from lfcal.camera import Camera, Sensor, preset
-from lfcal.frames.photon_transfer.result import SensorMeasurement
-from lfcal.frames.photon_transfer.summary import figures_of, unlike
+from lfcal.frames.photon_transfer.result import SensorMeasurement, figures_of, unlike
 
 from .sensor_model import vignetting
 from .test_measurement import LEVELS, PLAIN, SHAPE, measured

@@ -1,0 +1,228 @@
+"""What flats show: levels of equal light, linearity (EMVA 1288 release 4, section 6), differences between pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.frames.cfa import phases
+from lfcal.frames.photon_transfer._curve import PhotonTransferCurve
+from lfcal.frames.photon_transfer._pairs import Frames2, PairFinding, measure_pair
+from lfcal.frames.photon_transfer.frame_list import CalibrationFrame
+from lfcal.frames.photon_transfer.values import MeasuredValue
+
+__all__ = ["FlatLevel", "find_dead", "measure_level", "measure_linearity", "measure_prnu", "sorted_levels"]
+
+ALIKE = 0.10
+"""Frames whose light differs by less are of one level; a pair allows for what they differ by."""
+
+
+@dataclass(frozen=True, eq=False)
+class FlatLevel:
+    """Flats of one level of light.
+
+    Attributes
+    ----------
+    exposure_s
+        Their exposure (s), None where not known.
+    bright
+        Their mean less the dark ``(rows, columns)`` (sample values).
+    count
+        How many they are.
+    pairs
+        What each pair of them gives.
+    lagging
+        Half variance of the first and third frame's difference over that of first and second; None with fewer frames.
+    """
+
+    exposure_s: float | None
+    bright: NDArray[np.float32]
+    count: int
+    pairs: tuple[PairFinding, ...]
+    lagging: float | None = None
+
+
+def sorted_levels(
+    frames: Sequence[CalibrationFrame], means: Sequence[float], black: float
+) -> list[list[CalibrationFrame]]:
+    """Return the flats by level: of one folder and exposure each, and of like light where these say nothing.
+
+    Frames keep their order. Whatever is stated, frames whose mean above ``black`` differs by more than `ALIKE` are of
+    different levels. Levels come from dim to bright.
+    """
+    levels: list[tuple[tuple[str, float | None], list[float], list[CalibrationFrame]]] = []
+    for frame, mean in zip(frames, means, strict=True):
+        key, light = (frame.group, frame.exposure_s), mean - black
+        for own, lights, held in levels:
+            if own == key and abs(light - lights[0]) <= ALIKE * max(abs(lights[0]), abs(light)):
+                lights.append(light)
+                held.append(frame)
+                break
+        else:
+            levels.append((key, [light], [frame]))
+    return [held for _, _, held in sorted(levels, key=lambda level: float(np.mean(level[1])))]
+
+
+def measure_level(
+    frames: Sequence[CalibrationFrame], dark: NDArray[np.float32], good: NDArray[np.bool_], cfa: str
+) -> FlatLevel:
+    """Return what the flats of one level give; one frame alone gives its mean only."""
+    total = np.zeros(dark.shape)
+    for frame in frames:
+        total += frame.read()
+    bright = (total / len(frames) - dark).astype(np.float32)
+    pairs, lagging = [], None
+    for k in range(0, len(frames) - 1, 2):
+        first, second = frames[k].read(), frames[k + 1].read()
+        pair = Frames2(first, second, dark, bright, good, cfa, len(frames))
+        pairs.append(measure_pair(pair))
+        if k == 0 and len(frames) > 2:
+            third = measure_pair(Frames2(first, frames[2].read(), dark, bright, good, cfa, len(frames)))
+            lagging = _ratio(third, pairs[0])
+    return FlatLevel(frames[0].exposure_s, bright, len(frames), tuple(pairs), lagging)
+
+
+def _ratio(one: PairFinding, other: PairFinding) -> float | None:
+    """Return the variance of one pair over that of another, over their common pixels."""
+    sums = [float((p.points.y * p.points.n).sum()) / max(1, int(p.points.n.sum())) for p in (one, other)]
+    return sums[0] / sums[1] if sums[1] > 0 else None
+
+
+LINEAR_RANGE = (0.05, 0.95)
+"""Share of saturation within which EMVA asks for it."""
+
+
+def measure_linearity(
+    levels: Sequence[FlatLevel], good: NDArray[np.bool_], top: float, dark_rate: float, shortest_s: float
+) -> tuple[MeasuredValue | None, str]:
+    """Return the largest relative departure of the signal from a line over exposure, and why there is none.
+
+    Parameters
+    ----------
+    levels
+        Flats of one lamp at several exposures.
+    good
+        Pixels without defect.
+    top
+        Signal above black at saturation (sample values).
+    dark_rate, shortest_s
+        Growth of the dark level (sample values per second) since the exposure of the dark that was subtracted (s).
+    """
+    known = [level for level in levels if level.exposure_s and level.count]
+    if len({level.exposure_s for level in known}) < 3:
+        return None, "linearity: unknown, for it takes flats of three or more exposures under one lamp"
+    pixels = _alike(known, good, top)
+    x, y, sigma = [], [], []
+    for level in known:
+        seconds = float(level.exposure_s or 0)
+        light = level.bright[pixels]
+        value = float(light.mean(dtype=np.float64)) - dark_rate * (seconds - shortest_s)
+        if LINEAR_RANGE[0] * top <= value <= LINEAR_RANGE[1] * top and float(np.percentile(light, 99.9)) < 0.98 * top:
+            x.append(seconds)
+            y.append(value)
+            change = [abs(pair.change) for pair in level.pairs] or [0.0]
+            # the lamp's own unrest is not the sensor's
+            sigma.append(value * float(np.mean(change)) / np.sqrt(2 * len(change)) + 1e-4 * value)
+    if len(set(x)) < 3:
+        return None, "linearity: unknown, for fewer than three exposures lie between 5 and 95 % of saturation"
+    seconds_, values, errors = np.array(x), np.array(y), np.array(sigma)
+    # relative deviations are minimised, as EMVA asks: each level counts alike, dim or bright
+    base = np.stack([1 / values, seconds_ / values], axis=1)
+    line, *_ = np.linalg.lstsq(base, np.ones(values.size), rcond=None)
+    fitted = line[0] + line[1] * seconds_
+    away = np.abs(values - fitted) / fitted
+    return MeasuredValue(float(away.max()), float(errors[away.argmax()] / values[away.argmax()])), ""
+
+
+def _alike(levels: Sequence[FlatLevel], good: NDArray[np.bool_], top: float) -> NDArray[np.bool_]:
+    """Return pixels of like brightness, for under lenslets the brightest saturate long before the others."""
+    response = np.sum(
+        [level.bright for level in levels if float(level.bright.mean()) < 0.6 * top] or [levels[0].bright], axis=0
+    )
+    inside = response[good]
+    low, middle, high = np.percentile(inside, (5, 50, 95)).tolist()
+    if high - low < 0.2 * abs(middle):
+        return good
+    chosen: NDArray[np.bool_] = good & (response > np.percentile(inside, 70)) & (response < np.percentile(inside, 90))
+    return chosen
+
+
+BOX = 5
+"""Side of the neighbourhood whose mean is taken for the light at a pixel."""
+
+STRUCTURED = 0.15
+"""Correlation of neighbours in the residual above which it is no pattern of single pixels."""
+
+
+def measure_prnu(
+    level: FlatLevel, curve: PhotonTransferCurve, dark_variance: float, good: NDArray[np.bool_], cfa: str
+) -> tuple[MeasuredValue | None, str]:
+    """Return the relative rms of the pixels' responses, and why it cannot be told.
+
+    The light is taken for smooth over `BOX` pixels of one colour; the temporal noise that is left in the mean of the
+    flats is taken off (EMVA 1288 release 4, section 8). Micro-images are not smooth: there it is unknown.
+
+    Parameters
+    ----------
+    level
+        Flats near half of saturation.
+    curve
+        Variance of a sample over its signal.
+    dark_variance
+        Of a pixel of the mean dark that was subtracted (squared sample values).
+    good
+        Pixels without defect.
+    cfa
+        Colour filter pattern.
+    """
+    squares, noise, count, alike = 0.0, 0.0, 0, [0.0]
+    for rows, columns in phases(cfa):
+        part, use = level.bright[rows, columns].astype(np.float64), good[rows, columns]
+        local = _local(part, use)
+        inner = use & (local > 0.2 * float(part[use].mean()))
+        residual = np.where(inner, (part - local) / np.where(inner, local, 1), 0.0)
+        own = float((residual**2).sum())
+        squares, count = squares + own, count + int(inner.sum())
+        left = curve.variance(local[inner]) / level.count + dark_variance
+        noise += float((left / local[inner] ** 2).sum())
+        along = (float((residual[1:] * residual[:-1]).sum()), float((residual[:, 1:] * residual[:, :-1]).sum()))
+        alike += [abs(one) / max(own, 1e-300) for one in along]
+    if count < 1000:
+        return None, "pixel response (PRNU): unknown, for too few pixels are lit"
+    if max(alike) > STRUCTURED:
+        return None, "pixel response (PRNU): unknown, for the flats have structure; take flats without the lenslets"
+    # of the residual of a mean over a box that holds the pixel itself, (1 - 1/box) of the pixel's variance is left
+    seen = squares / count / (1 - 1 / BOX**2)
+    chance = float(seen * np.sqrt(2 / count)) + 0.02 * noise / count
+    found = MeasuredValue(seen - noise / count, chance).root()
+    if found.value < 2 * found.sigma:
+        return None, f"pixel response (PRNU): below {100 * 2 * found.sigma:.2g} %, lost in noise; average more flats"
+    return found, ""
+
+
+def _local(part: NDArray[np.float64], use: NDArray[np.bool_]) -> NDArray[np.float64]:
+    from scipy import ndimage
+
+    weight = ndimage.uniform_filter(use.astype(np.float64), BOX, mode="nearest")
+    light = ndimage.uniform_filter(np.where(use, part, 0.0), BOX, mode="nearest")
+    return light / np.maximum(weight, 1e-3)
+
+
+def find_dead(bright: NDArray[np.float32], good: NDArray[np.bool_], noise: float, cfa: str) -> NDArray[np.bool_]:
+    """Return the pixels that show less than a quarter of the light of the dimmest third of their neighbours.
+
+    Neighbours are the eight next of the same colour; at the edge of a micro-image most of them are lit too.
+    """
+    from scipy import ndimage
+
+    dead = np.zeros(bright.shape, np.bool_)
+    around = np.ones((3, 3), bool)
+    around[1, 1] = False
+    for rows, columns in phases(cfa):
+        part = bright[rows, columns]
+        low = ndimage.rank_filter(part, rank=2, footprint=around, mode="nearest")
+        dead[rows, columns] = (part < 0.25 * low) & (low > 20 * max(noise, 0.3)) & good[rows, columns]
+    return dead
