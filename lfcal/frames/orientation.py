@@ -101,7 +101,8 @@ def _reversed(part: slice, count: int) -> slice:
     return slice(count - part.stop, count - part.start)
 
 
-CHECK, AUTO = "check", "auto"
+CHECK = "check"
+AUTO = "auto"
 """Choices besides the names: refuse frames that are certainly turned, or turn them."""
 
 AS_IS = "as is"
