@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix
 
-__all__ = ["iterations_of", "margin_of", "noise_of"]
+__all__ = ["iterations_of", "margin_of", "variance_of"]
 
 
 def iterations_of(text: str) -> tuple[int, bool, str]:
@@ -31,13 +31,12 @@ def margin_of(text: str, H: PSFMatrix, shape: tuple[int, int]) -> int:
     return usual_margin(H.period, (H.shape[3], H.shape[4]), shape) if pixels is None else pixels
 
 
-def noise_of(H: PSFMatrix) -> tuple[float, float] | None:
+def variance_of(H: PSFMatrix) -> tuple[float, float] | None:
     """Return variance without light (counts²) and per count (counts) of the frames that H was made from, if stored."""
-    known = H.provenance.get("noise")
-    floor, slope = (known.get(key) if isinstance(known, dict) else None for key in ("floor", "slope"))
-    if not isinstance(floor, int | float) or not isinstance(slope, int | float) or not (floor >= 0 and slope > 0):
-        return None
-    return float(floor), float(slope)
+    from lfcal.psf import noise_of
+
+    found = noise_of(H.provenance)
+    return None if found is None or found.slope == 0 else (found.floor, found.slope)
 
 
 def _number(option: str, text: str, least: int, kind: str, words: Iterable[str]) -> int | None:

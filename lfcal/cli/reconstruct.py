@@ -153,7 +153,7 @@ def command(
     from lfcal.cli._matrices import check_mat_files, report_missing, report_regions
     from lfcal.cli._reconstruct_forecast import show_forecast, total_seconds
     from lfcal.cli._reconstruct_grid import anchor_of, check_as_is, grid_of, view_for, wide
-    from lfcal.cli._reconstruct_numbers import iterations_of, margin_of, noise_of
+    from lfcal.cli._reconstruct_numbers import iterations_of, margin_of, variance_of
     from lfcal.cli._reconstruct_regions import files_of_regions, open_regions, projector_of
     from lfcal.cli._reconstruct_saving import saving, targets_of
     from lfcal.cli._reconstruct_units import Settings
@@ -210,7 +210,7 @@ def command(
         at = anchor_of(anchor, view, H)
         shape = task.shape if view is None else view.shape
         usual = margin if margin != "auto" or "weights" in choice.solver.honours else "0"
-        choice = replace(choice, margin=margin_of(usual, H, shape), noise=noise_of(H))
+        choice = replace(choice, margin=margin_of(usual, H, shape), noise=variance_of(H))
         task = replace(task, choice=choice)
         wider, moved = wide(shape, at, H, choice.margin)
         most = None if memory is None else int(memory * 1e9)

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import Clock, InputError, Progress, Work, check_number, drained, plain, worker_count
 from lfcal.camera import Camera, ScanPlan
-from lfcal.frames import AS_IS, FrameSource, Noise, Position, check_stated
+from lfcal.frames import AS_IS, FrameSource, Position, check_stated
 from lfcal.psf._gather import Gatherer, by_position
 from lfcal.psf._pedestal import check_pedestal
 from lfcal.psf.assembly_report import AssemblyReport
@@ -28,7 +28,8 @@ from lfcal.psf.filling import Fill
 from lfcal.psf.layout import Header, Plane, Stored
 from lfcal.psf.make import PlaneSource, Reopening, Zeros, iter_make
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.measured_noise import MeasuredNoise, measure_noise
+from lfcal.psf.measured_noise import measure_noise
+from lfcal.psf.provenance import FrameNoise
 from lfcal.psf.steps import check_store_tolerance
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ class Assembly:
         *,
         drift: ArrayLike | None = None,
         strict: bool = False,
-        noise: MeasuredNoise | None = None,
+        noise: FrameNoise | None = None,
         measured: bool = False,
     ) -> None:
         infos = tuple(source.info(k) for k in range(len(source)))
@@ -122,9 +123,8 @@ class Assembly:
         self.padded, self.residual_px = _check_windows(self._gatherer, self._order)
         self.noise = noise if measured else measure_noise(self._gatherer, self._order, self._counts)
         """Noise of the samples, None where it could not be measured."""
-        if self.noise is not None and not self.noise.stated:
-            known = Noise(self.noise.floor, self.noise.slope, self.noise.black)
-            self._gatherer = replace(self._gatherer, noise=known)
+        if self.noise is not None and self.noise.of_samples is not None:
+            self._gatherer = replace(self._gatherer, noise=self.noise.of_samples)
 
     @property
     def frames(self) -> int:
@@ -672,7 +672,7 @@ def planes_of_frames(
     given = values["settings"]
     settings = AssemblySettings(**{**given, "cutout": tuple(given["cutout"])})
     cutout = find_plan_cutout(source, plan, settings)
-    noise = None if values["noise"] is None else MeasuredNoise(*values["noise"])
+    noise = None if values["noise"] is None else FrameNoise(*values["noise"])
     assembly = Assembly(source, plan.shape[:3], cutout, strict=settings.strict, noise=noise, measured=True)
     return AssembledPlanes(assembly, assembly.header(plan.depths_um), fill, close=close)
 

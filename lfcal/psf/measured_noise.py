@@ -13,7 +13,7 @@ and the last term is dropped.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,9 @@ from lfcal.camera import ScanPlan
 from lfcal.frames import Frames, FrameSource, Region, moved
 from lfcal.psf._gather import Gatherer, by_position
 from lfcal.psf.cutout import Cutout
+from lfcal.psf.provenance import FrameNoise
 
-__all__ = ["MeasuredNoise", "measure_noise", "scan_noise"]
+__all__ = ["measure_noise", "scan_noise"]
 
 F8 = NDArray[np.float64]
 
@@ -60,34 +61,6 @@ ROUGH, TURNS = 2.5, 2
 """Roughness over the noise up to which a sample is smooth, and how often the noise is measured on such samples."""
 
 
-class MeasuredNoise(NamedTuple):
-    """The noise of a sample of one corrected frame: its variance at value v is ``floor + slope max(v - black, 0)``.
-
-    Attributes
-    ----------
-    floor
-        Variance without light (counts²).
-    slope
-        Growth of the variance per count of signal (counts).
-    black
-        Value of no light (counts).
-    source
-        Where it is known from, in words.
-    stated
-        Whether the frames themselves state it, sample by sample.
-    """
-
-    floor: float
-    slope: float
-    black: float
-    source: str
-    stated: bool = False
-
-    def record(self) -> dict[str, Any]:
-        """Return what H keeps of it."""
-        return {"floor": self.floor, "slope": self.slope, "black": self.black, "from": self.source}
-
-
 class _Samples(NamedTuple):
     """Means and differences of samples ``(n,)``; ``difference²`` has the variance of one sample as its mean.
 
@@ -116,7 +89,7 @@ class _Samples(NamedTuple):
         return cls(mean[kept], around[kept], difference[kept], roughness[kept], every)
 
 
-def measure_noise(gatherer: Gatherer, order: NDArray[np.int64], counts: NDArray[np.int64]) -> MeasuredNoise | None:
+def measure_noise(gatherer: Gatherer, order: NDArray[np.int64], counts: NDArray[np.int64]) -> FrameNoise | None:
     """Return the noise of the frames of a scan, None where too few of them are alike.
 
     Parameters
@@ -149,11 +122,11 @@ def measure_noise(gatherer: Gatherer, order: NDArray[np.int64], counts: NDArray[
             continue
         constant, slope, black = fitted
         words = f"floor from {'darks' if floor is not None else name}, slope from {name}"
-        return MeasuredNoise(constant * share, slope, black, words)
+        return FrameNoise(constant * share, slope, black, words)
     return None
 
 
-def scan_noise(source: FrameSource, plan: ScanPlan) -> MeasuredNoise | None:
+def scan_noise(source: FrameSource, plan: ScanPlan) -> FrameNoise | None:
     """Return the noise of the corrected frames of a scan, None where too few of them are alike."""
     infos = tuple(source.info(k) for k in range(len(source)))
     order, starts = by_position(infos, plan.shape[:3])
@@ -161,7 +134,7 @@ def scan_noise(source: FrameSource, plan: ScanPlan) -> MeasuredNoise | None:
     return measure_noise(gatherer, order, np.diff(starts).reshape(plan.shape[:3]))
 
 
-def _stated(gatherer: Gatherer, order: NDArray[np.int64]) -> MeasuredNoise | None:
+def _stated(gatherer: Gatherer, order: NDArray[np.int64]) -> FrameNoise | None:
     """Return the noise that the frames state of a typical sample, None where they state none."""
     try:
         found = gatherer.cut(int(order[len(order) // 2])).noise
@@ -169,7 +142,7 @@ def _stated(gatherer: Gatherer, order: NDArray[np.int64]) -> MeasuredNoise | Non
         return None
     if found is None:
         return None
-    return MeasuredNoise(float(found.constant), float(found.slope), 0.0, "as the camera is described", stated=True)
+    return FrameNoise(float(found.constant), float(found.slope), 0.0, "as the camera is described", stated=True)
 
 
 def _repeated(

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from lfcal.base import Clock, InputError, Work
 from lfcal.camera import ScanPlan
-from lfcal.frames import FrameSource, Noise
+from lfcal.frames import FrameSource
 from lfcal.psf._gather import Gatherer, by_position
 from lfcal.psf._planes import Planes, TransposedPlanes
 from lfcal.psf.cutout import Cutout
 from lfcal.psf.facts import Facts, pack_valid, packed_bytes
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.measured_noise import MeasuredNoise
+from lfcal.psf.provenance import FrameNoise
 
 __all__ = ["PickedPlanes", "iter_pick"]
 
@@ -50,7 +50,7 @@ class PickedPlanes:
 
 
 def iter_pick(
-    source: FrameSource, plan: ScanPlan, positions: NDArray[np.intp], *, noise: MeasuredNoise | None = None
+    source: FrameSource, plan: ScanPlan, positions: NDArray[np.intp], *, noise: FrameNoise | None = None
 ) -> Work[PSFMatrix]:
     """Cut out the patterns of some positions; yields progress in positions.
 
@@ -72,8 +72,7 @@ def iter_pick(
     """
     infos = tuple(source.info(k) for k in range(len(source)))
     order, starts = by_position(infos, plan.shape[:3])
-    known = None if noise is None or noise.stated else Noise(noise.floor, noise.slope, noise.black)
-    gatherer = Gatherer(source, infos, Cutout.for_plan(plan, outside="zero"), noise=known)
+    gatherer = Gatherer(source, infos, Cutout.for_plan(plan, outside="zero"), noise=noise.of_samples if noise else None)
     shape = plan.shape[:3]
     recorded = np.zeros(shape, np.uint16)
     variances = np.full((*shape, 2), np.nan, np.float32)

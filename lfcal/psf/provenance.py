@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from lfcal.frames import Noise
 
 __all__ = [
     "OF_FRAMES",
@@ -48,7 +51,7 @@ class Codec(NamedTuple):
 
 
 class FrameNoise(NamedTuple):
-    """The noise of a sample of one frame: its variance at value v is ``floor + slope * max(v, 0)``.
+    """The noise of a sample of one corrected frame: its variance at value v is ``floor + slope max(v - black, 0)``.
 
     Attributes
     ----------
@@ -56,13 +59,30 @@ class FrameNoise(NamedTuple):
         Variance without light (counts²).
     slope
         Growth of the variance per count of signal (counts).
+    black
+        Value of no light (counts).
     source
-        How it was measured, in words.
+        Where it is known from, in words.
+    stated
+        Whether the frames themselves state it, sample by sample; H keeps the words of ``source`` alone.
     """
 
     floor: float
     slope: float
+    black: float
     source: str
+    stated: bool = False
+
+    @property
+    def of_samples(self) -> Noise | None:
+        """The variance of every sample; None where frames state their own."""
+        from lfcal.frames import Noise  # an H is opened without the readers of frames
+
+        return None if self.stated else Noise(self.floor, self.slope, self.black)
+
+    def record(self) -> dict[str, Any]:
+        """Return what H keeps of it, as `noise_of` reads it."""
+        return {"floor": self.floor, "slope": self.slope, "black": self.black, "from": self.source}
 
 
 def codec_of(provenance: Mapping[str, Any]) -> Codec | None:
@@ -101,17 +121,19 @@ def origin_of(provenance: Mapping[str, Any]) -> tuple[int, int] | None:
 def noise_of(provenance: Mapping[str, Any]) -> FrameNoise | None:
     """Return the noise of the frames, None where it was not measured.
 
+    A value of no light that is not stated, as in files of lfcal 0.1, is 0.
+
     Examples
     --------
     >>> from lfcal.psf import noise_of
     >>> noise_of({"noise": {"floor": 4.0, "slope": 0.25, "from": "darks and repeats"}})
-    FrameNoise(floor=4.0, slope=0.25, source='darks and repeats')
+    FrameNoise(floor=4.0, slope=0.25, black=0.0, source='darks and repeats', stated=False)
     """
     noise = _within(provenance, "noise")
-    floor, slope = (_variance(noise.get(name)) for name in ("floor", "slope"))
-    if floor is None or slope is None or floor + slope == 0:
+    floor, slope, black = (_number(noise.get(name)) for name in ("floor", "slope", "black"))
+    if floor is None or slope is None or min(floor, slope) < 0 or floor + slope == 0:
         return None
-    return FrameNoise(floor, slope, str(noise.get("from", "not stated")))
+    return FrameNoise(floor, slope, black or 0.0, str(noise.get("from", "not stated")))
 
 
 def optics_of(provenance: Mapping[str, Any]) -> str | None:
@@ -147,6 +169,6 @@ def _within(value: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     return found if isinstance(found, Mapping) else {}
 
 
-def _variance(value: Any) -> float | None:
-    good = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and value >= 0
+def _number(value: Any) -> float | None:
+    good = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
     return float(value) if good else None

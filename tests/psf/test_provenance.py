@@ -17,7 +17,7 @@ import lfcal
 from lfcal.base import version
 from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan
-from lfcal.frames import ORIENTATIONS, ArraySource, CorrectionChain, Dark, LeftOut, corrected, oriented
+from lfcal.frames import ORIENTATIONS, ArraySource, CorrectionChain, Dark, LeftOut, Noise, corrected, oriented
 from lfcal.frames.source import Position
 from lfcal.psf import Cutout, PSFMatrix, assemble, open_psf, save, save_regions
 from lfcal.psf.assembly import AssemblySettings, assemble_plan
@@ -61,7 +61,7 @@ def test_facts_of_the_frames_stay_with_what_is_made_of_h(tmp_path: Path) -> None
     for path in made:
         with open_psf(path) as H:
             assert codec_of(H.provenance) == Codec("lzw", True), path
-            assert noise_of(H.provenance) == FrameNoise(4.0, 0.5, "darks and repeats"), path
+            assert noise_of(H.provenance) == FrameNoise(4.0, 0.5, 0.0, "darks and repeats"), path
 
 
 def test_what_h_keeps_of_what_frames_say_is_the_same_text_in_every_version(tmp_path: Path) -> None:
@@ -119,6 +119,16 @@ def test_provenance_of_anyone_is_read_with_care(frames: Any) -> None:
 def test_a_noise_that_is_none_is_unknown(floor: Any) -> None:
     assert noise_of({"noise": {"floor": floor, "slope": 0.5}}) is None
     assert noise_of({"noise": {"floor": 0, "slope": 0}}) is None
+
+
+def test_what_h_keeps_of_a_noise_is_read_as_it_was_written() -> None:
+    """The value of no light included; it was dropped."""
+    noise = FrameNoise(4.0, 0.25, -1.5, "repeated frames")
+    assert noise.record() == {"floor": 4.0, "slope": 0.25, "black": -1.5, "from": "repeated frames"}
+    assert noise_of({"noise": noise.record()}) == noise
+    for black in (float("nan"), "64", None):
+        assert noise_of({"noise": {**noise.record(), "black": black}}) == noise._replace(black=0.0)
+    assert noise.of_samples == Noise(4.0, 0.25, -1.5) and noise._replace(stated=True).of_samples is None
 
 
 def small() -> ScanPlan:
