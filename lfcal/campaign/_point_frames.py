@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from lfcal.base import InputError
+from lfcal.base import InputError, Region
 from lfcal.campaign.points import Points
-from lfcal.frames import FrameInfo, FrameMetadata, FrameSource, Position, Region, Samples, SourceView
+from lfcal.frames import FrameInfo, FrameMetadata, FrameSource, Position, Samples, SourceView
 from lfcal.targets import Phases, may_resample
 
 __all__ = ["PointFrames", "shown_positions"]

@@ -33,8 +33,17 @@ from lfcal.frames.orientation import (
     oriented,
 )
 from lfcal.frames.positions import NamePattern, scan_positions
-from lfcal.frames.regions import check_region
-from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, LeftOut, Noise, Position, Samples
+from lfcal.frames.source import (
+    FrameInfo,
+    FrameMetadata,
+    Frames,
+    FrameSource,
+    LeftOut,
+    Noise,
+    Position,
+    Samples,
+    check_region,
+)
 from lfcal.frames.sources import ArraySource, FolderSource
 
 __all__ = [

@@ -12,7 +12,6 @@ from lfcal.frames.opening import COMPONENTS, SOURCES, open_component
 from lfcal.frames.orientation import AUTO, CHECK
 from lfcal.frames.part import binned, check_inside, check_stated, parse_origin, part_refusal, smaller, stated_origin
 from lfcal.frames.positions import natural_key
-from lfcal.frames.regions import Region, clipped, moved, part_of, region_shape
 from lfcal.frames.source import check_index
 from lfcal.frames.view import SourceView
 from lfcal.frames.white_orientation import TurnedWhite, compared_orientations
@@ -22,7 +21,6 @@ __all__ = [
     "CHECK",
     "COMPONENTS",
     "SOURCES",
-    "Region",
     "SelectedSource",
     "SourceView",
     "ThinnedSource",
@@ -34,20 +32,16 @@ __all__ = [
     "check_inside",
     "check_stated",
     "chosen_shift",
-    "clipped",
     "colour_scan",
     "colours_of",
     "compared_orientations",
     "find_shift",
-    "moved",
     "named",
     "natural_key",
     "open_component",
     "parse_origin",
-    "part_of",
     "part_refusal",
     "pattern_side",
-    "region_shape",
     "smaller",
     "stated_noise",
     "stated_origin",

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError, InputError, StorageError, check_number
-from lfcal.frames.regions import Region
+from lfcal.base import FileFormatError, InputError, Region, StorageError, check_number
 from lfcal.frames.source import FrameMetadata, Frames, FrameSource, Samples
 from lfcal.frames.view import SourceView
 

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, Position
+from lfcal.base import InputError, Position, Region, check_region, whole
 from lfcal.camera import ScanPlan
 from lfcal.frames.cfa import channel_names, channel_phase, pattern_side, phases
-from lfcal.frames.regions import Region, check_region, whole
 from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, Samples
 from lfcal.frames.view import SourceView
 

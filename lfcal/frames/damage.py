@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Clock, FileFormatError, StorageError, Work, worker_count
-from lfcal.frames.regions import Region
+from lfcal.base import Clock, FileFormatError, Region, StorageError, Work, worker_count
 from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, LeftOut, Position, Samples
 from lfcal.frames.view import SourceView
 

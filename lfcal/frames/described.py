@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from lfcal.base import InputError
+from lfcal.base import InputError, Region
 from lfcal.camera import Camera, ScanPlan, Sensor
 from lfcal.frames.cfa import cfa_from
-from lfcal.frames.regions import Region
 from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, Noise, Samples
 from lfcal.frames.view import SourceView
 

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError
+from lfcal.base import InputError, Region
 from lfcal.camera import HalfCell, ScanPlan, half_cell
-from lfcal.frames.regions import Region
 from lfcal.frames.source import FrameInfo, FrameMetadata, FrameSource, Position, Samples
 from lfcal.frames.view import SourceView
 

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError
-from lfcal.frames.regions import Region, check_region
+from lfcal.base import InputError, Region, check_region
 from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, Samples
 from lfcal.frames.view import SourceView
 

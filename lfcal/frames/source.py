@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeAlias, ru
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, Position
-from lfcal.frames.regions import Region
+from lfcal.base import InputError, Position, Region, check_region
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
@@ -30,6 +29,7 @@ __all__ = [
     "Samples",
     "check_index",
     "check_mask",
+    "check_region",
     "masked",
     "observed",
 ]

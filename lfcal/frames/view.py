@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.frames.regions import Region
+from lfcal.base import Region
 from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, Samples
 
 __all__ = ["SourceView"]

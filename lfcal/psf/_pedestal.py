@@ -7,9 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError, InputError
-from lfcal.frames import clipped
-from lfcal.psf._gather import Gatherer
+from lfcal.base import FileFormatError, InputError, clipped
+from lfcal.psf.cutout import Gatherer
 
 __all__ = ["LIMIT", "check_pedestal", "pedestal_share"]
 

@@ -19,10 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.base import Clock, InputError, Progress, Work, check_number, drained, plain, worker_count
 from lfcal.camera import Camera, ScanPlan
 from lfcal.frames import AS_IS, FrameSource, Position, check_stated
-from lfcal.psf._gather import Gatherer, by_position
 from lfcal.psf._pedestal import check_pedestal
 from lfcal.psf.assembly_report import AssemblyReport
-from lfcal.psf.cutout import Cutout, find_cutout
+from lfcal.psf.cutout import Cutout, Gatherer, by_position, find_cutout
 from lfcal.psf.facts import Facts, pack_valid
 from lfcal.psf.filling import Fill
 from lfcal.psf.layout import Header, Plane, Stored

@@ -22,11 +22,11 @@ from lfcal.base import Clock, InputError, Progress, Work, drain, plain, require_
 from lfcal.psf._joining import adopt
 from lfcal.psf._nexus import mark_default_plot
 from lfcal.psf.facts import stacked
-from lfcal.psf.layout import Header, MatrixGroup, Plane, Stored
+from lfcal.psf.layout import Header, Plane, Stored
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.opening import open_psf
 from lfcal.psf.provenance import with_simulated
-from lfcal.psf.store import REGIONS, PSFWriter, check_storable, new_file, stored_bytes
+from lfcal.psf.store import REGIONS, MatrixGroup, PSFWriter, check_storable, new_file, stored_bytes
 from lfcal.work import Held
 
 if TYPE_CHECKING:

@@ -18,11 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import LfcalError
+from lfcal.base import LfcalError, Region, moved
 from lfcal.camera import ScanPlan
-from lfcal.frames import Frames, FrameSource, Region, moved
-from lfcal.psf._gather import Gatherer, by_position
-from lfcal.psf.cutout import Cutout
+from lfcal.frames import Frames, FrameSource
+from lfcal.psf.cutout import Cutout, Gatherer, by_position
 from lfcal.psf.provenance import FrameNoise
 
 __all__ = ["measure_noise", "scan_noise"]

@@ -18,10 +18,18 @@ from lfcal.camera import Camera
 from lfcal.psf._chunk_codec import parallel_read
 from lfcal.psf._planes import DatasetPlanes, FilePlanes, Planes, ScaledPlanes
 from lfcal.psf.facts import Facts
-from lfcal.psf.layout import CENTRE_RULE, PLANE_NUMBER, plane_checksum
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.steps import SteppedPlanes
-from lfcal.psf.store import CHECKED_VERSION, FORMAT, REGIONS, STEPPED_VERSION, VERSION
+from lfcal.psf.store import (
+    CENTRE_RULE,
+    CHECKED_VERSION,
+    FORMAT,
+    PLANE_NUMBER,
+    REGIONS,
+    STEPPED_VERSION,
+    VERSION,
+    plane_checksum,
+)
 
 __all__ = [
     "FOREIGN",

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from lfcal.base import Clock, InputError, Work
 from lfcal.camera import ScanPlan
 from lfcal.frames import FrameSource
-from lfcal.psf._gather import Gatherer, by_position
 from lfcal.psf._planes import Planes, TransposedPlanes
-from lfcal.psf.cutout import Cutout
+from lfcal.psf.cutout import Cutout, Gatherer, by_position
 from lfcal.psf.facts import Facts, pack_valid, packed_bytes
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.provenance import FrameNoise

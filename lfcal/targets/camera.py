@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import Clock, InputError, Work, for_each_chunk, one_blas_thread, worker_count
+from lfcal.base import Clock, InputError, Region, Work, check_region, for_each_chunk, one_blas_thread, worker_count
 from lfcal.camera import half_extent_px
-from lfcal.frames import FrameInfo, FrameMetadata, Frames, Region, check_region
+from lfcal.frames import FrameInfo, FrameMetadata, Frames
 from lfcal.simulate import EffectsLike, Sampling, SimulatedCamera, budgeted, plan_effects, tolerance_for
 from lfcal.simulate.effects import FiniteSource, MotionEffect
 from lfcal.simulate.sensor import FrameKind, Responses, Window, place

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError
-from lfcal.frames import FrameInfo, FrameMetadata, FrameSource, Noise, Region, Samples, SourceView
+from lfcal.base import InputError, Region
+from lfcal.frames import FrameInfo, FrameMetadata, FrameSource, Noise, Samples, SourceView
 from lfcal.targets._lit import lit_blocks, lit_matrix
 from lfcal.targets.plan import TargetPlan
 

@@ -6,6 +6,7 @@ import ast
 from collections import Counter, defaultdict
 
 from tests.architecture.sources import FILES, MODULES, PACKAGES, face_of, is_package, name_of, text_of, tree_of
+from tests.architecture.test_frame_way import files_entered, values_carried
 from tests.architecture.test_house import package_of, past_the_face, sees, written
 
 __all__ = ["figures"]
@@ -33,8 +34,15 @@ def figures() -> dict[str, str]:
         "names on faces": f"{public} public, {sum(map(len, faces.values())) - public} for other packages alone",
         "modules with one client, not private": f"{len(alone)}: {dict(Counter(alone.values()).most_common())}",
         "units of planes": str([module for module in MODULES if module.endswith("_units")]),
+        "files entered by a frame on its way to H": counted(files_entered()),
+        "values carried along": counted(values_carried()),
         "private modules": f"{sum(private(module) for module in MODULES)} of {len(MODULES)}",
     }
+
+
+def counted(names: list[str]) -> str:
+    """Return how many they are, and their names."""
+    return f"{len(names)}: {', '.join(names)}"
 
 
 def names_in(path: object) -> list[str]:

@@ -40,8 +40,8 @@ ALLOWED: dict[str, set[str]] = {
 """Which parts of the library a part may import besides itself; a part stands on those below it."""
 
 TOP = {"cli", "__main__", "_face"}
-FRAMES_OF_PSF = ("lfcal.frames.source", "lfcal.frames.regions", "lfcal.frames.orientation", "lfcal.frames.part")
-"""All that the matrix knows of frames: the protocol, and the geometry of regions, parts, flips and turns."""
+FRAMES_OF_PSF = ("lfcal.frames.source", "lfcal.frames.orientation", "lfcal.frames.part")
+"""All that the matrix knows of frames: the protocol, and the geometry of parts, flips and turns."""
 
 
 def modules(package: str) -> list[Path]:

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lfcal.base.axes import Region
 from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
 from lfcal.camera._half_cell import half_cell
 from lfcal.fit import measured_of
 from lfcal.frames.half_cell import with_partners
-from lfcal.frames.regions import Region
 from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, Noise, Position
 from lfcal.psf import PSFMatrix, open_psf
 from lfcal.psf.assembly import assemble_plan

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
+from lfcal.base.axes import check_region, grow_region, whole
 from lfcal.base.errors import InputError
 from lfcal.frames import (
     ArraySource,
@@ -20,7 +21,6 @@ from lfcal.frames import (
     corrected,
     open_frames,
 )
-from lfcal.frames.regions import check_region, grow_region, whole
 from tests.frames.scenes import session
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfcal.frames.regions import Region
+from lfcal.base.axes import Region
 from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, Position
 
 

@@ -7,9 +7,9 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.frames import ArraySource, CorrectionRecipe, corrected_view
-from lfcal.psf._gather import Gatherer
 from lfcal.psf._pedestal import pedestal_share
 from lfcal.psf.assembly import AssemblySettings, find_plan_cutout
+from lfcal.psf.cutout import Gatherer
 from tests.psf.test_orientation import a_plan, upright
 
 

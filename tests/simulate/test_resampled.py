@@ -9,8 +9,7 @@ import pytest
 from scipy import fft
 
 from lfcal.camera import Camera, ScanPlan, preset
-from lfcal.psf._gather import Gatherer
-from lfcal.psf.cutout import Cutout
+from lfcal.psf.cutout import Cutout, Gatherer
 from lfcal.simulate import plan_effects, simulate_psf
 from lfcal.simulate.engines._debye import debye_field
 from lfcal.simulate.response import PlaneResponse

@@ -19,7 +19,7 @@ from lfcal.acquire.recording.recording_file import RecordingFile
 from lfcal.acquire.recording.records import Kind, Suspicion, file_name, suspicions
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session_file import Devices, SessionFile, frame_dtype
-from lfcal.base import FileFormatError, InputError, StorageError, position_at
+from lfcal.base import FileFormatError, InputError, Region, StorageError, check_region, position_at
 from lfcal.camera import ScanPlan
 from lfcal.frames import (
     ArraySource,
@@ -31,11 +31,9 @@ from lfcal.frames import (
     LeftOut,
     Noise,
     Position,
-    Region,
     Samples,
     average_frames,
     check_index,
-    check_region,
     named,
     stated_noise,
 )

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, LfcalError
+from lfcal.base import InputError, LfcalError, Region, check_region, grow_region, moved, part_of, whole
 from lfcal.frames.corrections.chain import CorrectionChain
 from lfcal.frames.corrections.steps import Exposure, White
-from lfcal.frames.regions import Region, check_region, grow_region, moved, part_of, whole
 from lfcal.frames.source import (
     DarkNoise,
     FrameInfo,

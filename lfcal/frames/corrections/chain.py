@@ -10,11 +10,10 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, for_each_chunk
+from lfcal.base import InputError, Region, check_region, for_each_chunk, grow_region, region_shape, whole
 from lfcal.frames.corrections import _kernels
 from lfcal.frames.corrections.defects import Defects, repair_nan
 from lfcal.frames.corrections.steps import Background, Dark, DarkSet, Exposure, Plane, White
-from lfcal.frames.regions import Region, check_region, grow_region, region_shape, whole
 
 __all__ = ["CorrectionChain", "Step"]
 

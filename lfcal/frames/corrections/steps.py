@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, as_sensor_frame, check_choice, check_exposure, check_number
+from lfcal.base import InputError, Region, as_sensor_frame, check_choice, check_exposure, check_number, clipped, moved
 from lfcal.frames.cfa import phases
-from lfcal.frames.regions import Region, clipped, moved
 
 __all__ = [
     "Background",

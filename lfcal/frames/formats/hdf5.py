@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError
+from lfcal.base import FileFormatError, check_region
 from lfcal.base.h5 import H5File
 from lfcal.frames.formats.codecs import codec_fact
 from lfcal.frames.formats.image_file import Format, ImageFile, check_samples
-from lfcal.frames.regions import check_region
 
 __all__ = ["Hdf5Image"]
 

@@ -22,11 +22,11 @@ from lfcal.base import (
     LfcalError,
     Registry,
     UnsafeFileError,
+    check_region,
     check_regular,
     format_bytes,
     storage_errors,
 )
-from lfcal.frames.regions import check_region
 
 __all__ = [
     "FORMATS",

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError, UnsafeFileError, map_npy
+from lfcal.base import FileFormatError, UnsafeFileError, check_region, map_npy
 from lfcal.frames.formats.codecs import codec_fact
 from lfcal.frames.formats.image_file import Format, ImageFile, check_samples
-from lfcal.frames.regions import check_region
 
 __all__ = ["NpyImage"]
 

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError, storage_errors
+from lfcal.base import FileFormatError, check_region, storage_errors
 from lfcal.frames.formats.codecs import codec_fact
 from lfcal.frames.formats.image_file import Format, ImageFile, check_declared
-from lfcal.frames.regions import check_region
 
 __all__ = ["PgmImage"]
 

@@ -10,14 +10,13 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError, storage_errors
+from lfcal.base import FileFormatError, check_region, storage_errors
 from lfcal.frames.formats._ome import ome_facts
 from lfcal.frames.formats._sensor_tags import CFA, LINEAR, needs_raw_reader, sensor_facts
 from lfcal.frames.formats.codecs import check_tiff_codec, codec_fact
 from lfcal.frames.formats.image_file import Format, ImageFile, check_declared, check_grey, check_samples, decoding
 from lfcal.frames.formats.raw import RawImage
 from lfcal.frames.part import parse_roi
-from lfcal.frames.regions import check_region
 
 __all__ = ["TiffImage", "count_pages"]
 

@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError, InputError, StorageError, check_choice
+from lfcal.base import FileFormatError, InputError, Region, StorageError, check_choice, check_region
 from lfcal.frames.cfa import check_greens
 from lfcal.frames.damage import named
 from lfcal.frames.formats import ImageFile, open_image
 from lfcal.frames.manifest import FrameEntry, Manifest, resolve_inside
 from lfcal.frames.part import stated_origin
-from lfcal.frames.regions import Region, check_region
 from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, check_index, check_mask
 
 if TYPE_CHECKING:

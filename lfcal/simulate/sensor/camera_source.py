@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, Position, centre, check_number, read_text
+from lfcal.base import InputError, Position, Region, centre, check_number, check_region, read_text
 from lfcal.camera import FORMAT as PLAN_FORMAT
 from lfcal.camera import ScanPlan
-from lfcal.frames import FrameInfo, FrameMetadata, Frames, Region, check_region
+from lfcal.frames import FrameInfo, FrameMetadata, Frames
 from lfcal.frames.sources import FrameOptions, SourceKind
 from lfcal.simulate.accuracy import plan_effects
 from lfcal.simulate.effects import FiniteSource, FrameEffect, MotionEffect
