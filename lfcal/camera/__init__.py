@@ -4,17 +4,15 @@
 - ``lattice``: lenslet array, square or hexagonal, one or three types
 - ``sensor``: pixels and noise
 - ``distortion``: the maker's distortion, kept with the camera
-- ``marks``: which values are stated, measured, derived or assumed
-- ``description``: the whole camera; depths, steps, JSON
+- ``description``: the whole camera; depths, steps, JSON; which values are stated, measured, derived or assumed
 - ``presets``: cameras that come with lfcal
 - ``quantities``: what the values are called, their units and usual limits
 - ``draft``: a camera in the making, each value with where it comes from
-- ``doubts``: mistaken units, parts that do not fit each other
+- ``_doubts``: mistaken units, parts that do not fit each other
 - ``derived``: what follows from a camera, and whether from assumed values
 - ``importers/``: descriptions of cameras that others wrote, one format a file
 - ``shadow``: how far the image of a point spreads
 - ``stage``: how a stage's axes move the image
-- ``lens_centre``: the micro-image centre next to a pixel
 - ``plan``: which positions are recorded, and in which order
 - ``regions``: several regions of the field in one plan
 - ``forecast``: what that costs in time, disk and memory

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from lfcal.camera._doubts import doubts
 from lfcal.camera.derived import Derived, derived_of
-from lfcal.camera.description import Camera
+from lfcal.camera.description import MARKS, Camera, Marks
 from lfcal.camera.distortion import BrownDistortion, LatticeDistortion
 from lfcal.camera.draft import Draft
 from lfcal.camera.forecast import Forecast
 from lfcal.camera.importers import CAMERA_FORMATS, Imported, Wanted, import_camera, read_camera, read_raytrix_xml
 from lfcal.camera.lattice import LensletLattice, LensType
 from lfcal.camera.main_lens import MainLens, Microscope
-from lfcal.camera.marks import MARKS, Marks
 from lfcal.camera.plan import ScanPlan
 from lfcal.camera.presets import PRESETS, preset
 from lfcal.camera.quantities import QUANTITIES, Quantity, has_value, quantities_of, value_at

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from lfcal.camera._half_cell import HalfCell, half_cell
-from lfcal.camera.cell import cell_corners
 from lfcal.camera.derived import DEPTH, STEP, WHOLE_FRAMES, assumed_of
-from lfcal.camera.description import build
+from lfcal.camera.description import build, nearest_lens
 from lfcal.camera.distortion import monomials, polynomial_powers
 from lfcal.camera.forecast import readout_hours
-from lfcal.camera.lens_centre import nearest_lens
-from lfcal.camera.plan import FORMAT
-from lfcal.camera.planes import checked_depths
+from lfcal.camera.lattice import cell_corners
+from lfcal.camera.plan import FORMAT, HalfCell, checked_depths, half_cell
 from lfcal.camera.regions import parse_regions
 from lfcal.camera.shadow import cutout_for, half_extent_px, rms_radius_px
 

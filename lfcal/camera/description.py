@@ -1,9 +1,9 @@
-"""A whole camera: optics, lenslets, sensor."""
+"""A whole camera: optics, lenslets, sensor, and where each of its values comes from."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from functools import cache
 from types import UnionType
@@ -12,14 +12,13 @@ from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import FileFormatError, InputError, check_number, check_type, check_wavelength, parse_json
+from lfcal.base import FileFormatError, InputError, check_choice, check_number, check_type, check_wavelength, parse_json
 from lfcal.camera.distortion import BrownDistortion
 from lfcal.camera.lattice import LensletLattice
 from lfcal.camera.main_lens import MainLens, Microscope, Optics
-from lfcal.camera.marks import Marks
 from lfcal.camera.sensor import Sensor
 
-__all__ = ["Camera", "build"]
+__all__ = ["MARKS", "Camera", "Marks", "build", "nearest_lens"]
 
 T = TypeVar("T")
 FORMAT = "lfcal-camera"
@@ -33,6 +32,61 @@ ADDED: dict[int, dict[str, dict[str, Any]]] = {
     }
 }
 """Version to what came with it: part of the camera ("" for the camera itself) to entries and their earlier values."""
+
+
+MARKS = ("stated", "measured", "derived", "assumed")
+
+
+@dataclass(frozen=True, slots=True)
+class Marks:
+    """A mark, one of `MARKS`, for values of a camera by their path, such as ``"sensor.pixel_um"``.
+
+    Values without a mark were given by whoever made the description.
+
+    Attributes
+    ----------
+    entries
+        Pairs (path, mark), sorted by path.
+
+    Examples
+    --------
+    >>> from lfcal.camera import Marks
+    >>> marks = Marks.of({"lattice.pitch_um": "measured", "lattice.gap_um": "assumed"})
+    >>> print(marks["lattice.pitch_um"], marks["sensor.pixel_um"], marks.paths("assumed"))
+    measured stated ('lattice.gap_um',)
+    >>> print(marks.marked(["lattice.gap_um"], "stated").paths("assumed"))
+    ()
+    """
+
+    entries: tuple[tuple[str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check and sort the entries."""
+        for path, mark in self.entries:
+            check_type("path of a mark", path, str)
+            check_choice(f"mark of {path}", mark, MARKS)
+        object.__setattr__(self, "entries", tuple(sorted(dict(self.entries).items())))
+
+    @classmethod
+    def of(cls, entries: Mapping[str, str]) -> Marks:
+        """Return the marks of a mapping from path to mark."""
+        return cls(tuple(entries.items()))
+
+    def __iter__(self) -> Iterator[tuple[str, str]]:
+        """Iterate over pairs (path, mark)."""
+        return iter(self.entries)
+
+    def __getitem__(self, path: str) -> str:
+        """Return the mark of the value at ``path``: ``"stated"`` where it has none."""
+        return dict(self.entries).get(path, "stated")
+
+    def paths(self, mark: str) -> tuple[str, ...]:
+        """Return the paths of the values with ``mark``."""
+        return tuple(path for path, own in self.entries if own == mark)
+
+    def marked(self, paths: Iterable[str], mark: str) -> Marks:
+        """Return these marks with ``mark`` at ``paths`` in place of what was there."""
+        return Marks.of(dict(self.entries) | dict.fromkeys(paths, mark))
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,3 +353,16 @@ def _value(hint: Any, value: Any, what: str) -> Any:
     if hint in _LEAVES and type(value) not in _LEAVES[hint][0]:
         raise FileFormatError.expected(what, _LEAVES[hint][1], repr(value), "correct it")
     return value
+
+
+def nearest_lens(camera: Camera, pixel: tuple[float, float]) -> tuple[float, float]:
+    """Return the sensor position ``(row, column)`` of the type-0 micro-image centre nearest to ``pixel`` (pixels)."""
+    lattice = camera.lattice
+    point = camera.sensor_um(pixel)
+    # one period in each direction holds at least one lenslet of each type
+    reach = max(lattice.period_um)
+    centres, types = lattice.lenslets_within(reach, reach, (float(point[0]), float(point[1])))
+    centres = centres[types == 0]
+    nearest = centres[np.argmin(np.hypot(*(centres - point).T))]
+    x, y = (nearest - point) / camera.sensor.pixel_um
+    return float(pixel[0] + y), float(pixel[1] + x)

@@ -9,11 +9,10 @@ from dataclasses import fields, replace
 from typing import Any
 
 from lfcal.base import InputError
-from lfcal.camera.description import Camera
+from lfcal.camera.description import Camera, Marks
 from lfcal.camera.distortion import BrownDistortion
 from lfcal.camera.lattice import LensletLattice, LensType
 from lfcal.camera.main_lens import MainLens, Microscope, Optics
-from lfcal.camera.marks import Marks
 from lfcal.camera.quantities import QUANTITIES, quantities_of
 from lfcal.camera.sensor import Sensor
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -22,13 +22,73 @@ from lfcal.base import (
     check_type,
     parse_json,
 )
-from lfcal.camera.description import Camera, build
-from lfcal.camera.lens_centre import nearest_lens
-from lfcal.camera.planes import MAX_WAIT_S, checked_depths, checked_exposures, depths_of
+from lfcal.camera.description import Camera, build, nearest_lens
+from lfcal.camera.main_lens import Microscope
 from lfcal.camera.shadow import cutout_for
 from lfcal.camera.stage import StageAxes
 
-__all__ = ["ScanPlan"]
+__all__ = ["MAX_WAIT_S", "HalfCell", "ScanPlan", "checked_depths", "checked_exposures", "depths_of", "half_cell"]
+
+LARGEST_DEFOCUS = 0.5
+"""Depth over an objective's focal length up to which its aperture is taken as that of the focal plane: at -1 the source
+would be in the lens."""
+
+MAX_WAIT_S = 86_400.0
+"""A day: longer exposures and waits are slips of the pen, and their sum over all positions would overflow."""
+
+
+def depths_of(camera: Camera, depths: Iterable[float] | None, virtual: Iterable[float] | None) -> tuple[float, ...]:
+    """Return object-space depths (µm) from whichever is given: themselves, or virtual depths."""
+    if (depths is None) == (virtual is None):
+        raise InputError.expected("depth planes", "depths in µm or virtual depths", "both or neither", "give one")
+    values: Sequence[float] = tuple(depths if depths is not None else () if virtual is None else virtual)
+    for value in values:
+        check_number("depth", value)
+    return tuple(values) if depths is not None else tuple(camera.depth_of(v) for v in values)
+
+
+def checked_depths(camera: Camera, depths: Sequence[float]) -> tuple[float, ...]:
+    """Return depths (µm) that the camera can see, strictly ordered; others raise `InputError`."""
+    checked = check_tuple("depths (µm)", depths)
+    for z in checked:
+        # raises where the main lens has no image of the plane
+        camera.step_um(z)
+        if isinstance(camera.optics, Microscope):
+            _check_near(camera.optics, z)
+    steps = np.diff(np.array(checked))
+    if steps.size and not (np.all(steps > 0) or np.all(steps < 0)):
+        raise InputError.expected(
+            "depths (µm)",
+            "rising or falling throughout",
+            "another order or a repeated plane",
+            "sort them and remove repetitions",
+        )
+    return checked
+
+
+def _check_near(optics: Microscope, z_um: float) -> None:
+    """Raise unless the objective, which its focal length lies from the focal plane, sees depth z in the cone of it."""
+    focal = optics.medium_index * optics.tube_length_um / optics.magnification
+    if not abs(z_um) < LARGEST_DEFOCUS * focal:
+        share = f"{LARGEST_DEFOCUS:g} of the objective's focal length"
+        limit = f"within {LARGEST_DEFOCUS * focal:.6g} µm of the focal plane ({share})"
+        raise InputError.expected("depth", limit, f"{z_um:g} µm", "choose a plane nearer to it")
+
+
+def checked_exposures(given: float | Sequence[float], planes: int) -> tuple[float, ...]:
+    """Return the exposure of each of ``planes`` planes (s); one that is given is that of all."""
+    # a list of one is one exposure for all planes, as JSON writes it
+    given = given.tolist() if isinstance(given, np.ndarray) else given
+    several = isinstance(given, list | tuple) and len(given) != 1
+    values = check_tuple(
+        "exposures (s), one or one per plane",
+        given if isinstance(given, list | tuple) else [given],
+        planes if several else 1,
+        above=0,
+        at_most=MAX_WAIT_S,
+    )
+    return values if several else values * planes
+
 
 FORMAT = "lfcal-plan"
 VERSION = 1
@@ -366,3 +426,74 @@ def _check_on_sensor(plan: ScanPlan) -> None:
                 f"{lo:.0f} to {hi:.0f}",
                 "move the anchor inwards or choose a smaller cutout",
             )
+
+
+HALF_PERIOD_TOL_PX = 0.05
+"""How far the array's own half period may lie from whole pixels: by more a pattern is no longer its partner's."""
+
+
+@dataclass(frozen=True, slots=True)
+class HalfCell:
+    """The pattern at (y, x) is that at (y + shift[0], x + shift[1]), around the period's edges.
+
+    Attributes
+    ----------
+    period
+        Positions ``(ny, nx)``.
+    shift
+        Half of them.
+    residual_px
+        The array's half period minus that of the grid ``(y, x)``, the larger of both diagonals (pixels).
+    """
+
+    period: tuple[int, int]
+    shift: tuple[int, int]
+    residual_px: tuple[float, float]
+
+    def partners(self, positions: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return the positions ``(n, 3)`` whose patterns are the same as those of ``positions``."""
+        out = positions.copy()
+        out[:, 1:] = (positions[:, 1:] + self.shift) % self.period
+        return out
+
+    def half(self, plan: ScanPlan) -> NDArray[np.intp]:
+        """Return the positions ``(n, 3)`` of one half, in scan order: the first rows of the period."""
+        order = plan.order_indices()
+        found: NDArray[np.intp] = order[order[:, 1] < self.shift[0]]
+        return found
+
+
+def half_cell(plan: ScanPlan) -> HalfCell:
+    """Return how the half periods of a plan's array fit the pixels.
+
+    Raises
+    ------
+    InputError
+        With the reason, where a pattern half a period away is another one: the period is odd, the array has no lenslet
+        there, or one of another type, or it lies more than 0.05 px beside whole pixels.
+    """
+    ny, nx = plan.period
+    what, remedy = "half-cell scan", "scan the whole period, or choose positions for a fit (lfcal plan --for-fit)"
+    if plan.resample:
+        raise InputError.expected(what, "frames as they are", "frames to be resampled", remedy)
+    if ny % 2 or nx % 2:
+        wanted = "a period of even numbers of pixels"
+        raise InputError.expected(what, wanted, f"{ny} x {nx}: half of it lies half a pixel off", remedy)
+    lattice, pixel = plan.cell_camera.lattice, plan.camera.sensor.pixel_um
+    basis = lattice.basis_um()
+    worst = np.zeros(2)
+    # around the period's edges the partner lies on the other diagonal
+    for dy, dx in ((ny / 2, nx / 2), (ny / 2, -nx / 2)):
+        steps = np.array([dx, dy]) * pixel @ np.linalg.inv(basis)
+        whole = np.rint(steps).astype(np.intp)
+        x, y = (whole - steps) @ basis / pixel
+        if max(abs(x), abs(y)) > 0.25 * lattice.pitch_um / pixel:
+            got = f"none within {np.hypot(x, y):.1f} px of it"
+            raise InputError.expected(what, "a lenslet half a period from each", got, remedy)
+        if int(lattice.type_of(*whole)) != int(lattice.type_of(0, 0)):
+            raise InputError.expected(what, "lenslets of the same type half a period away", "another type", remedy)
+        worst = np.where(np.abs((y, x)) > np.abs(worst) + 1e-9, (y, x), worst)
+    if np.abs(worst).max() > HALF_PERIOD_TOL_PX:
+        got = f"{worst[0]:+.3f} rows, {worst[1]:+.3f} columns off"
+        raise InputError.expected(what, f"half periods within {HALF_PERIOD_TOL_PX} px of whole pixels", got, remedy)
+    return HalfCell((ny, nx), (ny // 2, nx // 2), (float(worst[0]), float(worst[1])))

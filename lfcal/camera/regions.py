@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import FileFormatError, InputError, check_tuple, check_type, parse_json
-from lfcal.camera.lens_centre import nearest_lens
+from lfcal.camera.description import nearest_lens
 from lfcal.camera.plan import ScanPlan
 
 __all__ = ["RegionPlan", "parse_regions"]

@@ -11,7 +11,7 @@ import pytest
 from lfcal.acquire.redo import RedoList
 from lfcal.psf import open_psf
 from lfcal.psf.half_cell import copied_positions
-from tests.camera.test_half_cell import camera_of
+from tests.camera.test_plan import camera_of
 from tests.cli.conftest import Run
 
 Lfcal = Callable[..., Run]

@@ -9,7 +9,7 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from lfcal.base.errors import InputError
-from lfcal.camera.cell import cell_corners
+from lfcal.camera.lattice import cell_corners
 from lfcal.simulate.engines import masks
 from lfcal.simulate.engines._nodes import fitted_rule
 from lfcal.simulate.engines._polygon import area, disc_transform, transform

@@ -11,7 +11,7 @@ import pytest
 from lfcal.base.errors import FileFormatError, InputError
 from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan, preset
-from lfcal.camera.planes import checked_depths
+from lfcal.camera.plan import checked_depths
 from lfcal.simulate import simulate_psf
 from lfcal.simulate.effects import Bandwidth, Coma
 from lfcal.simulate.effects.described import parse_effects
