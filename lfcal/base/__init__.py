@@ -3,7 +3,7 @@
 - ``axes``: array conventions shared by every part
 - ``errors``, ``checks``: messages that name what was expected, what was found, what to do
 - ``files``, ``system``: files written whole or not at all; calls that differ between systems
-- ``h5``, ``npy``, ``tiff_file``: files of unknown origin, and new ones
+- ``h5``, ``npy``: files of unknown origin, and new ones
 - ``progress``, ``threads``, ``registry``, ``compiled``: long work, processors, plug-ins, kernels
 - ``units``, ``plain``, ``figures``, ``version``: numbers in words, plain values, pictures, which lfcal this is
 """

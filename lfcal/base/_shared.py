@@ -47,6 +47,7 @@ from lfcal.base.files import (
     require_space,
     storage_words,
     sweep_scratch,
+    write_tiff,
 )
 from lfcal.base.npy import map_npy, npy_header
 from lfcal.base.progress import Unwanted, in_place_of, leave_if_unwanted, wanted_while
@@ -77,7 +78,6 @@ from lfcal.base.threads import (
     one_blas_thread,
     worker_count,
 )
-from lfcal.base.tiff_file import write_tiff
 from lfcal.base.units import (
     format_bytes,
     format_count,

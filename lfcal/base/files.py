@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import glob
+import io
 import os
 import re
 import shutil
@@ -11,10 +12,14 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from lfcal.base.errors import FileFormatError, InputError, StorageError
 from lfcal.base.system import OPEN_FLAGS, is_alive, lock, name_refused, replace, sync_file, sync_folder, too_long
 from lfcal.base.units import format_bytes
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 __all__ = [
     "check_other_file",
@@ -29,6 +34,7 @@ __all__ = [
     "storage_words",
     "sweep_scratch",
     "system_error",
+    "write_tiff",
 ]
 
 STORES = frozenset({".zarr"})
@@ -357,3 +363,28 @@ def check_other_file(source: str | os.PathLike[str], target: str | os.PathLike[s
     with suppress(OSError):  # what is not there yet is another file
         if os.path.samefile(source, target):
             raise InputError.expected("output", "another file than the input", str(target), "choose another name")
+
+
+class _Counted(io.BufferedRandom):
+    """A file that arrays are written to through Python alone.
+
+    numpy writes to a file with a descriptor by the C library's buffers, and does not ask whether their last
+    kilobytes arrived on the disk.
+    """
+
+    def fileno(self) -> int:
+        raise io.UnsupportedOperation("fileno")
+
+
+def write_tiff(path: str | os.PathLike[str], data: NDArray[Any], **options: Any) -> None:
+    """Write an array as TIFF; ``options`` are those of `tifffile.imwrite`.
+
+    Raises
+    ------
+    StorageError
+        If the disk does not take all of it; what was there stays.
+    """
+    import tifffile
+
+    with replace_whole(path) as part, _Counted(io.FileIO(part, "w+b")) as file:
+        tifffile.imwrite(file, data, photometric="minisblack", **options)

@@ -2,7 +2,8 @@
 
 - ``protocols``: what a camera, a stage, a light and a clock must do; `Rig` holds them together
 - ``errors``: what can go wrong with a device, by kind
-- ``registry``: which backends there are, and why others are not; ``options`` reads their options
+- ``registry``: which backends there are, why others are not, and their options
+- ``rig``: the devices of a session; ``calling``, ``checked``: time limits of their calls, checks of their answers
 - ``backends``: real devices
 - ``simulated``: a camera and a stage that need no hardware
 """

@@ -15,7 +15,6 @@ from lfcal.devices.errors import (
     StaleFrame,
     WrongFrame,
 )
-from lfcal.devices.options import limits_option, number_option
 from lfcal.devices.protocols import (
     CameraDevice,
     Frame,
@@ -28,7 +27,15 @@ from lfcal.devices.protocols import (
     SystemTime,
     TimeSource,
 )
-from lfcal.devices.registry import Backend, BackendStatus, find_backends, get_backend, open_rig
+from lfcal.devices.registry import (
+    Backend,
+    BackendStatus,
+    find_backends,
+    get_backend,
+    limits_option,
+    number_option,
+    open_rig,
+)
 from lfcal.devices.rig import Rig
 from lfcal.devices.simulated import simulated_rig
 

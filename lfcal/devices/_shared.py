@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from lfcal.devices.calling import Caller
 from lfcal.devices.checked import CheckedCamera, CheckedLight, CheckedStage
-from lfcal.devices.gauges import FileGauge
 from lfcal.devices.protocols import Gauge
 from lfcal.devices.registry import BACKENDS
+from lfcal.devices.rig import FileGauge
 
 __all__ = [
     "BACKENDS",

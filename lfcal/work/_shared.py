@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from lfcal.work.held import Held
-from lfcal.work.journal import JOURNAL, PASS, Journal, read_events, read_notes
-from lfcal.work.numbers import worker_number
+from lfcal.work.journal import HEADER, JOURNAL, PASS, Journal, RunTable, read_events, read_notes, run_table
 from lfcal.work.records import load_record, save_record
 from lfcal.work.runs import check_begun, discard, note_joining, unit_files, was_joining
-from lfcal.work.table import HEADER, RunTable, run_table
-from lfcal.work.unit import file_name, stamp_of
+from lfcal.work.unit import Held, file_name, stamp_of, worker_number
 
 __all__ = [
     "HEADER",

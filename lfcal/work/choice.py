@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lfcal.base import InputError, Work, check_choice
-from lfcal.work._following import Following
 from lfcal.work.executors import EXECUTORS, Executor
-from lfcal.work.runs import check_begun, discard, iter_run, note_joining, parts_folder
+from lfcal.work.runs import Following, check_begun, discard, iter_run, note_joining, parts_folder
 from lfcal.work.unit import Unit
 
 __all__ = ["BEGUN", "RunChoice", "iter_begun", "iter_made"]

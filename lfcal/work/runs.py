@@ -7,7 +7,7 @@ import os
 import shutil
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -25,12 +25,20 @@ from lfcal.base import (
     sweep_scratch,
 )
 from lfcal.base.h5 import trust
-from lfcal.work._following import Following
 from lfcal.work.executors import Ended, Event, Executor, What
 from lfcal.work.journal import JOURNAL, Journal, read_events, read_run, read_seals, read_settled
 from lfcal.work.unit import Job, Unit, file_name, seal_of
 
-__all__ = ["check_begun", "discard", "iter_run", "note_joining", "parts_folder", "unit_files", "was_joining"]
+__all__ = [
+    "Following",
+    "check_begun",
+    "discard",
+    "iter_run",
+    "note_joining",
+    "parts_folder",
+    "unit_files",
+    "was_joining",
+]
 
 ATTEMPTS = 4
 """Times that a unit is begun before it is given up, where its worker ends before it does."""
@@ -365,3 +373,46 @@ def _given_up(event: Event, attempts: int) -> Exception:
     return type(error)(
         f"{event.job.unit.name}: {error} in each of {attempts} attempts; memory may be short: use fewer workers"
     )
+
+
+class Following:
+    """Joins what is there, a step at a time: who waits for workers has little else to do.
+
+    Parameters
+    ----------
+    join
+        Gives the work for the files of all units: its first step needs none of them, the next the first, and so on;
+        what it makes is whole, and has its name, only behind its last step.
+    """
+
+    def __init__(self, join: Callable[[tuple[Path, ...]], Work[None]]) -> None:
+        self._join = join
+        self._steps: Work[None] | None = None
+        self._taken = -1
+        self._last: Progress | None = None
+
+    @property
+    def taken(self) -> int:
+        """How many files were taken."""
+        return max(0, self._taken)
+
+    def advance(self, files: Sequence[Path], there: int) -> None:
+        """Take a step where one of the first ``there`` files was not taken yet."""
+        if self._steps is None:
+            self._steps = self._join(tuple(files))
+        if self._taken < there <= len(files):
+            # a step more would end it: that is for `rest`
+            self._last, self._taken = next(self._steps), self._taken + 1
+
+    def rest(self, files: Sequence[Path]) -> Work[None]:
+        """Take all that are left, and end."""
+        if self._steps is None:
+            self._steps = self._join(tuple(files))
+        elif self._last is not None:
+            yield self._last
+        yield from self._steps
+
+    def close(self) -> None:
+        """Leave nothing half-written."""
+        if self._steps is not None:
+            self._steps.close()

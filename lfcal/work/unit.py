@@ -1,4 +1,4 @@
-"""A unit of work: a small record that any process of any machine can act upon."""
+"""A unit of work that any process of any machine can do, what its process keeps for it, and its worker's number."""
 
 from __future__ import annotations
 
@@ -6,16 +6,19 @@ import hashlib
 import importlib
 import json
 import os
+import threading
 import zlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from lfcal import __version__
 from lfcal.base import InputError, Work, plain, storage_errors
 
-__all__ = ["Job", "Task", "Unit", "file_name", "seal_of", "stamp_of"]
+__all__ = ["Held", "Job", "Task", "Unit", "file_name", "numbered", "seal_of", "stamp_of", "worker_number"]
 
 Task = Callable[[Mapping[str, Any], Path, int], Work[None]]
 """Does a unit: its arguments, the file to write whole or not at all, and how many threads it may use."""
@@ -161,3 +164,66 @@ def file_name(unit: Unit, fingerprint: str) -> str:
     """Return the name of a unit's file."""
     plain_name = "".join(c if c.isascii() and (c.isalnum() or c in "-_") else "-" for c in unit.name)
     return f"{plain_name}.{fingerprint}{unit.suffix}"
+
+
+T = TypeVar("T")
+
+
+class Held(Generic[T]):
+    """Keep what the last run needed: an H, or frames with their corrections, may take most of the memory.
+
+    Parameters
+    ----------
+    close
+        Lets go of what is kept, before that of another run takes its place.
+    """
+
+    def __init__(self, close: Callable[[T], None]) -> None:
+        self._close = close
+        self._lock = threading.RLock()
+        self._kept: tuple[object, T, bool] | None = None
+
+    def get(self, key: object, make: Callable[[], T]) -> T:
+        """Return what ``key`` tells from all others: what is kept, or what ``make`` gives."""
+        with self._lock:
+            if self._kept is None or self._kept[0] != key:
+                self._drop()
+                self._kept = key, make(), True
+            return self._kept[1]
+
+    @contextmanager
+    def lent(self, key: object, value: T) -> Iterator[None]:
+        """Let units that are done in this process use what their run has made itself, until the end of the block."""
+        with self._lock:
+            self._drop()
+            self._kept = key, value, False
+        try:
+            yield
+        finally:
+            with self._lock:
+                if self._kept is not None and self._kept[1] is value:
+                    self._kept = None
+
+    def _drop(self) -> None:
+        kept, self._kept = self._kept, None
+        if kept is not None and kept[2]:
+            self._close(kept[1])
+
+
+_NUMBER: ContextVar[int] = ContextVar("worker", default=0)
+
+
+def worker_number() -> int:
+    """Return the number of the worker that does the present unit, from 0; 0 where there is one alone."""
+    return _NUMBER.get()
+
+
+@contextmanager
+def numbered(name: int | str) -> Iterator[None]:
+    """Give the units inside this block a worker's number, or one that follows from its name."""
+    text = str(name)
+    token = _NUMBER.set(int(text) if text.isdecimal() else zlib.crc32(text.encode()))
+    try:
+        yield
+    finally:
+        _NUMBER.reset(token)

@@ -14,8 +14,8 @@ from lfcal.acquire.suspending import Bound, Suspender
 from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
 from lfcal.devices.errors import DeviceError
-from lfcal.devices.gauges import FileGauge
 from lfcal.devices.protocols import Gauge
+from lfcal.devices.rig import FileGauge
 from lfcal.devices.simulated.faults import DeviceFault
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
 

@@ -18,7 +18,7 @@ from lfcal.cli._reconstruct_units import device_for, device_hints
 from lfcal.psf import PSFMatrix, save
 from lfcal.reconstruct import Projector, SolverChoice, load_volume, reconstruct
 from lfcal.reconstruct.projectors import device as devices
-from lfcal.work.numbers import numbered
+from lfcal.work.unit import numbered
 from tests.cli.conftest import Run
 from tests.reconstruct.oracles import lenslet_psf
 

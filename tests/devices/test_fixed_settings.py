@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lfcal.devices.backends._common import UNREADABLE
 from lfcal.devices.backends._pixels import PixelFormat
-from lfcal.devices.backends._settings import UNREADABLE
 from lfcal.devices.backends.micromanager import _Camera as MicroManagerCamera
 from lfcal.devices.errors import CameraError, DeviceLost
 from lfcal.devices.protocols import Setting

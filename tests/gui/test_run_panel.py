@@ -13,8 +13,7 @@ from PySide6.QtWidgets import QApplication, QPushButton
 from pytestqt.qtbot import QtBot
 
 from lfcal.base.errors import InputError
-from lfcal.work.journal import JOURNAL, read_run
-from lfcal.work.table import HEADER, run_table
+from lfcal.work.journal import HEADER, JOURNAL, read_run, run_table
 from lfcal_gui._run_panel import look
 from lfcal_gui.job_panel import JobPanel
 from lfcal_gui.jobs import Jobs

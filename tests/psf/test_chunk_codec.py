@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.h5.dataset import H5Data
-from lfcal.base.h5.filters import PIPELINE, decode_chunk, encode_chunk
+from lfcal.base.h5.chunks import PIPELINE, decode_chunk, encode_chunk
+from lfcal.base.h5.reading import H5Data
 from lfcal.psf import _chunk_codec as chunk_codec
 from lfcal.psf._chunk_codec import chunk_pipeline, parallel_read, parallel_write
 

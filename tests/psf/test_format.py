@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.h5.filters import encode_chunk
+from lfcal.base.h5.chunks import encode_chunk
 from lfcal.frames import ArraySource
 from lfcal.psf import Cutout, PSFMatrix, PSFWriter, assemble, open_psf, save, save_regions
 from lfcal.psf._joining import adopt

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from lfcal.base.errors import FileFormatError
-from lfcal.base.h5.file import H5File
+from lfcal.base.h5.reading import H5File
 from lfcal.camera import preset
 from lfcal.psf import Facts, PSFMatrix, save, save_regions, verify
 from lfcal.psf._specification import SCHEMA, deviations_of, schema

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lfcal.base.errors import InputError
-from lfcal.base.h5.filters import encode_chunk
+from lfcal.base.h5.chunks import encode_chunk
 from lfcal.psf.steps import SteppedPlane, bits_at_most, bound_after, stepped_plane
 from tests.reconstruct.oracles import dense, lenslet_psf
 

@@ -13,7 +13,7 @@ from lfcal.base.errors import InputError, StorageError
 from lfcal.base.files import replace_whole
 from lfcal.base.progress import Clock, Work
 from lfcal.work import Unit
-from lfcal.work.numbers import worker_number
+from lfcal.work.unit import worker_number
 
 
 def unit(name: str, task: str = "write", inputs: tuple[str, ...] = (), **arguments: Any) -> Unit:

@@ -11,15 +11,15 @@ from pathlib import Path
 import pytest
 
 from lfcal.base.errors import InputError, LfcalError, StorageError
-from lfcal.base.files import only_writer
-from lfcal.base.progress import Progress, drain
-from lfcal.work import Unit, iter_run, read_run
+from lfcal.base.files import only_writer, replace_whole
+from lfcal.base.progress import Clock, Progress, Work, drain
+from lfcal.work import RunChoice, Unit, iter_made, iter_run, parts_folder, read_run
 from lfcal.work.executors.base import Event, What
 from lfcal.work.executors.processes import Processes, TaskFailed, WorkerLost
 from lfcal.work.executors.threads import Threads
 from lfcal.work.journal import JOURNAL, SETTLED, Journal, read_notes
-from lfcal.work.numbers import numbered, worker_number
-from lfcal.work.runs import check_begun, discard
+from lfcal.work.runs import Following, check_begun, discard, was_joining
+from lfcal.work.unit import numbered, worker_number
 from tests.work.tasks import unit
 
 
@@ -348,3 +348,89 @@ def test_a_journal_of_names_that_are_none_is_read(tmp_path: Path) -> None:
         assert [unit.name for unit in read_run(tmp_path).units] == ["c"]
     except LfcalError as error:  # a record that is none ends the run's journal
         assert "\n" not in str(error)
+
+
+class Joining:
+    """Joins texts; notes what it took, and adds to ``marks`` with each."""
+
+    def __init__(self, out: Path, marks: Path | None = None) -> None:
+        self.out, self.marks, self.taken = out, marks, list[str]()
+        self.noted = list[bool]()
+
+    def __call__(self, files: tuple[Path, ...]) -> Work[None]:
+        clock = Clock("joining", len(files))
+        with replace_whole(self.out) as part:
+            yield clock.at(0)
+            for k, file in enumerate(files):
+                self.taken.append(file.read_text())
+                self.noted.append(was_joining(self.out))
+                if self.marks is not None:
+                    with self.marks.open("a") as marks:
+                        marks.write("x")
+                yield clock.at(k + 1)
+            part.write_text("".join(self.taken))
+
+
+@pytest.mark.parametrize("in_order", [False, True])
+@pytest.mark.parametrize("run", [RunChoice("threads", 1), RunChoice("processes", 2)])
+def test_the_same_whole(tmp_path: Path, run: RunChoice, in_order: bool) -> None:
+    join = Joining(tmp_path / "out")
+    units = [unit(f"plane {k}", text=f"{k}") for k in range(5)]
+    records = []
+    drain(iter_made(units, join.out, run, join, title="", in_order=in_order), records.append)
+    assert join.out.read_text() == "01234" and join.taken == list("01234")
+    assert records[-1].stage == "joining" and records[-1].fraction == 1.0
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_it_goes_on_while_units_are_under_way(tmp_path: Path) -> None:
+    """The last unit ends when the first two were joined; until then nobody says that the whole is written."""
+    join = Joining(tmp_path / "out", tmp_path / "marks")
+    last = unit("c", "meet", marks=str(join.marks), count=3)
+    units = [unit("a", text="a"), unit("b", text="b"), last]
+    drain(iter_made(units, join.out, RunChoice("threads", 1), join, title="", in_order=True))
+    assert join.out.read_text() == "ab0"
+    assert join.noted[:2] == [False, False]
+
+
+def test_what_fails_leaves_only_the_units(tmp_path: Path) -> None:
+    join = Joining(tmp_path / "out")
+    units = [unit("a", text="a"), unit("b", "refuse"), unit("c")]
+    with pytest.raises(InputError, match="open the shutter"):
+        drain(iter_made(units, join.out, RunChoice("threads", 1), join, title="", in_order=True))
+    assert [path.name for path in tmp_path.iterdir()] == ["out.parts"]
+    assert not was_joining(join.out)
+    units[1] = unit("b", text="b")
+    again = RunChoice("threads", 1, begun="resume")
+    drain(iter_made(units, join.out, again, join, title="", in_order=True))
+    assert join.out.read_text()[-3:] == "abx" and not parts_folder(join.out).exists()
+
+
+def test_closing_leaves_only_the_units(tmp_path: Path) -> None:
+    join = Joining(tmp_path / "out")
+    units = [unit("a", text="a"), unit("b", "endless", begun=str(tmp_path / "begun"))]
+    work = iter_made(units, join.out, RunChoice("threads", 1), join, title="", in_order=True)
+    for _ in work:
+        if join.taken:
+            break
+    work.close()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["begun", "out.parts"]
+
+
+def test_no_step_is_taken_for_a_file_that_is_not_there(tmp_path: Path) -> None:
+    files = [tmp_path / name for name in "abc"]
+    join = Joining(tmp_path / "out")
+    following = Following(join)
+    for there, taken in ((0, 0), (0, 0), (1, 1), (1, 1)):
+        for file in files[:there]:
+            file.write_text(file.name)
+        following.advance(files, there)
+        assert len(join.taken) == taken
+    for file in files:
+        file.write_text(file.name)
+    for taken in (2, 3, 3, 3):
+        following.advance(files, 3)
+        assert len(join.taken) == taken
+    assert not join.out.exists()
+    assert [record.done for record in following.rest(files)] == [3]
+    assert join.out.read_text() == "abc"

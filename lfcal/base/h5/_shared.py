@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from lfcal.base.h5.attributes import Attributes
-from lfcal.base.h5.chunks import FILTER_NAMES
-from lfcal.base.h5.dataset import H5Data
-from lfcal.base.h5.file import H5File
-from lfcal.base.h5.filters import encode_chunk
+from lfcal.base.h5.chunks import FILTER_NAMES, encode_chunk
 from lfcal.base.h5.probe import trust
+from lfcal.base.h5.reading import Attributes, H5Data, H5File
 from lfcal.base.h5.writing import new_h5
 
 __all__ = [

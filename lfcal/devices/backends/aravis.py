@@ -14,13 +14,11 @@ from numpy.typing import NDArray
 from lfcal.base import InputError
 from lfcal.camera import ScanPlan
 from lfcal.devices.backends._aravis_lib import STATUS, AravisError, Library, library
-from lfcal.devices.backends._camera import CameraFacts
-from lfcal.devices.backends._fixed_stage import NoStage
+from lfcal.devices.backends._common import GENICAM, NOTED, UNREADABLE, CameraFacts, NoStage, read_settings, switch_off
 from lfcal.devices.backends._pixels import PixelFormat
-from lfcal.devices.backends._settings import GENICAM, NOTED, UNREADABLE, read_settings, switch_off
 from lfcal.devices.errors import CameraError, DeviceLost, DeviceMissing, FrameTimeout
-from lfcal.devices.options import number_option
 from lfcal.devices.protocols import Frame, Roi, Setting
+from lfcal.devices.registry import number_option
 from lfcal.devices.rig import Rig
 
 __all__ = ["BACKEND", "AravisBackend"]

@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, LfcalError, replace_whole
 from lfcal.camera import ScanPlan
-from lfcal.devices.backends._camera import CameraFacts
-from lfcal.devices.backends._fixed_stage import ExternalStage
+from lfcal.devices.backends._common import CameraFacts, ExternalStage
 from lfcal.devices.errors import DeviceLost, FrameTimeout, IncompleteFrame
-from lfcal.devices.options import number_option
 from lfcal.devices.protocols import Frame, Roi, Setting
+from lfcal.devices.registry import number_option
 from lfcal.devices.rig import Rig
 from lfcal.frames import read_image
 from lfcal.frames.formats import image_suffixes

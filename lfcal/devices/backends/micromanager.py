@@ -17,11 +17,10 @@ import numpy as np
 
 from lfcal.base import InputError
 from lfcal.camera import ScanPlan
-from lfcal.devices.backends._camera import CameraFacts
-from lfcal.devices.backends._settings import off_value, read_settings, switch_off
+from lfcal.devices.backends._common import CameraFacts, off_value, read_settings, switch_off
 from lfcal.devices.errors import CameraError, DeviceError, DeviceLost, DeviceMissing, FrameTimeout, StageError
-from lfcal.devices.options import limits_option
 from lfcal.devices.protocols import Frame, Limits, Point, Roi, Setting
+from lfcal.devices.registry import limits_option
 from lfcal.devices.rig import Rig
 
 __all__ = ["BACKEND", "MicroManagerBackend"]

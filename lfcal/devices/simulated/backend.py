@@ -9,17 +9,16 @@ from lfcal import __version__
 from lfcal.base import InputError, check_choice
 from lfcal.camera import ScanPlan, StageAxes
 from lfcal.devices.checked import CheckedCamera, CheckedStage
-from lfcal.devices.options import limits_option, number_option
 from lfcal.devices.protocols import SystemTime, TimeSource
+from lfcal.devices.registry import limits_option, number_option
 from lfcal.devices.rig import Rig
 from lfcal.devices.simulated._camera import AUTOMATIC, Renderer, SimCamera, SimLight
-from lfcal.devices.simulated._gauges import SimGauge, simulated_gauges
 from lfcal.devices.simulated._optics import FramesRenderer, PatternRenderer, simulated_optics
 from lfcal.devices.simulated._stage import SimStage, StageModel, VirtualTime
-from lfcal.devices.simulated.faults import DeviceFault, parse_faults
+from lfcal.devices.simulated.faults import DeviceFault, FaultBook, parse_faults
 from lfcal.frames import FrameSource
 
-__all__ = ["SimBackend", "inject", "simulated_rig", "with_defaults"]
+__all__ = ["SimBackend", "SimGauge", "inject", "simulated_gauges", "simulated_rig", "with_defaults"]
 
 OPTICS = ("pattern", "auto", "geometric", "wave", "grid", "microscope")
 CLOCKS = ("virtual", "real")
@@ -171,7 +170,7 @@ def _target(plan: ScanPlan, level: str, options: Mapping[str, str]) -> Renderer 
             raise InputError.expected("option brightness", "that of a target's holes", "no target", "give target=FILE")
         return None
     # here, so that a single point does not load the simulator
-    from lfcal.devices.simulated._targets import simulated_target
+    from lfcal.devices.simulated._optics import simulated_target
 
     spread = number_option(options, "brightness", 0.0, low=0.0, high=1.0)
     seed = int(number_option(options, "seed", 0, low=0))
@@ -220,3 +219,28 @@ def _axes(plan: ScanPlan, text: str | None) -> StageAxes | None:
     if len(names) != 3:
         raise InputError.expected("option axes", "right,down,away such as +x,+y,+z", repr(text), "correct it")
     return replace(plan.stage, right=names[0], down=names[1], away=names[2])
+
+
+class SimGauge:
+    """A gauge with one reading, and another while its fault lasts."""
+
+    def __init__(
+        self, name: str, unit: str, values: tuple[float, float], fault: str, faults: Iterable[DeviceFault]
+    ) -> None:
+        self.name, self.unit = name, unit
+        self._usual, self._off = values
+        self._fault = fault
+        self.faults = FaultBook(faults, (fault,))
+
+    def read(self) -> float:
+        """Return the reading."""
+        return self._off if self._fault in self.faults.next_call() else self._usual
+
+
+def simulated_gauges(faults: Iterable[DeviceFault] = ()) -> tuple[SimGauge, SimGauge]:
+    """Return thermometer (21 °C, 27 when too warm) and photodiode (100 %, 60 when the lamp is low)."""
+    faults = tuple(faults)
+    return (
+        SimGauge("temperature", "°C", (21.0, 27.0), "too warm", faults),
+        SimGauge("lamp", "%", (100.0, 60.0), "lamp low", faults),
+    )

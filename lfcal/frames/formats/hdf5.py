@@ -36,7 +36,7 @@ class Hdf5Image(ImageFile):
     Raises
     ------
     FileFormatError, UnsafeFileError
-        As `lfcal.base.h5.dataset.H5Data`, or if there is not one stack to choose.
+        As `lfcal.base.h5.reading.H5Data`, or if there is not one stack to choose.
     """
 
     def __init__(self, path: Path, dataset: str | None = None) -> None:

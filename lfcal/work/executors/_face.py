@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from lfcal.work.executors.catalogue import EXECUTORS
+from lfcal.work.executors.base import EXECUTORS
 
 __all__ = ["EXECUTORS"]

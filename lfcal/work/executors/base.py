@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol, Self
 
+from lfcal.base import Registry
 from lfcal.work.unit import Job
 
-__all__ = ["Ended", "Event", "Executor", "ExecutorKind", "What"]
+__all__ = ["EXECUTORS", "Ended", "Event", "Executor", "ExecutorKind", "What"]
 
 
 class What(Enum):
@@ -119,3 +120,7 @@ class ExecutorKind:
     title: str
     make: Callable[[int | None, str], Executor]
     addressed: bool = False
+
+
+EXECUTORS: Registry[ExecutorKind] = Registry("executor", "lfcal.work.executors", "EXECUTOR", "lfcal.executors")
+"""All executors by name."""

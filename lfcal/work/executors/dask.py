@@ -14,8 +14,7 @@ from typing import Any, Self
 from lfcal.base import InputError, LfcalError, bounded_threads, drain, worker_count
 from lfcal.work.executors.base import Event, ExecutorKind, What
 from lfcal.work.executors.processes import MOMENT, WorkerLost, news, without_script
-from lfcal.work.numbers import numbered
-from lfcal.work.unit import Job
+from lfcal.work.unit import Job, numbered
 
 __all__ = ["EXECUTOR", "Dask", "do"]
 

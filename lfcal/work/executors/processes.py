@@ -17,8 +17,7 @@ from typing import Any, Self
 
 from lfcal.base import LfcalError, Progress, StorageError, bounded_threads, drain, worker_count
 from lfcal.work.executors.base import Event, ExecutorKind, What
-from lfcal.work.numbers import numbered
-from lfcal.work.unit import Job
+from lfcal.work.unit import Job, numbered
 
 __all__ = ["EXECUTOR", "Processes", "WorkerLost", "news", "without_script"]
 

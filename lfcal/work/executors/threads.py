@@ -11,8 +11,7 @@ from typing import Self
 
 from lfcal.base import Progress, Unwanted, Work, drain, free_memory, wanted_while, worker_count
 from lfcal.work.executors.base import Event, ExecutorKind, What
-from lfcal.work.numbers import numbered
-from lfcal.work.unit import Job
+from lfcal.work.unit import Job, numbered
 
 __all__ = ["EXECUTOR", "Threads", "at_once", "memory_beside"]
 

@@ -14,8 +14,8 @@ import pytest
 
 from lfcal.base.errors import FileFormatError
 from lfcal.base.h5 import probe as probing
-from lfcal.base.h5.file import H5File
 from lfcal.base.h5.probe import probe, trust
+from lfcal.base.h5.reading import H5File
 
 
 @pytest.fixture

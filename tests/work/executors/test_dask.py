@@ -14,9 +14,9 @@ import pytest
 from lfcal.base.errors import InputError
 from lfcal.base.progress import Clock, Work, drain
 from lfcal.work import RunChoice, iter_run, read_run
-from lfcal.work._following import Following
 from lfcal.work.executors.dask import Dask
 from lfcal.work.executors.threads import Threads
+from lfcal.work.runs import Following
 from tests.work.tasks import unit
 
 distributed: Any = pytest.importorskip("distributed", reason="dask.distributed is not installed")

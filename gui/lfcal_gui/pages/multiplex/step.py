@@ -69,7 +69,7 @@ from lfcal.frames import open_image, read_image
 from lfcal.frames.corrections.recipe import read_average
 from lfcal.lattice import fit_lattice, lattice_of
 from lfcal.multiplex import demultiplex_lattice, modulator_of, pixel_weights, without_black_level
-from lfcal.base.tiff_file import write_tiff
+from lfcal.base.files import write_tiff
 
 camera = Camera.from_json(Path({CAMERA_FILE!r}).read_text(encoding="utf-8"))
 {_reading(chosen)}
@@ -118,7 +118,7 @@ from lfcal.frames import open_image, read_image
 from lfcal.multiplex import demultiplex, demultiplex_generally, demultiplex_weighted, modulator_of
 from lfcal.multiplex import pixel_weights, without_black_level
 from lfcal.base.npy import map_npy
-from lfcal.base.tiff_file import write_tiff
+from lfcal.base.files import write_tiff
 {camera}
 {_reading(chosen)}
 shares = {f"map_npy({own!r})" if own else f"modulator_of({chosen.named()!r})"}

@@ -1,4 +1,4 @@
-"""Settings by which a camera changes samples automatically: switched off, read back, and what else is recorded."""
+"""What the backends of real cameras share: facts of the sensor, fixed settings, and stages where there is none."""
 
 from __future__ import annotations
 
@@ -6,9 +6,43 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
-from lfcal.devices.protocols import Setting
+from lfcal.devices.errors import StageError
+from lfcal.devices.protocols import Limits, Point, Setting
 
-__all__ = ["GENICAM", "NOTED", "UNREADABLE", "off_value", "read_settings", "switch_off"]
+__all__ = [
+    "GENICAM",
+    "NOTED",
+    "UNREADABLE",
+    "CameraFacts",
+    "ExternalStage",
+    "NoStage",
+    "off_value",
+    "read_settings",
+    "switch_off",
+]
+
+
+class CameraFacts:
+    """Shape and sample range of a camera; whoever opens it sets ``_shape`` and ``_bits``."""
+
+    _shape: tuple[int, int]
+    _bits: int
+
+    @property
+    def sensor_shape(self) -> tuple[int, int]:
+        """Rows and columns of the whole sensor."""
+        return self._shape
+
+    @property
+    def bit_depth(self) -> int:
+        """Bits per sample."""
+        return self._bits
+
+    @property
+    def max_value(self) -> int:
+        """Sample value of a saturated pixel."""
+        return (1 << self._bits) - 1
+
 
 Read = Callable[[str], str | None]
 """Returns the value of a setting as text; None where the camera has none of that name, or it cannot be read now."""
@@ -98,3 +132,68 @@ def _same(wanted: str, found: str) -> bool:
         return math.isclose(float(words[0]), float(words[1]), abs_tol=1e-3)
     except ValueError:
         return False
+
+
+_ANYWHERE: Limits = ((-math.inf, math.inf), (-math.inf, math.inf), (-math.inf, math.inf))
+
+
+class NoStage:
+    """The place where a stage belongs."""
+
+    name = "no stage"
+    limits = _ANYWHERE
+
+    def move(self, target: Point) -> None:
+        """Refuse."""
+        raise StageError("stage: this camera has none; name the backend of the stage")
+
+    def moving(self) -> bool:
+        """Return False."""
+        return False
+
+    def position(self) -> Point:
+        """Refuse."""
+        raise StageError("stage: this camera has none; name the backend of the stage")
+
+    def stop(self) -> None:
+        """Do nothing."""
+
+    def home(self) -> None:
+        """Refuse."""
+        self.move((0.0, 0.0, 0.0))
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+class ExternalStage:
+    """A source that another program or a person moves: its place is taken to be where it was asked to be."""
+
+    name = "moved by another program"
+    moved_elsewhere = True
+    limits = _ANYWHERE
+
+    def __init__(self) -> None:
+        self._target: Point = (0.0, 0.0, 0.0)
+
+    def move(self, target: Point) -> None:
+        """Remember the target."""
+        self._target = target
+
+    def moving(self) -> bool:
+        """Return False."""
+        return False
+
+    def position(self) -> Point:
+        """Return the last target (µm)."""
+        return self._target
+
+    def stop(self) -> None:
+        """Do nothing."""
+
+    def home(self) -> None:
+        """Go to the origin."""
+        self._target = (0.0, 0.0, 0.0)
+
+    def close(self) -> None:
+        """Do nothing."""

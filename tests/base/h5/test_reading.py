@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from lfcal.base.errors import FileFormatError, LfcalError, StorageError, UnsafeFileError
-from lfcal.base.h5.file import H5File
+from lfcal.base.h5.reading import H5File
 
 
 @pytest.fixture

@@ -1,0 +1,511 @@
+"""HDF5 files of unknown origin, opened for reading: every attribute and dataset is checked before it is read."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypeVar, overload
+from weakref import WeakSet
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base.errors import FileFormatError, LfcalError, StorageError, UnsafeFileError
+from lfcal.base.files import MAX_EXPANSION, check_regular, storage_errors, system_error
+from lfcal.base.h5.chunks import ChunkTable
+from lfcal.base.h5.probe import probe
+from lfcal.base.units import format_bytes
+
+__all__ = ["MAX_BYTES", "Attributes", "H5Data", "H5File", "damage"]
+
+
+MAX_BYTES = 1 << 44
+"""A dataset with a declared size above this (17.6 TB) is refused."""
+
+
+def _opened(path: Path) -> Any:
+    import h5py
+
+    # without HDF5's lock a file can be read while another program writes it, and on network disks. In one program it is
+    # opened a second time only by whoever asks for the same lock: a notebook's file has h5py's default, or any.
+    for options in ({"locking": False}, {}, {"locking": True}):
+        try:
+            return h5py.File(path, "r", **options)
+        except OSError as error:
+            if "flag values don't match" not in str(error):
+                raise
+            refused = error
+    raise refused
+
+
+class H5File:
+    """An HDF5 file opened for reading; everything asked of it is checked and answers with one-line errors.
+
+    Names are paths within the file: ``H``, ``regions/corner/H``, empty for the root. Soft and external links are never
+    followed. Used as a context manager, or closed with `close`.
+
+    Raises
+    ------
+    StorageError
+        If there is no such file or it may not be read.
+    FileFormatError
+        If it is no HDF5 file, or is damaged.
+    """
+
+    def __init__(self, path: Path) -> None:
+        if not path.exists():
+            raise StorageError(f"{path}: no such file; check the path")
+        check_regular(path)
+        with storage_errors(path):
+            # a plain open first: h5py's own error does not tell a missing permission from damaged data
+            path.open("rb").close()
+        probe(path)
+        import hdf5plugin  # noqa: F401  registers zstd, blosc and lz4 with HDF5
+
+        self.path = path
+        self._given: WeakSet[H5Data] = WeakSet()
+        try:
+            self._file = _opened(path)
+        except (OSError, RuntimeError, ValueError) as error:
+            raise FileFormatError.expected(
+                str(path), "an intact HDF5 file", "a damaged or other file", "record or copy it again"
+            ) from error
+
+    def close(self) -> None:
+        """Close the file; may be called twice."""
+        for data in self._given:
+            data.release()
+        with damage(self.path):
+            self._file.close()
+
+    def __enter__(self) -> Self:
+        """Return the file."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the file."""
+        self.close()
+
+    def __contains__(self, name: str) -> bool:
+        """Return whether there is an entry ``name``, whatever it is."""
+        group, _, last = name.rpartition("/")
+        return last in self.names(group)
+
+    def names(self, group: str = "") -> tuple[str, ...]:
+        """Return the names of the entries of a group, none where there is no such group."""
+        import h5py
+
+        found = self._object(group) if not group or group in self else None
+        with damage(self.path, group):
+            return tuple(str(name) for name in found) if isinstance(found, h5py.Group) else ()
+
+    def attributes(self, name: str = "") -> Attributes:
+        """Return the attributes of an entry."""
+        return Attributes(self.path, self._object(name), name)
+
+    def dataset_shape(self, name: str) -> tuple[int, ...]:
+        """Return the shape of an entry of the root, empty where it is no dataset, or a link to one elsewhere."""
+        import h5py
+
+        with damage(self.path, name):
+            if name not in self.names() or self._file.get(name, getclass=True, getlink=True) is not h5py.HardLink:
+                return ()
+            entry = self._file[name]
+            return tuple(entry.shape or ()) if isinstance(entry, h5py.Dataset) else ()
+
+    def dataset(
+        self, name: str, *, max_bytes: int = MAX_BYTES, dtype: np.dtype[Any] | None = None, holes: bool = False
+    ) -> H5Data:
+        """Return a dataset; see `H5Data` for what is refused."""
+        import h5py
+
+        data = self._object(name)
+        if not isinstance(data, h5py.Dataset):
+            raise FileFormatError.expected(f"{self.path}:/{name}", "a dataset", type(data).__name__, "check the file")
+        found = H5Data(data, max_bytes=max_bytes, dtype=dtype, holes=holes)
+        self._given.add(found)
+        return found
+
+    def values(
+        self,
+        name: str,
+        shape: tuple[int, ...] | None = None,
+        *,
+        kinds: str = "iuf",
+        finite: bool = False,
+        at_most: float | None = None,
+    ) -> NDArray[Any]:
+        """Return all of a small dataset (4 GB at most).
+
+        Parameters
+        ----------
+        name
+            The dataset.
+        shape
+            The shape it must have; None takes any.
+        kinds
+            Kinds of numbers accepted, as numpy's ``dtype.kind``.
+        finite
+            Refuse NaN and infinity.
+        at_most
+            Largest magnitude accepted; refuses NaN, too.
+        """
+        data = self.dataset(name, max_bytes=1 << 32)
+        if data.dtype.kind not in kinds or (shape is not None and data.shape != shape):
+            wanted = f"{'whole numbers' if 'f' not in kinds else 'numbers'}, shape {shape if shape else 'any'}"
+            raise self._wrong(name, wanted, f"{data.dtype}, shape {data.shape}")
+        values = data.read()
+        if finite and not np.isfinite(values).all():
+            raise self._wrong(name, "finite numbers", "NaN or infinity")
+        if at_most is not None and values.size:
+            most = float(np.abs(values.astype(np.float64, copy=False)).max())
+            if not most <= at_most:
+                raise self._wrong(name, f"numbers up to {at_most:g}", f"{most:g}")
+        return values
+
+    def _wrong(self, name: str, wanted: str, got: str) -> FileFormatError:
+        return FileFormatError.expected(f"{self.path}:/{name}", wanted, got, "take the file from its source again")
+
+    def _object(self, name: str) -> Any:
+        """Return the entry ``name``, reached by hard links alone."""
+        import h5py
+
+        entry: Any = self._file
+        with damage(self.path, name):
+            for part in (p for p in name.split("/") if p):
+                # by the list: see `Attributes`
+                names = [str(key) for key in entry] if isinstance(entry, h5py.Group) else []
+                if part not in names:
+                    only = ", ".join(sorted(names)[:8]) or "nothing"
+                    raise FileFormatError.expected(
+                        f"{self.path}:/{name}", "a dataset of this name", f"only {only}", "check the file"
+                    )
+                link = entry.get(part, getlink=True)
+                # a link may lead to any file of this machine
+                if not isinstance(link, h5py.HardLink):
+                    raise UnsafeFileError.expected(
+                        f"{self.path}:/{name}",
+                        "data stored in the file itself",
+                        type(link).__name__,
+                        "copy the data in",
+                    )
+                entry = entry[part]
+        return entry
+
+
+Index = int | slice | tuple[int | slice, ...]
+
+KNOWN_FILTERS = {1, 2, 3, 32000, 32001, 32004, 32008, 32015}
+"""HDF5 filters that are read: deflate, shuffle, fletcher32, lzf, blosc, lz4, bitshuffle, zstd."""
+
+
+class H5Data:
+    """Numbers in an HDF5 file: what they are, and every way of reading them, with one-line errors.
+
+    Attributes
+    ----------
+    path, name
+        Where it is.
+    table
+        Its chunks; None for contiguous or no data.
+    shape, dtype, chunks
+        As declared; ``chunks`` is None for contiguous data.
+    filters
+        Numbers of its HDF5 filters, in the order of writing.
+
+    Parameters
+    ----------
+    dataset
+        Open h5py dataset.
+    max_bytes
+        Largest size declared (bytes).
+    dtype
+        The only type accepted, that of the records of a recording; by default plain numbers.
+    holes
+        Whether chunks may be missing; they read as the fill value.
+
+    Raises
+    ------
+    UnsafeFileError
+        For external storage, virtual datasets, unknown filters, other types, and sizes beyond ``max_bytes`` or far
+        beyond the file's.
+    FileFormatError
+        If it is damaged or unfinished.
+    """
+
+    def __init__(
+        self, dataset: Any, *, max_bytes: int = MAX_BYTES, dtype: np.dtype[Any] | None = None, holes: bool = False
+    ) -> None:
+        self.path = Path(dataset.file.filename)
+        self.name = str(dataset.name).lstrip("/")
+        self._data = dataset
+        with damage(self.path, self.name):
+            self._describe(max_bytes, dtype, holes)
+
+    def _describe(self, max_bytes: int, dtype: np.dtype[Any] | None, holes: bool) -> None:
+        data = self._data
+        plist = data.id.get_create_plist()
+        self._check_inside(plist)
+        self.dtype: np.dtype[Any] = np.dtype(data.dtype)
+        if dtype is not None and self.dtype != dtype:
+            raise self._unsafe("the records of a recording", f"dtype {self.dtype}", "take it from its source again")
+        if dtype is None and self.dtype.kind not in "iufcb":
+            raise self._unsafe("plain numbers", f"dtype {self.dtype}", "store it as numbers")
+        if dtype is None:
+            self.dtype = np.dtype(self.dtype.str)  # without the names of an enumeration, which NPY files cannot keep
+        if data.shape is None:
+            raise FileFormatError.expected(self.where, "numbers", "an empty dataset", "take it from its source again")
+        self.shape = tuple(int(n) for n in data.shape)
+        self.chunks = None if data.chunks is None else tuple(int(n) for n in data.chunks)
+        self.filters = tuple(int(plist.get_filter(k)[0]) for k in range(plist.get_nfilters()))
+        if set(self.filters) - KNOWN_FILTERS:
+            raise self._unsafe("gzip, lzf, zstd, blosc or lz4", f"HDF5 filter {self.filters}", "repack the file")
+        self._check_size(max_bytes)
+        self._holes = holes
+        self.table: ChunkTable | None = None
+        self._check_stored()
+
+    def _check_inside(self, plist: Any) -> None:
+        import h5py
+
+        # both may lead to any file of this machine
+        if plist.get_external_count():
+            raise self._unsafe("data stored in the file itself", "external storage", "copy it in")
+        if plist.get_layout() == h5py.h5d.VIRTUAL:
+            raise self._unsafe("stored data", "a virtual dataset", "copy the data in")
+
+    def _check_size(self, max_bytes: int) -> None:
+        stored = self._file_size()
+        if self.nbytes > max_bytes:
+            raise self._unsafe(f"at most {format_bytes(max_bytes)}", format_bytes(self.nbytes), "check the file")
+        if self.nbytes > MAX_EXPANSION * stored + (1 << 20):
+            raise self._unsafe(
+                "a size the file can hold",
+                f"{format_bytes(self.nbytes)} declared in a file of {format_bytes(stored)}",
+                "the header is wrong; take it from its source again",
+            )
+
+    def _check_stored(self) -> None:
+        """Raise unless all data are there, and every chunk lies within the file."""
+        if not self.nbytes:
+            return
+        if self.chunks is None:
+            have = self._data.id.get_storage_size()
+            if have < self.nbytes and not self._holes:
+                raise self._unfinished(f"{format_bytes(self.nbytes)} of data", format_bytes(have))
+            return
+        self.table = ChunkTable(self._data, self.path, self.where)
+        if self.table.missing and not self._holes:
+            raise self._unfinished("all chunks written", f"{self.table.missing} missing")
+
+    def _file_size(self) -> int:
+        # of a file that is being written, HDF5 knows of more bytes than the system
+        return int(self._data.file.id.get_filesize())
+
+    @property
+    def where(self) -> str:
+        """File and name, for messages."""
+        return f"{self.path}:/{self.name}"
+
+    @property
+    def ndim(self) -> int:
+        """Number of axes."""
+        return len(self.shape)
+
+    @property
+    def size(self) -> int:
+        """Number of samples."""
+        return int(np.prod(self.shape, dtype=object))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all samples, as declared."""
+        return self.size * self.dtype.itemsize
+
+    @property
+    def attributes(self) -> Attributes:
+        """Its attributes."""
+        return Attributes(self.path, self._data, self.name)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether its file is open."""
+        return bool(self._data.id.valid)
+
+    @property
+    def offset(self) -> int | None:
+        """Byte of the file at which contiguous data begin, None for chunks."""
+        with damage(self.path, self.name):
+            found = None if self.chunks is not None else self._data.id.get_offset()
+        return None if found is None else int(found)
+
+    def read(self, index: Index = ()) -> NDArray[Any]:
+        """Return the part ``index``, an integer or a slice per axis, all of it by default, as a new array.
+
+        Raises `IndexError` beyond the dataset.
+        """
+        if not self.is_open:
+            raise FileFormatError(f"{self.where}: its file is closed; open it again")
+        box, key = _box(index, self.shape)
+        with damage(self.path, self.name):
+            if self.table is None or self.table.filters is None:
+                values = np.asarray(self._data[box])
+            else:
+                values = self.table.read(box)
+        return np.asarray(values[key], self.dtype)  # numpy turns single values to the native order
+
+    def close_file(self) -> None:
+        """Close the file it lies in; may be called twice."""
+        self.release()
+        with damage(self.path, self.name):
+            if self.is_open:
+                self._data.file.close()
+
+    def release(self) -> None:
+        """Close what reading opened beside HDF5's own file."""
+        if self.table is not None:
+            self.table.close()
+
+    def _unsafe(self, wanted: str, got: str, remedy: str) -> UnsafeFileError:
+        return UnsafeFileError.expected(self.where, wanted, got, remedy)
+
+    def _unfinished(self, wanted: str, got: str) -> FileFormatError:
+        return FileFormatError.expected(self.where, wanted, got, "the file is unfinished; write it again")
+
+
+def _box(index: Index, shape: tuple[int, ...]) -> tuple[tuple[slice, ...], tuple[int | slice, ...]]:
+    """Return the smallest box of samples that holds ``index``, and the index within that box."""
+    given = index if isinstance(index, tuple) else (index,)
+    if len(given) > len(shape):
+        raise IndexError(f"{len(given)} indices for {len(shape)} axes")
+    box: list[slice] = []
+    within: list[int | slice] = []
+    for part, n in zip((*given, *[slice(None)] * (len(shape) - len(given))), shape, strict=True):
+        if isinstance(part, slice):
+            picked = range(n)[part]
+            first, last = (min(picked[0], picked[-1]), max(picked[0], picked[-1]) + 1) if picked else (0, 0)
+            box.append(slice(first, last))
+            within.append(slice(None, None, part.step) if picked else slice(None))
+        else:
+            at = range(n)[part]
+            box.append(slice(at, at + 1))
+            within.append(0)
+    return tuple(box), tuple(within)
+
+
+D = TypeVar("D")
+
+
+class Attributes:
+    """The attributes of one object of a file; an absent one gives the default, one of another kind an error.
+
+    Parameters
+    ----------
+    path
+        The file.
+    owner
+        Open h5py object.
+    name
+        Its name in the file, for messages; empty for the file itself.
+    """
+
+    def __init__(self, path: Path, owner: Any, name: str = "") -> None:
+        self._path, self._name = path, name
+        with damage(path, name):
+            self._values = owner.attrs
+            # the child that looked at the file went by this list: what is not in it is not asked for
+            self._keys = tuple(str(key) for key in self._values)
+
+    @overload
+    def text(self, key: str) -> str | None: ...
+    @overload
+    def text(self, key: str, default: str) -> str: ...
+    def text(self, key: str, default: str | None = None) -> str | None:
+        """Return an attribute that must be text."""
+        value = self._get(key)
+        if value is None:
+            return default
+        if isinstance(value, bytes):
+            with damage(self._path, self._name):
+                return value.decode()
+        if not isinstance(value, str):
+            raise self._wrong(key, "text", value)
+        return value
+
+    def integer(self, key: str) -> int | None:
+        """Return an attribute that must be one whole number, None where it is absent."""
+        value = self._get(key)
+        if value is None:
+            return None
+        if not isinstance(value, int | np.integer):
+            raise self._wrong(key, "a whole number", value)
+        return int(value)
+
+    def numbers(self, key: str, lengths: tuple[int, ...]) -> NDArray[np.float64] | None:
+        """Return an attribute that must be finite numbers, as many as one of ``lengths`` (1: also a plain number)."""
+        value = self._get(key)
+        if value is None:
+            return None
+        if not isinstance(value, np.ndarray | np.number) or np.asarray(value).dtype.kind not in "iuf":
+            raise self._wrong(key, "numbers", value)
+        numbers = np.asarray(value, np.float64)
+        if numbers.ndim > 1 or numbers.size not in lengths or not np.isfinite(numbers).all():
+            wanted = " or ".join(str(n) for n in sorted(set(lengths)))
+            raise self._wrong(key, f"finite numbers, {wanted} of them", value)
+        return numbers.ravel()
+
+    def plain(self) -> dict[str, Any]:
+        """Return all attributes that are text or numbers."""
+        with damage(self._path, self._name):
+            found = {key: self._values[key] for key in self._keys}
+        return {key: value for key, value in found.items() if isinstance(value, str | np.ndarray | np.generic)}
+
+    def _get(self, key: str) -> Any:
+        with damage(self._path, self._name):
+            return self._values[key] if key in self._keys else None
+
+    def _wrong(self, key: str, wanted: str, value: Any) -> FileFormatError:
+        place = f"{self._path}:/{self._name}" if self._name else str(self._path)
+        shown = " ".join(repr(value).split())
+        return FileFormatError.expected(
+            f"{place}, attribute {key}",
+            wanted,
+            shown if len(shown) <= 60 else f"{shown[:60]}…",
+            "take the file from its source again",
+        )
+
+
+_OF_THE_DISK = {errno.EIO, errno.EACCES, errno.EPERM, errno.ESTALE, errno.ENODEV, errno.ENOENT}
+"""Errors that speak of the disk and not of what lies on it."""
+
+
+class damage:
+    """Context that turns whatever h5py raises on damaged data into a `FileFormatError` naming ``where``.
+
+    h5py raises KeyError, RuntimeError, OSError, TypeError, ValueError, OverflowError and UnicodeError alike.
+    """
+
+    # a class: entered for every pattern that is read, where a generator would cost as much as the read
+    __slots__ = ("_path", "_where")
+
+    def __init__(self, path: Path, where: str = "") -> None:
+        self._path, self._where = path, where
+
+    def __enter__(self) -> None:
+        """Begin to watch."""
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        """Raise `FileFormatError` or `StorageError` in place of h5py's error."""
+        if not isinstance(error, Exception) or isinstance(error, LfcalError):
+            return
+        if isinstance(error, OSError | RuntimeError) and system_error(error) in _OF_THE_DISK:
+            with storage_errors(self._path):
+                raise error
+        said = " ".join(str(error).split())[:120] or type(error).__name__
+        where = f"{self._path}:/{self._where}" if self._where else str(self._path)
+        raise FileFormatError.expected(
+            where, "intact data", f"damaged data ({said})", "copy the file again from its source"
+        ) from error
