@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from lfcal.accuracy.base import Curve, Rung, marked
 from lfcal.accuracy.catalogue import PLACES
-from lfcal.accuracy.curve_file import read_curves, write_curves
 from lfcal.accuracy.drawing import draw_curves
-from lfcal.accuracy.measure import CurveProgress, iter_curves, iter_measure_curve, measure_curve
+from lfcal.accuracy.measure import CurveProgress, iter_measure_curve, measure_curve
 from lfcal.accuracy.place import AccuracyStep, Place, Truth
 from lfcal.accuracy.subject import Subject
 
@@ -20,10 +19,7 @@ __all__ = [
     "Subject",
     "Truth",
     "draw_curves",
-    "iter_curves",
     "iter_measure_curve",
     "marked",
     "measure_curve",
-    "read_curves",
-    "write_curves",
 ]

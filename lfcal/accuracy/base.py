@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from lfcal.base import FileFormatError, check_choice, check_number, format_bytes, format_seconds, format_share, plain
+from lfcal.base import check_choice, check_number, format_bytes, format_seconds, format_share
 
 __all__ = ["UNITS", "Curve", "Rung", "cost_axis", "format_cost", "marked"]
 
@@ -142,37 +142,6 @@ class Curve:
             f"{asked} is reached by no rung measured; the best is {format_share(best.error)} for "
             f"{format_cost(best.cost, self.unit)}: {best.label}"
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the curve as plain JSON types."""
-        found: dict[str, Any] = plain(self)
-        return found
-
-    @classmethod
-    def from_dict(cls, data: Any) -> Curve:
-        """Return the curve described by ``data``; raise `FileFormatError` where it is none."""
-        try:
-            body = dict(data)
-            rungs = tuple(Rung(**_texts(rung, ("label", "unit", "note"))) for rung in body.pop("rungs"))
-            notes = tuple(str(note) for note in body.pop("notes"))
-            names = ("place", "title", "error", "cost", "unit", "truth", "stopped")
-            curve = cls(**_texts(body, names), notes=notes)
-            check_choice("unit of cost", curve.unit, UNITS)
-        except (TypeError, KeyError, ValueError) as error:
-            raise FileFormatError.expected("curve of accuracy", "every entry of one", error, "measure again") from None
-        return replace(curve, rungs=marked(rungs))
-
-
-def _texts(entries: Any, names: tuple[str, ...]) -> dict[str, Any]:
-    """Return ``entries`` as keywords after checking that those called ``names`` are texts."""
-    found = dict(entries)
-    for name in names:
-        if name in found and not isinstance(found[name], str):
-            raise TypeError(f"{name}: no text")
-    for name in ("settings", "others"):
-        if name in found and not isinstance(found[name], Mapping):
-            raise TypeError(f"{name}: no entries by name")
-    return found
 
 
 def marked(rungs: Iterable[Rung]) -> tuple[Rung, ...]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 from lfcal.accuracy.base import Curve, Rung
@@ -11,7 +10,7 @@ from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.base import LfcalError, Progress, Work, check_number, drained, format_seconds
 
-__all__ = ["SECONDS", "CurveProgress", "iter_curves", "iter_measure_curve", "measure_curve"]
+__all__ = ["SECONDS", "CurveProgress", "iter_measure_curve", "measure_curve"]
 
 SECONDS = 10.0
 """Seconds that a place may take unless something else is asked for."""
@@ -177,24 +176,3 @@ def _followed(measuring: Measuring, run: _Run) -> Work[None]:
             yield run.record(note)
     finally:
         measuring.close()
-
-
-def iter_curves(places: Iterable[Place], subject: Subject, seconds: float = SECONDS) -> Work[tuple[Curve, ...]]:
-    """Measure place after place as `iter_measure_curve`; ``seconds`` are for each.
-
-    Examples
-    --------
-    >>> from lfcal.accuracy import PLACES, Subject, iter_curves
-    >>> from lfcal.camera import ScanPlan, preset
-    >>> from lfcal.base import drain
-    >>> subject = Subject("bench", ScanPlan.for_camera(preset("bench"), virtual_depths=[3], cutout=63), workers=1)
-    >>> for curve in drain(iter_curves([PLACES.get("storage"), PLACES.get("planes")], subject, seconds=0.05)):
-    ...     print(f"{curve.title}: {'measured' if curve.rungs else curve.stopped}")
-    H file: stored type and compression: measured
-    Depth planes: depths: expected two planes or more, that bound the range, got one; add a plane
-    """
-    chosen = tuple(places)
-    curves = []
-    for number, place in enumerate(chosen):
-        curves.append((yield from iter_measure_curve(place, subject, seconds, number=number, total=len(chosen))))
-    return tuple(curves)

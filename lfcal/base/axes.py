@@ -34,7 +34,6 @@ from lfcal.base.errors import InputError
 
 __all__ = [
     "AXES",
-    "MATLAB_AXES",
     "Position",
     "Region",
     "centre",
@@ -52,9 +51,6 @@ __all__ = [
 
 AXES = ("z", "y", "x", "t", "s")
 """Axis names of H in storage order."""
-
-MATLAB_AXES = AXES[::-1]
-"""The same bytes as MATLAB names them."""
 
 Region: TypeAlias = tuple[slice, slice]
 """Rows and columns of a frame, each ``slice(start, stop)`` with step 1, in sensor pixels."""

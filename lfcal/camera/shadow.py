@@ -9,7 +9,7 @@ import numpy as np
 from lfcal.camera.description import Camera
 from lfcal.camera.main_lens import Microscope
 
-__all__ = ["cutout_for", "half_extent_px", "rms_radius_px", "shadow_diameter_px"]
+__all__ = ["cutout_for", "half_extent_px", "rms_radius_px"]
 
 AIRY_RADII = 3.0
 """Airy radii of a lenslet left as margin: 5.7 % of a spot at the pattern's edge falls beyond, far less of the whole."""
@@ -31,11 +31,6 @@ def _edge_slope(camera: Camera, z_um: float) -> tuple[float, float]:
         n = optics.blades
         radius *= math.sqrt(math.pi / (n / 2 * math.sin(2 * math.pi / n)))
     return radius * abs(camera.image_shift_um(z_um)) / image, radius / image
-
-
-def shadow_diameter_px(camera: Camera, z_um: float) -> float:
-    """Return the diameter of the main lens's shadow on the lenslet array at depth ``z_um`` (sensor pixels)."""
-    return 2 * _edge_slope(camera, z_um)[0] / camera.sensor.pixel_um
 
 
 def half_extent_px(camera: Camera, z_um: float) -> float:

@@ -19,7 +19,7 @@ from lfcal.lattice._forms import thinned
 from lfcal.lattice._micro_image import mean_micro_image
 from lfcal.lattice._model import LatticeModel
 
-__all__ = ["IrisCentre", "iris_centre", "polygon_transform"]
+__all__ = ["IrisCentre", "iris_centre"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -137,26 +137,22 @@ def _waves(
     return _Waves(wave[kept], np.array(values) / share.sum())
 
 
-def polygon_transform(wave: Array, blades: int, radius: float, rotation_rad: float) -> Complex:
-    """Return the Fourier transform of a regular polygon over its area, at waves ``(n, 2)`` as (x, y) (per pixel).
+def _transforms(wave: Array, blades: int, radius: Array, rotation_rad: Array) -> Complex:
+    """Return the Fourier transforms ``(m, n)`` of regular polygons over their areas, at waves ``(n, 2)`` (per pixel).
 
-    By the divergence theorem it is a sum over the sides, each a sinc about its middle.
+    By the divergence theorem each is a sum over the sides, each a sinc about its middle.
 
     Parameters
     ----------
     wave
-        Waves, none of them 0.
+        Waves (x, y), none of them 0.
     blades
-        Corners, at ``rotation_rad`` and on from there (rad).
+        Corners.
     radius
-        Of the circle of the same area (pixels).
+        Of the circles of the same area ``(m,)`` (pixels).
+    rotation_rad
+        Where the first corner is ``(m,)`` (rad).
     """
-    (transform,) = _transforms(wave, blades, np.array([radius]), np.array([rotation_rad]))
-    return np.asarray(transform, np.complex128)
-
-
-def _transforms(wave: Array, blades: int, radius: Array, rotation_rad: Array) -> Complex:
-    """Return `polygon_transform` ``(m, n)`` for ``m`` radii and rotations."""
     area = math.pi * radius**2
     corner = np.sqrt(2 * area / (blades * math.sin(2 * math.pi / blades)))
     angle = rotation_rad[:, None] + 2 * np.pi * np.arange(blades) / blades

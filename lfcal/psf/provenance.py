@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "OF_FRAMES",
-    "RESERVED",
     "Codec",
     "FrameNoise",
     "codec_of",
@@ -26,9 +25,6 @@ __all__ = [
     "simulated_planes",
     "with_simulated",
 ]
-
-RESERVED = ("task", "verdict")
-"""Entries that only the record of a task and the judgement of H write."""
 
 
 OF_FRAMES = ("frames", "noise", "optics")

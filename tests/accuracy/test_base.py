@@ -1,8 +1,7 @@
-"""Rungs and curves: the front, the cheapest rung, words, and the way to a file and back."""
+"""Rungs and curves: the front, the cheapest rung, and words."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfcal.accuracy import Curve, Rung, draw_curves, marked, read_curves, write_curves
-from lfcal.base.errors import FileFormatError, InputError
+from lfcal.accuracy import Curve, Rung, draw_curves, marked
+from lfcal.base.errors import InputError
 
 PAIRS = st.lists(st.tuples(st.floats(0, 1e3), st.floats(0, 10)), min_size=1, max_size=30)
 
@@ -68,37 +67,6 @@ def test_what_is_no_error_and_no_cost_is_refused(value: float) -> None:
         rung(value, 1.0)
     with pytest.raises(InputError, match="unit of cost"):
         Rung("a", {}, 1.0, 1.0, "apples")
-
-
-def test_curves_come_back_from_their_file(tmp_path: Path) -> None:
-    made = curve((2.0, 0.1), (1.0, 0.5), (3.0, 0.2))
-    write_curves([made, curve()], tmp_path / "a.json")
-    assert read_curves(tmp_path / "a.json") == (made, curve())
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda d: d.update(format="other"),
-        lambda d: d.update(curves={}),
-        lambda d: d["curves"][0].pop("title"),
-        lambda d: d["curves"][0].update(title=3),
-        lambda d: d["curves"][0].update(unit="apples"),
-        lambda d: d["curves"][0].update(notes=4),
-        lambda d: d["curves"][0]["rungs"][0].update(error="much"),
-        lambda d: d["curves"][0]["rungs"][0].update(settings=[]),
-        lambda d: d["curves"][0]["rungs"][0].update(colour="red"),
-        lambda d: d["curves"].append(None),
-    ],
-)
-def test_what_is_no_file_of_curves_is_one_line(tmp_path: Path, change: object) -> None:
-    path = tmp_path / "a.json"
-    write_curves([curve((1.0, 0.5))], path)
-    data = json.loads(path.read_text())
-    change(data)  # type: ignore[operator]
-    path.write_text(json.dumps(data))
-    with pytest.raises(FileFormatError):
-        read_curves(path)
 
 
 def test_a_page_has_a_panel_for_each_curve_with_rungs(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera, LensletLattice, LensType, MainLens, ScanPlan, Sensor, preset
-from lfcal.camera.shadow import half_extent_px, shadow_diameter_px
+from lfcal.camera.shadow import _edge_slope, half_extent_px
 
 Array = NDArray[np.float64]
 
@@ -129,9 +129,8 @@ def test_shadow_of_the_paper_s_camera() -> None:
     camera = preset("r29")
     # a/Nw = 4 * 871.75/5 um = 126.8 px for a circular iris far from the array
     circular = Camera("c", MainLens(200e3, 4.0, 1e6, blades=0), camera.lattice, camera.sensor)
-    assert shadow_diameter_px(circular, camera.depth_of(4.0)) == pytest.approx(
-        126.8 / (1 + 4 * 871.75 / 250e3), rel=1e-3
-    )
+    shadow_um, _ = _edge_slope(circular, camera.depth_of(4.0))
+    assert 2 * shadow_um / camera.sensor.pixel_um == pytest.approx(126.8 / (1 + 4 * 871.75 / 250e3), rel=1e-3)
     assert ScanPlan.for_camera(camera, virtual_depths=[5.5]).cutout[0] == pytest.approx(181, abs=4)
 
 
@@ -139,7 +138,7 @@ def test_extent_of_a_microscope_follows_the_sine_condition() -> None:
     lattice = LensletLattice("square", 125.0, 2500.0, (LensType(2500.0),))
     base = preset("lfm_20x05")
     camera = Camera("m", base.optics, lattice, Sensor((500, 500), 125 / 15), 1e-1)
-    assert shadow_diameter_px(camera, 25.0) == pytest.approx(2 * 20 * 25 * math.tan(math.pi / 6) / (125 / 15))
-    assert shadow_diameter_px(camera, -25.0) == shadow_diameter_px(camera, 25.0)
+    assert _edge_slope(camera, 25.0)[0] == pytest.approx(20 * 25 * math.tan(math.pi / 6))
+    assert _edge_slope(camera, -25.0) == _edge_slope(camera, 25.0)
     # behind the array the cone has opened further by the time it meets the sensor
     assert half_extent_px(camera, 25.0) - half_extent_px(camera, -25.0) == pytest.approx(2 * 2500 * 0.025 / (125 / 15))

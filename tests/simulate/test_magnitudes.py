@@ -27,7 +27,7 @@ from lfcal.simulate.effects import (
 from lfcal.simulate.effects.described import (
     Entry,
     Magnitude,
-    effect_of,
+    effect_from,
     entries_json,
     magnitudes_of,
     parse_effects,
@@ -55,7 +55,7 @@ def test_every_magnitude_counts_for_something_and_has_a_unit(name: str, camera: 
             told = one.field in kind.units or one.field.endswith(("_um", "_rad", "_s"))
             assert told, f"{name}: {one.field} needs an entry in units"
             assert one.read(one.text(one.counts)) == pytest.approx(one.counts, rel=1e-9)
-    assert effect_of(name, listed) == kind()
+    assert effect_from(name, {one.field: one.value for one in listed}) == kind()
 
 
 def test_units_are_those_people_use() -> None:
@@ -112,11 +112,10 @@ def test_what_is_no_value_is_one_line(effect: object, field: str, text: str, mat
 
 def test_edited_magnitudes_make_the_effect() -> None:
     waves, angle = magnitudes_of(Coma(), CAMERAS[0])
-    edited = effect_of("coma", (replace(waves, value=waves.read("0.3")), replace(angle, value=angle.read("40"))))
+    edited = effect_from("coma", {waves.field: waves.read("0.3"), angle.field: angle.read("40")})
     assert edited == Coma(0.3, math.radians(40))
-    assert effect_of("zernike", [replace(*magnitudes_of(Zernike(), CAMERAS[0]), value=((3, 1, 0.1),))]) == Zernike(
-        ((3, 1, 0.1),)
-    )
+    (terms,) = magnitudes_of(Zernike(), CAMERAS[0])
+    assert effect_from("zernike", {terms.field: ((3, 1, 0.1),)}) == Zernike(((3, 1, 0.1),))
 
 
 def test_entries_survive_their_file(tmp_path: Path) -> None:

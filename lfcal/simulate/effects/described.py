@@ -18,7 +18,6 @@ __all__ = [
     "Entry",
     "Magnitude",
     "effect_from",
-    "effect_of",
     "entries_json",
     "magnitudes_of",
     "parse_effects",
@@ -147,17 +146,6 @@ def entries_json(entries: Iterable[Entry]) -> str:
             | ({"setting": entry.setting} if entry.setting != "auto" else {})
         )
     return json.dumps(listed, indent=2, allow_nan=False) + "\n"
-
-
-def effect_of(name: str, magnitudes: Iterable[Magnitude]) -> Effect:
-    """Return the effect ``name`` with the values of ``magnitudes``: `magnitudes_of`, and what was edited of them.
-
-    Raises
-    ------
-    InputError
-        For an unknown effect or magnitude, or a value out of its limits.
-    """
-    return effect_from(name, {one.field: one.value for one in magnitudes})
 
 
 def effect_from(name: str, magnitudes: Mapping[str, Any]) -> Effect:
