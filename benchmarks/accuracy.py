@@ -173,8 +173,8 @@ def _reached(plan: ScanPlan, asked: float, positions: int) -> Reached:
         enough = next((step for step in steps if step.expected <= asked), steps[-1])
     each = _least(lambda: engine_for(scene, enough.level, enough.sampling).predicted_seconds(1))
     true = float(np.abs(_rows(engine, places) - truth).sum() / truth.sum())
-    whole = _least(lambda: plane_seconds(engine_for(scene, response.level, response.wanted)))
-    label = rung_label(response.level, response.wanted)
+    whole = _least(lambda: plane_seconds(engine_for(scene, response.level, response.settled)))
+    label = rung_label(response.level, response.settled)
     return Reached(asked, response.level, label, response.reached, true, whole / (ny * nx), each)
 
 

@@ -14,7 +14,7 @@ from lfcal.base import Clock, Work, for_each_chunk, worker_count
 from lfcal.camera import Camera, ScanPlan
 from lfcal.fit.setup import Setup
 from lfcal.psf import Facts, Header, Plane, PlaneSource, Reopening, Stored, Zeros
-from lfcal.simulate import PlaneResponse, Sampling, at_wavelength, effects_told, filtered, told_effects
+from lfcal.simulate import PlaneResponse, Sampling, at_wavelength, effects_from_records, effects_to_records, filtered
 from lfcal.simulate.accuracy import grid_margin
 from lfcal.simulate.engines import Displaceable, PlaneEngine, engine_for
 
@@ -174,7 +174,7 @@ class ModelPlanes(PlaneSource):
         setup = self.setup
         values = {
             "camera": setup.camera.to_dict(),
-            "effects": told_effects(setup.effects),
+            "effects": effects_to_records(setup.effects),
             "depth_errors_um": setup.depth_errors_um,
             "aside_px": setup.aside_px,
             "plan": self.planned.to_dict(),
@@ -193,7 +193,7 @@ def open_model(values: Mapping[str, Any], workers: int) -> ModelPlanes:
     rows, columns = values["aside_px"]
     setup = Setup(
         Camera.from_dict(values["camera"]),
-        effects_told(values["effects"]),
+        effects_from_records(values["effects"]),
         tuple(values["depth_errors_um"]),
         aside_px=(rows, columns),
     )

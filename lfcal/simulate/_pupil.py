@@ -60,7 +60,7 @@ class PupilIris:
         return (self.blades == 0 or self.curvature == 1) and self.stop is None
 
 
-MOST_ORDER = 40
+MAX_ORDER = 40
 """Largest order n of a Zernike term: beyond, its polynomial's coefficients cancel to rounding."""
 
 
@@ -68,7 +68,7 @@ def check_wavefront(terms: Iterable[tuple[int, int, float]]) -> None:
     """Raise `InputError` unless every term ``(n, m, waves)`` is a finite share of a Zernike polynomial."""
     for n, m, waves in terms:
         check_number("wavefront coefficient (waves)", waves)
-        check_number("order of a Zernike term", n, at_least=0, at_most=MOST_ORDER)
+        check_number("order of a Zernike term", n, at_least=0, at_most=MAX_ORDER)
         # Zernike radial polynomials exist for these indices only
         if n != int(n) or m != int(m) or n < 0 or abs(m) > n or (n - abs(m)) % 2:
             raise InputError.expected(

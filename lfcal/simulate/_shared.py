@@ -6,7 +6,7 @@ from lfcal.simulate.cutout_light import light_in_cutout
 from lfcal.simulate.plane_task import Budget, EffectsLike, budgeted, tolerance_for
 from lfcal.simulate.response import PlaneResponse, at_wavelength
 from lfcal.simulate.scene import LAWS
-from lfcal.simulate.simulate import effects_told, told_effects
+from lfcal.simulate.simulate import effects_from_records, effects_to_records
 from lfcal.simulate.staging import filtered, origin_of, outlook_of, resolve_level, scene_for
 
 __all__ = [
@@ -16,13 +16,13 @@ __all__ = [
     "PlaneResponse",
     "at_wavelength",
     "budgeted",
-    "effects_told",
+    "effects_from_records",
+    "effects_to_records",
     "filtered",
     "light_in_cutout",
     "origin_of",
     "outlook_of",
     "resolve_level",
     "scene_for",
-    "told_effects",
     "tolerance_for",
 ]

@@ -39,7 +39,7 @@ def light_in_cutout(H: PSFMatrix, plan: ScanPlan, effects: EffectsLike) -> tuple
     ny, nx = (max(1, min(round(side), n)) for side, n in zip(plan.cell_camera.period_px, sizes, strict=True))
     row, column = (min(a, float(n - size)) for a, n, size in zip(plan.anchor, sizes, (ny, nx), strict=True))
     cell = replace(plan, period=(ny, nx), cutout=(1, 1), anchor=(row, column))
-    rows, columns = (_spread(n) for n in plan.period)
+    rows, columns = (_evenly_spaced(n) for n in plan.period)
     found = []
     for z, depth in enumerate(plan.depths_um):
         passed = float(white_tile(cell, budget.at(depth)[0]).mean())
@@ -48,5 +48,5 @@ def light_in_cutout(H: PSFMatrix, plan: ScanPlan, effects: EffectsLike) -> tuple
     return tuple(found)
 
 
-def _spread(count: int) -> NDArray[np.intp]:
+def _evenly_spaced(count: int) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, count - 1, min(count, PLACES)).round().astype(np.intp))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import Clock, InputError, Progress, Work, worker_count
 from lfcal.camera import ScanPlan
-from lfcal.simulate.accuracy import FOR_EFFECTS, EffectSelection, learn, plan_effects
+from lfcal.simulate.accuracy import EFFECTS_SHARE, EffectSelection, correct_rate, plan_effects
 from lfcal.simulate.effects import Effect
 from lfcal.simulate.engines import Sampling
 from lfcal.simulate.response import PlaneResponse
@@ -54,8 +54,8 @@ class Budget:
         if chosen is None:
             return self.effects, self.tolerance
         # a selection made for another tolerance must not use this one up
-        left = max(self.tolerance - chosen.left_out[chosen.plane(z_um)], (1 - FOR_EFFECTS) * self.tolerance)
-        return chosen.at(z_um), left
+        remaining = max(self.tolerance - chosen.left_out[chosen.plane(z_um)], (1 - EFFECTS_SHARE) * self.tolerance)
+        return chosen.at(z_um), remaining
 
 
 def tolerance_for(effects: object, tolerance: float | None) -> float:
@@ -68,7 +68,7 @@ def tolerance_for(effects: object, tolerance: float | None) -> float:
 def budgeted(effects: EffectsLike, plan: ScanPlan, tolerance: float | None) -> Budget:
     """Return the budget of effects as given, of those a selection has on, or of those that ``"auto"`` finds necessary.
 
-    Nothing is known to be left out beside effects that are given. ``tolerance`` is as in `tolerance_for`.
+    Of effects that are given nothing is known to be left out. ``tolerance`` is as in `tolerance_for`.
     """
     tolerance = tolerance_for(effects, tolerance)
     if isinstance(effects, str):
@@ -142,7 +142,9 @@ class PlaneTask:
         lost = sum(e.estimate(outlook).error for e in self.effects if rays and e.needs_waves)
         elapsed, count = time.perf_counter() - begun, worker_count(workers)
         # of the process's time no more than its workers can have taken
-        learn(outlook, response.level, self.tolerance, response.runs, min(time.process_time() - cpu, count * elapsed))
+        correct_rate(
+            outlook, response.level, self.tolerance, response.runs, min(time.process_time() - cpu, count * elapsed)
+        )
         seconds = round(elapsed, 3)
         record = {"engine": response.level, "sampling": response.sampling_used, "seconds": seconds}
         return Computed(response.reached + self.left_out + lost, record)

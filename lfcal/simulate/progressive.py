@@ -159,8 +159,8 @@ def _note(held: PSFMatrix | None) -> str:
     return "" if held is None else f"H so far within {100 * float(np.max(held.facts.known()['error'])):.2g} %"
 
 
-def kept_errors(before: PSFMatrix | None, tolerance: float) -> dict[int, float]:
-    """Return the planes of an H that keep a tolerance already, with their error."""
+def errors_within(before: PSFMatrix | None, tolerance: float) -> dict[int, float]:
+    """Return the error of the planes of an H that keep a tolerance already, by number."""
     if before is None:
         return {}
     errors = before.facts.known()["error"]
@@ -173,7 +173,7 @@ class _PassPlanes(PlaneSource):
     def __init__(self, work: Simulation, before: PSFMatrix | None, name: str) -> None:
         self.work, self.before, self._name = work, before, name
         self.header, self.title = work.header, work.title
-        self._errors = kept_errors(before, work.budget.tolerance)
+        self._errors = errors_within(before, work.budget.tolerance)
 
     def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
         """Compute plane ``z``, or read it."""

@@ -78,19 +78,19 @@ class PlaneResponse:
         self.cutout, self.halo, self.sampling = window, halo, sampling
         outlook = outlook_of(plan, z)
         self.tolerance, self._escalate = tolerance, level == "auto"
-        self.wanted, self.reached = sampling, math.nan
+        self.settled, self.reached = sampling, math.nan
         samples = light_samples(effects, outlook)
         # rays do not depend on the wavelength, unless images and foci do
         alike = self.level == "geometric" and not (scene.colour_rate or scene.dispersion_um2)
         self.samples = merged(samples, scene.wavelength_um) if alike else samples
         self._engines: dict[float, PlaneEngine] = {}
         self._lock = threading.Lock()
-        self._spent: list[Certificate] = []
+        self._freed: list[Certificate] = []
 
     @property
     def sampling_used(self) -> dict[str, Any] | None:
         """Return the sampling of the engines so far, as plain JSON types; None where there is none."""
-        return None if self.wanted is None else asdict(self.wanted)
+        return None if self.settled is None else asdict(self.settled)
 
     @property
     def runs(self) -> int:
@@ -100,7 +100,7 @@ class PlaneResponse:
     @property
     def certificate(self) -> Certificate:
         """Energy in and out of all responses so far, over all samples of the light."""
-        parts = [*self._spent, *(engine.certificate for engine in self._engines.values())]
+        parts = [*self._freed, *(engine.certificate for engine in self._engines.values())]
         return Certificate(
             sum(p.responses for p in parts),
             sum(p.energy_in for p in parts),
@@ -113,13 +113,13 @@ class PlaneResponse:
         wave = self.scene.wavelength_um if wavelength_um is None else wavelength_um
         with self._lock:
             if wave not in self._engines:
-                self._engines[wave] = self._made(at_wavelength(self.scene, wave))
+                self._engines[wave] = self._make_engine(at_wavelength(self.scene, wave))
             return self._engines[wave]
 
     def adopt(self, other: PlaneResponse) -> None:
         """Compute as finely as ``other`` found necessary, without a probe of one's own."""
         other.engine()
-        self.level, self.wanted, self.reached = other.level, other.wanted, other.reached
+        self.level, self.settled, self.reached = other.level, other.settled, other.reached
 
     def rows(self, ys: ArrayLike, xs: ArrayLike, workers: int | None = None) -> NDArray[np.float32]:
         """Return the responses ``(len(ys), len(xs), nt, ns)`` of positions ys x xs (whole numbers)."""
@@ -154,7 +154,7 @@ class PlaneResponse:
                 yield done
             # engines of displaced points are freed here, one at a time in memory; their certificates are kept.
             if engine not in self._engines.values():
-                self._spent.append(engine.certificate)
+                self._freed.append(engine.certificate)
 
     def _add(
         self,
@@ -196,10 +196,10 @@ class PlaneResponse:
     def _finer(self, engine: PlaneEngine) -> PlaneEngine:
         """Return a finer engine of the same scene, in the place of ``engine``."""
         with self._lock:
-            self._spent.append(engine.certificate)
-            assert self.wanted is not None  # an engine was made with it
-            self.wanted = finer(self.wanted)
-            made = self._made(engine.scene)
+            self._freed.append(engine.certificate)
+            assert self.settled is not None  # an engine was made with it
+            self.settled = finer(self.settled)
+            made = self._make_engine(engine.scene)
             self._engines = {wave: made if held is engine else held for wave, held in self._engines.items()}
         return made
 
@@ -212,20 +212,20 @@ class PlaneResponse:
         undisplaced = self.engine(sample.wavelength_um)
         if isinstance(undisplaced, Displaceable):
             return undisplaced.displaced(planned + shift)
-        return self._made(replace(undisplaced.scene, offsets_um=planned + shift))
+        return self._make_engine(replace(undisplaced.scene, offsets_um=planned + shift))
 
-    def _made(self, scene: Scene) -> PlaneEngine:
+    def _make_engine(self, scene: Scene) -> PlaneEngine:
         if self.sampling is not None:
             return engine_for(scene, self.level, self.sampling)
-        if self.wanted is not None:  # other wavelengths and source points need what the first needed
-            engine, _, self.wanted = balanced(scene, self.level, self.wanted)
+        if self.settled is not None:  # other wavelengths and source points need what the first needed
+            engine, _, self.settled = balanced(scene, self.level, self.settled)
             return engine
         if self.level == "reference":  # what others are judged by is not judged itself
             step = step_for(scene, self.level, self.tolerance)
-            self.wanted, self.reached = step.sampling, step.expected
-            return engine_for(scene, self.level, self.wanted)
+            self.settled, self.reached = step.sampling, step.expected
+            return engine_for(scene, self.level, self.settled)
         found = settle(scene, self.level, self.tolerance, escalate=self._escalate)
-        self.level, self.wanted, self.reached = found.level, found.sampling, found.error
+        self.level, self.settled, self.reached = found.level, found.sampling, found.error
         return found.engine
 
     def point(self, y_px: float, x_px: float) -> list[tuple[int, int, NDArray[np.float32]]]:

@@ -20,7 +20,7 @@ from lfcal.simulate.plane_task import EffectsLike, PlaneTask, budgeted, describe
 if TYPE_CHECKING:
     from lfcal.work import RunChoice
 
-__all__ = ["Simulation", "TaskPlane", "effects_told", "iter_simulate_psf", "simulate_psf", "told_effects"]
+__all__ = ["Simulation", "TaskPlane", "effects_from_records", "effects_to_records", "iter_simulate_psf", "simulate_psf"]
 
 MEMORY_LIMIT = 6 << 30
 """Largest H that is built in memory (bytes); a file has no such limit."""
@@ -101,7 +101,7 @@ class TaskPlane(PlaneSource):
         values = {
             "plan": task.plan.to_dict(),
             "z": z,
-            "effects": told_effects(task.effects),
+            "effects": effects_to_records(task.effects),
             "level": task.level,
             "tolerance": task.tolerance,
             "left_out": task.left_out,
@@ -115,7 +115,7 @@ def open_plane(values: Mapping[str, Any], workers: int) -> TaskPlane:
     """Return what computes a plane, of the values that `TaskPlane.reopening` gives."""
     given = {
         "plan": ScanPlan.from_dict(values["plan"]),
-        "effects": effects_told(values["effects"]),
+        "effects": effects_from_records(values["effects"]),
         "sampling": None if values["sampling"] is None else Sampling(**values["sampling"]),
     }
     return TaskPlane(PlaneTask(**{**values, **given}))
@@ -126,8 +126,8 @@ def header_of(plan: ScanPlan, provenance: Mapping[str, Any]) -> Header:
     return Header(plan.shape, plan.depths_um, plan.camera, plan.anchor, provenance)
 
 
-def told_effects(effects: Iterable[Effect]) -> list[dict[str, Any]]:
-    """Return effects as text that another process finds them by.
+def effects_to_records(effects: Iterable[Effect]) -> list[dict[str, Any]]:
+    """Return effects as plain JSON types, from which another process makes them.
 
     Raises
     ------
@@ -144,9 +144,11 @@ def told_effects(effects: Iterable[Effect]) -> list[dict[str, Any]]:
     return found
 
 
-def effects_told(said: Iterable[Mapping[str, Any]]) -> tuple[Effect, ...]:
-    """Return the effects of which `told_effects` told."""
-    return tuple(effect_from(one["name"], {key: value for key, value in one.items() if key != "name"}) for one in said)
+def effects_from_records(records: Iterable[Mapping[str, Any]]) -> tuple[Effect, ...]:
+    """Return the effects of which these are the records, as of `effects_to_records`."""
+    return tuple(
+        effect_from(one["name"], {key: value for key, value in one.items() if key != "name"}) for one in records
+    )
 
 
 def iter_simulate_psf(

@@ -27,7 +27,7 @@ class ResponseSource(Protocol):
         """``(nz, ny, nx, nt, ns)``."""
         ...
 
-    def some(self, z: int, y: int, xs: NDArray[np.intp]) -> NDArray[np.float32]:
+    def responses_at(self, z: int, y: int, xs: NDArray[np.intp]) -> NDArray[np.float32]:
         """Return the responses ``(len(xs), nt, ns)`` of positions (z, y, xs)."""
         ...
 
@@ -41,7 +41,7 @@ class _Stored:
 
     shape: tuple[int, int, int, int, int]
 
-    def some(self, z: int, y: int, xs: NDArray[np.intp]) -> NDArray[np.float32]:
+    def responses_at(self, z: int, y: int, xs: NDArray[np.intp]) -> NDArray[np.float32]:
         return np.ascontiguousarray(self.matrix.plane(z)[y, xs], np.float32)
 
 
@@ -55,13 +55,13 @@ class _Simulated:
         self.budget = budgeted(effects, plan, tolerance)
         self.options: dict[str, Any] = {"level": level, "sampling": sampling}
         self.shape = plan.shape
-        self._kept: tuple[int, PlaneResponse] | None = None
+        self._cached: tuple[int, PlaneResponse] | None = None
 
-    def some(self, z: int, y: int, xs: NDArray[np.intp]) -> NDArray[np.float32]:
-        if self._kept is None or self._kept[0] != z:
+    def responses_at(self, z: int, y: int, xs: NDArray[np.intp]) -> NDArray[np.float32]:
+        if self._cached is None or self._cached[0] != z:
             effects, share = self.budget.at(self.plan.depths_um[z])
-            self._kept = (z, PlaneResponse(self.plan, z, effects, tolerance=share, **self.options))
-        row: NDArray[np.float32] = self._kept[1].rows([y], xs)[0]
+            self._cached = (z, PlaneResponse(self.plan, z, effects, tolerance=share, **self.options))
+        row: NDArray[np.float32] = self._cached[1].rows([y], xs)[0]
         return row
 
 
@@ -130,7 +130,7 @@ def iter_light_field(
             lit = volume[z, y::ny]
             xs = np.unique(np.flatnonzero(lit.any(axis=0)) % nx)
             if xs.size:
-                responses = source.some(z, y, xs)
+                responses = source.responses_at(z, y, xs)
                 slot = np.full(nx, -1, np.intp)
                 slot[xs] = np.arange(xs.size)
                 scatter(image, lit, Row(responses, slot, y, ny), worker_count(workers))

@@ -30,7 +30,7 @@ from lfcal.simulate.effects import (
     ShotNoise,
 )
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
-from lfcal.simulate.sensor.responses import DISPLACED_KEPT
+from lfcal.simulate.sensor.responses import DISPLACED_CACHED
 from lfcal.simulate.sensor.white import fold, white_tile
 from lfcal.simulate.simulate import simulate_psf
 from tests.simulate.common import BASE, FAST, difference, small_camera, small_plan
@@ -180,9 +180,9 @@ def test_a_stage_that_is_moved_along_leaves_no_responses_behind() -> None:
     plan = corner(small_plan(), 1, 1)
     camera = SimulatedCamera(plan, BASE, sampling=FAST)
     x, y, z = plan.object_um(camera.position(0)).tolist()
-    for k in range(1, 3 + DISPLACED_KEPT):
+    for k in range(1, 3 + DISPLACED_CACHED):
         camera.light_of((x, y, z + 10.0 * k))
-    assert len(camera._responses.kept) == DISPLACED_KEPT + 1
+    assert len(camera._responses.cached) == DISPLACED_CACHED + 1
 
 
 def test_dark_frames() -> None:

@@ -29,7 +29,7 @@ def test_lenslets_that_miss_the_cutout_cost_nothing(level: str) -> None:
 def fresh(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Forget what this process knows about the machine."""
     monkeypatch.setattr(cost, "_RATE", cost._Rate())
-    monkeypatch.setattr(cost, "APART_S", 0.0)
+    monkeypatch.setattr(cost, "INTERVAL_S", 0.0)
     yield
 
 

@@ -15,7 +15,7 @@ from lfcal.simulate.engines._nodes import fitted_rule
 from lfcal.simulate.engines._polygon import area, disc_transform, transform
 from lfcal.simulate.engines.masks import (
     FLAT,
-    MOST_TABLE,
+    MAX_TABLE,
     RING,
     disc_table,
     disc_values,
@@ -155,7 +155,7 @@ def test_a_larger_cell_needs_no_finer_table():
 
 def test_tables_of_cells_have_a_size_that_memory_holds():
     # cells of 126 µm on samples of 0.25 µm: 16632 a side with a fineness fixed at 16, 4 GB
-    assert 2 * 363 * math.sqrt(2) * fineness(363 * math.sqrt(2)) < MOST_TABLE
+    assert 2 * 363 * math.sqrt(2) * fineness(363 * math.sqrt(2)) < MAX_TABLE
     with pytest.raises(InputError, match=r"table of the lenslet's cell.*at most 6000 samples a side"):
         polygon_table(turned_square(30.0, 0.2), 0.01, 21.0)
 
@@ -172,6 +172,6 @@ def test_a_table_is_made_once_for_all_planes_of_a_lattice(monkeypatch):
     other, finer = polygon_table(outline, 1.2, 24.0)
     assert finer < step and other.shape != first.shape and len(made) == 2
     # one that takes much memory is not held
-    monkeypatch.setattr(masks, "MOST_HELD", 10)
+    monkeypatch.setattr(masks, "MAX_CACHED", 10)
     again = polygon_table(outline, 1.5, 24.0)[0]
     assert again is not first and np.array_equal(again, first) and len(made) == 3

@@ -206,7 +206,7 @@ def test_light_out_of_nothing_is_computed_again_more_finely() -> None:
     response = PlaneResponse(plan, 0, effects)
     response.engine()
     response._engines[0.525] = DebyePlane(response.scene, Sampling(nodes_per_px=1))
-    response.wanted = Sampling(nodes_per_px=1)
+    response.settled = Sampling(nodes_per_px=1)
     wanted = DebyePlane(response.scene, Sampling(nodes_per_px=8)).rows(range(8), range(8), workers=1)
     assert relative_error(response.rows(range(8), range(8), workers=1), wanted) < 0.015
     assert response.engine().sampling.nodes_per_px > 1

@@ -97,7 +97,7 @@ def test_rays_too_steep_for_windows_of_a_tilted_array_are_followed_on_a_grid(sha
 
 @pytest.mark.long
 def test_rays_too_steep_for_windows_go_to_the_reference_where_no_grid_holds_them(monkeypatch: MonkeyPatch) -> None:
-    monkeypatch.setattr(sampling, "MOST_SAMPLES", 0)
+    monkeypatch.setattr(sampling, "MAX_SAMPLES", 0)
     scene = fast_scene(cutout=(45, 45), exact_rays=True, exact_defocus=True)
     found = settle(scene, "wave", 0.01, escalate=True)
     computed = np.concatenate([found.engine.rows([y], [x]) for y, x in PLACES])
@@ -112,7 +112,7 @@ def test_rays_too_steep_for_windows_go_to_the_reference_where_no_grid_holds_them
 @pytest.mark.parametrize("scene", [camera_scene(4.0), fast_scene(), camera_scene(4.0, pixel_um=2.2)])
 def test_steps_become_finer_and_dearer(scene: Scene, held: bool, monkeypatch: MonkeyPatch) -> None:
     if not held:
-        monkeypatch.setattr(sampling, "MOST_SAMPLES", 0)
+        monkeypatch.setattr(sampling, "MAX_SAMPLES", 0)
     steps = steps_for(scene, "wave")
     assert sorted((step.level for step in steps), reverse=True) == [step.level for step in steps]
     assert ("grid" in {step.level for step in steps}) == held
@@ -143,7 +143,7 @@ def test_slow_lenslets_on_small_pixels_have_steps(monkeypatch: MonkeyPatch) -> N
         wavelength_um=0.8, pixel_um=1.17, lattice=lattice, image_um=700.0, f_number=13.2, cutout=(9, 9)
     )
     assert Fringes.of(scene).spot > 20
-    monkeypatch.setattr(sampling, "MOST_SAMPLES", 0)  # windows alone
+    monkeypatch.setattr(sampling, "MAX_SAMPLES", 0)  # windows alone
     margins = [step.sampling.margin_px for step in steps_for(scene, "wave")]
     assert margins == sorted(margins) and 500 < margins[-1] <= 1000
     tiny = [step.sampling.margin_px for step in steps_for(replace(scene, pixel_um=0.02), "wave")]
@@ -178,7 +178,7 @@ def test_h_states_what_each_plane_reached(tmp_path: Path) -> None:
 def test_what_nothing_judges_is_as_much_better_as_steps_are() -> None:
     """The last step states no error that those before it contradict."""
     scene = fast_scene(cutout=(45, 45), exact_rays=True, exact_defocus=True)
-    judge = probe._Judge(scene, "wave")
+    judge = probe._ErrorProbe(scene, "wave")
     last = judge.steps[-1]
     before = probe.Settled(None, judge.steps[-2].level, judge.steps[-2].sampling, 1.0)  # type: ignore[arg-type]
     assert judge._improved(last, before) == pytest.approx(last.expected / judge.steps[-2].expected)
@@ -189,13 +189,13 @@ def test_windows_that_fail_by_adding_intensities_give_way_to_the_grid(monkeypatc
     scene = camera_scene(3.0, cutout=(41, 41))
     steps = steps_for(scene, "wave")
     tried: list[LevelSampling] = []
-    measured = probe._Judge.measured
+    measured = probe._ErrorProbe.measured
 
-    def far_off(self: probe._Judge, step: LevelSampling, before: probe.Settled | None = None) -> probe.Settled:
+    def far_off(self: probe._ErrorProbe, step: LevelSampling, before: probe.Settled | None = None) -> probe.Settled:
         tried.append(step)
         found = measured(self, step, before)
         return replace(found, error=0.5) if step.level == "wave" else found
 
-    monkeypatch.setattr(probe._Judge, "measured", far_off)
+    monkeypatch.setattr(probe._ErrorProbe, "measured", far_off)
     assert settle(scene, "wave", steps[0].expected).level == "grid"
     assert [step.level for step in tried] == ["wave", "grid"] and steps[1].level == "wave"

@@ -82,7 +82,7 @@ def test_lenslets_that_lie_alike_on_the_grid_are_made_once(monkeypatch: pytest.M
 
 
 def test_lenslets_that_lie_otherwise_do_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reference, "HELD_BYTES", 1e6)
+    monkeypatch.setattr(reference, "REFERENCE_CACHE_BYTES", 1e6)
     engine = ReferencePlane(camera_scene(2.5, cutout=(45, 45)), Sampling(5.0))
     engine.rows([1], [2])
-    assert 0 < sum(lens.nbytes for lens in engine._held.values()) <= 1e6
+    assert 0 < sum(lens.nbytes for lens in engine._cached.values()) <= 1e6

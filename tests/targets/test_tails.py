@@ -97,7 +97,7 @@ def test_where_one_grid_is_too_small_for_four_cutouts_the_window_is_smaller(monk
     scan = ScanPlan.for_camera(round_iris(240), virtual_depths=(2.0,))
     whole = simulated_tails(scan, 0)
     simulated_tails.cache_clear()
-    monkeypatch.setattr("lfcal.simulate.accuracy.sampling.MOST_SAMPLES", 320)
+    monkeypatch.setattr("lfcal.simulate.accuracy.sampling.MAX_SAMPLES", 320)
     less = simulated_tails(scan, 0)
     simulated_tails.cache_clear()
     assert less.light.shape < whole.light.shape == (101, 101)

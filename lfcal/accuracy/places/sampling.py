@@ -9,7 +9,7 @@ from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.base import plain
 from lfcal.simulate import Sampling, iter_ladder, plan_effects, resolve_level, scene_for
-from lfcal.simulate.accuracy import LadderRung, shown_steps
+from lfcal.simulate.accuracy import LadderRung, quick_steps
 
 __all__ = ["PLACE"]
 
@@ -29,7 +29,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     effects = plan_effects(plan, TOLERANCE).effects
     scene = scene_for(plan, z, effects)
     _, level = resolve_level(replace(scene, lenslet_diffraction=True, main_diffraction=True))
-    samplings = shown_steps(scene, level)
+    samplings = quick_steps(scene, level)
     reference = QUICK if seconds < QUICK_SECONDS else None
     seen: set[str] = set()
     size = FIRST

@@ -13,7 +13,7 @@ from lfcal.accuracy.subject import Subject
 from lfcal.base import format_length
 from lfcal.camera import ScanPlan
 from lfcal.simulate import Budget, PlaneResponse, budgeted, plan_effects
-from lfcal.simulate.accuracy import engine_clock, plane_seconds, whole_of
+from lfcal.simulate.accuracy import cost_scaling, engine_clock, plane_seconds
 from lfcal.simulate.engines import engine_for
 
 __all__ = ["PLACE", "TOLERANCES"]
@@ -81,9 +81,9 @@ def _whole_seconds(plan: ScanPlan, z: int, budget: Budget, response: PlaneRespon
     response.engine()
     probe = engine_clock() - start
     start = engine_clock()
-    engine = engine_for(response.scene, response.level, response.wanted)
+    engine = engine_for(response.scene, response.level, response.settled)
     setup = engine_clock() - start
-    shares = whole_of(plan, z, budget, response.level, response.runs)
+    shares = cost_scaling(plan, z, budget, response.level, response.runs)
     return plan.shape[0] * probe + shares.seconds(setup, plane_seconds(engine))
 
 

@@ -13,13 +13,13 @@ from lfcal.simulate.effects import Effect, Estimate, ExactAngles, Outlook
 
 __all__ = ["estimates_of"]
 
-MOST_PLANES = 5
+MAX_PLANES = 5
 """Planes at which effects are run; between them what was measured is interpolated."""
 
 RUN = "run with it and without at a few positions"
 """What an estimate that was measured says of its formula."""
 
-KEPT = 4096
+CACHED = 4096
 """Measurements kept: a plan is judged again at every turn of a slider, and its measurements stay the same."""
 
 
@@ -40,20 +40,20 @@ def estimates_of(
         The plan whose planes they are.
     """
     found = [[effect.estimate(outlook) for outlook in planes] for effect in effects]
-    counted = tuple(e for e in counting if e.acts_on.enters_h and not _costly_for_nothing(e, planes))
+    counted = tuple(e for e in counting if e.acts_on.enters_h and not _is_run_without(e, planes))
     names = {effect.name for effect in counted}
     run = measured if _hashable(plan, counted) else measured.__wrapped__
     for effect, row in zip(effects, found, strict=True):
         doubtful = [k for k, outlook in enumerate(planes) if not effect.holds(outlook)]
         if effect.name not in names or not doubtful:
             continue
-        known = {k: value for k in _spread(doubtful) if (value := run(plan, k, counted, effect)) is not None}
+        known = {k: value for k in _evenly_spaced(doubtful) if (value := run(plan, k, counted, effect)) is not None}
         for k in doubtful if known else ():
             row[k] = replace(row[k], error=_between(k, known), formula=RUN, measured=True)
     return found
 
 
-def _costly_for_nothing(effect: Effect, planes: Sequence[Outlook]) -> bool:
+def _is_run_without(effect: Effect, planes: Sequence[Outlook]) -> bool:
     """Return whether others are run without it: it takes them off a microscope's quick path, and changes little."""
     return isinstance(effect, ExactAngles) and not planes[0].has_lens and all(map(effect.holds, planes))
 
@@ -67,12 +67,12 @@ def _hashable(*values: object) -> bool:
     return True
 
 
-def _spread(numbers: Sequence[int]) -> list[int]:
-    """Return up to `MOST_PLANES` of the numbers, the first and the last among them."""
-    if len(numbers) <= MOST_PLANES:
+def _evenly_spaced(numbers: Sequence[int]) -> list[int]:
+    """Return up to `MAX_PLANES` of the numbers, the first and the last among them."""
+    if len(numbers) <= MAX_PLANES:
         return list(numbers)
-    step = (len(numbers) - 1) / (MOST_PLANES - 1)
-    return [numbers[round(k * step)] for k in range(MOST_PLANES)]
+    step = (len(numbers) - 1) / (MAX_PLANES - 1)
+    return [numbers[round(k * step)] for k in range(MAX_PLANES)]
 
 
 def _between(plane: int, known: dict[int, float]) -> float:
@@ -86,7 +86,7 @@ def _between(plane: int, known: dict[int, float]) -> float:
     return math.exp((1 - share) * math.log(low) + share * math.log(high))
 
 
-@lru_cache(maxsize=KEPT)
+@lru_cache(maxsize=CACHED)
 def measured(plan: ScanPlan, z: int, counting: tuple[Effect, ...], effect: Effect) -> float | None:
     """Return what leaving an effect out costs at a plane, or None where it cannot be run."""
     made = influence if _hashable(plan, counting) else influence.__wrapped__

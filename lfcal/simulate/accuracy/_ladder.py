@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import Clock, InputError, LfcalError, Progress, Work, drained
 from lfcal.camera import ScanPlan
-from lfcal.simulate.accuracy.forecast import Whole, own_rows, whole_of
+from lfcal.simulate.accuracy.forecast import CostScaling, computed_share, cost_scaling
 from lfcal.simulate.accuracy.probe import LARGEST_GRID
 from lfcal.simulate.accuracy.sampling import LevelSampling, steps_for
 from lfcal.simulate.engines import EnergyError, PlaneEngine, Sampling, engine_for
@@ -28,8 +28,8 @@ __all__ = [
     "draw_ladder",
     "iter_ladder",
     "ladder",
+    "quick_steps",
     "rung_label",
-    "shown_steps",
 ]
 
 REFERENCE_SAMPLES = (12, 10, 8, 6, 4)
@@ -176,26 +176,26 @@ def iter_ladder(
     chosen, _ = budget.at(plan.depths_um[z])
     scene, level = _with_waves(scene_for(plan, z, chosen))
     places = _places(scene.period, positions)
-    asked = shown_steps(scene, level) if samplings is None else samplings
+    asked = quick_steps(scene, level) if samplings is None else samplings
     steps = [(s.level, s.sampling) if isinstance(s, LevelSampling) else (level, s) for s in asked]
     tasks: list[tuple[str, Sampling | None]] = [("geometric", None), *steps]
     clock = Clock("accuracy against time", len(tasks) + 1)
     yield clock.at(0, "reference")
     # one scene for all rungs: what differs is how it is computed.
-    truth, judge, each = _reference(scene, places, reference)
-    shares = whole_of(plan, z, budget, level)
+    truth, per_px, each = _reference(scene, places, reference)
+    shares = cost_scaling(plan, z, budget, level)
     whole = each * scene.period[0] * scene.period[1] * shares.runs * shares.planes
     v = plan.camera.virtual_depth(plan.depths_um[z])
-    found = Ladder((), (), budget.tolerance, f"reference, {judge} samples/px", whole, v, len(places))
+    found = Ladder((), (), budget.tolerance, f"reference, {per_px} samples/px", whole, v, len(places))
     for done, (kind, sampling) in enumerate(tasks, 1):
         label = rung_label(kind, sampling)
-        yield _told(clock.at(done, label), found)
+        yield _with_ladder(clock.at(done, label), found)
         try:
             rung = _measure(scene, kind, sampling, places, truth, shares)
             found = replace(found, rungs=_marked((*found.rungs, rung)))
         except EnergyError:
             found = replace(found, refused=(*found.refused, label))
-    yield _told(clock.at(len(tasks) + 1), found)
+    yield _with_ladder(clock.at(len(tasks) + 1), found)
     return found
 
 
@@ -218,7 +218,7 @@ ladder = drained(
 )
 
 
-def _told(record: Progress, found: Ladder) -> LadderProgress:
+def _with_ladder(record: Progress, found: Ladder) -> LadderProgress:
     return LadderProgress(record.done, record.total, record.stage, record.seconds, record.note, ladder=found)
 
 
@@ -237,7 +237,7 @@ def _places(period: tuple[int, int], count: int) -> list[tuple[int, int]]:
     return [(int(ny * ((0.1 + k * steps[0]) % 1)), int(nx * ((0.2 + k * steps[1]) % 1))) for k in range(max(1, count))]
 
 
-def shown_steps(scene: Scene, level: str) -> list[LevelSampling]:
+def quick_steps(scene: Scene, level: str) -> list[LevelSampling]:
     """Return the steps of a wave level that are quick enough to be measured, cheapest first."""
 
     def quick(step: LevelSampling) -> bool:
@@ -287,14 +287,14 @@ def _measure(
     sampling: Sampling | None,
     places: Sequence[tuple[int, int]],
     truth: NDArray[np.float32],
-    shares: Whole,
+    shares: CostScaling,
 ) -> LadderRung:
     start = time.process_time()
     engine = engine_for(scene, level, sampling)
     setup = time.process_time() - start
     error = np.abs(_respond(engine, places).astype(np.float64) - truth).sum() / truth.sum(dtype=np.float64)
     positions = scene.period[0] * scene.period[1]
-    plane = engine.predicted_seconds(positions) * own_rows(engine)
+    plane = engine.predicted_seconds(positions) * computed_share(engine)
     label, whole = rung_label(level, sampling), shares.seconds(setup, plane)
     return LadderRung(level, sampling, label, float(error), setup, plane / positions, whole)
 

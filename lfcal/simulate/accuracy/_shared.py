@@ -9,17 +9,17 @@ from lfcal.simulate.accuracy._ladder import (
     draw_ladder,
     iter_ladder,
     ladder,
-    shown_steps,
+    quick_steps,
 )
-from lfcal.simulate.accuracy.cost import learn
-from lfcal.simulate.accuracy.forecast import engine_clock, plane_seconds, predict_seconds, whole_of
+from lfcal.simulate.accuracy.cost import correct_rate
+from lfcal.simulate.accuracy.forecast import cost_scaling, engine_clock, plane_seconds, predict_seconds
 from lfcal.simulate.accuracy.memory import predict_bytes, task_bytes
-from lfcal.simulate.accuracy.planner import FOR_EFFECTS, EffectSelection, PlannedEffect, plan_effects
+from lfcal.simulate.accuracy.planner import EFFECTS_SHARE, EffectSelection, PlannedEffect, plan_effects
 from lfcal.simulate.accuracy.probe import RETRIES, balanced, settle
 from lfcal.simulate.accuracy.sampling import finer, grid_margin, step_for, steps_for
 
 __all__ = [
-    "FOR_EFFECTS",
+    "EFFECTS_SHARE",
     "RETRIES",
     "EffectSelection",
     "Ladder",
@@ -27,21 +27,21 @@ __all__ = [
     "LadderRung",
     "PlannedEffect",
     "balanced",
+    "correct_rate",
+    "cost_scaling",
     "draw_ladder",
     "engine_clock",
     "finer",
     "grid_margin",
     "iter_ladder",
     "ladder",
-    "learn",
     "plan_effects",
     "plane_seconds",
     "predict_bytes",
     "predict_seconds",
+    "quick_steps",
     "settle",
-    "shown_steps",
     "step_for",
     "steps_for",
     "task_bytes",
-    "whole_of",
 ]

@@ -19,7 +19,7 @@ from lfcal.simulate.accuracy.sampling import grid_extent, step_for
 from lfcal.simulate.effects import EngineSeconds, Outlook
 from lfcal.simulate.engines import Sampling
 
-__all__ = ["engine_seconds", "engine_times", "few_seconds", "learn", "machine_rate", "table_seconds"]
+__all__ = ["correct_rate", "engine_seconds", "engine_times", "few_seconds", "machine_rate", "table_seconds"]
 
 FITTED_RATE = 2e10
 """Complex multiply-adds per second of the machine the constants come from."""
@@ -40,7 +40,7 @@ REFERENCE_OVER_WAVE, REFERENCE_OVER_GRID = 320.0, 65.0
 PER_SAMPLE, PER_TABLE_SAMPLE, GRID_SET_UP = 4.2e-10, 7e-7, 0.15
 
 
-MOMENTS, APART_S = 12, 0.5
+TIMINGS, INTERVAL_S = 12, 0.5
 """Timings of the machine in a process, and seconds between two of them: a single moment may be a slow one."""
 
 TICKS = 20
@@ -49,7 +49,7 @@ TICKS = 20
 LEAST_RUN_S = 1.0
 """CPU-seconds of a simulated plane, forecast or taken, from which the rate is corrected: tables rule shorter ones."""
 
-MOST_CORRECTED = 5.0
+MAX_CORRECTION = 5.0
 """Largest factor by which simulations correct the rate."""
 
 
@@ -58,24 +58,24 @@ class _Rate:
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
-        self.best, self.moments, self.last = 0.0, 0, -math.inf
+        self.best, self.timings, self.last = 0.0, 0, -math.inf
         self.slowness = 1.0
 
     def measure(self) -> None:
         """Time the machine for a moment, at the first calls and then at some distance; the best is kept."""
         with self.lock:
-            if self.moments >= MOMENTS or (self.moments and time.monotonic() - self.last < APART_S):
+            if self.timings >= TIMINGS or (self.timings and time.monotonic() - self.last < INTERVAL_S):
                 return
-            for _ in range(1 if self.moments else 3):
+            for _ in range(1 if self.timings else 3):
                 self.best = max(self.best, _timed_rate())
-            self.moments, self.last = self.moments + 1, time.monotonic()
+            self.timings, self.last = self.timings + 1, time.monotonic()
 
-    def learn(self, forecast_s: float, took_s: float) -> None:
+    def correct_rate(self, forecast_s: float, took_s: float) -> None:
         """Correct the rate by half of what a simulated plane took more or less than forecast, on a log scale."""
         if max(forecast_s, took_s) >= LEAST_RUN_S and min(forecast_s, took_s) > 0:
             with self.lock:
                 found = self.slowness * math.sqrt(took_s / forecast_s)
-                self.slowness = min(max(found, 1 / MOST_CORRECTED), MOST_CORRECTED)
+                self.slowness = min(max(found, 1 / MAX_CORRECTION), MAX_CORRECTION)
 
 
 _RATE = _Rate()
@@ -104,7 +104,7 @@ def machine_rate() -> float:
     return _RATE.best / _RATE.slowness
 
 
-def learn(outlook: Outlook, level: str, tolerance: float, runs: int, took_s: float) -> None:
+def correct_rate(outlook: Outlook, level: str, tolerance: float, runs: int, took_s: float) -> None:
     """Correct forecasts by a plane that was simulated at ``level`` in ``runs`` samples of the light.
 
     Parameters
@@ -116,10 +116,10 @@ def learn(outlook: Outlook, level: str, tolerance: float, runs: int, took_s: flo
     took_s
         CPU-seconds that it took.
     """
-    _RATE.learn(runs * engine_seconds(outlook, "wave" if level == "grid" else level, tolerance), took_s)
+    _RATE.correct_rate(runs * engine_seconds(outlook, "wave" if level == "grid" else level, tolerance), took_s)
 
 
-def _slower() -> float:
+def _slowness() -> float:
     return FITTED_RATE / machine_rate()
 
 
@@ -127,7 +127,9 @@ def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03) -> flo
     """Return CPU-seconds of one whole plane at a level of `lfcal.simulate.engines.base.LEVELS`, tables included."""
     positions = outlook.period[0] * outlook.period[1]
     # of a whole period of a microscope most positions are mirror images of others
-    return _slower() * _reckoned(outlook, level, tolerance, positions / (MIRRORED if level == "debye" else 1))
+    return _slowness() * _estimated_seconds(
+        outlook, level, tolerance, positions / (MIRRORED if level == "debye" else 1)
+    )
 
 
 def few_seconds(outlook: Outlook, level: str, tolerance: float, positions: int) -> float:
@@ -135,14 +137,14 @@ def few_seconds(outlook: Outlook, level: str, tolerance: float, positions: int) 
 
     What is decided by it is decided alike on every machine.
     """
-    return _reckoned(outlook, level, tolerance, positions)
+    return _estimated_seconds(outlook, level, tolerance, positions)
 
 
-def _reckoned(outlook: Outlook, level: str, tolerance: float, positions: float) -> float:
+def _estimated_seconds(outlook: Outlook, level: str, tolerance: float, positions: float) -> float:
     """Return CPU-seconds of positions, none of them another's mirror image, by the constants as they are."""
     if level == "geometric":
         widest = math.ceil(max(_spots_px(outlook)))
-        seen = _lenslets_seen(outlook, widest)
+        seen = _lit_lenslets(outlook, widest)
         return 0.005 + positions * (2.5e-6 * seen + 1e-9 * outlook.pixels + 1e-5)
     # the reference has no sampling of its own here: it is taken as a multiple of the wave engine.
     step = step_for(outlook, "wave" if level == "reference" else level, tolerance)
@@ -179,7 +181,7 @@ def _wave_seconds(outlook: Outlook, sampling: Sampling) -> float:
         window = (2 * half + 1) * sampling.nodes_per_px + 2
         nodes += (samples**2 + window**2) / len(outlook.defocus)
     coherent = PER_COHERENT_NODE * outlook.pixels * sampling.nodes_per_px**2 if sampling.coherent else 0.0
-    return _lenslets_seen(outlook, widest) * (PER_LENSLET + PER_NODE * nodes) + coherent
+    return _lit_lenslets(outlook, widest) * (PER_LENSLET + PER_NODE * nodes) + coherent
 
 
 def _spots_px(outlook: Outlook) -> tuple[float, ...]:
@@ -194,7 +196,7 @@ def _spots_px(outlook: Outlook) -> tuple[float, ...]:
     return tuple(spots)
 
 
-def _lenslets_seen(outlook: Outlook, half_px: int) -> float:
+def _lit_lenslets(outlook: Outlook, half_px: int) -> float:
     """Return how many lenslets have a window of ``half_px`` on either side that reaches into the cutout."""
     pitch, px = outlook.camera.pitch_px, outlook.pixel_um
     rows, columns = (n + 2 * half_px + 0.5 * pitch for n in outlook.cutout)
@@ -210,7 +212,7 @@ def _lenslets_seen(outlook: Outlook, half_px: int) -> float:
 def table_seconds(outlook: Outlook) -> float:
     """Return CPU-seconds of the Fourier transform that makes a plane's table of the main iris's fringes."""
     side = 4 * (outlook.shadow_px + 4 * outlook.camera.pitch_px)
-    return _slower() * 2.5e-7 * side**2
+    return _slowness() * 2.5e-7 * side**2
 
 
 def engine_times(outlook: Outlook, waves: str, tolerance: float) -> EngineSeconds:

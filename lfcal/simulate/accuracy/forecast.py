@@ -19,7 +19,7 @@ from lfcal.simulate.plane_task import Budget, EffectsLike, budgeted
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.staging import light_samples, outlook_of
 
-__all__ = ["Whole", "engine_clock", "own_rows", "plane_seconds", "predict_seconds", "whole_of"]
+__all__ = ["CostScaling", "computed_share", "cost_scaling", "engine_clock", "plane_seconds", "predict_seconds"]
 
 PER_PLANE, PER_BYTE = 0.01, 1e-9
 """CPU-seconds beside the engine: to begin a plane, and to hold its bytes."""
@@ -28,7 +28,7 @@ LONGEST_RUN = 0.5
 """CPU-seconds for which rows of an engine that reuses its own results are run."""
 
 
-SOON = 1.0
+SHORT_PROBE_S = 1.0
 """CPU-seconds below which a probe is run twice."""
 
 
@@ -64,22 +64,22 @@ def predict_seconds(
         response.engine()
         took = engine_clock() - start
         # tables that scenes share are made once: a probe that is soon over is timed when they are there
-        again = probe == math.inf and took < SOON
+        again = probe == math.inf and took < SHORT_PROBE_S
         probe = min(probe, took)
     setup = plane = math.inf
     for _ in range(2):  # the first of a session may fill caches; another program may take turns
         start = engine_clock()
-        engine = engine_for(response.scene, response.level, response.wanted)
+        engine = engine_for(response.scene, response.level, response.settled)
         setup = min(setup, engine_clock() - start)
         plane = min(plane, plane_seconds(engine))
-    shares = whole_of(plan, z, budget, response.level, response.runs)
+    shares = cost_scaling(plan, z, budget, response.level, response.runs)
     nz, ny, nx, nt, ns = plan.shape
     # each plane is probed once, whatever its light is made of
     return shares.seconds(setup, plane) + nz * (probe + PER_PLANE + PER_BYTE * 4 * ny * nx * nt * ns)
 
 
 @dataclass(frozen=True, slots=True)
-class Whole:
+class CostScaling:
     """How one plane's cost scales to the whole H.
 
     Attributes
@@ -101,13 +101,15 @@ class Whole:
         return self.runs * (setup * self.count + plane * self.planes)
 
 
-def whole_of(plan: ScanPlan, z: int, effects: Budget | Sequence[Effect], level: str, runs: int | None = None) -> Whole:
+def cost_scaling(
+    plan: ScanPlan, z: int, effects: Budget | Sequence[Effect], level: str, runs: int | None = None
+) -> CostScaling:
     """Return how plane ``z`` scales to the whole plan at an engine's level, by the effects' own estimates."""
     budget = effects if isinstance(effects, Budget) else Budget(tuple(effects), 1.0)
     # planes differ by how many lenslets they light and by their effects: the ratio is estimated, one is measured.
     samples = [_samples(plan, k, budget) for k in range(plan.shape[0])]
     costs = [_expected(plan, k, budget, level) for k in range(plan.shape[0])]
-    return Whole(sum(costs) / costs[z], sum(samples) / samples[z], samples[z] if runs is None else runs)
+    return CostScaling(sum(costs) / costs[z], sum(samples) / samples[z], samples[z] if runs is None else runs)
 
 
 def _samples(plan: ScanPlan, z: int, budget: Budget) -> int:
@@ -133,7 +135,7 @@ def plane_seconds(engine: PlaneEngine) -> float:
     """
     ny, nx = engine.scene.period
     if engine.level != "debye":
-        return engine.predicted_seconds(ny * nx) * own_rows(engine)
+        return engine.predicted_seconds(ny * nx) * computed_share(engine)
     start = engine_clock()
     done = 0
     while done < ny and engine_clock() - start < LONGEST_RUN:
@@ -147,7 +149,7 @@ def engine_clock() -> float:
     return time.thread_time() - preparing_seconds()
 
 
-def own_rows(engine: PlaneEngine) -> float:
+def computed_share(engine: PlaneEngine) -> float:
     """Return the share of source rows that are computed; the others are their mirror images."""
     ny = engine.scene.period[0]
     return 1.0 - len(mirrored_rows(engine.scene, np.arange(ny))) / ny if engine.level in ("wave", "grid") else 1.0

@@ -20,10 +20,10 @@ from lfcal.simulate.staging import filter_kernel, resolve_level, scene_for
 
 __all__ = ["engine_bytes", "predict_bytes", "task_bytes"]
 
-BESIDE = 24 << 20
+SMALL_PARTS = 24 << 20
 """Bytes of everything small: matrices, outlines, lists of lenslets."""
 
-TRIED, GRID_JUDGE = 2, 3
+TRIED, GRID_REFERENCE = 2, 3
 """Steps that are tried until one settles a plane, as a rule, and which on a grid judges others."""
 
 FAST = 2.5
@@ -32,13 +32,13 @@ FAST = 2.5
 FAINT = 0.02
 """Share of the light under which a cutout's errors are large beside what it sees: any step may be tried."""
 
-FIELD_MADE, FIELD_KEPT = 72, 16
+FIELD_PEAK, FIELD_STORED = 72, 16
 """Bytes to a sample of the main lens's field while it is made, and once windows or a grid have it."""
 
-CELL_MADE, CELL_KEPT, CELL_HELD = 48, 4, 8
+CELL_PEAK, CELL_STORED, CELL_CACHED = 48, 4, 8
 """The same to a sample of the fine table of a lenslet's cell, and of one that other scenes share."""
 
-TRANSFER_MADE = 110
+TRANSFER_PEAK = 110
 """Bytes to a sample of the propagation over the gap at exact angles, while it is made."""
 
 WORK = 32
@@ -115,25 +115,25 @@ def _plane_bytes(
     # rows of responses that a filter goes over, copied
     filtered = 0 if kernel is None else 12 * math.prod(plan.cutout) * plan.period[1] * 4
     if sampling is not None:
-        return BESIDE + filtered + engine_bytes(scene, LevelSampling(resolved, sampling, 0.0), workers)
+        return SMALL_PARTS + filtered + engine_bytes(scene, LevelSampling(resolved, sampling, 0.0), workers)
     steps = steps_for(scene, resolved)
     first = next((k for k, step in enumerate(steps) if step.expected <= share), len(steps) - 1)
     if resolved == "reference":  # what others are judged by is not judged itself
-        return BESIDE + filtered + engine_bytes(scene, steps[first], workers)
+        return SMALL_PARTS + filtered + engine_bytes(scene, steps[first], workers)
     # what was settled on stays while a finer step is made, or the one that judges it
-    tried = steps[first:] if _seen(scene) < FAINT else steps[first : first + TRIED]
+    tried = steps[first:] if _captured_share(scene) < FAINT else steps[first : first + TRIED]
     fast = scene.f_number < FAST
-    grids = [step for step in steps if step.level == "grid"][: GRID_JUDGE + fast]
+    grids = [step for step in steps if step.level == "grid"][: GRID_REFERENCE + fast]
     others = [*tried, *grids[-1:]]
     return (
-        BESIDE
+        SMALL_PARTS
         + filtered
         + max(engine_bytes(scene, step, workers) for step in others)
         + max(engine_bytes(scene, step, workers) for step in tried[: max(1, len(tried) - 1)])
     )
 
 
-def _seen(scene: Scene) -> float:
+def _captured_share(scene: Scene) -> float:
     """Return about the share of the light that cutouts see: of their area in the iris's shadow.
 
     None where the shadows of all positions probed are so small that they fall between lenslets.
@@ -183,14 +183,14 @@ def _cell_bytes(scene: Scene, dx: float, reach: float, bent: bool = False) -> tu
     Bent ones, of a grid, are complex.
     """
     # compiled code: loaded when it is needed
-    from lfcal.simulate.engines import MOST_HELD, MOST_TABLE, bent_fineness, fineness
+    from lfcal.simulate.engines import MAX_CACHED, MAX_TABLE, bent_fineness, fineness
 
     if scene.round_lenslets:
         return 0.0, 0.0
     fine = bent_fineness(reach / dx) if bent else fineness(reach / dx)
-    side = min(2 * reach / dx * fine + 3, MOST_TABLE)
-    kept = CELL_KEPT + (CELL_HELD if side <= MOST_HELD else 0)
-    return (1 + bent) * CELL_MADE * side**2, (1 + bent) * kept * side**2
+    side = min(2 * reach / dx * fine + 3, MAX_TABLE)
+    kept = CELL_STORED + (CELL_CACHED if side <= MAX_CACHED else 0)
+    return (1 + bent) * CELL_PEAK * side**2, (1 + bent) * kept * side**2
 
 
 def _mode(scene: Scene) -> str:
@@ -219,7 +219,7 @@ def _window_bytes(scene: Scene, sampling: Sampling) -> int:
         if dx not in spaced:
             spaced.add(dx)
             samples = _field_samples(scene, dx, table_reach(scene, sampling, mode, dx, half_px) + lenslet, mode)
-            kept, made = kept + FIELD_KEPT * samples, max(made, FIELD_MADE * samples)
+            kept, made = kept + FIELD_STORED * samples, max(made, FIELD_PEAK * samples)
         window = ((2 * half_px + 1) * sampling.nodes_per_px + 4) * (lenslet / dx + 2)
         kept += 16 * window
     grids = 64 * math.prod(n * sampling.nodes_per_px + 4 for n in scene.cutout)
@@ -237,13 +237,13 @@ def _grid_bytes(scene: Scene, sampling: Sampling, workers: int) -> int:
     # each order of a tilted array is a spectrum and a field, and its sums have their own
     tilted = 8 * side**2 * (2 * orders + 4 + 2 * workers) if orders > 1 else 0
     at_work = (WORK * workers + 16) * side**2 + 24 * field
-    peak = max(FIELD_MADE * field, TRANSFER_MADE * side**2, made, at_work)
+    peak = max(FIELD_PEAK * field, TRANSFER_PEAK * side**2, made, at_work)
     # the fields of a microscope share the array
     return int(tilted + array + 8 * side**2 + kinds * kept + _fields(scene) * (8 * field + 8 * side**2) + peak)
 
 
 def _reference_bytes(scene: Scene, sampling: Sampling) -> int:
-    from lfcal.simulate.engines import HELD_BYTES
+    from lfcal.simulate.engines import REFERENCE_CACHE_BYTES
 
     extent, px = grid_extent(scene), scene.reduced_pixel_um
     blur = 4 * math.sqrt(scene.wavelength_um * abs(scene.reduced_image_um))
@@ -251,11 +251,11 @@ def _reference_bytes(scene: Scene, sampling: Sampling) -> int:
     half = max(lit, extent.seen + scene.farthest_um / scene.scale / px) + 1.5 * extent.pitch + extent.aside
     side = min(2.1 * round(sampling.samples_per_px or 8) * half, 6000.0)
     orders = tilt_orders(scene, lit * px)
-    return int((REFERENCE + (16 * (2 * orders + 6) if orders > 1 else 0)) * side**2 + HELD_BYTES)
+    return int((REFERENCE + (16 * (2 * orders + 6) if orders > 1 else 0)) * side**2 + REFERENCE_CACHE_BYTES)
 
 
 def _debye_bytes(scene: Scene, sampling: Sampling) -> int:
-    from lfcal.simulate.engines import KEPT_BYTES, MARGIN_PER_NODE, highest_order, is_separable, reach_um
+    from lfcal.simulate.engines import DEBYE_CACHE_BYTES, MARGIN_PER_NODE, highest_order, is_separable, reach_um
 
     if not is_separable(scene):
         margin = max(sampling.margin_px, MARGIN_PER_NODE * sampling.nodes_per_px)
@@ -273,4 +273,6 @@ def _debye_bytes(scene: Scene, sampling: Sampling) -> int:
         scene.lattice.pitch_um**2 / (scene.wavelength_um * scene.lattice.types[0].focal_length_um)
     )
     pulses = 40 * orders * (nodes + 4 * samples) * 16
-    return int(min(matrices, KEPT_BYTES) + min(lefts, KEPT_BYTES) + quarters + pulses + 24 * nodes * samples)
+    return int(
+        min(matrices, DEBYE_CACHE_BYTES) + min(lefts, DEBYE_CACHE_BYTES) + quarters + pulses + 24 * nodes * samples
+    )

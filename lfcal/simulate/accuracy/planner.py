@@ -25,10 +25,10 @@ from lfcal.simulate.staging import light_samples, outlook_of
 
 __all__ = ["EffectSelection", "PlannedEffect", "plan_effects"]
 
-FOR_EFFECTS = 0.5
+EFFECTS_SHARE = 0.5
 """Share of the tolerance that the effects left out may take together; the computation takes what they leave of it."""
 
-NOTHING = 1e-5
+NEGLIGIBLE = 1e-5
 """Estimates below this share of the image are as good as none."""
 
 
@@ -214,7 +214,7 @@ def plan_effects(
         _Draft(e, settings[e.name], tuple(found), costs.of(e), known=e.name in known, frames=frames)
         for e, found in zip(candidates, estimates, strict=True)
     ]
-    allowed = FOR_EFFECTS * tolerance
+    allowed = EFFECTS_SHARE * tolerance
     # False before True: what costs a fifth of the whole simulation or more comes first, then the smallest errors.
     decided = [
         _decided(sorted(drafts, key=lambda d: (d.seconds < 0.2 * costs.full, d.at(k).error)), k, allowed)
@@ -297,16 +297,16 @@ def _counts(effect: Effect, known: bool, frames: bool) -> bool:
 def _decided(drafts: Sequence[_Draft], plane: int, allowed: float) -> tuple[dict[str, _Decision], float]:
     """Return on or off with the reason for each effect at one plane, and the error left out there."""
     found: dict[str, _Decision] = {}
-    taken = 0.0
+    used = 0.0
     for draft in drafts:
-        decided = _decide(draft, draft.at(plane), allowed, taken)
+        decided = _decide(draft, draft.at(plane), allowed, used)
         if not decided.on and draft.setting == "auto" and _counts(draft.effect, draft.known, draft.frames):
-            taken += draft.at(plane).error
+            used += draft.at(plane).error
         found[draft.effect.name] = decided
-    return found, taken - _taken_along(drafts, plane, found)
+    return found, used - _with_bandwidth(drafts, plane, found)
 
 
-def _taken_along(drafts: Sequence[_Draft], plane: int, found: dict[str, _Decision]) -> float:
+def _with_bandwidth(drafts: Sequence[_Draft], plane: int, found: dict[str, _Decision]) -> float:
     """Put the bandwidth on where another effect spreads the wavelengths anyway; return what is left out no longer."""
     coloured = [d.effect.title for d in drafts if found[d.effect.name].on and d.effect.by_wavelength]
     width = next(d for d in drafts if d.effect.name == Bandwidth.name)
@@ -337,8 +337,8 @@ class _Decision(NamedTuple):
     reason: str
 
 
-def _decide(draft: _Draft, e: Estimate, allowed: float, taken: float) -> _Decision:
-    """Return on or off with the reason, where ``taken`` of what is allowed is left out already."""
+def _decide(draft: _Draft, e: Estimate, allowed: float, used: float) -> _Decision:
+    """Return on or off with the reason, where ``used`` of what is allowed is left out already."""
     effect = draft.effect
     size = f"{e.size:.3g} {e.unit}"
     share = f"{'at most ' if e.upper_bound else ''}{format_share(e.error)} of the image"
@@ -356,13 +356,13 @@ def _decide(draft: _Draft, e: Estimate, allowed: float, taken: float) -> _Decisi
         return _Decision(False, "not known", f"not known of this camera; a typical {size} would be {share}")
     if isinstance(effect, FrameEffect) and effect.whole_numbers:
         return _Decision(True, "always", f"frames hold whole numbers: {size}, {share}")
-    if e.error < NOTHING:
+    if e.error < NEGLIGIBLE:
         return _Decision(False, "no effect", f"changes nothing here: {size}")
     within = f"the {100 * allowed:.3g} % that may be left out"
     if e.error > allowed:
         return _Decision(True, "needed", f"{size}: {share}, above {within}{cost}")
-    if e.error > allowed - taken:
+    if e.error > allowed - used:
         return _Decision(
-            True, "needed", f"{size}: {share}, too much beside {format_share(taken)} left out already{cost}"
+            True, "needed", f"{size}: {share}, too much beside {format_share(used)} left out already{cost}"
         )
     return _Decision(False, "small", f"{size}: {share}, within {within}")

@@ -21,23 +21,23 @@ RETRIES = 4
 MARGIN = 1.1
 """What a few positions may fall short of a plane by."""
 
-LEFT_COHERENT, LEFT_SUMMED = 0.65, 0.5
+VISIBLE_COHERENT, VISIBLE_SUMMED = 0.65, 0.5
 """Share of a step's error that shows against one with a window twice as wide, which errs itself (measured)."""
 
-LEFT_BY_GRID = 0.9
+VISIBLE_BY_GRID = 0.9
 """The same of windows against a grid, which has none."""
 
 FINER_GRID = ((2, 0.75), (2, 0.45), (3, 0.8))
 """Step by which each step on a grid is judged, and the share of its error that shows (measured)."""
 
-GRID_JUDGE = 0.003
+GRID_REFERENCE = 0.003
 """Error of the grid by which windows are judged, at most."""
 
 OF_WINDOWS = 1.5
 """What windows may err by over what they are expected to."""
 
-STUCK = 0.8
-"""Share of the error left by the step before from which on it is the engine's own, and no sampling lowers it."""
+STAGNATION = 0.8
+"""Share of the error of the step before above which it is the engine's, and no sampling lowers it."""
 
 WIDER = (1.9, 1.4, 1.1)
 """Margin of the step that another is judged by, over its own: tails fall off with the window's width or faster. The
@@ -95,24 +95,24 @@ def settle(scene: Scene, level: str, share: float, *, escalate: bool = False) ->
     """
     if level == "geometric":
         return Settled(engine_for(scene, level), level, Sampling(), 0.0)
-    judge = _Judge(scene, level)
-    steps = list(judge.steps)
-    if escalate and judge.by_reference:
+    probe = _ErrorProbe(scene, level)
+    steps = list(probe.steps)
+    if escalate and probe.by_reference:
         steps += steps_for(scene, "reference")
     first = next((k for k, step in enumerate(steps) if step.expected <= share), len(steps) - 1)
     settled: Settled | None = None
     stuck = summed = False
     for step in steps[first:]:
-        if (stuck and step.level == level) or (summed and step in judge.summed):
+        if (stuck and step.level == level) or (summed and step in probe.summed):
             continue
         try:
-            found = judge.measured(step, settled)
+            found = probe.measured(step, settled)
         except (InputError, EnergyError):
             if settled is None:
                 raise
             break  # a grid too large: what was reached before is what there is
-        stuck = judge.by_reference and settled is not None and found.error > STUCK * settled.error
-        summed = summed or judge.is_summing(step, found.error, share)
+        stuck = probe.by_reference and settled is not None and found.error > STAGNATION * settled.error
+        summed = summed or probe.is_summing(step, found.error, share)
         if settled is None or found.error < settled.error:
             settled = found
         del found  # its tables make room for the next
@@ -156,7 +156,7 @@ DARK = 1e-3
 """Share of the iris's light to which errors are relative at the least: a cutout beside the light is black."""
 
 
-class _Judge:
+class _ErrorProbe:
     """Measures steps of one scene; the responses that it computed are kept."""
 
     def __init__(self, scene: Scene, level: str) -> None:
@@ -165,7 +165,7 @@ class _Judge:
         self._on_grid = tuple(step for step in self.steps if step.level == "grid")
         small = self._reference_side() <= LARGEST_GRID
         self.by_reference = level == "wave" and not self._on_grid and scene.exact_rays and small
-        self._known: dict[tuple[str, Sampling], Responses] = {}
+        self._computed: dict[tuple[str, Sampling], Responses] = {}
 
     @property
     def summed(self) -> tuple[LevelSampling, ...]:
@@ -189,8 +189,8 @@ class _Judge:
     def measured(self, step: LevelSampling, before: Settled | None = None) -> Settled:
         """Return a step with its error; where nothing finer can be computed, as that of the step before lets expect."""
         engine, found, sampling = balanced(self.scene, step.level, step.sampling)
-        self._known[step.level, sampling] = found
-        for level, finer_sampling, left in self._judges(step, sampling, engine.level):
+        self._computed[step.level, sampling] = found
+        for level, finer_sampling, visible in self._references(step, sampling, engine.level):
             try:
                 truth = self._responses(level, finer_sampling)
             except (InputError, EnergyError):  # a grid too large
@@ -198,7 +198,7 @@ class _Judge:
             ny, nx = truth.shape[:2]
             light = max(float(truth.sum()), DARK * ny * nx)
             error = float(np.abs(found - truth).sum()) / light
-            return Settled(engine, step.level, sampling, MARGIN * error / left)
+            return Settled(engine, step.level, sampling, MARGIN * error / visible)
         return Settled(engine, step.level, sampling, self._improved(step, before))
 
     def _improved(self, step: LevelSampling, before: Settled | None) -> float:
@@ -209,12 +209,12 @@ class _Judge:
         return max(step.expected, before.error * step.expected / known[0])
 
     def _responses(self, level: str, sampling: Sampling) -> Responses:
-        if (level, sampling) not in self._known:
-            self._known[level, sampling] = balanced(self.scene, level, sampling)[1]
-        return self._known[level, sampling]
+        if (level, sampling) not in self._computed:
+            self._computed[level, sampling] = balanced(self.scene, level, sampling)[1]
+        return self._computed[level, sampling]
 
-    def _judges(self, step: LevelSampling, sampling: Sampling, level: str) -> Iterator[tuple[str, Sampling, float]]:
-        """Yield what a step may be judged by, the best first, and the share of its error that shows against it.
+    def _references(self, step: LevelSampling, sampling: Sampling, level: str) -> Iterator[tuple[str, Sampling, float]]:
+        """Yield what a step may be compared with, the best first, and the share of its error that shows against it.
 
         What changes from a step to a finer one is the error less that of the finer one. ``level`` is the engine's.
         """
@@ -225,16 +225,20 @@ class _Judge:
                 yield step.level, replace(sampling, samples_per_px=(sampling.samples_per_px or 8) + more), 1.0
         elif step.level == "grid":
             if step in self._on_grid[: len(FINER_GRID)]:
-                judge, left = FINER_GRID[self._on_grid.index(step)]
-                if judge < len(self._on_grid):
-                    yield "grid", self._on_grid[judge].sampling, left
+                finer_one, visible = FINER_GRID[self._on_grid.index(step)]
+                if finer_one < len(self._on_grid):
+                    yield "grid", self._on_grid[finer_one].sampling, visible
         else:
-            for other in (s for s in self._on_grid if s.expected <= GRID_JUDGE):
-                yield "grid", other.sampling, LEFT_BY_GRID
+            for other in (s for s in self._on_grid if s.expected <= GRID_REFERENCE):
+                yield "grid", other.sampling, VISIBLE_BY_GRID
             if self.by_reference:
                 yield "reference", steps_for(self.scene, "reference")[1].sampling, 1.0
             for wider in WIDER:
-                yield step.level, self._wider(sampling, wider), LEFT_COHERENT if sampling.coherent else LEFT_SUMMED
+                yield (
+                    step.level,
+                    self._wider(sampling, wider),
+                    VISIBLE_COHERENT if sampling.coherent else VISIBLE_SUMMED,
+                )
 
     def _wider(self, sampling: Sampling, by: float) -> Sampling:
         """Return the coherent step with a window that much wider; beyond the last, one made for the purpose."""

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 from lfcal.simulate.effects import Outlook
-from lfcal.simulate.engines import MOST_ORDERS, MOST_SAMPLES, MOST_SIDE, SWITCH, Extent, Sampling
+from lfcal.simulate.engines import MAX_ORDERS, MAX_SAMPLES, MAX_SIDE, SWITCH, Extent, Sampling
 from lfcal.simulate.scene import Scene
 
 __all__ = [
@@ -49,7 +49,7 @@ SPARE = 0.6
 DEBYE_NODES: tuple[tuple[int, float], ...] = ((1, 0.12), (2, 0.015), (3, 0.005), (4, 0.0025))
 """Nodes per pixel of the Debye path, and the error each is expected to leave."""
 
-MOST_NODES = 12
+MAX_NODES = 12
 """Nodes per pixel up to which the Debye path is refined."""
 
 DEBYE_GAIN = 2.5
@@ -155,7 +155,7 @@ def steps_for(described: Scene | Outlook, level: str) -> tuple[LevelSampling, ..
         if grid:
             return grid
         known = [LevelSampling(level, Sampling(nodes_per_px=n), error) for n, error in DEBYE_NODES]
-        more = range(len(known) + 1, MOST_NODES + 1)
+        more = range(len(known) + 1, MAX_NODES + 1)
         return (*known, *(LevelSampling(level, Sampling(nodes_per_px=n), 0.04 / n**2) for n in more))
     if level == "reference":
         counts = [(max(3, math.ceil(share * fringes.angle)), error) for share, error in REFERENCE]
@@ -170,7 +170,7 @@ def steps_for(described: Scene | Outlook, level: str) -> tuple[LevelSampling, ..
     steps = []
     for margin, per_cycle, error in WINDOWS:
         nodes = max(round(2 * per_cycle), math.ceil(per_cycle * fringes.band))
-        sampling = Sampling(nodes_per_px=nodes, margin_px=_wide(margin, fringes))
+        sampling = Sampling(nodes_per_px=nodes, margin_px=_margin_px(margin, fringes))
         steps.append(LevelSampling(level, sampling, error + fringes.incoherent))
     if grid:
         return (*steps, *grid)
@@ -178,7 +178,7 @@ def steps_for(described: Scene | Outlook, level: str) -> tuple[LevelSampling, ..
         if margin * fringes.spot > WIDEST:
             break  # slow lenslets on small pixels: what is left is judged as it is
         sampling = Sampling(
-            nodes_per_px=fringes.nodes + extra, margin_px=_wide(margin, fringes), energy_floor=floor, coherent=True
+            nodes_per_px=fringes.nodes + extra, margin_px=_margin_px(margin, fringes), energy_floor=floor, coherent=True
         )
         steps.append(LevelSampling(level, sampling, error))
     return tuple(steps)
@@ -191,8 +191,8 @@ def _grid_steps(described: Scene | Outlook, fringes: Fringes) -> tuple[LevelSamp
     for step in _every_grid_step(described, fringes):
         per = int(step.sampling.samples_per_px or 4)
         side = extent.side(per, step.sampling.margin_px)
-        fits = side <= MOST_SAMPLES and side + per * max(described.period) <= MOST_SIDE
-        if fits and tilt_orders(described, side / per / 2 * px) <= MOST_ORDERS:
+        fits = side <= MAX_SAMPLES and side + per * max(described.period) <= MAX_SIDE
+        if fits and tilt_orders(described, side / per / 2 * px) <= MAX_ORDERS:
             steps.append(step)
     return tuple(steps)
 
@@ -200,14 +200,14 @@ def _grid_steps(described: Scene | Outlook, fringes: Fringes) -> tuple[LevelSamp
 def _every_grid_step(described: Scene | Outlook, fringes: Fringes) -> tuple[LevelSampling, ...]:
     """Return the steps of level ``"grid"``, whatever their size."""
     steps = []
-    finest = _meeting(described) * fringes.angle
+    finest = _kink_factor(described) * fringes.angle
     for share, fewest, left_out, error in GRID:
         per, margin = max(fewest, math.ceil(share * finest)), grid_margin(described, left_out)
         steps.append(LevelSampling("grid", Sampling(samples_per_px=per, margin_px=margin), error))
     return tuple(steps)
 
 
-def _meeting(described: Scene | Outlook) -> float:
+def _kink_factor(described: Scene | Outlook) -> float:
     """Return by how much samples are more where all light may meet at the edge between lenslets that touch."""
     if isinstance(described, Outlook):
         lattice, touching = described.camera.lattice, described.camera.lattice.gapless
@@ -263,7 +263,7 @@ def _near(described: Scene | Outlook) -> bool:
     return choose_mode(described) == "U"
 
 
-def _wide(margin: float, fringes: Fringes) -> int:
+def _margin_px(margin: float, fringes: Fringes) -> int:
     return min(WIDEST, math.ceil(margin * fringes.spot))
 
 

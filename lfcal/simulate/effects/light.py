@@ -17,7 +17,7 @@ __all__ = ["Bandwidth", "FiniteSource"]
 DEGREE_PER_WIDTH = 3.0
 """Degree of the rule per radius of the source's image in spot widths."""
 
-MOST_DEGREE = 150
+MAX_DEGREE = 150
 """5738 points: a source a hundred spots wide, of which nobody waits for more."""
 
 
@@ -74,7 +74,7 @@ class FiniteSource(LightEffect):
         """
         radius = self.image_px(outlook) / 2
         moved = max(radius / outlook.depth / min(outlook.widths_px), 2 * radius / outlook.camera.pitch_px)
-        return min(MOST_DEGREE, max(5, math.ceil(DEGREE_PER_WIDTH * moved) + 3))
+        return min(MAX_DEGREE, max(5, math.ceil(DEGREE_PER_WIDTH * moved) + 3))
 
     def spread(self, samples: tuple[LightSample, ...], outlook: Outlook) -> tuple[LightSample, ...]:
         """Return points and weights over the disc: 7, and more where the source's image is larger than a spot."""

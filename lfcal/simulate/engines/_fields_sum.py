@@ -61,9 +61,9 @@ class FieldsSum:
     """
 
     def __init__(self, scene: Scene, makers: list[Maker], parts: list[PlaneEngine] | None = None) -> None:
-        self._hold(scene, makers, [make(scene) for make in makers] if parts is None else parts)
+        self._set_parts(scene, makers, [make(scene) for make in makers] if parts is None else parts)
 
-    def _hold(self, scene: Scene, makers: list[Maker], parts: list[PlaneEngine]) -> None:
+    def _set_parts(self, scene: Scene, makers: list[Maker], parts: list[PlaneEngine]) -> None:
         self.scene, self._makers, self._parts = scene, makers, parts
         self.level = parts[0].level
 
@@ -72,7 +72,7 @@ class FieldsSum:
         scene, other = replace(self.scene, offsets_um=offsets_um), object.__new__(FieldsSum)
         pairs = zip(self._parts, self._makers, strict=True)
         parts = [p.displaced(offsets_um) if isinstance(p, Displaceable) else make(scene) for p, make in pairs]
-        other._hold(scene, self._makers, parts)
+        other._set_parts(scene, self._makers, parts)
         return other
 
     @property

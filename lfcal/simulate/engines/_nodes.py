@@ -19,7 +19,7 @@ ONE_APERTURE, MANY_ANGLES = 1.5, 3.0
 """How the spectrum of light ends: behind a round aperture, and behind many that are lit from different angles."""
 
 
-FEWEST = 0.1
+MIN_WEIGHT = 0.1
 """Share of the best-taken nodes' weight below which others are as good as left out."""
 
 EVEN = 0.01
@@ -107,7 +107,7 @@ def conserving_rule(per_px: int, band: float, falloff: float = ONE_APERTURE) -> 
     """
     rule = fitted_rule(per_px, band, falloff=falloff)
     taken = [float(rule.weights[first::per_px].sum()) for first in range(per_px)]
-    if min(taken) < FEWEST * max(taken):
+    if min(taken) < MIN_WEIGHT * max(taken):
         rule = fitted_rule(per_px, band, falloff=falloff, even=EVEN)
     return conserving(rule)
 

@@ -4,26 +4,26 @@ from __future__ import annotations
 
 from lfcal.simulate.engines.base import LEVELS, Certificate, Displaceable, EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
-from lfcal.simulate.engines.extent import MOST_ORDERS, MOST_SAMPLES, MOST_SIDE, SWITCH, Extent
+from lfcal.simulate.engines.extent import MAX_ORDERS, MAX_SAMPLES, MAX_SIDE, SWITCH, Extent
 from lfcal.simulate.engines.field import choose_mode, field_modes
 from lfcal.simulate.engines.grid import extent_of, largest_angle
-from lfcal.simulate.engines.masks import MOST_HELD, MOST_TABLE, bent_fineness, fineness
-from lfcal.simulate.engines.microscope import KEPT_BYTES, MARGIN_PER_NODE, highest_order, is_separable, reach_um
-from lfcal.simulate.engines.reference import HELD_BYTES
+from lfcal.simulate.engines.masks import MAX_CACHED, MAX_TABLE, bent_fineness, fineness
+from lfcal.simulate.engines.microscope import DEBYE_CACHE_BYTES, MARGIN_PER_NODE, highest_order, is_separable, reach_um
+from lfcal.simulate.engines.reference import REFERENCE_CACHE_BYTES
 from lfcal.simulate.engines.tables import aperture_radius, aperture_width, table_reach, window_of
 from lfcal.simulate.engines.tilted import orders_of
 from lfcal.simulate.engines.zernike import zernike_wavefront
 
 __all__ = [
-    "HELD_BYTES",
-    "KEPT_BYTES",
+    "DEBYE_CACHE_BYTES",
     "LEVELS",
     "MARGIN_PER_NODE",
-    "MOST_HELD",
-    "MOST_ORDERS",
-    "MOST_SAMPLES",
-    "MOST_SIDE",
-    "MOST_TABLE",
+    "MAX_CACHED",
+    "MAX_ORDERS",
+    "MAX_SAMPLES",
+    "MAX_SIDE",
+    "MAX_TABLE",
+    "REFERENCE_CACHE_BYTES",
     "SWITCH",
     "Certificate",
     "Displaceable",

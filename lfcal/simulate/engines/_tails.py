@@ -119,7 +119,7 @@ def tail_of(scene: Scene, sampling: Sampling, lens: LensTable, kind: int) -> Tai
     pattern[window, window] = 0
     pattern /= max(outside, float(pattern.sum()))
     share = scene.pixel_fill**2 * outside / exact
-    return Tail(pattern.astype(dtype), exact / _held(lens, spread / px), share, scene.pixel_fill == 1)
+    return Tail(pattern.astype(dtype), exact / _sampled_area(lens, spread / px), share, scene.pixel_fill == 1)
 
 
 def _area(scene: Scene) -> float:
@@ -128,7 +128,7 @@ def _area(scene: Scene) -> float:
     return abs(area(aperture_outline(scene)))
 
 
-def _held(lens: LensTable, spread_per_px: float) -> float:
+def _sampled_area(lens: LensTable, spread_per_px: float) -> float:
     """Return the area that an aperture has by its samples (µm²)."""
     n, dx = 2 * lens.half + 1, lens.field.dx_um
     mask = Split(*np.zeros((2, n, n), lens.field.re.dtype))

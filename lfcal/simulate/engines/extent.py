@@ -5,20 +5,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-__all__ = ["MOST_ORDERS", "MOST_SAMPLES", "MOST_SIDE", "SWITCH", "SWITCH_EXACT", "Extent"]
+__all__ = ["MAX_ORDERS", "MAX_SAMPLES", "MAX_SIDE", "SWITCH", "SWITCH_EXACT", "Extent"]
 
 SWITCH = 12.0
 """Fresnel number of the iris's shadow from which on the E-mode is used (see `lfcal.simulate.engines.field`)."""
 SWITCH_EXACT = 8.0
 """The same where rays have exact angles, which windows follow in the E-mode alone: it errs less than they differ."""
 
-MOST_SAMPLES = 4096
+MAX_SAMPLES = 4096
 """Largest side of a position's grid."""
 
-MOST_SIDE = 12000
+MAX_SIDE = 12000
 """Largest side of the array's table: 1.2 GB."""
 
-MOST_ORDERS = 16
+MAX_ORDERS = 16
 """Most fields that follow a tilted array (see `lfcal.simulate.engines.tilted`); more are no error of mounting."""
 
 TAILS = 3

@@ -39,7 +39,7 @@ __all__ = [
     "wavefront_waves",
 ]
 
-MOST_SAMPLES = 8192
+MAX_SAMPLES = 8192
 """Largest side of a table: 0.5 GB in single precision, 2.5 GB while it is made."""
 
 STEEPEST = 0.5
@@ -142,7 +142,7 @@ def field_table(scene: Scene, dx: float, half: float, mode: str | None = None) -
     Raises
     ------
     InputError
-        Where the table would need more than `MOST_SAMPLES` a side, or where the iris's diffraction is off
+        Where the table would need more than `MAX_SAMPLES` a side, or where the iris's diffraction is off
         within its own depth of focus.
     """
     chosen = mode or choose_mode(scene)
@@ -176,10 +176,10 @@ def _made(scene: Scene, dx: float, half: float, mode: str) -> tuple[Complex, boo
 
 def _side(length: float, dx: float) -> int:
     n = 2 * math.ceil(length / (2 * dx) + 4)
-    if n > MOST_SAMPLES:
+    if n > MAX_SAMPLES:
         raise InputError.expected(
             "field table",
-            f"at most {MOST_SAMPLES} samples a side",
+            f"at most {MAX_SAMPLES} samples a side",
             n,
             "use a smaller cutout, or level 'geometric'",
         )
@@ -202,7 +202,7 @@ def _envelope(scene: Scene, dx: float, half: float, outline: Points) -> tuple[Co
     fringe = math.sqrt(lam * abs(a))
     shadow = outline * to_shadow
     reach = float(np.abs(shadow).max())
-    box = min(half + 8 * fringe, 0.5 * MOST_SAMPLES * dx - 4.5 * fringe)
+    box = min(half + 8 * fringe, 0.5 * MAX_SAMPLES * dx - 4.5 * fringe)
     local = max(half, box) < reach  # of a large shadow only a part is computed; the remainder fades out beyond it
     if local:
         shadow = clip(shadow, box * _SQUARE)

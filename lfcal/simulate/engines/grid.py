@@ -27,7 +27,7 @@ from lfcal.simulate.engines._kernels import LensAperture, Split, mask_from_disc,
 from lfcal.simulate.engines._nodes import MANY_ANGLES, conserving_rule, fitted_rule
 from lfcal.simulate.engines._propagator import sensor_propagator
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
-from lfcal.simulate.engines.extent import MOST_SAMPLES, MOST_SIDE, SWITCH, Extent
+from lfcal.simulate.engines.extent import MAX_SAMPLES, MAX_SIDE, SWITCH, Extent
 from lfcal.simulate.engines.field import choose_mode, field_spectrum
 from lfcal.simulate.engines.masks import RING, Bend, bent_polygon_table
 from lfcal.simulate.engines.tables import (
@@ -103,9 +103,9 @@ class GridPlane:
         self.mode = mode or choose_mode(scene)
         self.per_px = _per_px(self.sampling)
         self._n = extent_of(scene).side(self.per_px, self.sampling.margin_px)
-        if self._n > MOST_SAMPLES:
+        if self._n > MAX_SAMPLES:
             remedy = "choose another level, or a depth that lights fewer lenslets"
-            raise InputError.expected("grid of a position", f"at most {MOST_SAMPLES} samples a side", self._n, remedy)
+            raise InputError.expected("grid of a position", f"at most {MAX_SAMPLES} samples a side", self._n, remedy)
         self._dtype = np.dtype(np.complex128 if self.sampling.double else np.complex64)
         self._real = np.dtype(np.float64 if self.sampling.double else np.float32)
         self._dx = scene.reduced_pixel_um / self.per_px
@@ -155,9 +155,9 @@ class GridPlane:
         """Return what the array lets through of the grids of positions from ``first`` (y, x) on, ``count`` of them."""
         scene, dx, half = self.scene, self._dx, self._half_lenslet
         rows, columns = ((c - 1) * self.per_px + self._n for c in count)
-        if max(rows, columns) > MOST_SIDE:
+        if max(rows, columns) > MAX_SIDE:
             got, remedy = f"{rows} x {columns}", "choose another level"
-            raise InputError.expected("table of the array", f"at most {MOST_SIDE} samples a side", got, remedy)
+            raise InputError.expected("table of the array", f"at most {MAX_SIDE} samples a side", got, remedy)
         top, left = ((f * self.per_px - self._n // 2 + self._between) * dx for f in first)
         array = np.zeros((rows, columns), self._dtype)
         reach = (half + 1) * dx
@@ -285,7 +285,7 @@ class GridPlane:
 
         def met(source: Place, pixel: tuple[int, int]) -> tuple[Complex, Complex, tuple[int, int]]:
             y, x = ((s - p * scene.pixel_um) / scene.scale / self._dx for s, p in zip(source, pixel, strict=True))
-            return self._incoming((y, x)), *self._seen(pixel)
+            return self._incoming((y, x)), *self._array_part(pixel)
 
         if isinstance(self._gap, np.ndarray):
             for source, pixel, one in zip(sources, pixels, out, strict=True):
@@ -323,7 +323,7 @@ class GridPlane:
         y, x = ((p * self.per_px + axis) * self._dx for p in pixel)
         return self.scene.farther_at(y[:, None], x[None, :])
 
-    def _seen(self, pixel: tuple[int, int]) -> tuple[Complex, tuple[int, int]]:
+    def _array_part(self, pixel: tuple[int, int]) -> tuple[Complex, tuple[int, int]]:
         """Return a table of the array, and where in it (row, column) the grid about a pixel begins."""
         if not all(0 <= p < count for p, count in zip(pixel, self.scene.period, strict=True)):
             return self._transmission(pixel, (1, 1)), (0, 0)

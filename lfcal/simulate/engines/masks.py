@@ -46,9 +46,9 @@ RING = 3
 """Samples kept beyond the aperture's edge for the ripple of the low-passed edge."""
 FINE, FINE_UP_TO = 16, 40
 """Fine samples to one of a polygon's table, and the aperture's reach, in samples, up to which it has so many."""
-MOST_TABLE = 6000
+MAX_TABLE = 6000
 """Largest side of a polygon's table: 0.6 GB while it is made."""
-MOST_HELD = 2400
+MAX_CACHED = 2400
 """Largest side of one that is held for other scenes: 46 MB."""
 
 
@@ -144,12 +144,12 @@ def polygon_table(
     Raises
     ------
     InputError
-        Where the table would need more than `MOST_TABLE` samples a side.
+        Where the table would need more than `MAX_TABLE` samples a side.
     """
     chosen = fineness(reach / dx) if fine is None else fine
     n = _table_side(dx / chosen, reach)
     corners = tuple(map(tuple, outline.tolist()))
-    make = _held_table if n <= MOST_HELD else _table
+    make = _cached_table if n <= MAX_CACHED else _table
     return make(corners, dx, n, chosen), dx / chosen
 
 
@@ -194,13 +194,13 @@ def bent_polygon_table(
     fine = bent_fineness(reach / dx)
     n = _table_side(dx / fine, reach)
     corners = tuple(map(tuple, outline.tolist()))
-    make = _held_bent_table if n <= MOST_HELD else _bent_table
+    make = _cached_bent_table if n <= MAX_CACHED else _bent_table
     return make(corners, dx, n, fine, bend), dx / fine
 
 
 def bent_fineness(samples: float) -> int:
     """Return the same as `fineness` for an aperture that is bent before it is low-passed."""
-    return max(fineness(samples), min(BENT_FINE, int((MOST_TABLE - 4) / (2 * max(samples, 1.0)))))
+    return max(fineness(samples), min(BENT_FINE, int((MAX_TABLE - 4) / (2 * max(samples, 1.0)))))
 
 
 def _bent_table(
@@ -213,17 +213,17 @@ def _bent_table(
     return parts
 
 
-_held_bent_table = lru_cache(maxsize=2)(_bent_table)
-"""Tables that planes share: see `_held_table`."""
+_cached_bent_table = lru_cache(maxsize=2)(_bent_table)
+"""Tables that planes share: see `_cached_table`."""
 
 
 def _table_side(step: float, reach: float) -> int:
     """Return the samples a side of a table ``step`` apart; refuse one too large."""
     n = 2 * math.ceil(reach / step) + 3
-    if n > MOST_TABLE:
+    if n > MAX_TABLE:
         raise InputError.expected(
             "table of the lenslet's cell",
-            f"at most {MOST_TABLE} samples a side",
+            f"at most {MAX_TABLE} samples a side",
             n,
             "use fewer samples or nodes per pixel, or level 'geometric'",
         )
@@ -235,7 +235,7 @@ def _table(corners: tuple[tuple[float, ...], ...], dx: float, n: int, fine: int)
 
 
 @lru_cache(maxsize=2)
-def _held_table(corners: tuple[tuple[float, ...], ...], dx: float, n: int, fine: int) -> NDArray[np.float64]:
+def _cached_table(corners: tuple[tuple[float, ...], ...], dx: float, n: int, fine: int) -> NDArray[np.float64]:
     """Return a table that planes and scenes share which differ in anything else: two thirds of a microscope's fit."""
     values = _table(corners, dx, n, fine)
     values.setflags(write=False)

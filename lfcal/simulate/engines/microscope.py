@@ -51,9 +51,9 @@ SPARE_ORDERS, SPARE_SHARE = 20, 3
 Where lenslets meet their phase has a kink, near which the sum of n orders errs by 0.6 N/n, N of them in the cone: with
 N = 18 (f/7) and 20 more, 1.5 % of the light of an image on a corner came out of nothing; with 54 more 1e-4 did.
 """
-KEPT = 256
+CACHED = 256
 """Matrices and responses held for reuse, at most."""
-KEPT_BYTES = 1 << 29
+DEBYE_CACHE_BYTES = 1 << 29
 """Largest size of one kind of them."""
 
 T = TypeVar("T", bound="Matrix | tuple[Matrix, ...]")
@@ -215,7 +215,7 @@ class DebyePlane:
             rows = np.ascontiguousarray(turns[:, first::per_sample])
             wide = product(rows, np.ascontiguousarray(pulses[:, :, per_node * first % per_sample :: per_sample]))
             fold_rows(wide, first, per_node, self._count - 1 + per_node * first // per_sample, per_sample, made)
-        self._keep(self._matrices, phase, made)
+        self._cache(self._matrices, phase, made)
         return made
 
     def _carried(
@@ -255,13 +255,13 @@ class DebyePlane:
         )
         for left in made:
             left[np.abs(left) < 1e-12 * np.abs(left).max()] = 0
-        self._keep(self._lefts, phase, made, KEPT // len(made))
+        self._cache(self._lefts, phase, made, CACHED // len(made))
         return made
 
-    def _keep(self, store: dict[Phase, T], key: Phase, value: T, most: int = KEPT) -> None:
+    def _cache(self, store: dict[Phase, T], key: Phase, value: T, most: int = CACHED) -> None:
         with self._lock:
             size = sum(part.nbytes for part in value)
-            if len(store) >= max(1, min(most, KEPT_BYTES // size)):
+            if len(store) >= max(1, min(most, DEBYE_CACHE_BYTES // size)):
                 store.clear()
             store[key] = value
 
@@ -331,7 +331,7 @@ class DebyePlane:
             return known
         made = self._compute(*key)
         with self._lock:
-            if len(self._responses) >= KEPT:
+            if len(self._responses) >= CACHED:
                 self._responses.clear()
             self._responses[key] = made
         return made

@@ -30,9 +30,9 @@ __all__ = ["ReferencePlane", "pixel_bins"]
 
 BENT_FINE = 4
 """Fine samples to one of the grid on which a lenslet's cell is bent: six change a response by 2e-5."""
-MOST_SAMPLES = 6000
+MAX_SAMPLES = 6000
 """Largest side of the grid: 0.6 GB in double precision."""
-HELD_BYTES = 64_000_000
+REFERENCE_CACHE_BYTES = 64_000_000
 """Lenslets that are held for others which lie alike on the grid: all of an array whose pitch is whole samples."""
 Complex = NDArray[np.complex128]
 
@@ -81,7 +81,7 @@ class ReferencePlane:
             self._tilted = TiltedArray(scene, self._n, self._dx, self._reach + aperture_radius(scene), np.complex128)
             self._parts = self._tilted.parts(self._field)
         self._disc: tuple[NDArray[np.float64], float] | None = None
-        self._held: dict[tuple[int, float, float], Complex] = {}
+        self._cached: dict[tuple[int, float, float], Complex] = {}
         self._step, self._separable = sensor_propagator(
             sf.fftfreq(self._n, self._dx),
             scene.wavelength_um,
@@ -106,10 +106,10 @@ class ReferencePlane:
     def _side(self, half: float) -> int:
         n = int(sf.next_fast_len(2 * math.ceil(half / self._dx)))
         n += n % 2
-        if n > MOST_SAMPLES:
+        if n > MAX_SAMPLES:
             raise InputError.expected(
                 "reference grid",
-                f"at most {MOST_SAMPLES} samples a side",
+                f"at most {MAX_SAMPLES} samples a side",
                 n,
                 "choose another level, or a depth that lights fewer lenslets",
             )
@@ -181,12 +181,12 @@ class ReferencePlane:
     def _lens(self, x: NDArray[np.float64], y: NDArray[np.float64], kind: int) -> Complex:
         """Return what a lenslet lets through at places (x, y) from its centre, as held where another one lies alike."""
         where = kind, round(float(x[0]) / self._dx, 9), round(float(y[0]) / self._dx, 9)
-        lens = self._held.get(where)
+        lens = self._cached.get(where)
         if lens is None:
             lens = self._lens_at(x, y, kind)
-            if (len(self._held) + 1) * lens.nbytes > HELD_BYTES:
-                self._held.clear()
-            self._held[where] = lens
+            if (len(self._cached) + 1) * lens.nbytes > REFERENCE_CACHE_BYTES:
+                self._cached.clear()
+            self._cached[where] = lens
         return lens
 
     def _lens_at(self, x: NDArray[np.float64], y: NDArray[np.float64], kind: int) -> Complex:

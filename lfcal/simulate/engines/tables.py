@@ -67,7 +67,7 @@ class LensTable:
         What the kernels read; see there.
     energy
         What a lenslet at each sample of the field passes.
-    held_um
+    field_reach_um
         Distance from the source up to which the field holds.
     """
 
@@ -78,7 +78,7 @@ class LensTable:
     zoom: Zoom
     field: MainLensField
     energy: Lit
-    held_um: float
+    field_reach_um: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +156,7 @@ def serve(tables: PlaneTables, scene: Scene, sampling: Sampling, mode: str) -> b
     """Return whether the tables of a plane reach as far as ``scene``, the same plane with other sources, needs."""
     for lens in tables.kinds:
         dx = lens.field.dx_um
-        if table_reach(scene, sampling, mode, dx, lens.width // 2) + (lens.half + 2) * dx > lens.held_um + dx:
+        if table_reach(scene, sampling, mode, dx, lens.width // 2) + (lens.half + 2) * dx > lens.field_reach_um + dx:
             return False
     return True
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError
 from lfcal.simulate.engines._propagator import sensor_propagator
-from lfcal.simulate.engines.extent import MOST_ORDERS
+from lfcal.simulate.engines.extent import MAX_ORDERS
 from lfcal.simulate.engines.tables import steepest_sine
 from lfcal.simulate.scene import Scene
 
@@ -44,7 +44,7 @@ def orders_of(scene: Scene, reach_um: float) -> int:
     while error > CLOSE or orders < 2:
         orders += 1
         error *= phase / 2 / orders
-        if orders > MOST_ORDERS:
+        if orders > MAX_ORDERS:
             break
     return orders
 
@@ -71,7 +71,7 @@ class TiltedArray:
 
     def __init__(self, scene: Scene, n: int, dx: float, reach_um: float, dtype: Any) -> None:
         orders = orders_of(scene, reach_um)
-        if orders > MOST_ORDERS:
+        if orders > MAX_ORDERS:
             got = f"{math.hypot(*scene.tilt):.3g} rad over {2 * reach_um:.4g} µm"
             raise InputError.expected("array tilt", "a small one", got, "choose a depth that lights fewer lenslets")
         self._farthest = _farthest(scene, reach_um)

@@ -183,7 +183,7 @@ class SimulatedCamera(Frames):
         """
         z, y, x = self.position(index)
         moved = self.displacement_um(index)
-        if any(moved) or self._spread_out or self._responses.at(z).scene.image_map is not None:
+        if any(moved) or self._off_grid or self._responses.at(z).scene.image_map is not None:
             return self._patch(z, self.image_px(index), moved[0])
         row, column, values = joined([self._responses.of_position(z, y, x)])
         return row, column, values * np.float32(self.electrons_per_unit(z))
@@ -252,7 +252,7 @@ class SimulatedCamera(Frames):
         return out
 
     @cached_property
-    def _spread_out(self) -> bool:
+    def _off_grid(self) -> bool:
         """Whether windows cannot be taken from whole rows: a source of finite size, or resampled steps."""
         return any(isinstance(e, FiniteSource) for e in self.effects) or self.plan.resample_factors != (1.0, 1.0)
 

@@ -15,15 +15,15 @@ from lfcal.simulate.plane_task import Budget
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.staging import origin_of
 
-__all__ = ["DISPLACED_KEPT", "NEAR_PX", "Responses", "Window"]
+__all__ = ["DISPLACED_CACHED", "NEAR_PX", "Responses", "Window"]
 
-DISPLACED_KEPT = 8
+DISPLACED_CACHED = 8
 """Responses away from the planes in memory."""
 
 NEAR_PX = 0.5
 """Change of the shadow's radius up to which one sampling serves."""
 
-ROWS_KEPT = 4
+ROWS_CACHED = 4
 """Rows of responses in memory."""
 
 Window = tuple[int, int, NDArray[np.float32]]
@@ -55,7 +55,7 @@ class Responses:
         like: Responses | None = None,
     ) -> None:
         self.plan, self.budget, self.level, self.sampling, self.like = plan, budget, level, sampling, like
-        self.kept: dict[tuple[int, float], PlaneResponse] = {}
+        self.cached: dict[tuple[int, float], PlaneResponse] = {}
         self._probed: set[tuple[int, float]] = set()
         self._rows: OrderedDict[tuple[int, int], NDArray[np.float32]] = OrderedDict()
         self._lock = threading.RLock()
@@ -64,8 +64,8 @@ class Responses:
         """Return the response of a depth so much farther away than plane ``z``; its window holds the whole pattern."""
         with self._lock:
             key = (z, depth_error_um)
-            if key not in self.kept:
-                self._forget()
+            if key not in self.cached:
+                self._evict()
                 reach = max(self._extent_px(z, dz) for dz in (0.0, depth_error_um)) + 2 * self.plan.camera.pitch_px
                 cutout = tuple(max(n, 2 * int(reach) + 1) for n in self.plan.cutout)
                 effects, share = self.budget.at(self.plan.depths_um[z])
@@ -87,8 +87,8 @@ class Responses:
                     self._probed.add(key)
                 else:
                     made.adopt(near)
-                self.kept[key] = made
-            return self.kept[key]
+                self.cached[key] = made
+            return self.cached[key]
 
     def windows(self, z: int, depth_error_um: float, image_px: tuple[float, float]) -> list[Window]:
         """Return the light of a source whose paraxial chief ray meets the sensor at ``image_px`` (row, column)."""
@@ -117,13 +117,13 @@ class Responses:
         here = self._extent_px(z, depth_error_um)
         apart = {dz: abs(self._extent_px(z, dz) - here) for plane, dz in self._probed if plane == z}
         nearest = min(apart, key=apart.__getitem__, default=None)
-        return self.kept[z, nearest] if nearest is not None and apart[nearest] < NEAR_PX else None
+        return self.cached[z, nearest] if nearest is not None and apart[nearest] < NEAR_PX else None
 
-    def _forget(self) -> None:
+    def _evict(self) -> None:
         """Let the oldest responses away from the planes go: a stage that is moved along leaves one at every step."""
-        displaced = [key for key in self.kept if key[1]]
-        for key in displaced[: max(0, len(displaced) - DISPLACED_KEPT + 1)]:
-            del self.kept[key]
+        displaced = [key for key in self.cached if key[1]]
+        for key in displaced[: max(0, len(displaced) - DISPLACED_CACHED + 1)]:
+            del self.cached[key]
             self._probed.discard(key)
 
     def _row(self, z: int, y: int) -> NDArray[np.float32]:
@@ -135,6 +135,6 @@ class Responses:
         row: NDArray[np.float32] = self.at(z).rows([y], range(self.plan.period[1]), workers=1)[0]
         with self._lock:
             self._rows[z, y] = row
-            while len(self._rows) > ROWS_KEPT:
+            while len(self._rows) > ROWS_CACHED:
                 self._rows.popitem(last=False)
         return row

@@ -141,7 +141,7 @@ write_session = drained(
 
 def _begin(source: SimulatedCamera, out: Path, others: int, resume: bool) -> None:
     """Say in the folder which session is being written; raises `InputError` where another was begun."""
-    told = {
+    identity = {
         "frames": len(source),
         "others": others,
         "lfcal": __version__,
@@ -150,7 +150,7 @@ def _begin(source: SimulatedCamera, out: Path, others: int, resume: bool) -> Non
         "simulated": source.metadata.simulated,
         "plan": source.plan.to_dict(),
     }
-    mark, text = out / UNFINISHED, json.dumps(plain(told), sort_keys=True)
+    mark, text = out / UNFINISHED, json.dumps(plain(identity), sort_keys=True)
     if resume and mark.exists() and read_text(mark).strip() != text:
         raise InputError.expected(
             str(out), "frames of the same session", "those of another, unfinished", "choose another folder"

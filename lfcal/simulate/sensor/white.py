@@ -15,7 +15,7 @@ from lfcal.simulate.response import PlaneResponse
 
 __all__ = ["fold", "white_light", "white_tile"]
 
-NEAR = 1.2
+BLURRED_DEPTH = 1.2
 """Virtual depth of the plane, on one side of the lenslets or the other, that represents a uniform scene: a point lights
 few lenslets, and at 1 its images would be a whole pixel apart."""
 
@@ -38,8 +38,8 @@ def white_tile(plan: ScanPlan, effects: Sequence[Effect]) -> NDArray[np.float64]
     changes what is smooth already. Distortion moves light of an even scene from one place to another like it.
     """
     ny, nx = plan.period  # in resampled pixels where the plan resamples: then it is the array's own, whole
-    beside = Bandwidth | Distortion | FiniteSource | MissingLenslets
-    simple = [e for e in effects if not (isinstance(e, beside) or e.by_wavelength)]
+    neglected = Bandwidth | Distortion | FiniteSource | MissingLenslets
+    simple = [e for e in effects if not (isinstance(e, neglected) or e.by_wavelength)]
     blurred = _blurred(plan)
     side = cutout_for(plan.camera, blurred.depths_um)
     response = PlaneResponse(blurred, 0, simple, level="geometric", cutout=(side, side))
@@ -58,7 +58,7 @@ def _blurred(plan: ScanPlan) -> ScanPlan:
     """
     camera = plan.camera
     foci = [lens.focus_depth(camera.lattice.gap_um) for lens in camera.lattice.types]
-    v = max((NEAR, -NEAR), key=lambda v: min(abs(1 / v - 1 / focus) for focus in foci))
+    v = max((BLURRED_DEPTH, -BLURRED_DEPTH), key=lambda v: min(abs(1 / v - 1 / focus) for focus in foci))
     depth = camera.depth_of(v)
     return replace(plan, depths_um=(depth,), exposure_s=plan.exposures[0])
 
