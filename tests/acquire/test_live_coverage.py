@@ -10,7 +10,7 @@ import numpy as np
 from lfcal.acquire.live_coverage import LiveCoverage
 from lfcal.acquire.session import record
 from lfcal.camera import ScanPlan
-from lfcal.devices.simulated._optics import TargetPattern
+from lfcal.devices.simulated._targets import TargetPattern
 from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.targets import Target, TargetPlan, Wishes, plan_target

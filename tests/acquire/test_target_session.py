@@ -22,7 +22,7 @@ from lfcal.base.axes import Position
 from lfcal.base.errors import FileFormatError, InputError
 from lfcal.camera import ScanPlan
 from lfcal.devices.rig import Rig
-from lfcal.devices.simulated._optics import SwitchedRenderer, TargetPattern
+from lfcal.devices.simulated._targets import SwitchedRenderer, TargetPattern
 from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.frames import open_frames

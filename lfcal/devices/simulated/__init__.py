@@ -1,7 +1,7 @@
 """A simulated camera and stage.
 
 - ``backend``: the backend, and `simulated_rig` for scripts and tests
-- ``_camera``, ``_stage``: the devices; ``_optics``: what light reaches the sensor
+- ``_camera``, ``_stage``: the devices; ``_optics``: what light reaches the sensor, ``_targets``: of many points
 - ``faults``: what can be made to go wrong
 """
 

@@ -170,7 +170,7 @@ def _target(plan: ScanPlan, level: str, options: Mapping[str, str]) -> Renderer 
             raise InputError.expected("option brightness", "that of a target's holes", "no target", "give target=FILE")
         return None
     # here, so that a single point does not load the simulator
-    from lfcal.devices.simulated._optics import simulated_target
+    from lfcal.devices.simulated._targets import simulated_target
 
     spread = number_option(options, "brightness", 0.0, low=0.0, high=1.0)
     seed = int(number_option(options, "seed", 0, low=0))

@@ -11,7 +11,7 @@ import pytest
 from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Roi
-from lfcal.devices.simulated._optics import TargetPattern, TargetRenderer, simulated_target
+from lfcal.devices.simulated._targets import TargetPattern, TargetRenderer, simulated_target
 from lfcal.targets import Pose, Target, TargetCamera, TargetPlan
 from tests.targets.common import small
 

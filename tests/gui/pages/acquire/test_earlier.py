@@ -16,7 +16,7 @@ from lfcal.acquire.live_quality import LiveQuality, QualityState
 from lfcal.acquire.schedule import window_shape
 from lfcal.acquire.session import record
 from lfcal.base.errors import LfcalError
-from lfcal.devices.simulated._optics import TargetPattern
+from lfcal.devices.simulated._targets import TargetPattern
 from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.frames.source import Position
