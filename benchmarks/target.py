@@ -146,7 +146,7 @@ def _modulo(scene: TargetScene, found: FieldFit, view: FrameSource, points: Any,
     ``camera_chi2`` is that of the camera which the points told where they are: no other description is to blame.
     """
     from lfcal.base.errors import InputError
-    from lfcal.campaign._point_parts import measured_modulo
+    from lfcal.campaign.points import measured_modulo
     from lfcal.fit import iter_fit_camera
     from lfcal.fit.setup import called_for, with_given
 

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from lfcal.campaign.point_assembly import iter_assemble_points
-from lfcal.campaign.point_facts import target_facts
-from lfcal.campaign.point_files import iter_write_points, point_outputs
-from lfcal.campaign.point_fit import MOST, iter_fit_points
-from lfcal.campaign.point_hole import hole_words
+from lfcal.campaign.point_assembly import iter_assemble_points, target_facts
+from lfcal.campaign.point_fit import MOST, hole_words, iter_fit_points, iter_write_points, point_outputs
 from lfcal.campaign.points import Points, iter_points_of
 from lfcal.campaign.regions import first_begun, is_regions, parts_beside, region_sessions, save_parts
 from lfcal.campaign.turned_frames import find_turned_frames, seen_patterns

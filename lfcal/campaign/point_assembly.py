@@ -1,4 +1,8 @@
-"""H of the points of a target's frames that show positions of the scan."""
+"""H of the points of a target's frames that show positions of the scan.
+
+Each such point becomes a frame at its position. What the frames say of the target goes into the provenance of H, which
+the metrics of quality read.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +10,217 @@ import os
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from lfcal.base import Work
-from lfcal.campaign._point_frames import PointFrames
-from lfcal.campaign.point_facts import target_facts
-from lfcal.campaign.points import Points, iter_points_of
-from lfcal.frames import FrameSource
-from lfcal.psf import AssemblyReport, AssemblySettings, iter_assemble_plan
-from lfcal.targets import TargetPlan
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-__all__ = ["AssembledPoints", "iter_assemble_points"]
+from lfcal.base import InputError, Region, Work, plain
+from lfcal.campaign.points import Points, iter_points_of
+from lfcal.frames import FrameInfo, FrameMetadata, FrameSource, Position, Samples, SourceView
+from lfcal.psf import AssemblyReport, AssemblySettings, iter_assemble_plan
+from lfcal.targets import Phases, TargetPlan, may_resample
+
+__all__ = ["PointFrames", "iter_assemble_points", "shown_positions", "target_facts"]
+
+
+def shown_positions(
+    points: Points, tolerance_px: float | None = None, *, resampled: bool = False
+) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Return the positions ``(n, 3)`` that points show, -1 where none, and how far off they are ``(n, 2)`` (pixels).
+
+    A point shows a position if its phase is, and if its chief ray lies as near to a pixel's centre as the position's
+    does: whole periods of the array are no whole pixels, and the same light half a pixel beside is another pattern.
+    What an undersampled pattern lacks no resampling brings back; such points serve a fit.
+
+    Parameters
+    ----------
+    points
+        What was found.
+    tolerance_px
+        How far off either may be, in rows and in columns; None: the plan's.
+    resampled
+        Patterns are moved by the part of a pixel that chief rays lie beside pixels' centres: then the phase alone
+        counts, and how far off they are is that part. Only where the pixels hold all of the light (`may_resample`).
+    """
+    scan = points.plan.scan
+    limit = points.plan.tolerance_px if tolerance_px is None else tolerance_px
+    phases = Phases.of(scan)
+    tree = cKDTree(phases.wanted(), boxsize=phases.period)
+    own = phases.at(points.pixels)
+    nearest = np.asarray(tree.query(own, p=np.inf)[1], np.intp)
+    off = own - phases.wanted()[nearest]
+    off -= phases.period * np.round(off / phases.period)
+    aside = points.pixels - np.array(scan.anchor)
+    aside -= np.round(aside)
+    worst = np.where(np.abs(aside) > np.abs(off), aside, off)
+    index = np.c_[points.z, nearest // scan.period[1], nearest % scan.period[1]].astype(np.intp)
+    index[(np.abs(off if resampled else worst) > limit + 1e-9).any(1)] = -1
+    return index, aside if resampled else worst
+
+
+class PointFrames(SourceView):
+    """A source of frames of one point each, made of whole frames of many.
+
+    A point's frame is the whole frame moved by whole pixels so that the point lies where the scan has its position;
+    brightness is that of the median hole, and pixels that neighbours reach are marked as not valid.
+
+    Parameters
+    ----------
+    source
+        The whole frames that ``points`` were found in.
+    points
+        What was found.
+    tolerance_px
+        As of `shown_positions`.
+    resampled
+        As of `shown_positions`; None: wherever the camera's pixels are fine enough.
+
+    Raises
+    ------
+    InputError
+        If no point shows a position.
+    """
+
+    def __init__(
+        self,
+        source: FrameSource,
+        points: Points,
+        tolerance_px: float | None = None,
+        *,
+        resampled: bool | None = None,
+    ) -> None:
+        super().__init__(source)
+        self.resampled = may_resample(points.plan.scan.camera) if resampled is None else resampled
+        index, off = shown_positions(points, tolerance_px, resampled=self.resampled)
+        keep: NDArray[np.bool_] = np.array((index >= 0).all(1))
+        if not keep.any():
+            limit = points.plan.tolerance_px if tolerance_px is None else tolerance_px
+            raise InputError.expected(
+                "points of the frames",
+                f"some within {limit:g} px of a position of the scan",
+                f"none of {len(points)}",
+                "plan with the pose that was measured, or fit: it takes points where they are",
+            )
+        self.left = int((~keep).sum())
+        self.points, self._index, self._off = points.only(keep), index[keep], off[keep]
+        scan = points.plan.scan
+        places = np.floor(np.array(scan.anchor) + 0.5) + self._index[:, 1:]
+        self._origins = (places - self.points.middles).astype(np.intp)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """float32: values are those of holes equally bright."""
+        return np.dtype(np.float32)
+
+    def derived(self, known: FrameMetadata) -> FrameMetadata:
+        """Return what is known of the frames; which samples are saturated each point's own mask says."""
+        known = replace(known, saturation=None, bit_depth=None, points_left_out=self.left)
+        return replace(known, target=None, target_frames=None)
+
+    def __len__(self) -> int:
+        """Return the number of points."""
+        return len(self.points)
+
+    def info(self, index: int) -> FrameInfo:
+        """Return which position a point shows, and how far off it is."""
+        points = self.points
+        info = self.source.info(int(points.frame[index]))
+        row, column = points.holes[index].tolist()
+        return FrameInfo(
+            (Position(*self._index[index].tolist()),),
+            (int(self._origins[index, 0]), int(self._origins[index, 1])),
+            info.exposure_s,
+            (float(self._off[index, 0]), float(self._off[index, 1])),
+            label=f"{info.label}, hole ({row}, {column})",
+        )
+
+    def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
+        """Return a point's frame, as bright as the median hole's."""
+        values = self.source.read(int(self.points.frame[index]), region)
+        scaled: NDArray[Any] = np.asarray(values, np.float32) / np.float32(self.points.brightness[index])
+        return scaled
+
+    def samples(self, index: int, region: Region | None = None) -> Samples:
+        """Return the same with its noise; where neighbours reach, or pixels are saturated, no sample is valid."""
+        share = float(self.points.brightness[index])
+        found = self.source.samples(int(self.points.frame[index]), region)
+        values = np.asarray(found.values, np.float32) / np.float32(share)
+        alone = self._alone(index, values.shape, region)
+        valid = alone if found.valid is None else alone & found.valid
+        noise = None if found.noise is None else found.noise.scaled(1 / share)
+        return Samples(values, None if valid.all() else valid, noise, found.saturated)
+
+    def _alone(self, index: int, shape: tuple[int, ...], region: Region | None) -> NDArray[np.bool_]:
+        """Return which pixels are this point's alone: those of its cutout that no neighbour reaches."""
+        out = np.zeros(shape, np.bool_)
+        first = (0, 0) if region is None else (region[0].start, region[1].start)
+        own = tuple(slice(p.start - f, p.stop - f) for p, f in zip(self.points.region(index), first, strict=True))
+        inside = tuple(slice(max(0, p.start), min(n, p.stop)) for p, n in zip(own, shape, strict=True))
+        part = tuple(slice(i.start - p.start, i.stop - p.start) for i, p in zip(inside, own, strict=True))
+        if all(p.stop > p.start for p in inside):
+            out[inside] = self.points.alone(index)[part]
+        return out
+
+
+DOUBTFUL = 0.6
+"""Confidence below which a label is doubtful."""
+
+MOST = 20
+"""Mistakes that are kept."""
+
+
+def target_facts(points: Points) -> dict[str, Any]:
+    """Return what was found of a target as plain JSON types.
+
+    ``crosstalk`` is the most light of neighbours in a cutout: the plan's, of equally bright holes, times how much
+    brighter than its own hole the brightest neighbour is. ``stage_px`` is how far frames lie beside where the plan
+    moved them (rms), ``pose_rms_px`` how far holes' light lies beside the lattice, ``doubtful`` the share of labels
+    that are not certain.
+    """
+    found = list(points.found.values())
+    confidence = np.concatenate([one.confidence for one in found])
+    wrong = sum(len(m.holes) for one in found for m in one.mistakes if m.kind == "displaced")
+    usual = np.concatenate([one.light / np.median(one.light) for one in found])
+    return {
+        "points": len(points),
+        "frames": len(found),
+        "crosstalk": max(points.plan.crosstalk) * _brighter(points),
+        "brightness_spread": float(1.4826 * np.median(np.abs(usual - 1))),
+        "pose_rms_px": float(np.median([one.fit.rms_px for one in found])),
+        "stage_px": _beside(points),
+        "doubtful": float(((confidence < DOUBTFUL).sum() + wrong) / len(confidence)),
+        "missing": max(sum(len(m.holes) for m in one.mistakes if m.kind.startswith("missing")) for one in found),
+        "pose": plain(found[0].fit.pose),
+        "pose_sigma": plain(found[0].fit.sigma),
+        "scale": list(found[0].fit.scale),
+        "distortion": found[0].fit.bend,
+        "mistakes": [{"kind": m.kind, "says": m.says, "frames": n} for m, n in points.mistakes[:MOST]],
+    }
+
+
+def _brighter(points: Points) -> float:
+    """Return how much brighter than its own hole a neighbour is at most."""
+    most = 1.0
+    for one in points.found.values():
+        at = {tuple(hole): light for hole, light in zip(one.holes.tolist(), one.light.tolist(), strict=True)}
+        for (row, column), light in at.items():
+            beside = [at.get((row + a, column + b), 0.0) for a in (-1, 0, 1) for b in (-1, 0, 1) if a or b]
+            most = max(most, max(beside) / max(light, 1e-9))
+    return most
+
+
+def _beside(points: Points) -> float:
+    """Return how far frames lie beside their plan, but for what all of a plane share (rms, pixels)."""
+    scan = points.plan.scan
+    away: dict[int, list[tuple[float, float]]] = {}
+    for k, one in points.found.items():
+        z = int(points.z[points.frame == k][0]) if (points.frame == k).any() else 0
+        step = scan.camera.step_um(scan.depths_um[z])
+        # the prior of a pose is where this frame was planned
+        row, column = one.moved_px
+        away.setdefault(z, []).append((one.fit.pose.down_um / step - row, one.fit.pose.right_um / step - column))
+    squares = [np.square(np.array(own) - np.mean(own, axis=0)).sum(1) for own in away.values()]
+    return float(np.sqrt(np.concatenate(squares).mean()))
 
 
 class AssembledPoints(NamedTuple):

@@ -1,42 +1,322 @@
-"""One camera from the points of a target, each at its real place on the sensor and in its own part of the field."""
+"""One camera from the points of a target, each at its real place on the sensor and in its own part of the field.
+
+A part of the field is computed with the optics of its middle: derivatives by all unknowns need one set of tables a
+part. What a point's pattern has beside that hardly changes while the unknowns move, so it is computed now and then
+and held in between (`Measured.beside`): at the end it is that of the camera as found.
+
+The diameter of the holes is an unknown that all points share. The fit is written as a camera with its effects, H of
+regions of the field, and the numbers.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Work, drained
-from lfcal.campaign._point_optics import OwnOptics, iter_with_own_light
-from lfcal.campaign._point_parts import measured_points
-from lfcal.campaign.point_hole import HOLE, is_told, iter_called_for, moved_far, not_told, without_hole
-from lfcal.campaign.points import Points
+from lfcal.base import Clock, Work, drained, for_each_chunk, one_blas_thread
+from lfcal.camera import RegionPlan, ScanPlan
+from lfcal.campaign.points import Points, measured_points
 from lfcal.fit import (
+    CAMERA,
+    EFFECTS,
+    MODEL,
+    NUMBERS,
+    Columns,
     FieldFit,
     Fineness,
     Finished,
+    Fit,
+    GroupSelection,
     Local,
     Measured,
     Problem,
     Regional,
+    RegionPlace,
     Setup,
     called_for,
     check_described,
     check_light,
     check_stage,
+    chi_square,
+    covariance,
     descend,
+    fit_dict,
+    gain_of,
     groups_of,
     iter_retrieved,
     iter_summarised,
+    iter_write_model,
     own_steps,
+    predict,
     problem_of,
+    write_found,
 )
 from lfcal.frames import FrameSource
+from lfcal.simulate import Sampling
 from lfcal.simulate.effects import Effect, FiniteSource
 
-__all__ = ["MOST", "fit_points", "iter_fit_points"]
+__all__ = [
+    "HOLE",
+    "MOST",
+    "OwnOptics",
+    "fit_points",
+    "hole_words",
+    "is_told",
+    "iter_called_for",
+    "iter_fit_points",
+    "iter_with_own_light",
+    "iter_write_points",
+    "point_outputs",
+    "without_hole",
+]
+
+F8 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class OwnOptics:
+    """What points have that is known of each by itself.
+
+    Attributes
+    ----------
+    middles
+        Pixel ``(n, 2)`` at the middle of each cutout.
+    farther_um
+        How much farther away than the plane each hole is ``(n,)`` (µm).
+    hole_um
+        Diameter of the holes, where no unknown says another (µm).
+    parts_um
+        How much farther away the middle of each part of the field is (µm).
+    """
+
+    middles: NDArray[np.intp]
+    farther_um: F8
+    hole_um: float
+    parts_um: F8
+
+    @classmethod
+    def of(cls, points: Points, measured: Regional) -> OwnOptics:
+        """Return what is known of ``measured`` points; ``points`` are those that they are made of, in any order."""
+        scan, middles = points.plan.scan, np.zeros((len(measured), 2), np.intp)
+        for plan, own, _ in measured.parts():
+            middles[own] = np.floor(np.array(plan.anchor) + 0.5).astype(np.intp) + measured.index[own, 1:]
+        depths = np.array(scan.depths_um)
+        farther = points.away_um - depths[points.z]
+        known = {
+            (z, *at): away
+            for z, at, away in zip(points.z.tolist(), points.middles.tolist(), farther.tolist(), strict=True)
+        }
+        found = np.array([known[z, *at] for z, at in zip(measured.index[:, 0].tolist(), middles.tolist(), strict=True)])
+        return cls(middles, found, points.plan.target.hole_um, _plane(points.pixels, farther, _middles(measured)))
+
+    def beyond(self, measured: Regional, setup: Setup) -> F8:
+        """Return how much farther away points ``(n,)`` are where a setup tilts the target beside its pose."""
+        parts = np.array([place.farther_um for place in setup.regions]) - self.parts_um
+        return _plane(_middles(measured), parts, self.middles.astype(np.float64))
+
+    @property
+    def regions(self) -> tuple[RegionPlace, ...]:
+        """The parts of the field as a setup has them."""
+        return tuple(RegionPlace(farther_um=float(farther)) for farther in self.parts_um)
+
+
+def _middles(measured: Regional) -> F8:
+    """Return the middle pixel of each part of the field ``(parts, 2)``."""
+    return np.array([np.array(plan.anchor) + (np.array(plan.period) - 1) / 2 for plan in measured.plans])
+
+
+def _plane(pixels: F8, values: F8, at: F8) -> F8:
+    """Return the values ``(m,)`` at pixels ``at`` ``(m, 2)`` of the plane that lies best through others."""
+    found = np.linalg.lstsq(np.c_[pixels, np.ones(len(pixels))], values, rcond=None)[0]
+    there: F8 = np.c_[at, np.ones(len(at))] @ found
+    return there
+
+
+def iter_with_own_light(
+    problem: Problem, own: OwnOptics, u: F8, offsets_px: F8, sampling: Sampling, note: str
+) -> Work[Problem]:
+    """Return the problem with what each point's pattern has to itself at a vector; yields progress in points.
+
+    Parameters
+    ----------
+    problem
+        Of points.
+    own
+        What each has to itself.
+    u, offsets_px
+        Where it is computed: the unknowns, and each point's displacement.
+    sampling
+        How finely.
+    note
+        What progress is told of.
+    """
+    measured = problem.measured
+    assert isinstance(measured, Regional)  # points are those of parts of the field
+    plain = replace(measured, beside=None)
+    setup, offsets = problem.vector.setup_at(u), offsets_px + measured.places_px
+    holes = _Holes.of(setup, own)
+    light = np.zeros(measured.patterns.shape, np.float32)
+    blur = np.zeros_like(light) if holes.told else None
+    farther: F8 = own.farther_um + own.beyond(measured, setup)
+    places = [(plan, setup.of_region(k), setup.regions[k].farther_um, own_of) for plan, own_of, k in plain.parts()]
+    tasks = [(plan, at, away, j) for plan, at, away, which in places for j in which.tolist()]
+    clock = Clock(note, len(tasks))
+    yield clock.at(0)
+
+    def some(start: int, stop: int) -> None:
+        for plan, at, away, j in tasks[start:stop]:
+            place = np.array(plan.anchor) + measured.index[j, 1:]
+            alone = replace(plan, period=(1, 1), anchor=(float(place[0]), float(place[1])))
+            index = np.array([[measured.index[j, 0], 0, 0]])
+            mine = _at_depth(at, float(farther[j]) - away)
+            light[j] = predict(holes.put(mine), alone, index, offsets[j : j + 1], sampling)[0]
+            if blur is not None:
+                other = predict(holes.put(mine, holes.other_um), alone, index, offsets[j : j + 1], sampling)[0]
+                blur[j] = (light[j] - other) / np.float32(holes.um**2 - holes.other_um**2)
+
+    with one_blas_thread():
+        for first in range(0, len(tasks), 4 * problem.workers):
+            last = min(len(tasks), first + 4 * problem.workers)
+            for_each_chunk(lambda a, b, at=first: some(at + a, at + b), last - first, problem.workers)  # type: ignore[misc]
+            yield clock.at(last)
+    base = problem.with_measured(plain).model(u, offsets_px, sampling).reshape(light.shape)
+    return problem.with_measured(replace(measured, beside=light - base, blur=blur, blurred_um=holes.um))
+
+
+def _at_depth(setup: Setup, farther_um: float) -> Setup:
+    """Return the setup of a part as it is for a hole so much farther away."""
+    return replace(setup, depth_errors_um=tuple(error + farther_um for error in setup.depth_errors_um))
+
+
+@dataclass(frozen=True, slots=True)
+class _Holes:
+    """Diameter of the holes, another by which its rate is told, and whether it is an unknown.
+
+    Light changes with the square of the diameter, and little beyond that: one other size gives the rate.
+    """
+
+    um: float
+    other_um: float
+    told: bool
+
+    @classmethod
+    def of(cls, setup: Setup, own: OwnOptics) -> _Holes:
+        if setup.hole_um is None:
+            return cls(own.hole_um, 0.0, told=False)
+        least = setup.camera.step_um(0.0)
+        # to the point source, which takes one run; a smaller hole hardly differs from that
+        return cls(setup.hole_um, 0.0 if setup.hole_um > 0.5 * least else least, told=True)
+
+    def put(self, setup: Setup, um: float | None = None) -> Setup:
+        """Return a setup with holes of this diameter, or another."""
+        size = self.um if um is None else um
+        return setup.with_effect(FiniteSource(size)) if size > 0 else setup
+
+
+HOLE = "hole"
+"""Group of unknowns (`lfcal.fit.groups.light.Holes`)."""
+
+CALLED_FOR = 0.1
+"""Share of what is left beyond noise of patterns that were never fitted that another size must take away."""
+
+VAGUE = 0.5
+"""Standard deviation of the squared diameter, over that of the description, from which on it is not told."""
+
+SAME = 0.02
+"""Change of the squared diameter, relative, that needs no other light of the holes."""
+
+SHOWN = 3.0
+"""Standard deviations by which a squared diameter must differ from the description's to be told for all that."""
+
+
+def iter_called_for(finished: Finished) -> Work[bool]:
+    """Return whether the points call for holes of another size than described; yields progress in derivatives.
+
+    They do where chi² says that the model does not suffice, and another size lowers what is left of patterns that
+    were never fitted.
+    """
+    problem, point, groups, columns, _ = finished
+    own = problem.vector.of_groups([HOLE]).tolist()
+    if not own or chi_square(point, problem.fitted, len(problem.vector.of_groups(groups))).complete:
+        return False
+    found = yield from problem.columns(point, own, "size of the holes", own=False)
+    shared = columns.shared.copy()
+    shared[own] = found.shared[own]
+    selection = GroupSelection(problem, point, Columns(shared, columns.own))
+    gain, enough = gain_of(selection, groups, (HOLE,))
+    beyond = max(0.0, selection.left(groups) - selection.samples)
+    return gain > max(enough, CALLED_FOR * beyond)
+
+
+def is_told(finished: Finished) -> bool:
+    """Return whether the points tell the size of the holes, which is among the groups that were fitted.
+
+    The image of a hole that is far smaller than the finest detail of a pattern blurs nothing.
+    """
+    problem, point, groups, columns, _ = finished
+    which = problem.vector.of_groups(groups)
+    (k,) = problem.vector.of_groups([HOLE]).tolist()
+    spread, _ = covariance(problem, point, columns, which)
+    chi2 = chi_square(point, problem.fitted, len(which))
+    grown = math.sqrt(max(1.0, chi2.lit)) if not chi2.complete else 1.0
+    at, one = int(np.flatnonzero(which == k)[0]), problem.vector.unknowns[k]
+    sigma = grown * math.sqrt(max(0.0, float(spread[at, at]))) * one.scale**2
+    moved = abs(one.value(float(point.u[k])) ** 2 - one.start**2)
+    return bool(sigma < VAGUE * one.start**2 or moved > SHOWN * sigma)
+
+
+def moved_far(finished: Finished) -> bool:
+    """Return whether the holes have another size than that of which their light was computed, by more than a trifle."""
+    problem, point, groups, _, _ = finished
+    if HOLE not in groups:
+        return False
+    found = problem.vector.setup_at(point.u).hole_um or 0.0
+    return bool(abs(found**2 - problem.measured.blurred_um**2) > SAME * found**2)
+
+
+def without_hole(finished: Finished) -> Finished:
+    """Return what was found with the holes as described, at the same values of all else."""
+    problem, point, groups, columns, outliers = finished
+    u = point.u.copy()
+    u[problem.vector.of_groups([HOLE])] = 0.0
+    point = problem.point(u, point.local, point.sampling, lamps=point.levels.lamps, doubtful=point.doubtful)
+    return problem, point, tuple(name for name in groups if name != HOLE), columns, outliers
+
+
+def hole_words(fit: Fit, *, asked: bool = True) -> str:
+    """Return what a fit of points says of the size of the holes, in a line; empty where it says nothing new.
+
+    Parameters
+    ----------
+    fit
+        Of points.
+    asked
+        Whether the size was asked for by name: that it is not told is no news else.
+    """
+    if asked and HOLE in fit.unhelpful:
+        stays = _described(fit.setup.hole_um or 0.0)
+        return f"size of the holes: not told, their images are far smaller than the light's details; {stays} stay"
+    found = fit.parameters.get("hole_um")
+    if found is None or abs(found.value - found.start) <= found.sigma:
+        return ""
+    start = _described(found.start)
+    return f"size of the holes: {found.value:.4g} ± {found.sigma:.2g} µm found, {start} described"
+
+
+def _described(hole_um: float) -> str:
+    return f"{hole_um:.4g} µm" if hole_um else "points"
+
+
+def not_told(fit: Fit) -> Fit:
+    """Return the fit with the size of the holes among what was asked for and did not help."""
+    return replace(fit, unhelpful=(*fit.unhelpful, HOLE))
+
 
 MOST = 72
 """Points that are fitted: eight of each of nine parts of the field; what is left of the error is the computation's."""
@@ -202,3 +482,66 @@ def _with_own_as_found(finished: Finished, own: OwnOptics) -> Work[Finished]:
     point, found = yield from descend(problem, point, which, "settled", most=2, columns=known, enough=1e-4)
     columns = found.beside(columns, which)
     return problem, own_steps(problem, point, columns, problem.measured.left_out), groups, columns, outliers
+
+
+def point_outputs(folder: Path) -> list[Path]:
+    """Return all files that a fit of points in ``folder`` consists of."""
+    return [folder / name for name in (MODEL, CAMERA, EFFECTS, NUMBERS)]
+
+
+def iter_write_points(
+    fit: FieldFit,
+    scan: ScanPlan | RegionPlan,
+    folder: Path,
+    known: Mapping[str, Any],
+    *,
+    with_h: bool = True,
+    workers: int | None = None,
+) -> Work[list[Path]]:
+    """Write a fit of points, ``fit.json`` last; H is the model's in the light of the points.
+
+    Parameters
+    ----------
+    fit
+        One camera from the points of the whole field.
+    scan
+        The region of the field that H is of, or several: H of all of them is one file.
+    folder
+        Made where it is not there yet.
+    known
+        What is known of the frames, as plain JSON types.
+    with_h
+        Whether H is computed and written.
+    workers
+        Threads; None takes every processor.
+
+    Raises
+    ------
+    StorageError
+        If a file cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    written: list[Path] = []
+    if with_h:
+        written.append((yield from _iter_h(fit, scan, folder / MODEL, known, workers)))
+    parts = {
+        name: {"chi2": one.here.chi_square.lit, "error": one.here.error.value, "points": len(one.residuals)}
+        for name, one in fit.fits.items()
+        if one.here is not None
+    }
+    return written + write_found(fit.first, folder, NUMBERS, fit_dict(fit.first) | {**known, "parts": parts})
+
+
+def _iter_h(
+    fit: FieldFit, scan: ScanPlan | RegionPlan, out: Path, known: Mapping[str, Any], workers: int | None
+) -> Work[Path]:
+    """Write H of a region, or of several."""
+    if isinstance(scan, ScanPlan):
+        return (yield from iter_write_model(fit.fit_at(scan), out, provenance=known, workers=workers))
+    from lfcal.campaign.regions import parts_beside, save_parts  # here: a fit of one region loads no devices
+
+    with parts_beside(out, scan.names) as parts:
+        for k, name in enumerate(scan.names):
+            here = fit.fit_at(scan.plan(k))
+            yield from iter_write_model(here, parts[name], provenance=known, workers=workers)
+        return save_parts(parts, out)

@@ -1,19 +1,24 @@
-"""The points of a target's frames: labelled, and where each is on the sensor."""
+"""The points of a target's frames: labelled, located on the sensor, and as patterns of parts of the field.
+
+Repeats, the same hole at the same place, are averaged, and their variance falls.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Clock, InputError, Work, drained
-from lfcal.camera import half_extent_px
-from lfcal.frames import FrameSource
+from lfcal.base import Clock, InputError, Work, check_number, check_tuple, drained
+from lfcal.camera import ScanPlan, half_extent_px
+from lfcal.fit import FieldRegion, Measured, Regional
+from lfcal.frames import FrameSource, Noise
 from lfcal.targets import FoundPoints, Mistake, TargetPlan, find_points, frames_of
 
-__all__ = ["Points", "iter_points_of", "points_of"]
+__all__ = ["Points", "iter_points_of", "measured_modulo", "measured_points", "points_of", "tiles_of"]
 
 F8 = NDArray[np.float64]
 
@@ -176,3 +181,173 @@ def _usable(found: FoundPoints, plan: TargetPlan) -> NDArray[np.intp]:
     usable &= (found.light > DIM * np.median(found.light)) & (found.confidence > SURE)
     usable &= np.linalg.norm(found.deviation, axis=1) < max(BESIDE_PX, 6 * found.fit.rms_px)
     return np.flatnonzero(usable)
+
+
+LEFT_OUT = 5
+"""One point of so many is kept aside."""
+
+SAME_PX = 0.05
+"""Positions of one hole nearer than this are repeats."""
+
+Tile = tuple[slice, slice]
+
+
+def tile_plan(scan: ScanPlan, corner: tuple[float, float], shape: tuple[int, int]) -> ScanPlan:
+    """Return a scan's plan whose positions are the pixels of a part of the sensor, from its first pixel on."""
+    return replace(scan, period=shape, anchor=(float(corner[0]), float(corner[1])))
+
+
+def tiles_of(sensor: tuple[int, int], cutout: tuple[int, int], parts: tuple[int, int]) -> tuple[Tile, ...]:
+    """Return the parts of the sensor, row by row, in each of which the optics are those of its middle.
+
+    Together they hold every pixel about which a cutout is on the sensor whole.
+    """
+    parts = check_tuple("parts of the field (rows, columns)", parts, 2, integer=True, at_least=1, at_most=16)
+    edges = []
+    for size, side, count in zip(sensor, cutout, parts, strict=True):
+        half = (side - 1) // 2
+        edges.append(np.linspace(half, size - half, count + 1).round().astype(int).tolist())
+    rows, columns = ([slice(a, b) for a, b in pairwise(one)] for one in edges)
+    return tuple((row, column) for row in rows for column in columns)
+
+
+def measured_points(
+    source: FrameSource, points: Points, parts: tuple[int, int] = (3, 3), *, most: int | None = None
+) -> Regional:
+    """Return points as the patterns of parts of the field, each at its own place.
+
+    Parameters
+    ----------
+    source, points
+        The frames, with their dark level subtracted, and what was found in them.
+    parts
+        Parts of the sensor (rows, columns), in each of which the optics are those of its middle.
+    most
+        No more points than this, spread evenly over the parts; None: all.
+
+    Raises
+    ------
+    InputError
+        If the noise of the frames is not known.
+    """
+    scan = points.plan.scan
+    tiles = tiles_of(scan.camera.sensor.shape, scan.cutout, parts)
+    firsts = _firsts(points)
+    middles, part = points.middles[firsts], np.zeros(len(firsts), np.intp)
+    for k, tile in enumerate(tiles):
+        low, high = ([getattr(side, end) for side in tile] for end in ("start", "stop"))
+        part[((middles >= low) & (middles < high)).all(1)] = k
+    chosen = _spread(part, most)
+    cut = _cut(source, points, firsts[chosen])
+    used, number = np.unique(part[chosen], return_inverse=True)
+    corners = np.array([(tiles[k][0].start, tiles[k][1].start) for k in used.tolist()])
+    regions = tuple(_region(tiles[k], parts, k) for k in used.tolist())
+    own = points.only(firsts[chosen])
+    return Regional(
+        tile_plan(scan, regions[0].anchor, regions[0].period),
+        np.c_[own.z, own.middles - corners[number]].astype(np.intp),
+        cut.patterns,
+        cut.noise,
+        own.residuals,
+        cut.valid,
+        np.arange(len(own)) % LEFT_OUT == 0,
+        regions=regions,
+        region=number.astype(np.intp),
+    )
+
+
+def measured_modulo(source: FrameSource, points: Points, *, most: int | None = None) -> Measured:
+    """Return points as patterns of the scan of one period, as if the array repeated itself after whole pixels.
+
+    That is what many points in one frame are not, and a fit's chi² says so: positions are rounded, and taken modulo the
+    period from wherever they are.
+    """
+    scan = points.plan.scan
+    firsts = _firsts(points)
+    chosen = firsts[_spread(np.zeros(len(firsts), np.intp), most)]
+    cut, own = _cut(source, points, chosen), points.only(chosen)
+    anchor = np.floor(np.array(scan.anchor) + 0.5).astype(np.intp)
+    index = np.c_[own.z, (own.middles - anchor) % np.array(scan.period)].astype(np.intp)
+    aside = np.arange(len(own)) % LEFT_OUT == 0
+    return Measured(scan, index, cut.patterns, cut.noise, np.zeros((len(own), 2)), cut.valid, aside)
+
+
+@dataclass(frozen=True, eq=False)
+class _Cut:
+    """Patterns of holes equally bright ``(n, nt, ns)``, which pixels are theirs alone, constant and slope of noise."""
+
+    patterns: NDArray[np.float32]
+    valid: NDArray[np.bool_]
+    noise: NDArray[np.float64]
+
+
+def _repeats(points: Points) -> NDArray[np.intp]:
+    """Return the number of the hole and place ``(n,)`` that each point is of."""
+    _, hole = np.unique(np.c_[points.z, points.holes, points.middles], axis=0, return_inverse=True)
+    group, count = np.full(len(points), -1, np.intp), 0
+    for own in np.split(np.argsort(hole.ravel(), kind="stable"), np.cumsum(np.bincount(hole.ravel()))[:-1]):
+        for k in own.tolist():
+            if group[k] < 0:
+                left = own[group[own] < 0]
+                same = np.abs(points.pixels[left] - points.pixels[k]).max(1) < SAME_PX
+                group[left[same]] = count
+                count += 1
+    return group
+
+
+def _firsts(points: Points) -> NDArray[np.intp]:
+    """Return the first point of each hole and place."""
+    return np.sort(np.unique(_repeats(points), return_index=True)[1]).astype(np.intp)
+
+
+def _cut(source: FrameSource, points: Points, chosen: NDArray[np.intp]) -> _Cut:
+    """Return the patterns of points, each the mean of its repeats."""
+    group = _repeats(points)
+    n, cutout = len(chosen), points.plan.scan.cutout
+    out = _Cut(np.zeros((n, *cutout), np.float32), np.zeros((n, *cutout), np.bool_), np.zeros((n, 2)))
+    for at, k in enumerate(chosen.tolist()):
+        same = np.flatnonzero(group == group[k]).tolist()
+        cuts = [_one(source, points, j) for j in same]
+        weight = np.stack([good for _, good, _ in cuts]).astype(np.float64)
+        total = weight.sum(0)
+        out.patterns[at] = (weight * np.stack([v for v, _, _ in cuts])).sum(0) / np.maximum(total, 1)
+        out.valid[at] = total > 0
+        # as many as most pixels have
+        out.noise[at] = np.mean([two for _, _, two in cuts], axis=0) / max(1.0, float(np.median(total)))
+    return out
+
+
+def _one(
+    source: FrameSource, points: Points, k: int
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], tuple[float, float]]:
+    region, share = points.region(k), float(points.brightness[k])
+    samples = source.samples(int(points.frame[k]), region)
+    values = np.asarray(samples.values, np.float64)
+    if samples.noise is None:
+        label = source.info(int(points.frame[k])).label or f"frame {points.frame[k]}"
+        remedy = "describe the sensor's noise, or measure it (lfcal camera sensor)"
+        raise InputError.expected(f"{label}, noise", "a variance of the samples", "none", remedy)
+    alone = points.alone(k)
+    good = alone if samples.valid is None else alone & samples.valid
+    two: Noise = samples.noise.typical(values).scaled(1 / share)
+    return values / share, good, (max(0.0, float(two.constant)), float(two.slope))
+
+
+def _region(tile: Tile, parts: tuple[int, int], k: int) -> FieldRegion:
+    row, column = divmod(k, parts[1])
+    rows, columns = tile
+    period = (rows.stop - rows.start, columns.stop - columns.start)
+    return FieldRegion(f"part-{row}-{column}", period, (float(rows.start), float(columns.start)))
+
+
+def _spread(part: NDArray[np.intp], most: int | None) -> NDArray[np.intp]:
+    """Return which points are taken: as many of each part, in an order that is the same every time."""
+    order = np.random.default_rng(0).permutation(len(part))
+    if most is None or len(part) <= most:
+        return order
+    check_number("points that are fitted", most, at_least=3, integer=True)
+    used: Sequence[int] = np.unique(part).tolist()
+    own = [order[part[order] == k][: max(1, most // len(used))] for k in used]
+    # parts take turns, so that what is kept aside is of all of them
+    turns = max(map(len, own))
+    return np.array([one[j] for j in range(turns) for one in own if j < len(one)], np.intp)

@@ -22,9 +22,7 @@ from lfcal.base.errors import InputError
 from lfcal.base.progress import Work, drain
 from lfcal.camera import ScanPlan
 from lfcal.campaign import Adapted, AdaptiveStep, Goal, adaptive, iter_adaptive
-from lfcal.campaign._patterns import iter_session_patterns
-from lfcal.campaign.adaptive import _gained_nothing
-from lfcal.campaign.steps import FEWEST
+from lfcal.campaign.adaptive import FEWEST, _gained_nothing, iter_session_patterns
 from lfcal.devices.registry import open_rig
 from lfcal.devices.rig import Rig
 from lfcal.fit.design import CurvePoint, PositionDesign

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from lfcal.base.progress import drain
-from lfcal.campaign._point_parts import measured_points
 from lfcal.campaign.point_assembly import iter_assemble_points
-from lfcal.campaign.points import points_of
+from lfcal.campaign.points import measured_points, points_of
 from lfcal.frames import ArraySource, CorrectionRecipe, corrected_view
 from lfcal.frames.source import FrameSource
 from lfcal.multiplex import s_matrix

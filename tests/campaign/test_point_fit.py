@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from lfcal.base.progress import drain
-from lfcal.campaign._point_optics import OwnOptics
-from lfcal.campaign._point_parts import measured_modulo, measured_points
-from lfcal.campaign.point_fit import _placed
-from lfcal.campaign.points import points_of
+from lfcal.campaign.point_fit import OwnOptics, _placed
+from lfcal.campaign.points import measured_modulo, measured_points, points_of
 from lfcal.fit.fit import problem_of
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness

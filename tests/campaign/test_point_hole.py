@@ -11,11 +11,17 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
-from lfcal.campaign._point_optics import OwnOptics, iter_with_own_light
-from lfcal.campaign._point_parts import measured_points
-from lfcal.campaign.point_fit import fit_points
-from lfcal.campaign.point_hole import HOLE, hole_words, is_told, iter_called_for, without_hole
-from lfcal.campaign.points import Points, points_of
+from lfcal.campaign.point_fit import (
+    HOLE,
+    OwnOptics,
+    fit_points,
+    hole_words,
+    is_told,
+    iter_called_for,
+    iter_with_own_light,
+    without_hole,
+)
+from lfcal.campaign.points import Points, measured_points, points_of
 from lfcal.fit._lacking import check_groups
 from lfcal.fit.fit import problem_of
 from lfcal.fit.model import Fineness, predict

@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from lfcal.base.progress import drain
-from lfcal.campaign._point_optics import OwnOptics, _Holes, iter_with_own_light
-from lfcal.campaign._point_parts import measured_points
-from lfcal.campaign.point_fit import _with_hole
-from lfcal.campaign.points import Points, points_of
+from lfcal.campaign.point_fit import OwnOptics, _Holes, _with_hole, iter_with_own_light
+from lfcal.campaign.points import Points, measured_points, points_of
 from lfcal.fit.fit import problem_of
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.problem import Problem

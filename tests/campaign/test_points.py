@@ -9,10 +9,8 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
-from lfcal.campaign._point_frames import PointFrames, shown_positions
-from lfcal.campaign._point_parts import measured_modulo, measured_points, tiles_of
-from lfcal.campaign.point_facts import target_facts
-from lfcal.campaign.points import Points, points_of
+from lfcal.campaign.point_assembly import PointFrames, shown_positions, target_facts
+from lfcal.campaign.points import Points, measured_modulo, measured_points, points_of, tiles_of
 from lfcal.frames.source import FrameSource
 from lfcal.psf.picked import iter_pick
 from lfcal.targets.mistakes import Mistake
