@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from benchmarks._solver_scenes import BACKGROUND, Problem, Subject
 from lfcal.base.threads import one_blas_thread
 from lfcal.reconstruct import Projector
-from lfcal.reconstruct.metrics import nrmse
+from lfcal.reconstruct.phantoms import nrmse
 from lfcal.reconstruct.resolution import bead_widths
 from lfcal.reconstruct.solvers.choice import SolverChoice, iter_reconstruct, reconstruct
 from lfcal.reconstruct.solvers.multiplicative import richardson_lucy

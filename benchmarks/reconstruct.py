@@ -171,7 +171,7 @@ def measure(
     import numpy as np
 
     from lfcal.reconstruct import Projector
-    from lfcal.reconstruct.metrics import nrmse
+    from lfcal.reconstruct.phantoms import nrmse
     from lfcal.reconstruct.solvers.choice import SolverChoice, iter_reconstruct
 
     dtype = np.float64 if setting.double else np.float32

@@ -62,7 +62,7 @@ def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 DEAR = (
-    "lfcal.accuracy.base",
+    "lfcal.accuracy.curves",
     "lfcal.fit.fit",
     "lfcal.judge.inspection",
     "lfcal.judge.search",

@@ -1,10 +1,10 @@
 """What accuracy costs, everywhere it is paid: curves of error against seconds, bytes or frames for one camera or H.
 
-- ``base``: `Rung`, `Curve`, the Pareto front, the cheapest rung for an error
+- ``curves``: `Rung`, `Curve`, the Pareto front, the cheapest rung for an error
 - ``subject``: the scan plan or H that is measured, and samples of it that are quick to work with
-- ``place``: `Place`, a module of ``places`` each, found by registry; ``catalogue`` has them by name
+- ``place``: `Place`, a module of ``places`` each, found by registry
 - ``measure``: places to curves, rung by rung, within seconds; what was measured is kept when it is stopped
-- ``curve_file``, ``drawing``: curves as JSON, and on one page
+- ``drawing``: curves on one page
 """
 
 from typing import TYPE_CHECKING

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from lfcal.accuracy.base import Curve, Rung, marked
-from lfcal.accuracy.catalogue import PLACES
+from lfcal.accuracy.curves import Curve, Rung, marked
 from lfcal.accuracy.drawing import draw_curves
 from lfcal.accuracy.measure import CurveProgress, iter_measure_curve, measure_curve
-from lfcal.accuracy.place import AccuracyStep, Place, Truth
+from lfcal.accuracy.place import PLACES, AccuracyStep, Place, Truth
 from lfcal.accuracy.subject import Subject
 
 __all__ = [

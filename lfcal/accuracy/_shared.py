@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.accuracy.base import cost_axis, format_cost
+from lfcal.accuracy.curves import cost_axis, format_cost
 
 __all__ = [
     "cost_axis",

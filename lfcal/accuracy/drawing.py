@@ -8,7 +8,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from lfcal.accuracy.base import Curve, cost_axis
+from lfcal.accuracy.curves import Curve, cost_axis
 from lfcal.base import COLOURS, LINES, InputError, figure, save_figure
 
 if TYPE_CHECKING:

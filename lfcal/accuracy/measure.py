@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field, replace
 
-from lfcal.accuracy.base import Curve, Rung
+from lfcal.accuracy.curves import Curve, Rung
 from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.base import LfcalError, Progress, Work, check_number, drained, format_seconds

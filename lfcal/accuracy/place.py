@@ -1,15 +1,15 @@
-"""A place of the work where accuracy is paid: what it measures, and how it tells of it."""
+"""A place of the work where accuracy is paid: what it measures and reports; all places by name."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 
-from lfcal.accuracy.base import UNITS, Rung
+from lfcal.accuracy.curves import UNITS, Rung
 from lfcal.accuracy.subject import Subject
-from lfcal.base import Progress, check_choice
+from lfcal.base import Progress, Registry, check_choice
 
-__all__ = ["AccuracyStep", "Measuring", "Place", "Truth"]
+__all__ = ["PLACES", "AccuracyStep", "Measuring", "Place", "Truth", "find_places"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class Place:
     error, cost
         What error and cost mean, in words with units.
     unit
-        Unit of the cost, one of `lfcal.accuracy.base.UNITS`.
+        Unit of the cost, one of `lfcal.accuracy.curves.UNITS`.
     measure
         Given the subject and the seconds it may take, yields the truth, steps, rungs and progress. Raises `LfcalError`
         where this subject has no such curve, with the reason.
@@ -69,3 +69,28 @@ class Place:
     def __post_init__(self) -> None:
         """Check the unit."""
         check_choice(f"unit of {self.name}", self.unit, UNITS)
+
+
+GROUP = "lfcal.accuracy"
+"""Entry point group of places of other distributions."""
+
+
+def _check(part: Place) -> None:
+    if not isinstance(part, Place):
+        raise TypeError(f"expected a Place, got {type(part).__name__}")
+
+
+def find_places() -> Registry[Place]:
+    """Return a registry of all places, in the order of the work."""
+    return Registry(
+        "place of accuracy",
+        "lfcal.accuracy.places",
+        "PLACE",
+        GROUP,
+        order=lambda place: (place.rank, place.name),
+        check=_check,
+    )
+
+
+PLACES = find_places()
+"""All places, in the order of the work."""

@@ -2,8 +2,9 @@
 
 - ``projectors``: `Projector`, the pair, the ways it works, and what each costs on this machine
 - ``solvers``: one module each, found by name
-- ``metrics``, ``phantoms``, ``resolution``: how good is it?
-- ``resample``: light fields onto whole periods; ``series``, ``volumes``: many frames, results as files
+- ``phantoms``, ``resolution``: volumes whose truth is known, and how close a reconstruction is to it
+- ``resample``: light fields onto whole periods; ``metric_grid``: voxels of one size
+- ``series``, ``volumes``: many frames, results as files; ``memory``: what a reconstruction takes
 """
 
 from typing import TYPE_CHECKING

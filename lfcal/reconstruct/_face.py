@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from lfcal.reconstruct.metric_grid import MetricGrid
 from lfcal.reconstruct.projectors import METHODS, FieldProjector, ProjectionForecast, Projector
 from lfcal.reconstruct.resample import Resampling, resampling_for
 from lfcal.reconstruct.resolution import TwoPoint, iter_two_point, two_point
@@ -34,6 +35,7 @@ __all__ = [
     "DepthSmoothing",
     "FieldProjector",
     "FrameResult",
+    "MetricGrid",
     "ProjectionForecast",
     "Projector",
     "Reconstruction",

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from lfcal.reconstruct.facts import VolumeFacts
 from lfcal.reconstruct.margin import cropped, usual_margin
 from lfcal.reconstruct.memory import room_for_projections, run_memory
-from lfcal.reconstruct.metric import MetricGrid
-from lfcal.reconstruct.metrics import nrmse
-from lfcal.reconstruct.ome_zarr import check_zarr, open_ome_zarr, told_of
-from lfcal.reconstruct.phantoms import PHANTOMS, phantom, points
+from lfcal.reconstruct.phantoms import PHANTOMS, nrmse, phantom, points
 from lfcal.reconstruct.resample import MOST_DRIFT, drift_note, drift_words, lattice_anchor_of
 from lfcal.reconstruct.series import check_any, check_warm, iter_frame
-from lfcal.reconstruct.volumes import DATASET, SUFFIXES, VOLUME_FORMAT, check_suffix, write_volumes
+from lfcal.reconstruct.volumes import (
+    DATASET,
+    SUFFIXES,
+    VOLUME_FORMAT,
+    VolumeFacts,
+    check_suffix,
+    check_zarr,
+    open_ome_zarr,
+    told_of,
+    write_volumes,
+)
 
 __all__ = [
     "DATASET",
@@ -19,7 +25,6 @@ __all__ = [
     "PHANTOMS",
     "SUFFIXES",
     "VOLUME_FORMAT",
-    "MetricGrid",
     "VolumeFacts",
     "check_any",
     "check_suffix",

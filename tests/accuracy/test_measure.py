@@ -19,7 +19,7 @@ from lfcal.accuracy import (
     measure,
     measure_curve,
 )
-from lfcal.accuracy.catalogue import find_places
+from lfcal.accuracy.place import find_places
 from lfcal.base.errors import InputError
 
 

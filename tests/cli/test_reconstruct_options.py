@@ -143,7 +143,7 @@ def test_device(lfcal: Callable[..., Run], folder: Path, tmp_path: Path, monkeyp
     assert not (tmp_path / "none.h5").exists()
     # the processor's memory stands in for that of an accelerator
     monkeypatch.setattr(
-        "lfcal.reconstruct.projectors._device_choice.find_device", lambda text: devices.ArrayDevice("numpy")
+        "lfcal.reconstruct.projectors._device_forecast.find_device", lambda text: devices.ArrayDevice("numpy")
     )
     done = lfcal(*words, "--out", tmp_path / "there.h5", "--device", "cuda")
     assert done.code == 0, done.err
@@ -167,7 +167,7 @@ def test_frames_of_a_series_on_the_device_of_their_worker(
         return devices.ArrayDevice("numpy")
 
     monkeypatch.setattr("lfcal.reconstruct.projectors.find_device", find)
-    monkeypatch.setattr("lfcal.reconstruct.projectors._device_choice.find_device", find)
+    monkeypatch.setattr("lfcal.reconstruct.projectors._device_forecast.find_device", find)
     (tmp_path / "frames").mkdir()
     for name in ("a", "b"):
         shutil.copy(folder / "frame.png", tmp_path / "frames" / f"{name}.png")

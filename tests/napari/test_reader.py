@@ -25,8 +25,7 @@ from lfcal.napari.reader import get_reader, read_layers
 from lfcal.psf import PSFMatrix, save
 from lfcal.psf.store import PSFWriter
 from lfcal.psf.voxels import pixel_um, voxel_um
-from lfcal.reconstruct.facts import VolumeFacts
-from lfcal.reconstruct.volumes import save_volume, write_volumes
+from lfcal.reconstruct.volumes import VolumeFacts, save_volume, write_volumes
 from tests.acquire.rigs import CAREFUL, frames_of, rig_for, small_plan
 from tests.architecture.sources import ROOT
 

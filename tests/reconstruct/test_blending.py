@@ -17,8 +17,8 @@ from lfcal.fit.setup import Setup, described_effects
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import FieldProjector, Projector, SolverChoice, reconstruct
 from lfcal.reconstruct.memory import run_memory
-from lfcal.reconstruct.projectors._blending import field_weights, place_weights
 from lfcal.reconstruct.projectors.device import ArrayDevice
+from lfcal.reconstruct.projectors.field_projector import field_weights, place_weights
 from tests.fit.field_common import LAW, camera
 from tests.reconstruct.oracles import dense, lenslet_psf
 

@@ -15,10 +15,9 @@ from lfcal.base.errors import InputError
 from lfcal.reconstruct import Projector, SolverChoice, reconstruct
 from lfcal.reconstruct.memory import run_memory
 from lfcal.reconstruct.projectors import device as devices
-from lfcal.reconstruct.projectors._device_choice import forecast_on
 from lfcal.reconstruct.projectors._device_direct import DeviceDirect
 from lfcal.reconstruct.projectors._device_engine import Placement
-from lfcal.reconstruct.projectors._device_forecast import ON_DEVICES, DeviceRates, device_rates
+from lfcal.reconstruct.projectors._device_forecast import ON_DEVICES, DeviceRates, device_rates, forecast_on
 from lfcal.reconstruct.projectors._device_polyphase import DevicePolyphase
 from lfcal.reconstruct.projectors._device_sparse import DeviceSparse
 from lfcal.reconstruct.projectors._tiles import TilePlan
@@ -311,7 +310,7 @@ def test_auto_takes_the_processor_where_the_device_has_no_room_or_no_such_method
     H = lenslet_psf(1, 5, 15)
     P = Projector(H, (20, 20))
     small = replace(NUMPY, room=10)
-    monkeypatch.setattr("lfcal.reconstruct.projectors._device_choice.find_device", lambda text: small)
+    monkeypatch.setattr("lfcal.reconstruct.projectors._device_forecast.find_device", lambda text: small)
     for method in ("auto", "fft"):
         device, found = forecast_on("auto", P._problem(method), method, P.memory_limit)
         assert device is None and found.device is None

@@ -10,8 +10,7 @@ import pytest
 from lfcal.base.errors import InputError
 from lfcal.camera import preset
 from lfcal.reconstruct import Projector
-from lfcal.reconstruct.metrics import nrmse
-from lfcal.reconstruct.phantoms import PHANTOMS, phantom, points, vesicle
+from lfcal.reconstruct.phantoms import PHANTOMS, nrmse, phantom, points, vesicle
 from lfcal.reconstruct.resolution import dip, two_point
 from lfcal.reconstruct.solvers.smoothing import DepthSmoothing, lanczos_kernel, smoothing_widths
 from tests.reconstruct.oracles import lenslet_psf

@@ -14,7 +14,7 @@ from lfcal.psf import Facts, PSFMatrix
 from lfcal.psf.denoising import RULE, denoised, mean_noise
 from lfcal.psf.facts import Origin
 from lfcal.reconstruct import FieldProjector, Projector
-from lfcal.reconstruct.metrics import nrmse
+from lfcal.reconstruct.phantoms import nrmse
 from lfcal.reconstruct.solvers._model_noise import ModelNoise
 from lfcal.reconstruct.solvers.choice import SolverChoice, iter_reconstruct, reconstruct
 from lfcal.reconstruct.solvers.smoothing import Sieve

@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 
 from lfcal.base.errors import InputError
 from lfcal.reconstruct import Projector
-from lfcal.reconstruct.projectors._nodes import AxisNodes, Nodes
 from lfcal.reconstruct.projectors._reduced import Reduced
-from lfcal.reconstruct.projectors._reduction import quickest_spacing, reduce_plane, sampled_share
+from lfcal.reconstruct.projectors._reduction import AxisNodes, Nodes, quickest_spacing, reduce_plane, sampled_share
 from lfcal.reconstruct.projectors.grid import Grid
 from tests.reconstruct.oracles import dense, lenslet_psf
 

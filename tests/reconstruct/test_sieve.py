@@ -13,7 +13,7 @@ from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import Projector
-from lfcal.reconstruct.metrics import nrmse
+from lfcal.reconstruct.phantoms import nrmse
 from lfcal.reconstruct.solvers._em import EmOptions
 from lfcal.reconstruct.solvers._repeating import Repeating
 from lfcal.reconstruct.solvers._stretch import Stretch

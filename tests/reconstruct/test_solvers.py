@@ -12,8 +12,7 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.reconstruct import Projector
-from lfcal.reconstruct.metrics import nrmse
-from lfcal.reconstruct.phantoms import phantom
+from lfcal.reconstruct.phantoms import nrmse, phantom
 from lfcal.reconstruct.solvers._em import EmOptions, EmUpdates, IsraSettings, RichardsonLucySettings
 from lfcal.reconstruct.solvers._subsets import angular_subsets, by_energy, interleaved_subsets
 from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, reconstruct

@@ -10,8 +10,7 @@ from scipy.ndimage import gaussian_filter, uniform_filter
 
 from lfcal.base.errors import InputError
 from lfcal.reconstruct import Projector
-from lfcal.reconstruct.metrics import nrmse
-from lfcal.reconstruct.phantoms import phantom
+from lfcal.reconstruct.phantoms import nrmse, phantom
 from lfcal.reconstruct.solvers._em import EmOptions, iter_run
 from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, iter_reconstruct, reconstruct
 from lfcal.reconstruct.solvers.measurement import Measurement

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from lfcal.accuracy.base import Rung
+from lfcal.accuracy.curves import Rung
 from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.camera import Sensor

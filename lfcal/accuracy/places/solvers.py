@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from lfcal.accuracy.base import Rung
+from lfcal.accuracy.curves import Rung
 from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.base import LfcalError

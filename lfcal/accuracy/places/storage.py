@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.accuracy.base import Rung
+from lfcal.accuracy.curves import Rung
 from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Patterns, Subject
 from lfcal.base.h5 import encode_chunk

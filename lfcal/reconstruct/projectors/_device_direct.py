@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.reconstruct.projectors._device_engine import DeviceEngine, DeviceOperand, Placement
-from lfcal.reconstruct.projectors._nodes import Nodes, source_places
 from lfcal.reconstruct.projectors._planes import centre_of, runs_of_rows, trim
+from lfcal.reconstruct.projectors._reduction import Nodes, source_places
 from lfcal.reconstruct.projectors.grid import Grid
 
 __all__ = ["DeviceDirect", "direct_bytes"]

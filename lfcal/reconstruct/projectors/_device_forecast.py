@@ -1,4 +1,4 @@
-"""What each way to project would cost on a device, and which one to take there."""
+"""What each way to project would cost on a device, and the engine of the one to take there."""
 
 from __future__ import annotations
 
@@ -10,19 +10,23 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lfcal.base import InputError, format_bytes
-from lfcal.reconstruct.projectors._device_direct import direct_bytes
-from lfcal.reconstruct.projectors._device_polyphase import band_bytes
-from lfcal.reconstruct.projectors._device_sparse import sparse_bytes
+from lfcal.reconstruct.projectors._device_direct import DeviceDirect, direct_bytes
+from lfcal.reconstruct.projectors._device_engine import DeviceEngine, Placement
+from lfcal.reconstruct.projectors._device_polyphase import DevicePolyphase, band_bytes
+from lfcal.reconstruct.projectors._device_reduced import DeviceReduced
+from lfcal.reconstruct.projectors._device_sparse import DeviceSparse, sparse_bytes
 from lfcal.reconstruct.projectors._engine import Cost, DeviceUse
-from lfcal.reconstruct.projectors._nodes import Nodes
-from lfcal.reconstruct.projectors._reduction import quickest_spacing
+from lfcal.reconstruct.projectors._reduced import Reduced
+from lfcal.reconstruct.projectors._reduction import Nodes, quickest_spacing
 from lfcal.reconstruct.projectors._tiles import TilePlan
-from lfcal.reconstruct.projectors.device import ArrayDevice
-from lfcal.reconstruct.projectors.forecast import PAIRS, REDUCED, ProjectionForecast, ProjectionProblem
+from lfcal.reconstruct.projectors.device import ArrayDevice, find_device
+from lfcal.reconstruct.projectors.forecast import PAIRS, REDUCED, ProjectionForecast, ProjectionProblem, forecast
+from lfcal.reconstruct.projectors.grid import Grid
 
-__all__ = ["ON_DEVICES", "DeviceRates", "device_forecast", "device_rates"]
+__all__ = ["ON_DEVICES", "DeviceRates", "device_rates", "engine_on", "forecast_on"]
 
 ON_DEVICES = ("polyphase", "direct", "sparse", REDUCED)
 """Ways to project that a device knows."""
@@ -243,3 +247,41 @@ def _polyphase(problem: ProjectionProblem, rates: DeviceRates) -> Iterator[_Opti
         least = band_bytes(plan, 1, item) + 2 * totals + 4 * grid.pixels * item
         planes = problem.planes
         yield _Option("polyphase", planes * prepare, planes * seconds, planes * seconds, planes * operand, least, plan)
+
+
+def forecast_on(
+    device: str | ArrayDevice, problem: ProjectionProblem, method: str, memory_limit: int
+) -> tuple[ArrayDevice | None, ProjectionForecast]:
+    """Return the device that ``device`` names, None for the processor, and the cheapest way to project there.
+
+    ``auto`` falls back to the processor where the device does not know the method, or has no room for it.
+    """
+    found = find_device(device) if isinstance(device, str) else device
+    if found is None or (device == "auto" and method not in ("auto", *ON_DEVICES)):
+        return None, forecast(problem, method, memory_limit)
+    try:
+        return found, device_forecast(problem, method, memory_limit, found)
+    except InputError:
+        if device != "auto":
+            raise
+        return None, forecast(problem, method, memory_limit)
+
+
+def engine_on(
+    device: ArrayDevice,
+    chosen: ProjectionForecast,
+    grid: Grid,
+    common: tuple[np.dtype[Any], int, NDArray[np.bool_] | None],
+    tolerance: float,
+) -> DeviceEngine:
+    """Return the engine of a forecast for ``device``; ``common``: type, threads that prepare, image phases in use."""
+    assert chosen.device is not None
+    placement = Placement(device, chosen.device.kept, chosen.device.room)
+    (dtype, workers, phases), name = common, chosen.chosen.method
+    if chosen.plan is not None:
+        return DevicePolyphase(chosen.plan, dtype, placement, workers, phases)
+    if name == REDUCED:
+        return DeviceReduced(Reduced(grid, dtype, workers, phases, tolerance=tolerance), placement)
+    if name == "sparse":
+        return DeviceSparse(grid, dtype, placement, workers, phases)
+    return DeviceDirect(grid, dtype, placement, phases)

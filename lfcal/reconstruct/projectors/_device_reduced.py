@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from lfcal.reconstruct.projectors._device_direct import DeviceDirect
 from lfcal.reconstruct.projectors._device_engine import DeviceEngine, DeviceOperand, Placement
 from lfcal.reconstruct.projectors._device_sparse import DeviceSparse
-from lfcal.reconstruct.projectors._nodes import Nodes
 from lfcal.reconstruct.projectors._reduced import Reduced
+from lfcal.reconstruct.projectors._reduction import Nodes
 from lfcal.reconstruct.projectors.device import ArrayDevice
 
 __all__ = ["DeviceReduced", "collected", "spread"]

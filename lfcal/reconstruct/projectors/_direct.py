@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from lfcal.base import chunks, in_order, one_blas_thread, worker_count
 from lfcal.reconstruct.projectors._kernels import Tiling, gather_windows, lay_patterns, overlap_add
-from lfcal.reconstruct.projectors._nodes import Nodes, source_places
 from lfcal.reconstruct.projectors._planes import centre_of, runs_of_rows, trim
+from lfcal.reconstruct.projectors._reduction import Nodes, source_places
 from lfcal.reconstruct.projectors.grid import Grid
 
 __all__ = [

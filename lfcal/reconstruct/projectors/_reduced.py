@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.reconstruct.projectors._direct import Direct
-from lfcal.reconstruct.projectors._nodes import Nodes
 from lfcal.reconstruct.projectors._planes import trim
 from lfcal.reconstruct.projectors._reduction import (
     SPACINGS,
+    Nodes,
     quickest_spacing,
     reduce_plane,
     relative_work,

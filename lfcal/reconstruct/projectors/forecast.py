@@ -22,10 +22,9 @@ from lfcal.reconstruct.projectors._direct import (
     strips_together,
 )
 from lfcal.reconstruct.projectors._engine import Cost, DeviceUse
-from lfcal.reconstruct.projectors._nodes import Nodes
 from lfcal.reconstruct.projectors._planes import PlaneReader
 from lfcal.reconstruct.projectors._recipe import Tiles
-from lfcal.reconstruct.projectors._reduction import quickest_spacing
+from lfcal.reconstruct.projectors._reduction import Nodes, quickest_spacing
 from lfcal.reconstruct.projectors._tiles import TilePlan
 from lfcal.reconstruct.projectors.grid import Grid
 

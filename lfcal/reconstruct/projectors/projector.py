@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from lfcal.base import Clock, InputError, Work, check_number, drained, for_each_chunk, free_memory, worker_count
 from lfcal.psf import PSFMatrix, mean_noise
-from lfcal.reconstruct.projectors._device_choice import engine_on, forecast_on
+from lfcal.reconstruct.projectors._device_forecast import engine_on, forecast_on
 from lfcal.reconstruct.projectors._direct import Direct
 from lfcal.reconstruct.projectors._engine import Engine
 from lfcal.reconstruct.projectors._planes import PlaneReader

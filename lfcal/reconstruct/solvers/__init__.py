@@ -1,10 +1,10 @@
-"""Solvers, one module each, found by registry; other distributions bring theirs (``docs/adding_a_solver.md``).
+"""Solvers, found by registry; other distributions bring theirs (``docs/adding_a_solver.md``).
 
 - ``choice``: all solvers by name; ``solver``: what one is; ``records``: what it reports
-- ``richardson_lucy``, ``total_variation``, ``tikhonov``, ``biggs_andrews``, ``nesterov``, ``ordered_subsets``,
-  ``phase_space``, ``isra``: the multiplicative ones; ``em`` is the iteration they share
+- ``multiplicative`` (Richardson-Lucy alone, with a penalty, extrapolated), ``ordered_subsets`` (of pixels, of views),
+  ``sieve``, ``image_space``: the multiplicative ones; ``em`` is the iteration they share
 - ``least_squares``: conjugate gradients, for linear problems
-- ``measurement``, ``penalty``, ``acceleration``, ``subsets``, ``smoothing``: what solvers are made of
+- ``measurement``, ``penalty``, ``subsets``, ``smoothing``: what solvers are made of
 """
 
 from typing import TYPE_CHECKING

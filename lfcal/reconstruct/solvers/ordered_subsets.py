@@ -1,36 +1,86 @@
-"""Richardson-Lucy by ordered subsets of image phases (Hudson & Larkin 1994)."""
+"""Richardson-Lucy over subsets of image phases in turn.
+
+Subsets are pixels spread evenly (Hudson & Larkin 1994), or blocks of views, brightest first (the order of Lu et al.
+2019).
+"""
 
 from __future__ import annotations
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.solvers._em import EmOptions, iter_run
-from lfcal.reconstruct.solvers._subsets import interleaved_subsets
+from lfcal.reconstruct.solvers._subsets import Masks, angular_subsets, by_energy, interleaved_subsets
 from lfcal.reconstruct.solvers.records import SolverWork
 from lfcal.reconstruct.solvers.solver import EM, Solver, SolverRun
 
-__all__ = ["SOLVER"]
+__all__ = ["SOLVER", "views_of"]
 
 
-def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
+def iterate_pixels(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
     """Run Richardson-Lucy over the subsets asked for, 4 by default, in turn."""
-    count = _parts(run.subsets)
+    count = _pixel_parts(run.subsets)
     # a short period has fewer phases than subsets are usual: then each phase is one.
     masks = interleaved_subsets(P.period, min(count, P.grid.phases))
     return iter_run(P, image, run, EmOptions(subsets=masks))
 
 
-def _parts(subsets: int | None) -> int:
+def _pixel_parts(subsets: int | None) -> int:
     return 4 if subsets is None else subsets
 
 
-SOLVER = Solver(
-    "osem",
-    "ordered subsets of pixels (Hudson & Larkin 1994): fewer iterations",
-    iterate,
-    EM | {"subsets"},
-    rank=60,
-    volumes=(4, 4),
-    parts=_parts,
+def iterate_views(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
+    """Run Richardson-Lucy over blocks of views, 3 x 3 by default."""
+    return iter_run(P, image, run, EmOptions(subsets=views_of(P, image, _blocks(run.subsets))))
+
+
+def _blocks(subsets: int | None) -> int:
+    return 3 if subsets is None else subsets
+
+
+def _view_parts(subsets: int | None) -> int:
+    return _blocks(subsets) ** 2
+
+
+def views_of(P: Projector, image: ArrayLike, blocks: int) -> Masks:
+    """Return masks ``(ny, nx)`` of ``blocks`` x ``blocks`` views, brightest in ``image`` first."""
+    views = min(blocks, P.period[0]), min(blocks, P.period[1])
+    masks = angular_subsets(P.period, views, lenslet_phase(P))
+    # pixels without a value have weight 0 later on; here they must not decide which view is brightest.
+    return by_energy(masks, np.nan_to_num(np.asarray(image, float), posinf=0.0, neginf=0.0), P.grid)
+
+
+def lenslet_phase(P: Projector) -> tuple[float, float]:
+    """Return the phase (row, column) of a lenslet's centre: from the camera of H, else the middle of the period."""
+    (ny, nx), camera = P.period, P.camera
+    if camera is None:
+        return (ny - 1) / 2, (nx - 1) / 2
+    row, column = P.grid.anchor
+    point = camera.sensor_um((float(row), float(column)))
+    q, r = np.round(camera.lattice.lenslet_at(point))
+    x, y = camera.lattice.centres_um(q, r) - point
+    pixel = camera.sensor.pixel_um
+    return float(y / pixel % ny), float(x / pixel % nx)
+
+
+SOLVER = (
+    Solver(
+        "osem",
+        "ordered subsets of pixels (Hudson & Larkin 1994): fewer iterations",
+        iterate_pixels,
+        EM | {"subsets"},
+        rank=60,
+        volumes=(4, 4),
+        parts=_pixel_parts,
+    ),
+    Solver(
+        "phase-space",
+        "view by view, brightest first (ordering of Lu et al. 2019)",
+        iterate_views,
+        EM | {"subsets"},
+        rank=70,
+        volumes=(4, 4),
+        parts=_view_parts,
+    ),
 )

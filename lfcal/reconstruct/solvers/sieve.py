@@ -30,7 +30,7 @@ from lfcal.reconstruct.solvers._model_noise import ModelNoise
 from lfcal.reconstruct.solvers._repeating import Repeating
 from lfcal.reconstruct.solvers._stretch import Stretch
 from lfcal.reconstruct.solvers._subsets import Masks, interleaved_subsets
-from lfcal.reconstruct.solvers.phase_space import views_of
+from lfcal.reconstruct.solvers.ordered_subsets import views_of
 from lfcal.reconstruct.solvers.records import Reconstruction, SolverState, SolverWork
 from lfcal.reconstruct.solvers.smoothing import Sieve, coarseness
 from lfcal.reconstruct.solvers.solver import EM, Solver, SolverRun

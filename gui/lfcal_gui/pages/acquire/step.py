@@ -68,7 +68,7 @@ def assembled(folder: str, out: str, planes: Sequence[int] | None, recipe: Corre
         raise InputError.expected("planes", "all", "one of a session that is being recorded", "a command takes all")
     pairs = (("--white", str(recipe.white)), ("--dark", str(recipe.dark)), ("--out", out))
     python = f"""
-from lfcal.acquire.finish import iter_assemble_session
+from lfcal.acquire import iter_assemble_session
 from lfcal.frames import CorrectionRecipe
 from lfcal.base.progress import drain
 
@@ -96,7 +96,7 @@ def _script(
         function, goal = "iter_adaptive", f"Goal({chosen.error!r}, most={chosen.most!r}), "
         imports.append("from lfcal.campaign import Goal, iter_adaptive")
     else:
-        imports.append("from lfcal.acquire.session import iter_record")
+        imports.append("from lfcal.acquire import iter_record")
     needed = "\n".join(sorted([*imports, *NEEDED]))
     return f"""
 {needed}

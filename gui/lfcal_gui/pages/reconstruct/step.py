@@ -74,10 +74,9 @@ def _python(psf: str, frame: str, chosen: ReconstructSettings, out: str) -> str:
 import numpy as np
 import tifffile
 from lfcal.psf import open_psf
-from lfcal.reconstruct import Projector, SolverChoice, reconstruct
-from lfcal.reconstruct.margin import usual_margin
-from lfcal.reconstruct.metric import MetricGrid
-from lfcal.reconstruct.resample import lattice_anchor_of, resampling_for
+from lfcal.reconstruct import (
+    MetricGrid, Projector, SolverChoice, lattice_anchor_of, reconstruct, resampling_for, usual_margin
+)
 
 image = tifffile.imread({frame!r}).astype(np.float32)
 with open_psf({psf!r}) as H:{resampled}

@@ -18,7 +18,7 @@ from lfcal.psf.voxels import voxel_um
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.margin import usual_margin
 from lfcal.reconstruct.memory import run_memory
-from lfcal.reconstruct.metric import MetricGrid
+from lfcal.reconstruct.metric_grid import MetricGrid
 from lfcal.reconstruct.resample import resampling_for
 from lfcal.reconstruct.solvers.choice import SolverChoice, reconstruct
 from lfcal.reconstruct.solvers.stopping import MOST_ITERATIONS

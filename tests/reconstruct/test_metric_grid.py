@@ -11,7 +11,7 @@ import tifffile
 from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
 from lfcal.psf import PSFMatrix
-from lfcal.reconstruct.metric import MetricGrid
+from lfcal.reconstruct.metric_grid import MetricGrid
 
 SIDES = [(10.0, 10.0), (10.7, 10.7), (12.0, 11.5)]
 
