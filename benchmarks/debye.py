@@ -93,10 +93,10 @@ def _show(rows: list[Row], title: str) -> None:
 def measure(depth_um: float, cutout: int, repeat: int) -> list[Row]:
     """Return the times and errors of one plane; pyolaf's row last, where it is installed."""
     from lfcal.camera import preset
-    from lfcal.simulate._camera_scene import scene_of
     from lfcal.simulate.engines.base import Sampling
     from lfcal.simulate.engines.microscope import DebyePlane
     from lfcal.simulate.engines.reference import ReferencePlane
+    from lfcal.simulate.staging import scene_of
 
     if cutout % 2 == 0 or cutout < 31:
         raise InputError.expected("cutout", "an odd number from 31 on", cutout, "choose another")

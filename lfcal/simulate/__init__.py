@@ -1,6 +1,6 @@
 """What a described camera does to the light of a point: only the effects a scene calls for.
 
-- ``scene``: one depth plane as an engine needs it; ``pupil``, ``specimen``: parts of it
+- ``scene``: one depth plane as an engine needs it, with its pupil and specimen
 - ``engines``: from rays to the coherent reference, their sampling, and the energy they account for
 - ``effects``: physical effects as objects with their a-priori estimates, found by registry
 - ``accuracy``: what a simulation costs, which effects to simulate, how finely to compute, the ladder of levels

@@ -1,4 +1,4 @@
-"""One depth plane as an engine needs it: all lengths, flags and windows, derived from a `Camera`.
+"""One depth plane as an engine needs it: all lengths, flags and windows, its pupil and its specimen.
 
 Coordinates
 -----------
@@ -15,15 +15,207 @@ sensor at x_s met the array at x_s / s, and Fresnel optics with finite b is exac
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError, check_choice, check_cutout, check_number, check_wavelength
 from lfcal.camera import LensletLattice, Microscope
-from lfcal.simulate._pupil import PupilIris, Wavefront, check_wavefront, seidel
-from lfcal.simulate._specimen import Specimen, cone_radius_um
+
+__all__ = [
+    "LAWS",
+    "Crossing",
+    "Defects",
+    "ImageMap",
+    "PupilIris",
+    "Scene",
+    "Specimen",
+    "Wavefront",
+    "check_wavefront",
+    "cone_radius_um",
+    "pixel_response",
+    "ray_heights",
+    "seidel",
+]
+
+Wavefront = tuple[tuple[int, int, float], ...]
+"""Zernike terms ``(n, m, waves)``."""
+
+
+@dataclass(frozen=True, slots=True)
+class PupilIris:
+    """The main lens's iris, in units of the radius of the disc f/(2 N): its area is that disc's, pi.
+
+    Attributes
+    ----------
+    blades
+        Number of blades; 0 is a circle.
+    curvature
+        Apothem over blade radius: 0 straight edges, 1 a circle.
+    rotation_rad
+        Angle of the first vertex from +x towards +y.
+    stop
+        A second, circular stop ``(x, y, radius)`` that cuts the pupil seen from off axis (mechanical
+        vignetting), or None. It takes light away: what is left has less than the unit energy.
+    """
+
+    blades: int = 0
+    curvature: float = 0.0
+    rotation_rad: float = 0.0
+    stop: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_number("iris blades", self.blades, at_least=0, at_most=64, integer=True)
+        if self.blades in (1, 2):
+            check_number("iris blades", self.blades, at_least=3, remedy="use 0 for a circular iris")
+        check_number("blade curvature", self.curvature, at_least=0, at_most=1)
+        check_number("blade rotation (rad)", self.rotation_rad)
+        if self.stop is not None:
+            object.__setattr__(self, "stop", tuple(float(v) for v in self.stop))
+            if len(self.stop) != 3:
+                raise InputError.expected("second stop", "(x, y, radius)", self.stop, "give three numbers")
+            for value in self.stop:
+                check_number("second stop (pupil radii)", value)
+            check_number("second stop's radius (pupil radii)", self.stop[2], above=0)
+
+    @property
+    def circular(self) -> bool:
+        """Whether the iris is a plain circle."""
+        return (self.blades == 0 or self.curvature == 1) and self.stop is None
+
+
+MAX_ORDER = 40
+"""Largest order n of a Zernike term: beyond, its polynomial's coefficients cancel to rounding."""
+
+
+def check_wavefront(terms: Iterable[tuple[int, int, float]]) -> None:
+    """Raise `InputError` unless every term ``(n, m, waves)`` is a finite share of a Zernike polynomial."""
+    for n, m, waves in terms:
+        check_number("wavefront coefficient (waves)", waves)
+        check_number("order of a Zernike term", n, at_least=0, at_most=MAX_ORDER)
+        # Zernike radial polynomials exist for these indices only
+        if n != int(n) or m != int(m) or n < 0 or abs(m) > n or (n - abs(m)) % 2:
+            raise InputError.expected(
+                "Zernike term", "n >= |m| >= 0 with n - |m| even", f"n={n:g}, m={m:g}", "correct it"
+            )
+
+
+def seidel(*, spherical: float = 0.0, coma: float = 0.0, angle_rad: float = 0.0) -> Wavefront:
+    """Return the Zernike terms of Seidel W040 rho^4 + W131 rho^3 cos(theta - angle), coefficients in waves.
+
+    rho^4 = (R40 + 3 R20 + 2 R00) / 6 and rho^3 = (R31 + 2 R11) / 3.
+    """
+    # Zernike terms are 1 at the rim (not orthonormal); piston and defocus of the expansion stay in, so that the
+    # wavefront is the Seidel one exactly
+    terms: list[tuple[int, int, float]] = []
+    if spherical:
+        terms += [(4, 0, spherical / 6), (2, 0, spherical / 2), (0, 0, spherical / 3)]
+    if coma:
+        for m, part in ((1, math.cos(angle_rad)), (-1, math.sin(angle_rad))):
+            terms += [(3, m, coma * part / 3), (1, m, coma * part * 2 / 3)]
+    return tuple(terms)
+
+
+def pixel_response(power: float, sine_y: ArrayLike, sine_x: ArrayLike) -> NDArray[np.float64]:
+    """Return cos^power of the angle of rays with these sines; 0 where there is no such ray."""
+    square = np.square(sine_y) + np.square(sine_x)
+    response: NDArray[np.float64] = np.clip(1.0 - square, 0.0, None) ** (power / 2)
+    return response
+
+
+F8 = NDArray[np.float64]
+C16 = NDArray[np.complex128]
+
+STEEPEST = 0.99
+"""Sine in the specimen up to which rays are followed: beyond it tangents run away with little light."""
+EDGE_RAYS = 64
+"""Rays over the pupil among which the outermost on the array is looked for."""
+
+
+class Crossing(NamedTuple):
+    """What an interface does to plane waves by their angles; arrays of one shape.
+
+    Attributes
+    ----------
+    axial
+        n2 cos t2 in the specimen, positive imaginary beyond total reflection.
+    s, p
+        Fresnel's coefficients of waves polarised along the interface and across it.
+    """
+
+    axial: C16
+    s: C16
+    p: C16
+
+
+@dataclass(frozen=True, slots=True)
+class Specimen:
+    """What the light crosses on its way from a microscope's source to the immersion medium.
+
+    Attributes
+    ----------
+    index
+        Refractive index of the specimen.
+    depth_um
+        Depth of the nominal focal plane below the interface: a source at z lies ``depth_um + z`` deep, and one that
+        lies before the interface in the immersion medium.
+    """
+
+    index: float
+    depth_um: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_number("index of the specimen", self.index, at_least=1, at_most=4)
+        check_number("depth of the focal plane below the interface (µm)", self.depth_um, at_least=0)
+
+    def source_um(self, z_um: float) -> float:
+        """Return the depth of a source below the interface; negative before it."""
+        return self.depth_um + z_um
+
+    def focus_um(self, z_um: float, medium_index: float) -> float:
+        """Return where a source at ``z_um`` seems to lie by paraxial rays, as seen in the immersion medium."""
+        deep = self.source_um(z_um)
+        return z_um if deep < 0 else medium_index * deep / self.index - self.depth_um
+
+    def crossing(self, medium_index: float, theta: F8) -> Crossing:
+        """Return what the interface does to waves at angles ``theta`` in the medium, per solid angle of the medium.
+
+        With n2 sin t2 = n1 sin t: s = 2 n1 cos t / (n1 cos t + n2 cos t2), p = 2 n1 cos t / (n2 cos t + n1 cos t2).
+        They are the coefficients of a wave on its way in: those of the way out times n1 cos t / (n2 cos t2), which
+        turns plane waves of the specimen into amplitudes per solid angle of the medium (reciprocity).
+        """
+        n1, n2 = medium_index, self.index
+        across, first = n1 * np.sin(theta), n1 * np.cos(theta)
+        axial: C16 = np.sqrt(((n2 - across) * (n2 + across)).astype(np.complex128))
+        return Crossing(axial, 2 * first / (first + axial), 2 * first / (n2 * np.cos(theta) + n1 * axial / n2))
+
+
+def ray_heights(optics: Microscope, z_um: float, specimen: Specimen | None, theta: F8) -> F8:
+    """Return where rays of a source at ``z_um`` meet the array, by their angle in the medium (µm, signed by side).
+
+    M z tan t, or M (d tan t2 - D tan t) behind an interface; NaN for those that total reflection keeps.
+    """
+    if specimen is None or specimen.source_um(z_um) < 0:
+        return optics.magnification * z_um * np.tan(theta)
+    across = optics.medium_index / specimen.index * np.sin(theta)
+    within = np.where(across < STEEPEST, across, np.nan)
+    slope = within / np.sqrt(1 - within * within)
+    heights: F8 = optics.magnification * (specimen.source_um(z_um) * slope - specimen.depth_um * np.tan(theta))
+    return heights
+
+
+def cone_radius_um(optics: Microscope, z_um: float, specimen: Specimen | None) -> float:
+    """Return the radius of the disc that the rays of a source at ``z_um`` light on the array (µm)."""
+    if specimen is None:
+        return optics.magnification * abs(z_um) * math.tan(optics.half_angle_rad)
+    theta = optics.half_angle_rad * np.arange(1, EDGE_RAYS + 1) / EDGE_RAYS
+    return float(np.nanmax(np.abs(ray_heights(optics, z_um, specimen, theta))))
+
 
 TOUCHING = 1.001
 """Clear diameter over the cell's width up to which a lenslet is a disc: 1e-4 of its light lies outside."""
@@ -31,7 +223,6 @@ TOUCHING = 1.001
 LAWS = (-0.5, 1.5)
 """Least and largest lens law: 0 is the sine condition, 1 the tangent law."""
 
-__all__ = ["LAWS", "Defects", "ImageMap", "PupilIris", "Scene", "Wavefront", "seidel"]
 
 Defects = tuple[tuple[int, int, float], ...]
 """Lenslets that pass less light: row and column of the lattice, and the share of light that passes."""

@@ -22,9 +22,6 @@ from lfcal.simulate.engines import (
     _nodes as nodes,
 )
 from lfcal.simulate.engines import (
-    _objective as objective,
-)
-from lfcal.simulate.engines import (
     _polygon as polygon,
 )
 from lfcal.simulate.engines import (
@@ -173,15 +170,13 @@ MUTANTS = (
     Mutant(
         "NA within 1e-6 of the index",
         "nodes are spread evenly in the angle",
-        rewritten(
-            objective, "_sections", ("critical * (1 - s * s), 2 * critical * w * s", "critical * s, critical * w")
-        ),
+        rewritten(debye, "_sections", ("critical * (1 - s * s), 2 * critical * w * s", "critical * s, critical * w")),
     ),
     Mutant(
         "Specimen's index below the NA",
         "one section over the branch point",
         rewritten(
-            objective,
+            debye,
             "_sections",
             ("critical = min(alpha, math.asin(specimen.index / optics.medium_index))", "critical = alpha"),
         ),

@@ -6,10 +6,9 @@ import mpmath as mp
 import numpy as np
 
 from lfcal.camera import Microscope
-from lfcal.simulate._specimen import Specimen
-from lfcal.simulate.engines._debye import debye_field, debye_nodes
-from lfcal.simulate.engines._objective import pupil_phase
+from lfcal.simulate.engines._debye import debye_field, debye_nodes, pupil_phase
 from lfcal.simulate.engines._radial import bessel
+from lfcal.simulate.scene import Specimen
 from tests.hard_cases.record import hard_case, worst
 from tests.simulate.scenes import microscope_scene
 

@@ -10,12 +10,12 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
-from lfcal.simulate._pupil import pixel_response
 from lfcal.simulate._symmetry import is_mirror_symmetric
 from lfcal.simulate.effects import AngularResponse
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.microscope import DebyePlane, debye_plane
+from lfcal.simulate.scene import pixel_response
 from lfcal.simulate.staging import outlook_of
 from tests.simulate.common import small_camera, small_plan, switched
 from tests.simulate.scenes import camera_scene, microscope_scene, relative_error

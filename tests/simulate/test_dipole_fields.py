@@ -16,13 +16,12 @@ import pytest
 from lfcal.camera import ScanPlan, preset
 from lfcal.fit.model import Fineness, PlaneModel
 from lfcal.fit.setup import Setup
-from lfcal.simulate._camera_scene import scene_of
-from lfcal.simulate._specimen import Specimen
 from lfcal.simulate.effects import LensletDiffraction, LensTypeDefocus, VectorialPupil
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.response import PlaneResponse
-from lfcal.simulate.scene import Scene, seidel
+from lfcal.simulate.scene import Scene, Specimen, seidel
+from lfcal.simulate.staging import scene_of
 from tests.simulate.microscope_oracle import DipoleFields, DipoleFineness
 from tests.simulate.scenes import relative_error
 

@@ -15,8 +15,7 @@ from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import inspect as inspect_matrix
 from lfcal.psf.quality._lattice import wave_vectors
 from lfcal.reconstruct.resample import lattice_anchor_of
-from lfcal.simulate._camera_scene import scene_of
-from lfcal.simulate.staging import ideal_scene, outlook_of
+from lfcal.simulate.staging import ideal_scene, outlook_of, scene_of
 
 DEPTH = 3.0
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from lfcal.camera import preset
-from lfcal.simulate._camera_scene import scene_of
 from lfcal.simulate.engines._geometric import GeometricPlane
 from lfcal.simulate.engines._polygon import half_planes, iris_outline
 from lfcal.simulate.scene import PupilIris, Scene
+from lfcal.simulate.staging import scene_of
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, moments, relative_error
 
 

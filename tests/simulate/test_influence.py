@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from lfcal.camera import ScanPlan, preset
-from lfcal.simulate.accuracy._influence import Influence
+from lfcal.simulate.accuracy._estimates import Influence
 from lfcal.simulate.effects import ArrayTilt, Bandwidth, Effect, LensletSpherical
 from tests.simulate.common import BASE, small_camera
 

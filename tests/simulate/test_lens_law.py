@@ -11,9 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from lfcal.camera import preset
-from lfcal.simulate._camera_scene import scene_of
 from lfcal.simulate.engines.field import choose_mode, field_table
 from lfcal.simulate.scene import Scene
+from lfcal.simulate.staging import scene_of
 
 FAR_UM = 2e8  # of the lens from the array: angles at the image are those of a telecentric cone
 NODES, ANGLES = 90, 400

@@ -12,8 +12,7 @@ import pytest
 from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
 from lfcal.simulate.accuracy import _estimates as estimates
-from lfcal.simulate.accuracy._estimates import estimates_of
-from lfcal.simulate.accuracy._influence import Influence
+from lfcal.simulate.accuracy._estimates import Influence, estimates_of
 from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.effects import (
     Bandwidth,

@@ -14,10 +14,10 @@ import pytest
 
 from lfcal.base.threads import one_blas_thread
 from lfcal.camera import LensletLattice, LensType, preset
-from lfcal.simulate._camera_scene import scene_of
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.reference import ReferencePlane
 from lfcal.simulate.scene import Scene
+from lfcal.simulate.staging import scene_of
 from tests.simulate.brute_force import Fineness, brute_force, lenslets
 from tests.simulate.scenes import PIXEL, camera_scene, relative_error
 

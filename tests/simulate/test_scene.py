@@ -10,9 +10,9 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.camera import PRESETS, preset
-from lfcal.simulate._camera_scene import scene_of
 from lfcal.simulate.engines.zernike import zernike_radial
 from lfcal.simulate.scene import PupilIris, Scene, seidel
+from lfcal.simulate.staging import scene_of
 from tests.simulate.scenes import camera_scene
 
 

@@ -11,18 +11,24 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.camera import LensletLattice, LensType, Microscope
-from lfcal.simulate._specimen import Specimen
-from lfcal.simulate.engines import _objective as objective
+from lfcal.simulate.engines import _debye as debye
 from lfcal.simulate.engines import microscope
-from lfcal.simulate.engines._debye import SCALAR, debye_field, debye_fields, debye_nodes, radial_field
+from lfcal.simulate.engines._debye import (
+    SCALAR,
+    debye_field,
+    debye_fields,
+    debye_nodes,
+    field_shares,
+    pupil_phase,
+    radial_field,
+)
 from lfcal.simulate.engines._fields_sum import FieldsSum
-from lfcal.simulate.engines._objective import field_shares, pupil_phase
 from lfcal.simulate.engines._radial import bessel
 from lfcal.simulate.engines._wave import WavePlane
 from lfcal.simulate.engines.base import PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.microscope import DebyePlane
-from lfcal.simulate.scene import Scene
+from lfcal.simulate.scene import Scene, Specimen
 from tests.simulate.dipole_oracle import dipole_light, dipole_pupil
 from tests.simulate.microscope_oracle import DipoleFields
 from tests.simulate.scenes import microscope_scene, relative_error
@@ -240,7 +246,7 @@ def test_what_is_not_asked_for_costs_nothing(monkeypatch):
 
     counted(microscope, "node_light")
     counted(microscope, "radial_field")
-    counted(objective, "pupil_phase")
+    counted(debye, "pupil_phase")
     monkeypatch.setattr(Specimen, "crossing", lambda *given: calls.append("crossing"))
     scene = replace(scene_of(2.0, 0.8, 1.0), vectorial=False)
     engine = DebyePlane(scene)

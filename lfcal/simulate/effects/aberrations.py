@@ -10,10 +10,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from lfcal.simulate._pupil import Wavefront, check_wavefront, seidel
 from lfcal.simulate.effects.base import EngineSeconds, Estimate, SceneEffect
 from lfcal.simulate.effects.outlook import Outlook
-from lfcal.simulate.scene import Scene
+from lfcal.simulate.scene import Scene, Wavefront, check_wavefront, seidel
 
 __all__ = ["Coma", "FieldAberrations", "Spherical", "Zernike"]
 

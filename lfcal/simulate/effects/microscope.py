@@ -10,10 +10,9 @@ from typing import ClassVar
 import numpy as np
 
 from lfcal.camera import Microscope
-from lfcal.simulate._specimen import Specimen, ray_heights
 from lfcal.simulate.effects.base import EngineSeconds, Estimate, SceneEffect
 from lfcal.simulate.effects.outlook import Outlook
-from lfcal.simulate.scene import Scene
+from lfcal.simulate.scene import Scene, Specimen, ray_heights
 
 __all__ = ["IndexMismatch", "VectorialPupil"]
 

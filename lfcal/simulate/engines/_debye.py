@@ -9,8 +9,21 @@ z > 0 is away from the objective, where the image lies before the array. Energy 
 2 pi (M/k)^2 (1 - cos alpha), so the field is normalised without looking at its peak, which may be a null.
 
 The dipoles of a vectorial scene make five fields, K_m(r) times cosine or sine of m phi, whose intensities add: K_m has
-J_m for J0 and the amplitude a_m of `lfcal.simulate.engines._objective` in its integrand, where phases and amplitudes
-behind an interface come from too. Factors i^m, the same all over a field, are left out.
+J_m for J0 and the amplitude a_m in its integrand. Factors i^m, the same all over a field, are left out.
+
+A dipole along x sends, per solid angle, cos(t) cos(phi) along theta and -sin(phi) along phi. The objective turns theta
+into the radial direction, and the tube lens is so slow that fields stay transverse. Averaged over dipoles along x, y
+and z (Richards and Wolf 1959; Novotny and Hecht, Principles of Nano-Optics, 3.6 and 4.1), five fields in all add their
+intensities: of order m = 0, and of m = 1 and 2 by cosine and sine of m phi, with
+
+    a0 = (1 + cos t)/2,    a2 = (1 - cos t)/2,    a1 = sin t / sqrt(2),    a0² + a1² + a2² = 1,
+
+so that the pupil is as bright as that of a scalar point, whose one field has a0 = 1.
+
+Behind a plane interface, n2 sin t2 = n1 sin t, each plane wave arrives with Fresnel's coefficients (Török et al. 1995;
+`Specimen.crossing`), a scalar one with that of waves polarised along the interface, and with the phase k (d n2 cos t2 -
+D n1 cos t), d and D the depths of source and focal plane (Gibson and Lanni 1991). Beyond total reflection cos t2 is
+imaginary: what a source so near the interface still sends there is attenuated by exp(-k d n2 |cos t2|).
 """
 
 from __future__ import annotations
@@ -22,11 +35,172 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import InputError
-from lfcal.simulate.engines._objective import field_shares, objective_of, pupil_light, pupil_nodes
-from lfcal.simulate.engines._radial import Radial, hankel_sum, parity_spline
-from lfcal.simulate.scene import Scene
+from lfcal.camera import Microscope
+from lfcal.simulate.engines._quadrature import gauss_legendre
+from lfcal.simulate.engines._radial import SPARE_NODES, Radial, hankel_sum, parity_spline
+from lfcal.simulate.engines.zernike import zernike_radial
+from lfcal.simulate.scene import Scene, Specimen
 
-__all__ = ["DIPOLE_FIELDS", "SCALAR", "DebyeField", "debye_field", "debye_fields", "debye_nodes", "radial_field"]
+__all__ = [
+    "DIPOLE_FIELDS",
+    "SCALAR",
+    "DebyeField",
+    "PupilLight",
+    "debye_field",
+    "debye_fields",
+    "debye_nodes",
+    "field_shares",
+    "objective_of",
+    "pupil_light",
+    "pupil_nodes",
+    "pupil_phase",
+    "radial_field",
+]
+
+PHASE_SAMPLES = 512
+"""Samples of the phase over the pupil from which its whole variation is taken."""
+SHARE_NODES = 96
+"""Nodes for the share of light in each field, which varies slowly over the pupil."""
+
+F8 = NDArray[np.float64]
+C16 = NDArray[np.complex128]
+
+
+class PupilLight(NamedTuple):
+    """A quadrature rule over the pupil with the light in it; unit energy over all fields.
+
+    The field of order m on the array is sum_t light[m, t] J_m(k sine[t] r / M).
+    """
+
+    sine: F8  # (n,) of the angle in the immersion medium
+    light: C16  # (orders, n): one for a scalar point, else orders 0, 1 and 2
+
+
+def objective_of(scene: Scene) -> Microscope:
+    """Return the scene's microscope; raise `InputError` for a main lens."""
+    if scene.objective is None:
+        raise InputError.expected("Debye field", "a microscope", "a main lens", "use level 'wave'")
+    return scene.objective
+
+
+def _crossed(scene: Scene) -> Specimen | None:
+    """Return the specimen where light crosses its interface on the way to the objective."""
+    specimen, medium = scene.specimen, objective_of(scene).medium_index
+    if specimen is None or specimen.index == medium or specimen.source_um(scene.z_um) < 0:
+        return None
+    return specimen
+
+
+def _sections(scene: Scene, count: int) -> tuple[F8, F8]:
+    """Return angles ``(n,)`` in the immersion medium and weights dt, ``count`` nodes to a section of the pupil.
+
+    Square roots of cosines have branch points at 90 degrees and where total reflection begins: t = end (1 - s^2), and
+    s^2 (3 - 2 s) between two such ends, make them smooth.
+    """
+    optics, specimen = objective_of(scene), _crossed(scene)
+    alpha = optics.half_angle_rad
+    s, w = gauss_legendre(count, 0.0, 1.0)
+    critical = alpha
+    if specimen is not None and specimen.index < optics.numerical_aperture:
+        critical = min(alpha, math.asin(specimen.index / optics.medium_index))
+    inner = critical * (1 - s * s), 2 * critical * w * s
+    if critical == alpha:
+        return inner
+    rest = alpha - critical
+    outer = critical + rest * s * s * (3 - 2 * s), 6 * rest * w * s * (1 - s)
+    return np.concatenate([inner[0], outer[0]]), np.concatenate([inner[1], outer[1]])
+
+
+def pupil_phase(scene: Scene, theta: F8) -> C16:
+    """Return the phase at ``theta``, 0 on the axis; its imaginary part attenuates.
+
+    d n2 cos t2 - D n1 cos t less its value on the axis is z n2 (cos t2 - 1) + D (n2 cos t2 - n1 cos t - n2 + n1), and
+    with q = n1 sin t the bracket is q^2 (n2 - n1) (1 + (n2 + n1)/(n2 cos t2 + n1 cos t)) / ((n1 + n1 cos t)(n2 + n2
+    cos t2)): nothing cancels.
+    """
+    optics, specimen, n1 = objective_of(scene), _crossed(scene), objective_of(scene).medium_index
+    k = 2 * math.pi / scene.wavelength_um
+    if specimen is None:
+        phase = (-2 * k * n1 * scene.z_um * np.sin(theta / 2) ** 2).astype(np.complex128)
+    else:
+        n2, q, first = specimen.index, n1 * np.sin(theta), n1 * np.cos(theta)
+        second = specimen.crossing(n1, theta).axial
+        fall = q * q / (n2 + second)  # n2 (1 - cos t2)
+        apart = (n2 - n1) * (1 + (n2 + n1) / (second + first)) / (n1 + first)
+        phase = k * fall * (specimen.depth_um * apart - scene.z_um)
+    rho = np.sin(theta) / math.sin(optics.half_angle_rad)
+    for n, _, waves in scene.wavefront:
+        phase = phase + 2 * np.pi * waves * zernike_radial(n, 0, rho)
+    return phase
+
+
+def _amplitudes(scene: Scene, theta: F8) -> C16:
+    """Return the amplitudes ``(orders, n)`` of the fields that `PupilLight` names, before the apodisation."""
+    specimen, n1 = _crossed(scene), objective_of(scene).medium_index
+    half, sine = np.sin(theta / 2) ** 2, np.sin(theta)
+    if specimen is None:
+        fields = np.stack([1 - half, sine / math.sqrt(2), half]) if scene.vectorial else np.ones((1, theta.size))
+        return fields.astype(np.complex128)
+    n2 = specimen.index
+    second, s, p = specimen.crossing(n1, theta)
+    if not scene.vectorial:
+        return s[None, :]
+    # s - p cos t2 over one denominator, where what cancels for equal indices is gone
+    differ = n1 * (n1 / n2 * (2 - 2 * half) + second / n2) - n2
+    apart = 2 * half * s * differ / (n2 * np.cos(theta) + n1 * second / n2)
+    return np.stack([s - apart / 2, p * n1 / n2 * sine / math.sqrt(2), apart / 2])
+
+
+def pupil_nodes(scene: Scene, r_um: float) -> int:
+    """Return how many nodes to a section of the pupil the integral needs out to ``r_um`` on the array.
+
+    Half the phase's variation plus half the Bessel function's largest argument, plus 30: fewer nodes do not lose a
+    digit, they lose everything (errors of 50-2000 %).
+    """
+    optics = objective_of(scene)
+    k, alpha = 2 * math.pi * optics.medium_index / scene.wavelength_um, optics.half_angle_rad
+    if _crossed(scene) is None:
+        phase = 2 * k * abs(scene.z_um) * math.sin(alpha / 2) ** 2
+        phase += sum(2 * math.pi * abs(w) * (n + 1) for n, _, w in scene.wavefront)
+    else:
+        steps = np.diff(pupil_phase(scene, np.sort(_sections(scene, PHASE_SAMPLES)[0])).real)
+        phase = float(np.abs(steps).sum())
+    return int((phase + k * math.sin(alpha) * r_um / optics.magnification) / 2) + SPARE_NODES
+
+
+def pupil_light(scene: Scene, nodes: int) -> PupilLight:
+    """Return the light in the pupil, ``nodes`` nodes to a section of it.
+
+    Raises
+    ------
+    InputError
+        For a main lens, or a wavefront that is not rotationally symmetric.
+    """
+    optics = objective_of(scene)
+    if any(m for _, m, _ in scene.wavefront):
+        raise InputError.expected(
+            "microscope's wavefront", "rotationally symmetric terms (m = 0)", scene.wavefront, "leave the others out"
+        )
+    theta, weight = _sections(scene, nodes)
+    sine, turn = np.sin(theta), np.exp(1j * pupil_phase(scene, theta))
+    fields = _amplitudes(scene, theta) * turn
+    k, alpha = 2 * math.pi * optics.medium_index / scene.wavelength_um, optics.half_angle_rad
+    passed = 2 * math.sin(alpha / 2) ** 2  # integral of sin t over the pupil
+    if _crossed(scene) is not None:
+        passed = float(weight * sine @ (np.abs(fields) ** 2).sum(0))
+    level = math.sqrt(2 * math.pi * passed) * optics.magnification / k
+    return PupilLight(sine, fields * (weight * np.sqrt(np.cos(theta)) * sine / level))
+
+
+def field_shares(scene: Scene) -> tuple[float, ...]:
+    """Return the share of the light in the fields of each order; they sum to 1."""
+    theta, weight = _sections(scene, SHARE_NODES)
+    fields = _amplitudes(scene, theta) * np.exp(-np.maximum(pupil_phase(scene, theta).imag, 0))
+    energy = (np.abs(fields) ** 2) @ (weight * np.sin(theta))
+    return tuple(float(e) for e in energy / energy.sum())
+
+
+# -- fields on the array --------------------------------------------------------------------------------
 
 FAINT = 1e-7
 """Share of the light below which a field is lost in the rounding of single precision."""

@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import for_each_chunk
-from lfcal.simulate._pupil import pixel_response
 from lfcal.simulate.engines._polygon import Points, half_planes, iris_outline, regular
 from lfcal.simulate.engines._spots import LitLenslets, Shapes, SpotDrawing, draw_spots
 from lfcal.simulate.engines.base import Certificate, Ledger, Pilot
 from lfcal.simulate.engines.tables import aperture_outline
-from lfcal.simulate.scene import Scene
+from lfcal.simulate.scene import Scene, pixel_response
 
 __all__ = ["GeometricPlane"]
 

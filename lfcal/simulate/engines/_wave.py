@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import for_each_chunk, leave_if_unwanted
-from lfcal.simulate._pupil import pixel_response
 from lfcal.simulate._symmetry import mirrored_rows
 from lfcal.simulate.engines._kernels import LightTarget, Optics, respond
 from lfcal.simulate.engines._lenslets import SPOT, LensletLight, LensletWindow, select, square_fields
@@ -30,7 +29,7 @@ from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot,
 from lfcal.simulate.engines.extent import SWITCH
 from lfcal.simulate.engines.field import choose_mode
 from lfcal.simulate.engines.tables import Array, LensTable, PlaneTables, bent, build_tables, serve, tail_px
-from lfcal.simulate.scene import Scene
+from lfcal.simulate.scene import Scene, pixel_response
 
 __all__ = ["WavePlane"]
 

@@ -15,7 +15,7 @@ from lfcal.simulate.scene import Scene
 
 __all__ = ["LEVELS", "Certificate", "Displaceable", "EnergyError", "PlaneEngine", "Sampling"]
 
-LEVELS = ("geometric", "wave", "grid", "debye", "reference")
+LEVELS: tuple[str, ...] = ("geometric", "wave", "grid", "debye", "reference")
 """Levels of accuracy: G0, W2 lens by lens, W2 on one grid, the microscope's Debye path, W3."""
 
 

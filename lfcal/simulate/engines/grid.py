@@ -20,7 +20,6 @@ import scipy.fft as sf
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError, for_each_chunk, leave_if_unwanted
-from lfcal.simulate._pupil import pixel_response
 from lfcal.simulate._symmetry import mirrored_rows
 from lfcal.simulate.engines._binning import bin_light
 from lfcal.simulate.engines._kernels import LensAperture, Split, mask_from_disc, mask_from_table
@@ -39,7 +38,7 @@ from lfcal.simulate.engines.tables import (
     steepest_sine,
 )
 from lfcal.simulate.engines.tilted import TiltedArray
-from lfcal.simulate.scene import Scene
+from lfcal.simulate.scene import Scene, pixel_response
 
 if TYPE_CHECKING:
     from lfcal.simulate.engines._fused import FusedResponse

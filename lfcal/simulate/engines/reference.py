@@ -12,7 +12,6 @@ import scipy.fft as sf
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError
-from lfcal.simulate._pupil import pixel_response
 from lfcal.simulate.engines._propagator import sensor_propagator
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
 from lfcal.simulate.engines.field import choose_mode, field_table
@@ -24,7 +23,7 @@ from lfcal.simulate.engines.tables import (
     ray_aberration,
 )
 from lfcal.simulate.engines.tilted import TiltedArray
-from lfcal.simulate.scene import Scene
+from lfcal.simulate.scene import Scene, pixel_response
 
 __all__ = ["ReferencePlane", "pixel_bins"]
 

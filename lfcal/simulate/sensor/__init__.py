@@ -1,7 +1,7 @@
 """From light to frames: the simulated sensor.
 
-- ``noise``: photons to sample values; ``white``: the white image; ``windows``: light at its places
-- ``responses``: light of planes and of depths beside them, kept
+- ``noise``: photons to sample values; ``white``: the white image
+- ``responses``: light of planes and of depths near them, cached, and its place on an image
 - ``camera_source``: a simulated session as frames
 - ``session``: such a session written to a folder
 """

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 from lfcal.simulate.sensor.noise import FrameKind, expose, temporal_noise
-from lfcal.simulate.sensor.responses import Responses, Window
+from lfcal.simulate.sensor.responses import Responses, Window, place
 from lfcal.simulate.sensor.session import discard_unfinished, iter_write_session, unfinished, write_session
 from lfcal.simulate.sensor.white import white_tile
-from lfcal.simulate.sensor.windows import place
 
 __all__ = [
     "FrameKind",

@@ -21,9 +21,8 @@ from lfcal.simulate.effects import FiniteSource, FrameEffect, MotionEffect
 from lfcal.simulate.engines import Sampling
 from lfcal.simulate.plane_task import EffectsLike, budgeted, describe, tolerance_for
 from lfcal.simulate.sensor.noise import FrameKind, expose, random_numbers, sample_type, temporal_noise
-from lfcal.simulate.sensor.responses import Responses
+from lfcal.simulate.sensor.responses import Responses, joined, place, sum_of
 from lfcal.simulate.sensor.white import white_light, white_tile
-from lfcal.simulate.sensor.windows import joined, place, sum_of
 
 __all__ = ["SOURCE", "SimulatedCamera"]
 

@@ -1,4 +1,4 @@
-"""Responses of a plan's planes on the sensor, and of places in front of and behind them, kept for the next frames."""
+"""Responses of a plan's planes on the sensor and of depths near them, cached, and their place on an image."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base import centre
 from lfcal.camera import ScanPlan, half_extent_px
 from lfcal.simulate.engines import Sampling
 from lfcal.simulate.plane_task import Budget
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.staging import origin_of
 
-__all__ = ["DISPLACED_CACHED", "NEAR_PX", "Responses", "Window"]
+__all__ = ["DISPLACED_CACHED", "NEAR_PX", "Responses", "Window", "joined", "place", "sum_of"]
 
 DISPLACED_CACHED = 8
 """Responses away from the planes in memory."""
@@ -138,3 +139,27 @@ class Responses:
             while len(self._rows) > ROWS_CACHED:
                 self._rows.popitem(last=False)
         return row
+
+
+def joined(windows: list[Window]) -> Window:
+    """Return the sum of windows at their places, on an image that holds them all, with its first row and column."""
+    rows, columns = [row for row, _, _ in windows], [column for _, column, _ in windows]
+    nt, ns = windows[0][2].shape
+    out = np.zeros((max(rows) - min(rows) + nt, max(columns) - min(columns) + ns), np.float32)
+    for row, column, values in windows:
+        place(out, values, row - min(rows) + centre(nt), column - min(columns) + centre(ns))
+    return min(rows) - centre(nt), min(columns) - centre(ns), out
+
+
+def sum_of(windows: list[Window]) -> NDArray[np.float32]:
+    """Return the sum of windows at their places, on an image that holds them all."""
+    return joined(windows)[2]
+
+
+def place(out: NDArray[np.float32], values: NDArray[np.float32], row: int, column: int) -> None:
+    """Add a window centred on ``(row, column)``; what lies beyond the sensor is lost."""
+    top, left = row - centre(values.shape[0]), column - centre(values.shape[1])
+    r0, c0 = max(0, top), max(0, left)
+    r1, c1 = min(out.shape[0], top + values.shape[0]), min(out.shape[1], left + values.shape[1])
+    if r0 < r1 and c0 < c1:
+        out[r0:r1, c0:c1] += values[r0 - top : r1 - top, c0 - left : c1 - left]

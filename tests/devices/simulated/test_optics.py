@@ -9,7 +9,7 @@ from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Roi
 from lfcal.devices.simulated._optics import FramesRenderer
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
-from lfcal.simulate.sensor.windows import place
+from lfcal.simulate.sensor.responses import place
 from tests.simulate.common import BASE, FAST, difference, small_plan
 
 
