@@ -52,7 +52,7 @@ from lfcal.fit import (
     iter_retrieved,
     iter_summarised,
     iter_write_model,
-    own_steps,
+    nuisance_steps,
     predict,
     problem_of,
     write_found,
@@ -434,7 +434,7 @@ def _placed(
     point = problem.point(begin, Local(still, BESIDE_PX, BRIGHTNESS), Fineness.coarse)
     which = problem.vector.of_groups(core).tolist()
     point, columns = yield from descend(problem, point, which, "places of the points", most=ROUNDS, enough=5e-3)
-    point = own_steps(problem, point, columns, np.ones(count, np.bool_))
+    point = nuisance_steps(problem, point, columns, np.ones(count, np.bool_))
     old: Measured = problem.measured
     lamps = point.levels.lamps[:, None, None].astype(np.float32)
     measured = replace(
@@ -481,7 +481,7 @@ def _with_own_as_found(finished: Finished, own: OwnOptics) -> Work[Finished]:
     known = columns if columns.shared[which].any((1, 2)).all() else None
     point, found = yield from descend(problem, point, which, "settled", most=2, columns=known, enough=1e-4)
     columns = found.beside(columns, which)
-    return problem, own_steps(problem, point, columns, problem.measured.left_out), groups, columns, outliers
+    return problem, nuisance_steps(problem, point, columns, problem.measured.left_out), groups, columns, outliers
 
 
 def point_outputs(folder: Path) -> list[Path]:

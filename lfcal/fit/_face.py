@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from lfcal.fit.convergence import FitProgress
 from lfcal.fit.field import fit_field
-from lfcal.fit.fit import fit_camera, iter_fit_camera
+from lfcal.fit.fit import FitProgress, fit_camera, iter_fit_camera
 from lfcal.fit.holds import Check, check
 from lfcal.fit.locate import NewFrame
 from lfcal.fit.measured import Measured, measured_of

@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
-from lfcal.fit._lacking import lacking
 from lfcal.fit._trend import Trend, draw_trend, trend
 from lfcal.fit.compared import Compared
 from lfcal.fit.dated import fits_in, read_dated
-from lfcal.fit.design import PositionDesign, iter_next_positions
-from lfcal.fit.design_drawing import draw_design
+from lfcal.fit.design import PositionDesign, draw_design, iter_next_positions
 from lfcal.fit.drawing import leftover_of
 from lfcal.fit.earlier import Earlier, read_earlier
 from lfcal.fit.expected import Behind, behind, plan_of
-from lfcal.fit.field import FieldFit, iter_fit_field
+from lfcal.fit.field import FieldFit, FieldRegion, Regional, iter_fit_field
 from lfcal.fit.field_files import field_dict, field_outputs, iter_write_field
 from lfcal.fit.field_report import wavefront_table
-from lfcal.fit.files import fit_dict, iter_write_model, json_text, measured_camera, write_text
+from lfcal.fit.files import (
+    CAMERA,
+    EFFECTS,
+    MODEL,
+    NUMBERS,
+    REPORT,
+    fit_dict,
+    fit_outputs,
+    iter_write_fit,
+    iter_write_model,
+    json_text,
+    measured_camera,
+    write_found,
+    write_text,
+)
 from lfcal.fit.fit import Finished, check_stage, groups_of, iter_retrieved, iter_summarised, problem_of
 from lfcal.fit.holds import iter_check
 from lfcal.fit.hybrid import HybridSummary
@@ -23,10 +35,10 @@ from lfcal.fit.judge import ModelError, chi_square, covariance
 from lfcal.fit.measured import LEFT_OUT, QUICK_PATTERN, check_optics, of_quick_pattern
 from lfcal.fit.model import Fineness, PlaneModel, predict
 from lfcal.fit.normal import Columns, Local
-from lfcal.fit.nuisance import Spread, own_steps
+from lfcal.fit.nuisance import Spread, nuisance_steps
+from lfcal.fit.parameters import lacking
 from lfcal.fit.problem import ERRORS, Problem
 from lfcal.fit.questions import check_described, check_light
-from lfcal.fit.regional import FieldRegion, Regional
 from lfcal.fit.report import add_picture, iter_fit_report
 from lfcal.fit.select import GroupSelection, gain_of
 from lfcal.fit.setup import RegionPlace, called_for, with_given
@@ -34,7 +46,6 @@ from lfcal.fit.solver import descend
 from lfcal.fit.spread import spread_out
 from lfcal.fit.stored import Filler, read_fit
 from lfcal.fit.validate import PointError, Validation, draw_validation, iter_validate, predicted_frame
-from lfcal.fit.writing import CAMERA, EFFECTS, MODEL, NUMBERS, REPORT, fit_outputs, iter_write_fit, write_found
 
 __all__ = [
     "CAMERA",
@@ -102,8 +113,8 @@ __all__ = [
     "lacking",
     "leftover_of",
     "measured_camera",
+    "nuisance_steps",
     "of_quick_pattern",
-    "own_steps",
     "plan_of",
     "predict",
     "predicted_frame",

@@ -1,32 +1,231 @@
-"""A fit in numbers: values with their standard deviations, correlations, what the scan does not tell."""
+"""A fit in numbers: values, standard deviations, correlations, and what the scan does not distinguish.
+
+A parameter that was not fitted and another that was may have the same effect on the patterns: they are degenerate.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.fit._stand_ins import StandIns, standing_in
+from lfcal.base import InputError, Work
 from lfcal.fit._weighing import PatternLevels
-from lfcal.fit.judge import chi_square, covariance, left_out_error
+from lfcal.fit.judge import chi_square, covariance, eliminated, left_out_error
 from lfcal.fit.normal import Columns
 from lfcal.fit.nuisance import Spread
-from lfcal.fit.parameters import GROUPS, Unknown
+from lfcal.fit.parameters import GROUPS, Unknown, Vector
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.questions import order_of_types
 from lfcal.fit.result import Fit, InRegion, Outlier, Parameter
+from lfcal.fit.solver import with_prior
+from lfcal.fit.spread import spread_out
+from lfcal.simulate.engines import EnergyError
 
-__all__ = ["summarised", "unidentified"]
+__all__ = [
+    "Degeneracies",
+    "degeneracies",
+    "degeneracies_of",
+    "iter_degeneracies",
+    "summarised",
+    "unidentified",
+]
 
+# -- degeneracies of fitted and fixed unknowns -------------------------------------------------------------------------
 F8 = NDArray[np.float64]
 
-VAGUE = 1.0
+WIDER, WIDER_UNASKED = 8.0, 3.0
+"""How many times larger the standard deviation of what was found would be, for it to be named: of what was tried, and
+of what was not asked for."""
+
+WIDENING_COUNTED = 1.2
+"""How many times larger it would be, for what is held to count in it."""
+
+MOST_NAMED = 3
+"""Parameters that are named of what one unknown would change."""
+
+LARGEST_SIGMA = 10.0
+"""Standard deviation, in scales, from which on what is held is not told at all: it is named and no more."""
+
+FEWEST, MOST_SAMPLED = 3, 8
+"""Patterns by which unknowns that nobody asked for are held against those that were found: a quarter of all, within."""
+
+
+@dataclass(frozen=True, eq=False)
+class Degeneracies:
+    """What is held and what of the unknowns that were found it may have moved, in their scales.
+
+    Attributes
+    ----------
+    words
+        Each for people, the worst first.
+    spread
+        Covariance ``(k, k)`` that the errors of what is held add.
+    shift
+        By how much ``(k,)`` the unknowns would move, were it found too: what they may be off by already.
+    counted
+        Numbers of those held that are in both.
+    """
+
+    words: tuple[str, ...]
+    spread: F8
+    shift: F8
+    counted: tuple[int, ...] = ()
+
+    def with_others(self, others: Degeneracies) -> Degeneracies:
+        """Return both as one."""
+        shift = np.hypot(self.shift, others.shift)
+        return Degeneracies((*self.words, *others.words), self.spread + others.spread, shift)
+
+    def variances(self, own: F8, grown: float = 1.0) -> F8:
+        """Return the variances of the unknowns whose ``own`` covariance ``(k, k)`` is that with all else held.
+
+        Of an unknown h that is held at 0 and told as d ± s, the mean square is d² + s². Noise is ``grown`` times as
+        large as stated.
+        """
+        found: F8 = np.maximum(grown**2 * np.diag(own + self.spread) + np.square(self.shift), 0.0)
+        return found
+
+
+def degeneracies_of(
+    problem: Problem,
+    point: Point,
+    columns: Columns,
+    which: NDArray[np.intp],
+    times: float = 1.0,
+    named: float = WIDER,
+) -> Degeneracies:
+    """Return what of the unknowns that were tried, but not found, those found at ``which`` stand in for.
+
+    The scan may show that something changed without telling which of them did. ``columns`` has the derivatives by all;
+    each pattern stands for ``times`` as many; ``named`` as of `degeneracies`.
+    """
+    normal = problem.normal(columns, point, problem.fitted)
+    normal = replace(normal, matrix=times * normal.matrix, gradient=times * normal.gradient)
+    matrix, gradient = with_prior(problem, normal, point.u)
+    k = len(problem.vector)
+    held = np.array([j for j in range(k) if j not in which and normal.matrix[j, j] > 0], np.intp)
+    data = eliminated(matrix, k)
+    slope = gradient[:k] - matrix[:k, k:] @ np.linalg.pinv(matrix[k:, k:], rcond=1e-13) @ gradient[k:]
+    return degeneracies(problem.vector.unknowns, which, held, data, slope, point.u, named=named)
+
+
+def iter_degeneracies(problem: Problem, point: Point, columns: Columns, groups: Sequence[str]) -> Work[Degeneracies]:
+    """Return what of the camera's other unknowns those of ``groups``, that were asked for by name, stand in for.
+
+    A few patterns show which of them matter, and all patterns what these would be. Groups of which each pattern takes
+    many runs are not looked at. Yields progress in derivatives.
+    """
+    others = [group.name for group in GROUPS if not group.late and group.name not in groups]
+    old, few = problem.vector, _sampled(problem)
+    vector = Vector(old.setup, old.frame, [*(group.name for group in old.groups), *others])
+    which, held = old.of_groups(groups), range(len(old), len(vector))
+    try:
+        some = yield from _iter_with(problem, point, columns, vector, few, held)
+        first = degeneracies_of(*some, which, float(problem.fitted.sum() / few.sum()), WIDER_UNASKED)
+        if not first.counted:
+            return first
+        every = yield from _iter_with(problem, point, columns, vector, problem.fitted, first.counted)
+    except (InputError, EnergyError):
+        # a camera that cannot have them all at once has been found all the same
+        return Degeneracies((), np.zeros((len(which), len(which))), np.zeros(len(which)))
+    return replace(degeneracies_of(*every, which), words=first.words)
+
+
+def _iter_with(
+    problem: Problem, point: Point, columns: Columns, vector: Vector, keep: NDArray[np.bool_], held: Sequence[int]
+) -> Work[tuple[Problem, Point, Columns]]:
+    """Return the patterns ``keep`` with the further unknowns ``held`` of ``vector``, which are where they were held."""
+    part = Problem(problem.measured.of(keep), vector, problem.workers)
+    levels = replace(point.levels, lamps=point.levels.lamps[keep])
+    local = replace(point.local, offsets_px=point.local.offsets_px[keep])
+    u = np.concatenate([point.u, np.zeros(len(vector) - len(point.u))])
+    at = Point(u, local, point.model[keep], levels, point.seen.of(keep), point.sampling, point.doubtful)
+    shared = (yield from part.columns(at, held, "what else may have changed", own=False)).shared
+    shared[: len(point.u)] = columns.shared[:, keep]
+    return part, at, Columns(shared, None if columns.own is None else columns.own[:, keep])
+
+
+def _sampled(problem: Problem) -> NDArray[np.bool_]:
+    """Return some of the fitted patterns: of each region a quarter, three at least, eight at most of all."""
+    measured, keep = problem.measured, np.zeros(len(problem.measured), np.bool_)
+    parts = [(plan, own[problem.fitted[own]]) for plan, own, _ in measured.parts()]
+    for plan, own in parts:
+        few = min(len(own), max(FEWEST, min(MOST_SAMPLED // len(parts), len(own) // 4)))
+        keep[own[spread_out(measured.index[own], few, plan.period)]] = True
+    return keep
+
+
+def degeneracies(
+    unknowns: Sequence[Unknown],
+    which: NDArray[np.intp],
+    held: NDArray[np.intp],
+    data: F8,
+    slope: F8,
+    u: F8,
+    *,
+    named: float = WIDER,
+) -> Degeneracies:
+    """Return which of the unknowns ``held`` stand behind those found at ``which``.
+
+    ``data`` ``(k, k)`` and ``slope`` ``(k,)`` are matrix and gradient of the data and priors in scales, ``u`` where the
+    unknowns are. ``named`` is how many times wider something found would be, for what is fixed to be named. What would
+    make it `WIDENING_COUNTED` times wider counts in its standard deviation, found as small as it may be: what was tried
+    and did not help is known as well as the patterns show it, and no better. What is `assumed` always counts.
+    """
+    assumed = {group.name for group in GROUPS if group.assumed}
+    inner = data[np.ix_(which, which)]
+    size = np.sqrt(np.maximum(np.diag(inner), 1e-300))
+    spread = np.linalg.pinv(inner / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size)
+    sigmas = np.sqrt(np.maximum(np.diag(spread), 1e-300))
+    found: list[tuple[float, str]] = []
+    told: list[int] = []
+    for k in held.tolist():
+        # by how much each parameter moves for a step of it, and how well it is told beside them
+        moves = spread @ data[which, k]
+        left = float(data[k, k] - data[k, which] @ moves)
+        if left <= 1e-9 * data[k, k]:
+            left = 1e-9 * float(data[k, k])
+        wider = np.sqrt(1.0 + np.square(moves / sigmas) / left)
+        if (wider.max() > WIDENING_COUNTED or unknowns[k].group in assumed) and left > LARGEST_SIGMA**-2:
+            told.append(k)
+        order = [int(j) for j in np.argsort(-wider) if wider[j] > named][:MOST_NAMED]
+        if not order:
+            continue
+        parts = []
+        for j in order:
+            one = unknowns[which[j]]
+            now, then = (one.sigma_of(float(u[which[j]]), float(s)) for s in (sigmas[j], sigmas[j] * wider[j]))
+            parts.append(f"{one.name} (± {now:.2g} would be ± {then:.2g} {one.unit}".rstrip() + ")")
+        own = unknowns[k]
+        value = f"{own.value(float(u[k])):.6g} {own.unit}".rstrip()
+        found.append((float(wider[order[0]]), f"{own.name}, held at {value}, with {', '.join(parts)}"))
+    words = tuple(words for _, words in sorted(found, reverse=True))
+    return Degeneracies(words, *_allowed(which, np.array(told, np.intp), data, slope, spread), tuple(told))
+
+
+def _allowed(which: NDArray[np.intp], held: NDArray[np.intp], data: F8, slope: F8, spread: F8) -> tuple[F8, F8]:
+    """Return what errors of the unknowns ``held``, all at once, do to those found: covariance, and shift."""
+    if not len(held):
+        return np.zeros_like(spread), np.zeros(len(which))
+    moves = spread @ data[np.ix_(which, held)]
+    told = data[np.ix_(held, held)] - data[np.ix_(held, which)] @ moves
+    size = np.sqrt(np.maximum(np.diag(told), 1e-300))
+    errors = np.linalg.pinv(told / np.outer(size, size), rcond=1e-9, hermitian=True) / np.outer(size, size)
+    off = errors @ (slope[held] - moves.T @ slope[which])
+    # those found go back by what they took of it
+    return moves @ errors @ moves.T, -moves @ off
+
+
+# -- the numbers -------------------------------------------------------------------------------------------------------
+
+UNIDENTIFIED_SIGMA = 1.0
 """Standard deviation, in scales of the unknowns, from which on a combination is not told: less would not show."""
 
-PART = 0.3
+LEAST_COMPONENT = 0.3
 """Share of a combination from which on an unknown is named."""
 
 
@@ -39,9 +238,9 @@ def unidentified(unknowns: Sequence[Unknown], data: F8) -> tuple[str, ...]:
     found = []
     for value, vector in zip(values, vectors.T, strict=True):
         sigma = math.inf if value <= 0 else 1.0 / math.sqrt(value)
-        if sigma < VAGUE:
+        if sigma < UNIDENTIFIED_SIGMA:
             break
-        parts = [(abs(v), one.name) for v, one in zip(vector, unknowns, strict=True) if abs(v) > PART]
+        parts = [(abs(v), one.name) for v, one in zip(vector, unknowns, strict=True) if abs(v) > LEAST_COMPONENT]
         names = [name for _, name in sorted(parts, reverse=True)]
         found.append(" with ".join(names) if len(names) > 1 else names[0] if names else "many together")
     return tuple(found)
@@ -55,7 +254,7 @@ def summarised(
     groups: Sequence[str],
     tried: Sequence[str],
     outliers: tuple[Outlier, ...],
-    beside: StandIns | None = None,
+    beside: Degeneracies | None = None,
 ) -> tuple[Fit, ...]:
     """Return the fit at a point, as it is in each region of the field, with the last derivatives that were computed.
 
@@ -69,7 +268,7 @@ def summarised(
     # where the model does not suffice its unknowns are as much less sure
     grown = math.sqrt(max(1.0, chi2.lit)) if not chi2.complete else 1.0
     alone = grown * np.sqrt(np.maximum(np.diag(spread)[: len(which)], 0.0))
-    held = standing_in(problem, point, columns, which)
+    held = degeneracies_of(problem, point, columns, which)
     if beside is not None:
         held = held.with_others(beside)
     sigmas = np.sqrt(held.variances(spread[: len(which), : len(which)], grown))

@@ -2,25 +2,155 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Clock, InputError, Work, check_number, drained
+from lfcal.base import LINES, Clock, InputError, Work, check_number, drained, figure, save_figure
 from lfcal.camera import Forecast, ScanPlan
-from lfcal.fit._chosen import Chosen, choose
-from lfcal.fit._lacking import check_groups
 from lfcal.fit.earlier import Earlier
 from lfcal.fit.information import Expected, Information, iter_information
-from lfcal.fit.parameters import GROUPS
+from lfcal.fit.parameters import GROUPS, check_groups
 from lfcal.fit.setup import Setup, called_for
 from lfcal.fit.spread import kept_aside, spread_out
 
-__all__ = ["CurvePoint", "PositionDesign", "iter_next_positions", "next_positions"]
+__all__ = [
+    "Chosen",
+    "CurvePoint",
+    "PositionDesign",
+    "choose",
+    "draw_design",
+    "iter_next_positions",
+    "next_positions",
+]
 
-KEPT_ASIDE = 0.2
+F8 = NDArray[np.float64]
+
+PASSES = 4
+"""How often every position is tried against all others."""
+
+
+class Chosen:
+    """What a changing set of patterns tells of the unknowns, gain and background of each plane eliminated.
+
+    Parameters
+    ----------
+    told
+        What each pattern tells, and what is wanted.
+    """
+
+    def __init__(self, told: Information) -> None:
+        self._told = told
+        self._planes = told.index[:, 0]
+        k = len(told.unknowns)
+        self._rows: list[int] = []
+        self._sums = np.zeros((int(self._planes.max(initial=0)) + 1, k + 2, k + 2))
+        self.matrix = told.prior
+
+    @property
+    def error(self) -> float:
+        """Expected relative error (L2) of H."""
+        return float(np.sqrt(self._squares(self.matrix[None])[0]))
+
+    @property
+    def covariance(self) -> F8:
+        """Covariance of the unknowns ``(k, k)`` in scales."""
+        found: F8 = _inverse(self.matrix[None])[0]
+        return found
+
+    def add(self, *rows: int) -> None:
+        """Add patterns."""
+        self._rows += rows
+        self._summed({int(self._planes[row]) for row in rows})
+
+    def remove(self, row: int) -> None:
+        """Take a pattern away."""
+        self._rows.remove(row)
+        self._summed({int(self._planes[row])})
+
+    def _summed(self, planes: set[int]) -> None:
+        # sums are made anew: what subtraction would leave of an empty plane is rounding, and would count as much
+        for z in planes:
+            self._sums[z] = self._told.patterns[[row for row in self._rows if self._planes[row] == z]].sum(0)
+        self.matrix = self._told.prior + _eliminated(self._sums).sum(0)
+
+    def trials(self, rows: NDArray[np.intp]) -> F8:
+        """Return the expected squared error of H with each of the patterns ``rows`` added alone."""
+        z = self._planes[rows]
+        before = _eliminated(self._sums)[z]
+        after = _eliminated(self._sums[z] + self._told.patterns[rows])
+        return self._squares(self.matrix + after - before)
+
+    def _squares(self, matrices: F8) -> F8:
+        found: F8 = np.einsum("nij,ji->n", _inverse(matrices), self._told.wanted)
+        return np.maximum(found, 0.0)
+
+
+def _eliminated(matrices: F8) -> F8:
+    """Return matrices ``(..., k + 2, k + 2)`` with gain and background, the last two, eliminated ``(..., k, k)``."""
+    k = matrices.shape[-1] - 2
+    cross, level = matrices[..., :k, k:], matrices[..., k:, k:]
+    size = np.sqrt(np.maximum(np.diagonal(level, axis1=-2, axis2=-1), 1e-300))
+    scaled = level / (size[..., :, None] * size[..., None, :])
+    scaled = np.where(np.isfinite(scaled), scaled, 0.0)
+    inverse = np.linalg.pinv(scaled, rcond=1e-12, hermitian=True)
+    part = cross / size[..., None, :]
+    found: F8 = matrices[..., :k, :k] - part @ inverse @ np.swapaxes(part, -1, -2)
+    return found
+
+
+def _inverse(matrices: F8) -> F8:
+    """Return the inverses of positive matrices ``(n, k, k)`` whose unknowns differ in size."""
+    size = np.sqrt(np.diagonal(matrices, axis1=-2, axis2=-1))
+    both = size[:, :, None] * size[:, None, :]
+    found: F8 = np.linalg.inv(matrices / both) / both
+    return found
+
+
+def choose(told: Information, count: int, allowed: NDArray[np.intp]) -> list[int]:
+    """Return ``count`` of the patterns ``allowed`` that lower the expected error of H most, the most useful first.
+
+    Each next one is the best beside those before; then each is tried against all others until no exchange helps.
+    """
+    chosen, free = Chosen(told), np.asarray(allowed, np.intp)
+    taken = _greedy(chosen, free, count)
+    for _ in range(PASSES):
+        if not _exchanged(chosen, free, taken):
+            break
+    for row in taken:
+        chosen.remove(row)
+    return _greedy(chosen, np.array(taken, np.intp), len(taken))
+
+
+def _greedy(chosen: Chosen, free: NDArray[np.intp], count: int) -> list[int]:
+    taken: list[int] = []
+    for _ in range(min(count, len(free))):
+        left = np.setdiff1d(free, taken)
+        best = int(left[int(np.argmin(chosen.trials(left)))])
+        chosen.add(best)
+        taken.append(best)
+    return taken
+
+
+def _exchanged(chosen: Chosen, free: NDArray[np.intp], taken: list[int]) -> bool:
+    """Exchange patterns for better ones, in place; return whether any was."""
+    any_better = False
+    for k, row in enumerate(taken):
+        before = chosen.error**2
+        chosen.remove(row)
+        left = np.setdiff1d(free, taken)
+        squares = chosen.trials(left) if len(left) else np.array([np.inf])
+        best = int(np.argmin(squares))
+        if squares[best] < before * (1 - 1e-6):
+            taken[k], any_better = int(left[best]), True
+        chosen.add(taken[k])
+    return any_better
+
+
+HELD_OUT_SHARE = 0.2
 """Share of the positions that are spread evenly and never fitted: they tell how good the fit is."""
 
 CANDIDATES = 300
@@ -204,7 +334,7 @@ def _there(earlier: Earlier | None, recorded: NDArray[np.intp] | None) -> NDArra
 
 
 def _aside(count: int) -> int:
-    return max(1, round(KEPT_ASIDE * count))
+    return max(1, round(HELD_OUT_SHARE * count))
 
 
 def _point(
@@ -223,3 +353,40 @@ def _point(
     places = plan.in_scan_order(np.concatenate([told.index[own], told.index[aside[:apart]]]))
     hours = Forecast.of(plan, stage_um_per_s=speed, positions=places).hours
     return CurvePoint(count, errors[0], errors[1], hours)
+
+
+def draw_design(design: PositionDesign, path: str | os.PathLike[str], positions: int, hours: float) -> None:
+    """Draw the expected error of H from chosen positions and from as many spread evenly.
+
+    Parameters
+    ----------
+    design
+        What was chosen.
+    path
+        The picture.
+    positions, hours
+        Of the whole scan, whose patterns each have their own noise.
+    """
+    with figure(9.6, 4.0) as fig:
+        left, right = fig.subplots(1, 2, sharey=True)
+        counts = [point.positions for point in design.curve]
+        minutes = [60 * point.hours for point in design.curve]
+        chosen = [100 * point.error for point in design.curve]
+        spread = [100 * point.spread_error for point in design.curve]
+        left.plot(counts, chosen, "o-", color=LINES[0], label="chosen")
+        left.plot(counts, spread, "s--", color=LINES[1], label="spread evenly")
+        left.plot([positions], [100 * design.pattern_error], "D", color=LINES[6], label="whole scan, noise of each")
+        left.set(xlabel="positions recorded", ylabel="expected error of H (%, relative L2)")
+        right.plot(minutes, chosen, "o-", color=LINES[0])
+        right.plot([60 * hours], [100 * design.pattern_error], "D", color=LINES[6])
+        right.set(xlabel="time on the stage (min)")
+        if design.start_error is not None:
+            for panel in (left, right):
+                panel.axhline(100 * design.start_error, color=LINES[2], lw=1, ls=":", label="by the earlier fit")
+        for panel in (left, right):
+            panel.set(xscale="log", yscale="log")
+            for axis in (panel.xaxis, panel.yaxis):
+                for which in (axis.set_major_formatter, axis.set_minor_formatter):
+                    which(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "125" else "")
+        left.legend()
+        save_figure(fig, path)

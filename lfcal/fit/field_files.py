@@ -9,12 +9,11 @@ from typing import Any, NamedTuple
 from lfcal.base import Work, plain
 from lfcal.fit.field import FieldFit
 from lfcal.fit.field_report import field_report_files, iter_field_report
-from lfcal.fit.files import fit_dict
+from lfcal.fit.files import CAMERA, EFFECTS, REPORT, fit_dict, fit_outputs, iter_write_fit, write_found
 from lfcal.fit.hybrid import HybridSummary
 from lfcal.fit.measured import Measured
 from lfcal.fit.parameters import field_of
 from lfcal.fit.result import Fit
-from lfcal.fit.writing import CAMERA, EFFECTS, REPORT, fit_outputs, iter_write_fit, write_found
 from lfcal.psf import PSFMatrix
 from lfcal.work import RunChoice
 

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, Work, check_number, drained
+from lfcal.base import InputError, Progress, Work, check_number, drained, format_share
 from lfcal.camera import Camera
-from lfcal.fit._lacking import check_groups
-from lfcal.fit._outliers import outliers_of
-from lfcal.fit._response import response_of
-from lfcal.fit._stand_ins import StandIns, iter_held_beside
-from lfcal.fit._summary import summarised
-from lfcal.fit.convergence import rounds
+from lfcal.fit._summary import Degeneracies, iter_degeneracies, summarised
+from lfcal.fit.judge import chi_square
 from lfcal.fit.measured import Measured, measured_of
 from lfcal.fit.model import Fineness
 from lfcal.fit.normal import Columns, Local
-from lfcal.fit.nuisance import Spread, own_steps, spread_of
-from lfcal.fit.parameters import GROUPS, ScanScales, Vector
+from lfcal.fit.nuisance import Spread, nuisance_steps, response_of, spread_of
+from lfcal.fit.parameters import GROUPS, ScanScales, Vector, check_groups
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.questions import (
     PLAIN,
@@ -32,6 +30,7 @@ from lfcal.fit.questions import (
     check_explained,
     check_light,
     misfit,
+    unexplained,
 )
 from lfcal.fit.result import Fit, Outlier
 from lfcal.fit.select import choose, prune
@@ -42,6 +41,7 @@ from lfcal.simulate.effects import Effect
 
 __all__ = [
     "Finished",
+    "FitProgress",
     "addable",
     "check_stage",
     "fit_camera",
@@ -49,8 +49,83 @@ __all__ = [
     "iter_fit_camera",
     "iter_retrieved",
     "iter_summarised",
+    "outliers_of",
     "problem_of",
+    "rounds",
 ]
+
+DETECTION_SIGMAS = 2.0
+"""Standard deviations of the noise's squares above which something shows."""
+
+
+@dataclass(frozen=True, slots=True)
+class FitProgress(Progress):
+    """The start, or the end of a round of derivatives: its work is done; how many rounds there will be nobody knows.
+
+    Attributes
+    ----------
+    chi2
+        Mean square of the fitted patterns' residuals, weighted by the light. Of a coarse model, which errs by itself,
+        the variance has that error; it falls towards 1 from round to round, and may rise where the fit goes on finer.
+    left_out, hidden
+        What the patterns that are never fitted have beside model and noise, as a share of their rms (relative L2), NaN
+        where none is left out; whether it is less than that, which is then what their noise hides (two of its
+        standard deviations).
+    """
+
+    chi2: float = math.nan
+    left_out: float = math.nan
+    hidden: bool = False
+
+
+def rounds() -> Callable[[Problem, Point, str], FitProgress]:
+    """Return what makes the record of a round that ended at a point, in a stage of a fit."""
+    start = time.perf_counter()
+
+    def record(problem: Problem, point: Point, stage: str) -> FitProgress:
+        aside = problem.measured.left_out
+        chi2 = chi_square(point, problem.fitted, 0).lit
+        left, hidden, note = math.nan, False, f"χ² {chi2:.3g}"
+        if aside.any():
+            share, sigma = unexplained(problem, point, aside)
+            hidden = share < DETECTION_SIGMAS * sigma
+            left = math.sqrt(max(share, DETECTION_SIGMAS * sigma))
+            note += f", left-out patterns {'less than ' if hidden else ''}{format_share(left)} off"
+        seconds = time.perf_counter() - start
+        return FitProgress(1, 1, stage, seconds, note, chi2=chi2, left_out=left, hidden=hidden)
+
+    return record
+
+
+OUTLIER_SIGMAS = 8.0
+"""Robust standard deviations from the other patterns' chi² from which on a pattern is left out."""
+
+OUTLIER_RATIO = 1.3
+"""How many times the others' chi² it must be, whatever they scatter."""
+
+
+def outliers_of(problem: Problem, point: Point) -> tuple[NDArray[np.bool_], tuple[Outlier, ...]]:
+    """Return which patterns ``(n,)`` are outliers, and each with its reason.
+
+    Judged by each pattern's own chi² against median and spread of all.
+    """
+    pixels = np.maximum(1, (point.seen.inverse > 0).sum(1))
+    # without the robust loss: what it forgives is what shows here
+    chi2 = np.square(point.seen.residual, dtype=np.float64).sum(1) / pixels
+    middle = float(np.median(chi2))
+    noise = np.sqrt(2.0 / pixels)
+    spread = max(1.4826 * float(np.median(np.abs(chi2 - middle))), middle * float(np.median(noise)))
+    far = (chi2 > middle + OUTLIER_SIGMAS * spread) & (chi2 > OUTLIER_RATIO * middle)
+    # half of the patterns are no outliers: then the model is wrong
+    if far.sum() > 0.25 * len(far):
+        far[:] = False
+    measured = problem.measured
+    regions = measured.level // measured.plan.shape[0]
+    found = [
+        Outlier(int(z), int(y), int(x), f"chi² {own:.3g} where the others have {middle:.3g}", int(region))
+        for (z, y, x), own, region in zip(measured.index[far], chi2[far], regions[far], strict=True)
+    ]
+    return far, tuple(found)
 
 
 ROUNDS = 4
@@ -162,9 +237,9 @@ def iter_summarised(
     candidates: Sequence[str],
 ) -> Work[tuple[Fit, ...]]:
     """Return the fit of what `iter_retrieved` found, as it is in each region; ``candidates`` are the groups tried."""
-    beside: StandIns | None = None
+    beside: Degeneracies | None = None
     if not candidates:
-        beside = yield from iter_held_beside(problem, point, columns, groups)
+        beside = yield from iter_degeneracies(problem, point, columns, groups)
     return summarised(problem, point, columns, groups=groups, tried=candidates, outliers=outliers, beside=beside)
 
 
@@ -285,7 +360,7 @@ def _finished(
     which = vector.of_groups(groups).tolist()
     point, _ = yield from descend(problem, point, which, "fine", most=1, columns=columns, enough=1e-5, tell=tell)
     # what left-out patterns have to themselves no step of the others has told
-    point = own_steps(problem, point, columns, problem.measured.left_out)
+    point = nuisance_steps(problem, point, columns, problem.measured.left_out)
     far, outliers = outliers_of(problem, point)
     if far.any():
         problem, point, columns = _without(problem, point, columns, ~far)
@@ -302,7 +377,7 @@ def _finished(
     point, found = yield from descend(problem, point, which, "finest", most=3, columns=columns, enough=1e-4, tell=tell)
     # derivatives by what was tried are those of the round before
     columns = found.beside(columns, which)
-    return problem, own_steps(problem, point, columns, problem.measured.left_out), groups, columns, outliers
+    return problem, nuisance_steps(problem, point, columns, problem.measured.left_out), groups, columns, outliers
 
 
 def _without(
@@ -325,4 +400,4 @@ def _with_spread(problem: Problem, point: Point, columns: Columns, stage: str | 
     own = Spread(shown.stage_px if stage == "auto" else float(stage), shown.lamp)
     local = Local(point.local.offsets_px, own.stage_px, own.lamp, response_of(problem, point))
     at = problem.weigh(point.u, local, point.model, point.sampling, lamps=point.levels.lamps)
-    return own_steps(problem, at, columns, np.ones(len(problem.measured), np.bool_))
+    return nuisance_steps(problem, at, columns, np.ones(len(problem.measured), np.bool_))

@@ -7,33 +7,335 @@ first where it matters, for H has neither. Where residuals are noise the hybrid 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import Work
-from lfcal.fit._fitted import Fitted
-from lfcal.fit._hybrid_patterns import RecordedPatterns, iter_plane_data, model_uncertainty
-from lfcal.fit._leftover import Leftover, iter_leftover
-from lfcal.fit._leftover_size import PlaneResiduals
+from lfcal.base import Clock, InputError, Work, for_each_chunk, worker_count
+from lfcal.camera import ScanPlan
+from lfcal.fit._residual_field import PlaneResiduals, ResidualEstimate, iter_residual_estimate
+from lfcal.fit._weighing import PatternLevels
+from lfcal.fit.judge import ModelError
 from lfcal.fit.measured import Measured
-from lfcal.fit.model import Fineness
+from lfcal.fit.model import Fineness, ModelPlanes, PlaneModel
+from lfcal.fit.nuisance import Spread
 from lfcal.fit.problem import ERRORS
+from lfcal.fit.setup import Setup
 from lfcal.psf import Facts, Header, Origin, Plane, PlaneSource, PSFMatrix, Stored, Zeros
 
 __all__ = [
+    "Fitted",
+    "FittedPlace",
     "HybridPlanes",
     "HybridSummary",
+    "RecordedPatterns",
     "hybrid_note",
+    "iter_plane_data",
+    "model_uncertainty",
 ]
 
+
+class FittedPlace(Protocol):
+    """A position."""
+
+    @property
+    def z(self) -> int:
+        """Depth plane."""
+        ...
+
+    @property
+    def y(self) -> int:
+        """Row."""
+        ...
+
+    @property
+    def x(self) -> int:
+        """Column."""
+        ...
+
+
+class Fitted(Protocol):
+    """What of `lfcal.fit.Fit` a hybrid H is made of; attributes are as there."""
+
+    @property
+    def planned(self) -> ScanPlan:
+        """The scan."""
+        ...
+
+    @property
+    def ideal_places(self) -> Setup:
+        """The setup with sources where H has them."""
+        ...
+
+    @property
+    def levels(self) -> PatternLevels:
+        """Gain and background of each plane."""
+        ...
+
+    @property
+    def spread(self) -> Spread:
+        """How far sources were from their places, and how steady the lamp was."""
+        ...
+
+    @property
+    def outliers(self) -> Sequence[FittedPlace]:
+        """Patterns that were left out."""
+        ...
+
+    @property
+    def left_out_error(self) -> ModelError:
+        """Error of the model's patterns."""
+        ...
+
+    def planes(self) -> ModelPlanes:
+        """Return what computes the planes of the model."""
+        ...
+
+
+# -- recorded patterns as residuals of the model -----------------------------------------------------------------------
 F4 = NDArray[np.float32]
 
+OUTLIER_SIGMAS = 8.0
+"""Robust standard deviations from the other patterns' chi² from which on a pattern is left to the model."""
 
-TOLD = 0.95
+OUTLIER_RATIO = 1.3
+"""How many times the others' chi² it must be."""
+
+
+PATTERNS_SAMPLED = 20
+"""Patterns that tell how much a displacement changes one."""
+
+NUISANCE_SHARE = 0.5
+"""Share of the model's error that lamp or displacements must make for them to be taken out."""
+
+STEP_PX = 0.05
+"""Step of a source's displacement (pixels)."""
+
+NEIGHBOURS = 6
+"""Nearest recorded positions that a position is compared with."""
+
+
+def model_uncertainty(model: F4, share: float) -> F4:
+    """Return the standard deviation of each entry of a model ``(ny, nx, nt, ns)`` whose relative L2 error is ``share``.
+
+    It is as the light about each pixel, for what is wrong displaces and blurs.
+    """
+    from scipy.ndimage import gaussian_filter  # slow to load
+
+    near = np.sqrt(gaussian_filter(np.square(model), (0, 0, 0.6, 0.6)).clip(min=0))
+    power = float(np.square(near).sum(dtype=np.float64))
+    size = math.sqrt(float(np.square(model).sum(dtype=np.float64)) / power) if power > 0 else 0.0
+    found: F4 = np.float32(share * size) * near
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedPatterns:
+    """The recorded patterns of a scan, read as they are asked for."""
+
+    counts: NDArray[np.uint16]
+    noise: NDArray[np.float64]
+    read: Callable[[int, int, int], tuple[F4, NDArray[np.bool_]]]
+
+    @classmethod
+    def of(cls, source: PSFMatrix | Measured, planned: ScanPlan, given: tuple[float, float] | None) -> RecordedPatterns:
+        """Return those of an H or of patterns; raises `InputError` where they are of another scan."""
+        shape = planned.shape
+        if isinstance(source, Measured):
+            _check_scan(planned, source.plan.shape, source.plan.depths_um, source.plan.anchor)
+            counts = np.zeros(shape[:3], np.uint16)
+            noise = np.full((*shape[:3], 2), np.nan)
+            places = {(z, y, x): k for k, (z, y, x) in enumerate(source.index.tolist())}
+            for at, k in places.items():
+                counts[at], noise[at] = 1, source.noise[k]
+
+            def one(z: int, y: int, x: int) -> tuple[F4, NDArray[np.bool_]]:
+                k = places[z, y, x]
+                return source.patterns[k], source.valid[k]
+
+            return cls(counts, noise, one)
+        if source.is_transposed:
+            raise InputError.expected("patterns", "those of H", "those of HT", "give H")
+        _check_scan(planned, source.shape, source.depths, source.anchor)
+        counts = source.recorded
+        known = source.facts.noise
+        if given is not None:
+            known = np.broadcast_to(np.asarray(given, np.float32), (*shape[:3], 2))
+        if known is None or not np.isfinite(known[counts > 0]).all():
+            raise InputError.expected("noise of H", "a variance model", "none", "give noise=(constant, slope)")
+
+        def pattern(z: int, y: int, x: int) -> tuple[F4, NDArray[np.bool_]]:
+            return np.asarray(source[z, y, x], np.float32), source.valid(z, y, x)
+
+        return cls(counts, known.astype(np.float64), pattern)
+
+
+def _check_scan(planned: ScanPlan, shape: tuple[int, ...], depths: ArrayLike, anchor: tuple[float, float]) -> None:
+    """Raise where a scan's positions and pixels are not those that were fitted."""
+    remedy = "give the H that was fitted"
+    if tuple(shape) != tuple(planned.shape):
+        raise InputError.expected("patterns (z, y, x, t, s)", f"those fitted, {planned.shape}", tuple(shape), remedy)
+    for name, wanted, got in (("depths (µm)", planned.depths_um, depths), ("anchor (pixels)", planned.anchor, anchor)):
+        if not np.allclose(wanted, got, rtol=1e-9, atol=1e-6):
+            raise InputError.expected(f"patterns, {name}", f"those fitted, {wanted}", np.asarray(got).tolist(), remedy)
+
+
+def iter_plane_data(
+    fit: Fitted, recorded: RecordedPatterns, z: int, model: F4, workers: int | None
+) -> Work[tuple[PlaneResiduals, Facts]]:
+    """Return model and residuals of plane ``z``, and of which positions they are; outliers count as not recorded.
+
+    Yields progress in patterns.
+    """
+    counts = recorded.counts[z]
+    residual, precision = np.zeros_like(model), np.zeros_like(model)
+    back = fit.levels.backgrounds[z]
+    floor = 1e-12 * max(1e-30, float(model.max())) ** 2
+    for y, x in np.argwhere(counts > 0).tolist():
+        pattern, valid = recorded.read(z, y, x)
+        constant, slope = recorded.noise[z, y, x]
+        variance = constant + slope * np.maximum(model[y, x], 0) + floor
+        residual[y, x] = np.where(valid, pattern - np.float32(back) - model[y, x], 0.0)
+        precision[y, x] = np.where(valid, 1.0 / variance, 0.0)
+    around = _whole_period(fit.planned)
+    own = counts > 0
+    data = PlaneResiduals(model, residual, precision, own, around)
+    yield from _iter_remove_nuisance(fit, data, z, workers)
+    far = _outliers(data)
+    for one in fit.outliers:
+        if one.z == z:
+            far[one.y, one.x] = True
+    origin = np.where(far & own, Origin.OUTLIER, Origin.MODEL)
+    facts = Facts.of(counts.shape, fit.planned.cutout, recorded=counts, origin=origin)
+    return data.without(far), facts
+
+
+def _whole_period(plan: ScanPlan) -> bool:
+    """Return whether the positions are a whole period of the camera, to a pixel."""
+    return min(plan.period) > 2 and max(abs(left) for left in plan.period_residual_px) < 1.0
+
+
+def _iter_remove_nuisance(fit: Fitted, data: PlaneResiduals, z: int, workers: int | None) -> Work[None]:
+    """Take out of each residual what lamp and displaced source make of it, where the fit found that they are unsteady.
+
+    A pattern's own is what its neighbours do not share: what they share the model lacks. Yields progress in patterns.
+    """
+    places = np.argwhere(data.recorded)
+    if len(places) <= NEIGHBOURS:
+        return
+    lamp, stage = _significant_nuisance(fit, data, places)
+    used = np.flatnonzero([lamp, stage, stage])
+    if not used.size:
+        return
+    plane = PlaneModel(fit.ideal_places, fit.planned, z, Fineness.finest) if stage else None
+    gain, count = np.float32(fit.levels.gains[z]), worker_count(workers)
+    beyond = np.square(model_uncertainty(data.model, max(fit.left_out_error.value, 1e-3)))
+    values, errors = np.empty((len(places), used.size)), np.empty((len(places), used.size))
+    clock = Clock(f"lamp and stage, plane {z}", 2 * len(places))
+    yield clock.at(0)
+
+    def displaced(at: NDArray[np.intp], by: NDArray[np.float64]) -> F4:
+        assert plane is not None
+        return gain * plane.patterns(at, by)
+
+    def look(start: int, stop: int) -> None:
+        at = places[start:stop]
+        here = data.model[at[:, 0], at[:, 1]]
+        rows = [here]
+        for axis in (0, 1) if plane is not None else ():
+            by = np.zeros((len(at), 2))
+            by[:, axis] = STEP_PX
+            rows.append((displaced(at, by) - displaced(at, -by)) / np.float32(2 * STEP_PX))
+        part = rows if 0 in used else rows[1:]
+        for k, (y, x) in enumerate(at.tolist(), start):
+            shape = np.stack([one[k - start].ravel() for one in part]).astype(np.float64)
+            precision = data.precision[y, x].astype(np.float64)
+            weight = (precision / (1.0 + precision * beyond[y, x])).ravel()
+            inverse = np.linalg.pinv((shape * weight) @ shape.T, hermitian=True)
+            values[k] = inverse @ ((shape * weight) @ data.residual[y, x].ravel().astype(np.float64))
+            errors[k] = np.diag(inverse)
+
+    def take(start: int, stop: int) -> None:
+        at = places[start:stop]
+        here = data.model[at[:, 0], at[:, 1]]
+        lamps = steps[start:stop, 0].astype(np.float32) if 0 in used else np.zeros(len(at), np.float32)
+        there = here if plane is None else displaced(at, steps[start:stop, -2:])
+        made = (1 + lamps[:, None, None]) * there - here
+        measured = data.precision[at[:, 0], at[:, 1]] > 0
+        data.residual[at[:, 0], at[:, 1]] -= np.where(measured, made, np.float32(0))
+
+    for turn, work in enumerate((look, take)):
+        steps = _nuisance_of(values, errors, places, data) if turn else np.zeros_like(values)
+        for first in range(0, len(places), 8 * count):
+            last = min(len(places), first + 8 * count)
+            for_each_chunk(lambda a, b, at=first, go=work: go(at + a, at + b), last - first, count)  # type: ignore[misc]
+            yield clock.at(turn * len(places) + last)
+
+
+def _significant_nuisance(fit: Fitted, data: PlaneResiduals, places: NDArray[np.intp]) -> tuple[bool, bool]:
+    """Return whether lamp and stage change patterns by more than what the model lacks may look like them."""
+    some = data.model[tuple(places[:: max(1, len(places) // PATTERNS_SAMPLED)].T)].astype(np.float64)
+    slope = math.sqrt(sum(float(np.square(np.gradient(some, axis=axis)).sum()) for axis in (1, 2)) / 2)
+    per_px = slope / max(math.sqrt(float(np.square(some).sum())), 1e-300)
+    least = NUISANCE_SHARE * fit.left_out_error.value
+    return fit.spread.lamp > least, fit.spread.stage_px * per_px > least
+
+
+SHARED_POSITIONS = 3.0
+"""Positions over which what is shared is alike."""
+
+
+def _nuisance_of(
+    values: NDArray[np.float64], errors: NDArray[np.float64], places: NDArray[np.intp], data: PlaneResiduals
+) -> NDArray[np.float64]:
+    """Return what of each position's values ``(n, k)`` its neighbours do not share, shrunk by its error.
+
+    A value is what is shared, of a Gaussian correlation, what is the position's own, and its error; how large each is,
+    differences between neighbours tell.
+    """
+    apart = np.abs(places[:, None] - places)
+    if data.around:
+        apart = np.minimum(apart, np.array(data.recorded.shape) - apart)
+    square = np.square(apart).sum(2).astype(np.float64)
+    near = np.argsort(square, axis=1, kind="stable")[:, 1 : 1 + NEIGHBOURS]
+    correlation = 0.5 + 0.5 * np.exp(-0.5 * square / SHARED_POSITIONS**2)
+    out = np.zeros_like(values)
+    for k in range(values.shape[1]):
+        value, error = values[:, k], errors[:, k]
+        left = np.square(value - value[near].mean(1)) - error - error[near].sum(1) / NEIGHBOURS**2
+        own = float(left.mean()) / (1.0 + 1.0 / NEIGHBOURS)
+        if own <= 0.0:
+            continue
+        shared = max(0.0, float(np.mean(np.square(value) - error)) - own) * correlation
+        smooth = shared @ np.linalg.solve(shared + np.diag(own + error), value)
+        out[:, k] = (value - smooth) * (own / (own + error))
+    return out
+
+
+def _outliers(data: PlaneResiduals) -> NDArray[np.bool_]:
+    """Return which positions ``(ny, nx)`` are not like the others, by chi² against median and spread of all."""
+    far = np.zeros(data.recorded.shape, np.bool_)
+    own = data.recorded
+    pixels = np.maximum(1, (data.precision[own] > 0).sum((1, 2)))
+    if len(pixels) < 4:
+        return far
+    chi2 = (np.square(data.residual[own]) * data.precision[own]).sum((1, 2), dtype=np.float64) / pixels
+    middle = float(np.median(chi2))
+    noise = middle * float(np.median(np.sqrt(2.0 / pixels)))
+    spread = max(1.4826 * float(np.median(np.abs(chi2 - middle))), noise)
+    found = (chi2 > middle + OUTLIER_SIGMAS * spread) & (chi2 > OUTLIER_RATIO * middle)
+    # a quarter of the patterns are no outliers: then the model is wrong
+    far[own] = found & (found.mean() <= 0.25)
+    return far
+
+
+# -- the planes of the hybrid H ----------------------------------------------------------------------------------------
+
+
+INFORMED_SHARE = 0.95
 """Share of the variance that must be left at most for a position to follow its neighbours."""
 
 
@@ -110,7 +412,7 @@ class HybridPlanes(PlaneSource):
         """Compute plane ``z``; progress counts rows of the model, then patterns and tiles."""
         model = yield from self._model.iter_plane(z, zeros, workers, alone=alone)
         data, facts = yield from iter_plane_data(self._fit, self._recorded, z, model.values, workers)
-        left = yield from iter_leftover(data, f"beyond the model, plane {z}", seed=z, workers=workers)
+        left = yield from iter_residual_estimate(data, f"beyond the model, plane {z}", seed=z, workers=workers)
         plane, changed = _joined(self._fit, data, facts, left)
         self._made[z] = plane.facts, changed
         return plane
@@ -134,7 +436,9 @@ def hybrid_note(summary: HybridSummary) -> dict[str, Any]:
     return {"hybrid": asdict(summary)}
 
 
-def _joined(fit: Fitted, data: PlaneResiduals, facts: Facts, left: Leftover) -> tuple[Plane, NDArray[np.float64]]:
+def _joined(
+    fit: Fitted, data: PlaneResiduals, facts: Facts, left: ResidualEstimate
+) -> tuple[Plane, NDArray[np.float64]]:
     """Return the plane of model and estimate, where the estimate is better than none, and how far it is changed.
 
     The latter of each position's pattern ``(ny, nx)``, as rms over rms of its light.
@@ -147,7 +451,7 @@ def _joined(fit: Fitted, data: PlaneResiduals, facts: Facts, left: Leftover) -> 
     power = np.square(data.model).sum((2, 3), dtype=np.float64)
     size = np.sqrt(np.square(value).sum((2, 3), dtype=np.float64) / np.maximum(power, 1e-30))
     # where no recorded pattern is near, what is estimated is nothing
-    told = left.variance.sum((2, 3), dtype=np.float64) < TOLD * left.prior.sum((2, 3), dtype=np.float64)
+    told = left.variance.sum((2, 3), dtype=np.float64) < INFORMED_SHARE * left.prior.sum((2, 3), dtype=np.float64)
     changed &= own | told
     origin = np.where(changed & (facts.origin != Origin.OUTLIER), Origin.HYBRID, facts.origin)
     value *= changed[:, :, None, None]

@@ -1,23 +1,30 @@
-"""What belongs to single patterns: how far sources were from their places, how steady the lamp was."""
+"""What belongs to single patterns and pixels: displaced sources, an unsteady lamp, pixels that respond unevenly."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.fit._weighing import Response, flat, variance
 from lfcal.fit.normal import Columns, Local
 from lfcal.fit.problem import Point, Problem
 
-__all__ = ["Spread", "own_steps", "spread_of"]
+__all__ = [
+    "Spread",
+    "nuisance_steps",
+    "response_of",
+    "spread_of",
+]
 
 F8 = NDArray[np.float64]
 
 UNKNOWN = 1e9
 """Variance of what a pattern does not show."""
 
-SURE = 4.0
+SIGNIFICANCE = 4.0
 """Standard errors by which a variance must lie above 0 to be taken for more than noise."""
 
 
@@ -90,7 +97,7 @@ def _excess(values: F8, errors: F8) -> float:
     weight = 1.0 / errors**2
     # of squares of noise alone: their variance is 2 v²
     found, sigma = _moment(values, errors, weight), float(np.sqrt((weight**2 * 2 * errors**2).sum()) / weight.sum())
-    if found <= SURE * sigma:
+    if found <= SIGNIFICANCE * sigma:
         return 0.0
     for _ in range(20):
         found = max(0.0, _moment(values, errors, 1.0 / (errors + found) ** 2))
@@ -101,7 +108,7 @@ def _moment(values: F8, errors: F8, weight: F8) -> float:
     return float((weight * (values**2 - errors)).sum() / weight.sum())
 
 
-def own_steps(problem: Problem, point: Point, columns: Columns, keep: NDArray[np.bool_]) -> Point:
+def nuisance_steps(problem: Problem, point: Point, columns: Columns, keep: NDArray[np.bool_]) -> Point:
     """Return the point with the patterns ``keep`` at the own values that fit them best, what is shared held."""
     local, lamps = point.local, point.levels.lamps.copy()
     if local.count == 0:
@@ -115,3 +122,58 @@ def own_steps(problem: Problem, point: Point, columns: Columns, keep: NDArray[np
             lamps[p] += ch[-1]
     found: Local = replace(local, offsets_px=offsets)
     return problem.point(point.u, found, point.sampling, lamps=lamps, doubtful=point.doubtful)
+
+
+def response_of(problem: Problem, point: Point) -> Response:
+    """Return how unevenly pixels respond, by products of the residuals that patterns have at the same pixel.
+
+    Of residuals ``r = g m + noise`` the products of two patterns ``i`` and ``j`` at a pixel have the mean
+    ``g² m_i m_j``: noise, which no two of them share, is not in it. Errors of the model are in it as far as they agree
+    from pattern to pattern, so that no more is taken than the camera's description has. What is less than surely seen
+    is 0, with the standard deviation to which the patterns, or else the description, tell it.
+    """
+    measured = problem.measured
+    described = measured.plan.camera.sensor.prnu**2
+    if described == 0:
+        return Response()
+    data, valid = flat(measured)
+    light = point.model * point.levels.factors(problem.planes)[:, None]
+    back = point.levels.backgrounds[problem.planes, None]
+    noise = variance(measured, light.astype(np.float32), doubtful=False, error=0.0).astype(np.float64)
+    good = valid & ~point.seen.wild
+    # the best gain of a pixel by one pattern is r / m, of weight m² / v
+    lacking = np.where(good, (data - light - back) * light / noise, 0.0)
+    weight = np.where(good, np.square(light) / noise, 0.0)
+    at, pixels = _pixels(problem)
+    total, own, weights, squares = (
+        np.bincount(at, np.ravel(values), pixels) for values in (lacking, lacking**2, weight, weight**2)
+    )
+    products, expected = total**2 - own, weights**2 - squares
+    if not expected.any():
+        return Response(0.0, described)
+    by = np.ones_like(expected)
+    scale, found = float(expected.sum()), 0.0
+    for _ in range(3):
+        scale = float((by * expected).sum())
+        found = float((by * products).sum()) / scale
+        by = 1.0 / np.square(1.0 + max(0.0, found) * weights)
+    spread = math.sqrt(2.0 * float((by**2 * expected).sum())) / scale
+    seen = min(found, described) if found > SIGNIFICANCE * spread else 0.0
+    return Response(seen, min(spread, described))
+
+
+def _pixels(problem: Problem) -> tuple[NDArray[np.intp], int]:
+    """Return which pixel of the sensor each sample of the patterns is, and how many there are."""
+    measured = problem.measured
+    nt, ns = measured.plan.cutout
+    corners = np.zeros((len(measured), 2), np.intp)
+    for plan, own, _ in measured.parts():
+        where = np.asarray(plan.anchor) + measured.index[own, 1:]
+        # as the cutout has it: halves go down
+        corners[own] = np.ceil(where - 0.5).astype(np.intp)
+    corners -= corners.min(0)
+    width = int(corners[:, 1].max()) + ns
+    rows = corners[:, :1, None] + np.arange(nt)[:, None]
+    columns = corners[:, 1:, None] + np.arange(ns)
+    at: NDArray[np.intp] = (rows * width + columns).ravel()
+    return at, int(at.max()) + 1

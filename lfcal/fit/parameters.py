@@ -14,7 +14,18 @@ from lfcal.base import InputError, Registry, check_number
 from lfcal.camera import ScanPlan
 from lfcal.fit.setup import Setup
 
-__all__ = ["GROUP", "GROUPS", "Group", "ScanScales", "Unknown", "Vector", "field_of", "find_groups"]
+__all__ = [
+    "GROUP",
+    "GROUPS",
+    "Group",
+    "ScanScales",
+    "Unknown",
+    "Vector",
+    "check_groups",
+    "field_of",
+    "find_groups",
+    "lacking",
+]
 
 GROUP = "lfcal.unknowns"
 """Entry point group of groups of unknowns of other distributions."""
@@ -269,3 +280,28 @@ class Vector:
     def of_groups(self, names: Sequence[str]) -> NDArray[np.intp]:
         """Return the places of the unknowns of these groups."""
         return np.array([k for k, one in enumerate(self.unknowns) if one.group in names], np.intp)
+
+
+def lacking(setup: Setup, plan: ScanPlan, frame: ScanScales | None = None) -> dict[str, str]:
+    """Return the groups without an unknown, by name, and what camera or scan would need for them, for people.
+
+    ``frame`` is that of several regions; None is that of the plan's own.
+    """
+    frame = frame or ScanScales.of(plan)
+    return {group.name: group.needs for group in GROUPS if not group.unknowns(setup, frame)}
+
+
+def check_groups(setup: Setup, plan: ScanPlan, names: Sequence[str], frame: ScanScales | None = None) -> None:
+    """Raise `InputError` where a group that was asked for by name has no unknowns: it would be left out silently."""
+    if not names:
+        return
+    without = lacking(setup, plan, frame)
+    wrong = [name for name in names if name in without]
+    if wrong:
+        there = ", ".join(name for name in GROUPS.names() if name not in without)
+        raise InputError.expected(
+            "unknowns",
+            f"groups that {plan.camera.name} has",
+            f"{wrong[0]}, which needs {without[wrong[0]]}",
+            f"choose of {there}",
+        )

@@ -23,8 +23,8 @@ from lfcal.base import (
     worker_count,
 )
 from lfcal.camera import Camera, ScanPlan
-from lfcal.fit._hybrid_patterns import model_uncertainty
 from lfcal.fit.files import FORMAT, VERSION
+from lfcal.fit.hybrid import model_uncertainty
 from lfcal.fit.model import Fineness, PlaneModel
 from lfcal.fit.problem import ERRORS
 from lfcal.fit.setup import Setup

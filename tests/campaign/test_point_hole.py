@@ -22,10 +22,10 @@ from lfcal.campaign.point_fit import (
     without_hole,
 )
 from lfcal.campaign.points import Points, measured_points, points_of
-from lfcal.fit._lacking import check_groups
 from lfcal.fit.fit import problem_of
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.normal import Local
+from lfcal.fit.parameters import check_groups
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.result import Parameter
 from lfcal.fit.setup import Setup, described_effects

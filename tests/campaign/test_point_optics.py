@@ -10,10 +10,10 @@ import pytest
 from lfcal.base.progress import drain
 from lfcal.campaign.point_fit import OwnOptics, _Holes, _with_hole, iter_with_own_light
 from lfcal.campaign.points import Points, measured_points, points_of
+from lfcal.fit.field import Regional
 from lfcal.fit.fit import problem_of
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.problem import Problem
-from lfcal.fit.regional import Regional
 from lfcal.fit.setup import Setup, described_effects
 from lfcal.frames.source import FrameSource
 from lfcal.simulate.effects import FiniteSource, MechanicalVignetting

@@ -86,7 +86,7 @@ def test_a_fit_that_ended_after_h_goes_on(lfcal: Lfcal, tmp_path: Path, monkeypa
             raise StorageError("no space left")
             yield
 
-        full.setattr("lfcal.fit.writing.iter_fit_report", fails)
+        full.setattr("lfcal.fit.files.iter_fit_report", fails)
         assert "no space left" in lfcal(*words, "--executor", "threads").err
     assert (tmp_path / "fit" / "H.h5").exists() and parts_folder(tmp_path / "fit" / "H.h5").exists()
     assert lfcal(*words).code == 2

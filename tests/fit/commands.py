@@ -25,7 +25,7 @@ def undrawn(patch: pytest.MonkeyPatch) -> None:
         (folder / "index.html").write_text(f"<html><body>{source}</body></html>")
         return folder / "index.html"
 
-    patch.setattr("lfcal.fit.writing.iter_fit_report", page)
+    patch.setattr("lfcal.fit.files.iter_fit_report", page)
 
 
 def unpictured(patch: pytest.MonkeyPatch) -> None:

@@ -17,9 +17,7 @@ from lfcal.base.errors import FileFormatError, InputError
 from lfcal.base.progress import drain
 from lfcal.camera import Forecast, ScanPlan
 from lfcal.fit import Fit, fit_camera
-from lfcal.fit._chosen import Chosen, choose
-from lfcal.fit.design import PositionDesign, next_positions
-from lfcal.fit.design_drawing import draw_design
+from lfcal.fit.design import Chosen, PositionDesign, choose, draw_design, next_positions
 from lfcal.fit.earlier import Earlier, read_earlier
 from lfcal.fit.files import effects_text, fit_dict, json_text, measured_camera
 from lfcal.fit.information import VAGUE, Expected, Information, iter_information

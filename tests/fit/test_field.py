@@ -12,12 +12,11 @@ from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan, preset
 from lfcal.fit import fit_camera
 from lfcal.fit._summary import summarised
-from lfcal.fit.field import FieldFit, _changes, _Laid, fit_field
+from lfcal.fit.field import FieldFit, Regional, _changes, _Laid, fit_field, regional_of
 from lfcal.fit.fit import problem_of
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.normal import Local
 from lfcal.fit.parameters import ScanScales, Vector, field_of
-from lfcal.fit.regional import Regional, regional_of
 from lfcal.fit.setup import RegionPlace, Setup, called_for, described_effects
 from lfcal.simulate.effects import FieldAberrations, FieldCurvature, Zernike
 from tests.fit.common import measured, some_index

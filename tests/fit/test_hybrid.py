@@ -14,10 +14,9 @@ from benchmarks._fit_cameras import random_truth
 from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
 from lfcal.fit import Fit, fit_camera, measured_of
-from lfcal.fit._hybrid_patterns import _matter
-from lfcal.fit._leftover_size import PlaneResiduals
+from lfcal.fit._residual_field import PlaneResiduals
 from lfcal.fit.files import iter_write_hybrid
-from lfcal.fit.hybrid import HybridSummary
+from lfcal.fit.hybrid import HybridSummary, _significant_nuisance
 from lfcal.fit.judge import ModelError
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.nuisance import Spread
@@ -156,7 +155,7 @@ def test_what_the_model_lacks_is_not_taken_for_lamp_or_stage() -> None:
     plane = modelled()[0]
     own = np.ones(PLAN.period, bool)
     data = PlaneResiduals(plane, 0 * plane, np.ones_like(plane), own, True)
-    matters = partial(_matter, data=data, places=np.argwhere(own))
+    matters = partial(_significant_nuisance, data=data, places=np.argwhere(own))
     assert matters(replace(fit, spread=Spread(0.0, 0.007))) == (False, False)
     assert matters(replace(fit, spread=Spread(0.0, 0.009))) == (True, False)
     # a pixel of displacement changes a pattern by so much of its light

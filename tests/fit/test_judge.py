@@ -11,13 +11,12 @@ import pytest
 
 from benchmarks._fit_cameras import Truth, random_truth, recorded
 from lfcal.base.progress import drain
-from lfcal.fit._outliers import outliers_of
 from lfcal.fit._summary import unidentified
-from lfcal.fit.fit import problem_of
+from lfcal.fit.fit import outliers_of, problem_of
 from lfcal.fit.judge import ModelError, chi_square, covariance, left_out_error
 from lfcal.fit.model import Fineness
 from lfcal.fit.normal import Columns, Local
-from lfcal.fit.nuisance import own_steps, spread_of
+from lfcal.fit.nuisance import nuisance_steps, spread_of
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.select import choose
 from tests.fit.common import small_plan
@@ -145,7 +144,7 @@ def test_displacements_are_found_one_by_one() -> None:
     at = point(one)
     columns = derivatives(one, at)
     started = one.weigh(at.u, Local(np.zeros((COUNT, 2)), 0.06), at.model, at.sampling)
-    found = own_steps(one, started, columns, np.ones(COUNT, bool))
+    found = nuisance_steps(one, started, columns, np.ones(COUNT, bool))
     rng = np.random.default_rng(6)
     beside = 0.06 * rng.standard_normal((COUNT, 2))
     # the mean of all is the array's offset

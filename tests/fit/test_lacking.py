@@ -10,8 +10,8 @@ import pytest
 from lfcal.base.errors import InputError
 from lfcal.camera import MainLens, ScanPlan
 from lfcal.fit import GROUPS, fit_camera, measured_of
-from lfcal.fit._lacking import check_groups, lacking
 from lfcal.fit.design import next_positions
+from lfcal.fit.parameters import check_groups, lacking
 from lfcal.simulate.effects import CATALOGUE, IndexMismatch, MechanicalVignetting
 from tests.fit.common import few_patterns, setup_of, small_camera, small_plan, vector_of
 

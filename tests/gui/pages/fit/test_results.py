@@ -12,8 +12,7 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from lfcal.base.progress import Progress
-from lfcal.fit.files import measured_camera
-from lfcal.fit.writing import fit_outputs
+from lfcal.fit.files import fit_outputs, measured_camera
 from lfcal.psf import open_psf
 from lfcal_gui.pages.fit.page import Page
 from tests.gui.pages.fit.common import saved

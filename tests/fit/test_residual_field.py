@@ -6,9 +6,17 @@ import numpy as np
 import pytest
 
 from lfcal.base.progress import drain
-from lfcal.fit._leftover import iter_leftover, left_out, spot_velocity
-from lfcal.fit._leftover_field import Moving, ResidualField, sampled_variance
-from lfcal.fit._leftover_size import PlaneResiduals, amplitudes, sized
+from lfcal.fit._residual_field import (
+    Moving,
+    PlaneResiduals,
+    ResidualField,
+    amplitudes,
+    held_out_folds,
+    iter_residual_estimate,
+    sampled_variance,
+    sized,
+    spot_velocity,
+)
 
 SMALL = (3, 4, 5, 5)
 READ = 8.0
@@ -99,7 +107,7 @@ def test_noise_alone_leaves_the_model() -> None:
     for seed in range(3):
         data, _, _ = plane(model, 0 * model, np.ones(model.shape[:2], bool), seed)
         assert sized(data).sizes == ()
-        left = drain(iter_leftover(data, "plane", workers=1))
+        left = drain(iter_residual_estimate(data, "plane", workers=1))
         assert left.kind.empty and not left.value.any() and not left.variance.any()
 
 
@@ -116,7 +124,7 @@ def test_a_field_is_found_with_its_size_and_uncertainty() -> None:
     spots_size = sized(data).sizes[0]
     lit = model > 0.02 * model.max()
     assert np.sqrt(np.mean(np.square(spots_size[lit] / near[lit]))) == pytest.approx(size, rel=0.25)
-    left = drain(iter_leftover(data, "plane", workers=1))
+    left = drain(iter_residual_estimate(data, "plane", workers=1))
     hybrid = model + left.value
     assert off(hybrid, truth, recorded) < 0.7 * min(off(model, truth, recorded), off(patterns, truth, recorded))
     # positions between recorded ones follow them, and only a part of it is told
@@ -133,7 +141,7 @@ def test_what_neighbours_do_not_share_tells_nothing_of_them() -> None:
     beyond = 0.1 * model * np.random.default_rng(2).standard_normal(model.shape)
     recorded = np.indices(model.shape[:2]).sum(0) % 2 == 0
     data, truth, patterns = plane(model, beyond, recorded)
-    left = drain(iter_leftover(data, "plane", workers=1))
+    left = drain(iter_residual_estimate(data, "plane", workers=1))
     assert not left.kind.empty and not left.kind.supported
     assert off(model + left.value, truth, recorded) < min(off(model, truth, recorded), off(patterns, truth, recorded))
 
@@ -142,7 +150,7 @@ def test_positions_are_left_out_by_turns_all_over_the_plane() -> None:
     recorded = np.random.default_rng(3).random((9, 11)) < 0.8
     empty = np.zeros((9, 11, 3, 3), np.float32)
     data = PlaneResiduals(empty, empty, empty, recorded, around=True)
-    sets = left_out(data)
+    sets = held_out_folds(data)
     assert len(sets) == 5 and all(one.sum() == recorded.sum() // 5 for one in sets)
     assert np.sum(sets, axis=0).max() == 1 and not np.any(sets, axis=0)[~recorded].any()
     for one in sets:
@@ -167,7 +175,7 @@ def test_large_cutouts_are_solved_in_tiles(across: int, steps: int, parts: tuple
         np.random.default_rng(0)
     )
     data, truth, patterns = plane(model, beyond, np.ones((6, 6), bool))
-    work = iter_leftover(data, "plane", workers=1)
+    work = iter_residual_estimate(data, "plane", workers=1)
     assert next(work).total == steps
     left = drain(work)
     every = np.ones((6, 6), bool)

@@ -11,8 +11,7 @@ import pytest
 from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan
 from lfcal.fit import Fit, Measured, Setup, Unknown
-from lfcal.fit._stand_ins import StandIns, iter_held_beside, stand_ins
-from lfcal.fit._summary import summarised
+from lfcal.fit._summary import Degeneracies, degeneracies, iter_degeneracies, summarised
 from lfcal.fit.fit import addable, groups_of, problem_of
 from lfcal.fit.judge import covariance
 from lfcal.fit.model import Fineness, predict
@@ -27,8 +26,8 @@ WHICH, HELD = np.array([0, 1]), np.array([2])
 ALIKE = np.array([[100.0, 0, 99.5], [0, 100, 0], [99.5, 0, 100]])
 
 
-def told(data: np.ndarray, slope: np.ndarray | None = None, held: np.ndarray = HELD) -> StandIns:
-    return stand_ins(UNKNOWNS, WHICH, held, data, np.zeros(3) if slope is None else slope, np.zeros(3))
+def told(data: np.ndarray, slope: np.ndarray | None = None, held: np.ndarray = HELD) -> Degeneracies:
+    return degeneracies(UNKNOWNS, WHICH, held, data, np.zeros(3) if slope is None else slope, np.zeros(3))
 
 
 def test_only_what_would_make_the_others_much_less_sure_is_named() -> None:
@@ -84,7 +83,7 @@ def test_an_assumed_lens_law_counts_however_little_it_changes() -> None:
     alike = np.array([[100.0, 10.0], [10.0, 5.0]])
     for name, counts in (("lens_law", True), ("pitch", False)):
         unknowns = [Unknown("f_number", "iris", "", 4.0, 0.1), Unknown(name, name, "", 0.0, 0.5)]
-        shown = stand_ins(unknowns, np.array([0]), np.array([1]), alike, np.zeros(2), np.zeros(2))
+        shown = degeneracies(unknowns, np.array([0]), np.array([1]), alike, np.zeros(2), np.zeros(2))
         assert bool(shown.spread.any()) is counts and not shown.words
 
 
@@ -134,7 +133,7 @@ def test_a_planes_distance_is_named_beside_the_depth_in_a_specimen() -> None:
     asked = problem_of(patterns, setup, asked_for, 1)
     own = np.array([names_of(problem).index(name) for name in names_of(asked)])
     at = asked.point(np.zeros(len(asked.vector)), Local(np.zeros((4, 2))), Fineness.coarse)
-    beside = drain(iter_held_beside(asked, at, Columns(columns.shared[own]), asked_for))
+    beside = drain(iter_degeneracies(asked, at, Columns(columns.shared[own]), asked_for))
     assert any(one.startswith("distance_um, held at 0 µm, with specimen_depth_um (± ") for one in beside.words)
     (fit,) = summarised(asked, at, Columns(columns.shared[own]), groups=asked_for, tried=(), outliers=(), beside=beside)
     wide, sure = fit.parameters["specimen_depth_um"], fit.parameters["gap_um"]
