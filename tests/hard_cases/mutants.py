@@ -222,8 +222,8 @@ MUTANTS = (
         "Nothing passes the iris",
         "the field is divided by its energy",
         rewritten(
-            reference,
-            "field_table",
+            field,
+            "_made",
             ("np.zeros((4, 4), np.complex128)", "np.zeros((4, 4), np.complex128) / np.zeros(1)"),
         ),
     ),
@@ -270,7 +270,7 @@ MUTANTS = (
     Mutant(
         "Lenslets four times as high as wide",
         "square cells",
-        rewritten(tables, "aperture_outline", ("lattice.row_step_um", "lattice.pitch_um")),
+        rewritten(tables, "aperture_outline", ("scene.lattice.basis_um()", "scene.lattice.pitch_um * np.eye(2)")),
     ),
     Mutant(
         "Half a pixel's slip",
@@ -289,7 +289,7 @@ MUTANTS = (
         "the phase of the way from lenslet to sensor, k B, is kept",
         rewritten(
             tables,
-            "_zoom",
+            "zoom_of",
             (
                 "angle = np.outer(nodes[nodes.size // 2 :], rates)",
                 "angle = (np.outer(nodes[nodes.size // 2 :], rates) + 4712).astype(dtype) - dtype(4712)",
