@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError, check_number
 from lfcal.multiplex._sensor_noise import SensorNoise
-from lfcal.multiplex.spectra import Spectra, colour_matching, shipped_spectra
-from lfcal.multiplex.spectral_filters import spectral_array
+from lfcal.multiplex.spectra import Spectra, colour_matching, shipped_spectra, spectral_array
 
 __all__ = ["ColourError", "colour_difference", "colour_error", "lab", "smooth_reflectances"]
 

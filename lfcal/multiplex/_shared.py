@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from lfcal.multiplex.black_level import black_level_map
-from lfcal.multiplex.codes import CODES
-from lfcal.multiplex.coding_drawing import save_coding
+from lfcal.multiplex._sensor_noise import black_level_map
+from lfcal.multiplex.coding import CODES
 from lfcal.multiplex.colour_filters import FILTERS, parse_pattern
-from lfcal.multiplex.drawing import draw_modulator, save_filter_choice, save_frontier, save_gain_curves, save_gain_map
-from lfcal.multiplex.drawing_images import save_colour_routes
+from lfcal.multiplex.drawing import (
+    draw_modulator,
+    save_coding,
+    save_colour_routes,
+    save_filter_choice,
+    save_frontier,
+    save_gain_curves,
+    save_gain_map,
+)
 from lfcal.multiplex.filters import SPATIAL_FILTERS
 from lfcal.multiplex.general import iter_demultiplex_generally
 from lfcal.multiplex.heterodyne import is_straight, sample_places
 from lfcal.multiplex.matrix_file import MATRIX_SUFFIXES, save_modulator
 from lfcal.multiplex.naming import GRAMMAR, is_whole
-from lfcal.multiplex.paper import FIGURES, PaperFigure, PaperPanel, paper_figure
-from lfcal.multiplex.paper_drawing import save_paper_figure
+from lfcal.multiplex.paper import FIGURES, PaperFigure, PaperPanel, paper_figure, save_paper_figure
 from lfcal.multiplex.quality import WAYS, iter_measure_filters
 from lfcal.multiplex.scenes import colour_edges, filament_light_field, view_edges, zone_plate
 from lfcal.multiplex.search import SearchProgress, iter_mask_frontier

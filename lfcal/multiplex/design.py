@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, check_number, check_tuple, leave_if_unwanted
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS, cfa
-from lfcal.multiplex.mask_bounds import mask_gain_bound, noise_shares
-from lfcal.multiplex.masks import mask, mask_at_distance
+from lfcal.multiplex.masks import mask, mask_at_distance, mask_gain_bound, noise_shares
 from lfcal.multiplex.modulator import Modulator
 from lfcal.multiplex.noise import snr_gain
 from lfcal.multiplex.search import best_mask

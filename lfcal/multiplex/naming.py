@@ -14,8 +14,7 @@ from lfcal.multiplex.masks import MASKS, mask
 from lfcal.multiplex.matrix_file import MATRIX_SUFFIXES, load_modulator
 from lfcal.multiplex.modulator import Modulator
 from lfcal.multiplex.polarisation import polarisers
-from lfcal.multiplex.spectra import TABLES, Spectra, read_spectra, shipped_spectra
-from lfcal.multiplex.spectral_filters import spectral_array
+from lfcal.multiplex.spectra import TABLES, Spectra, read_spectra, shipped_spectra, spectral_array
 
 __all__ = ["GRAMMAR", "is_whole", "modulator_of"]
 

@@ -1,7 +1,8 @@
-"""Figures 3, 5, 6 and 7 of the paper as data: pictures with shared scales and a line of numbers for each."""
+"""Figures 3, 5, 6 and 7 of the paper as data and as PNG: pictures with shared scales, numbers for each."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,18 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError
+from lfcal.base import InputError, draw_image, figure, save_figure
 from lfcal.multiplex.acquisition import acquire_light_field
 from lfcal.multiplex.colour_filters import cfa
 from lfcal.multiplex.demultiplexing import demultiplex, multiplex
-from lfcal.multiplex.drawing_images import colour_picture, log_spectrum, mosaic_picture, upsampled_views
+from lfcal.multiplex.drawing import colour_picture, log_spectrum, mosaic_picture, upsampled_views
 from lfcal.multiplex.masks import mask
 from lfcal.multiplex.modulator import Modulator
 from lfcal.multiplex.noise import PAPER_CAMERAS, GainCurves, gain_curves, snr_gain
 from lfcal.multiplex.quality import ringing
 from lfcal.multiplex.scenes import colour_edges, filament_light_field, view_edges
 
-__all__ = ["FIGURES", "PaperFigure", "PaperPanel", "paper_figure"]
+__all__ = ["FIGURES", "PaperFigure", "PaperPanel", "paper_figure", "save_paper_figure"]
 
 Array = NDArray[Any]
 
@@ -208,3 +209,30 @@ def _contrast(frame: Array, modulator: Modulator) -> Array:
     mean = cv2.blur(frame, (side, side), borderType=cv2.BORDER_REFLECT_101)
     a, b = (n // 2 for n in frame.shape)
     return np.asarray((frame / np.maximum(mean, 1e-12))[a : a + 5 * side, b : b + 5 * side])
+
+
+def save_paper_figure(found: PaperFigure, path: str | os.PathLike[str]) -> None:
+    """Write the pictures of a figure; figure 6 is `lfcal.multiplex.drawing.save_gain_curves`."""
+    rows = -(-len(found.panels) // found.columns)
+    with figure(3.7 * found.columns, 3.5 * rows + 0.4, dpi=140) as fig:
+        grid = fig.subplots(rows, found.columns, squeeze=False).ravel()
+        for axes, panel in zip(grid, found.panels, strict=False):
+            _draw(axes, panel)
+        for axes in grid[len(found.panels) :]:
+            axes.set_axis_off()
+        fig.suptitle(f"Figure {found.number}. {found.title}", fontsize=10)
+        save_figure(fig, path)
+
+
+def _draw(axes: object, panel: PaperPanel) -> None:
+    from matplotlib.axes import Axes
+
+    assert isinstance(axes, Axes)
+    words = f"column\n{panel.numbers}"
+    if panel.levels is None:
+        axes.imshow(panel.image, interpolation="nearest")
+        axes.grid(False)
+        axes.set(title=panel.title, xlabel=words, ylabel="row")
+        return
+    draw_image(axes, panel.image, title=panel.title, unit="", xlabel=words, ylabel="row")
+    axes.images[0].set_clim(*panel.levels)

@@ -13,8 +13,16 @@ from numpy.typing import NDArray
 
 from lfcal.base import Clock, InputError, Progress, Work, check_number, drained, leave_if_unwanted
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS, cfa
-from lfcal.multiplex.mask_bounds import MAX_EXHAUSTIVE, best_binary_mask, mask_gain_bound, noise_shares
-from lfcal.multiplex.masks import MASKS, mask, mask_at_distance, mask_pattern
+from lfcal.multiplex.masks import (
+    MASKS,
+    MAX_EXHAUSTIVE,
+    best_binary_mask,
+    mask,
+    mask_at_distance,
+    mask_gain_bound,
+    mask_pattern,
+    noise_shares,
+)
 from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
 from lfcal.multiplex.noise import amplification, snr_gain
 

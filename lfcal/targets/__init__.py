@@ -3,17 +3,17 @@
 Points whose cutouts do not meet are independent measurements, each of its own phase: its place in the period of
 the lenslet array. What is done with a target, and where:
 
-1. Describe it: ``target`` (holes, marks), ``pose`` (how it lies, and how badly that is known), ``parsing`` (in words).
+1. Describe it: ``target`` (holes, marks; as the command line writes it), ``pose`` (how it lies, and how uncertain
+   that is).
 2. Know where its holes are imaged: ``images`` (chief rays, each hole at its own depth), ``phases`` (counted in
    lenslets, so that an array that is turned, distorted, or of no whole period is none the worse).
-3. Plan: ``pitches`` (which target), ``covering`` with ``lines`` and ``search`` (which offsets), ``tails`` (how close
-   holes may be), ``planning`` (all of it), ``expected`` (what noise leaves),
-   ``plan`` (`TargetPlan`, a file of its own beside the scan it stands for).
+3. Plan: ``planning`` (which pitch, how close holes may be, and from there to the plan), ``offsets`` (which offsets
+   show all phases), ``expected`` (what noise leaves), ``plan`` (`TargetPlan`, a separate file that holds the scan).
 4. Simulate its frames: ``camera`` (`TargetCamera`).
    A target whose points are switched: ``display`` (planned on its pixels), ``subsets`` (which frames may be shown at
    once), ``coded`` (what each shows alone, from frames that show several).
-5. Find its holes in a frame: ``spots`` (points of light), ``lattice_labels`` (places of one lattice), ``match`` (which
-   hole each is), ``pose_fit`` (pose, pitch, distortion), ``mistakes`` (what is not as described), ``finding``.
+5. Find its holes in a frame: ``spots`` (points of light), ``finding`` (places of one lattice, and which hole each is),
+   ``pose_fit`` (pose, pitch, distortion), ``mistakes`` (what is not as described).
 
 A scan plan keeps its meaning: a `TargetPlan` holds one, whose positions it shows by other means. See docs/targets.md.
 """

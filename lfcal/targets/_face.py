@@ -7,11 +7,10 @@ from lfcal.targets.coded import DecodedFrames, decoded
 from lfcal.targets.display import Display, coded_plan, display_image, iter_plan_display, parse_display
 from lfcal.targets.expected import ErrorForecast, error_forecast
 from lfcal.targets.finding import FoundPoints, find_points
-from lfcal.targets.parsing import parse_target, target_words
 from lfcal.targets.plan import TargetForecast, TargetPlan
 from lfcal.targets.planning import Wishes, iter_plan_target, plan_target, propose_target
 from lfcal.targets.pose import Pose
-from lfcal.targets.target import Target
+from lfcal.targets.target import Target, parse_target, target_words
 
 __all__ = [
     "DecodedFrames",

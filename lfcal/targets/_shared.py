@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from lfcal.targets._region_points import region_points
 from lfcal.targets.frames import frames_of, open_target_frames, read_target_plan
 from lfcal.targets.images import whole_at
 from lfcal.targets.mistakes import Mistake
-from lfcal.targets.nearest import nearest_positions
-from lfcal.targets.parsing import proposed_hole
-from lfcal.targets.phases import Phases
+from lfcal.targets.offsets import covered_by
+from lfcal.targets.phases import Phases, nearest_positions
+from lfcal.targets.plan import region_points
 from lfcal.targets.planning import shown_within
 from lfcal.targets.sampling import may_resample, resampling_words
-from lfcal.targets.search import covered_by
 from lfcal.targets.subsets import group_order, subset_patterns
+from lfcal.targets.target import proposed_hole
 
 __all__ = [
     "Mistake",

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, Region
 from lfcal.frames import FrameInfo, FrameMetadata, FrameSource, Noise, Samples, SourceView
-from lfcal.targets._lit import lit_blocks, lit_matrix
-from lfcal.targets.plan import TargetPlan
+from lfcal.targets.plan import TargetPlan, lit_blocks, lit_matrix
 
 __all__ = ["DecodedFrames", "decoded"]
 

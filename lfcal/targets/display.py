@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, Work, check_number, check_tuple
 from lfcal.camera import ScanPlan
-from lfcal.targets._lit import lit_by
-from lfcal.targets._whole_offsets import iter_whole_offsets
 from lfcal.targets.images import hole_images
+from lfcal.targets.offsets import iter_whole_offsets
 from lfcal.targets.phases import Phases
-from lfcal.targets.plan import TargetPlan
+from lfcal.targets.plan import TargetPlan, lit_by
 from lfcal.targets.planning import Wishes, iter_plan_target, propose_target
 from lfcal.targets.pose import length_um
 from lfcal.targets.target import Target

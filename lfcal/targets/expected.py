@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from lfcal.camera import ScanPlan
 from lfcal.simulate import SimulatedCamera, plan_effects
 from lfcal.targets.images import whole_at
-from lfcal.targets.nearest import nearest_positions
-from lfcal.targets.phases import Phases
+from lfcal.targets.phases import Phases, nearest_positions
 from lfcal.targets.plan import TargetPlan
 
 __all__ = ["ErrorForecast", "error_forecast", "noise_share"]

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import heapq
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from lfcal.base import InputError
 from lfcal.camera import Camera, half_extent_px
-from lfcal.targets._lattice_labels import lattice_labels, refined_basis
-from lfcal.targets._match import Match, holes_of, matches, turned_absent
 from lfcal.targets._pose_fit import PoseFit, fit_pose
 from lfcal.targets._spots import Spots, find_spots
 from lfcal.targets.images import HoleImages, hole_images
@@ -21,6 +22,228 @@ __all__ = ["FoundPoints", "find_points"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+
+REACH = 3.3
+"""Pitches over which neighbours are followed: a missing row, or two, part no lattice."""
+
+OFF = 0.22
+"""Share of a pitch that a neighbour may lie beside its place."""
+
+NEAR = 0.3
+"""The same of the first neighbours, from which the basis is measured."""
+
+
+def refined_basis(pixels: Array, basis: Array) -> Array:
+    """Return the lattice's two vectors ``(2, 2)`` as seen in spots, nearest to those expected.
+
+    Raises
+    ------
+    InputError
+        If no two spots are apart as expected.
+    """
+    tree = cKDTree(pixels)
+    longest = float(np.linalg.norm(basis, axis=1).max())
+    pairs = np.array(sorted(tree.query_pairs(1.5 * longest)), np.intp).reshape(-1, 2)
+    away = pixels[pairs[:, 1]] - pixels[pairs[:, 0]] if len(pairs) else np.zeros((0, 2))
+    away = np.concatenate([away, -away])
+    found = basis.copy()
+    for _ in range(4):
+        for k in range(2):
+            close = np.linalg.norm(away - found[k], axis=1) < NEAR * np.linalg.norm(basis[k])
+            if close.any():
+                found[k] = np.median(away[close], axis=0)
+    near = [(np.linalg.norm(away - b, axis=1) < OFF * np.linalg.norm(b)).sum() for b in found]
+    if len(pixels) > 1 and not any(near):
+        apart = np.linalg.norm(basis, axis=1)
+        nearest = np.asarray(tree.query(pixels, 2)[0])[:, 1]
+        raise InputError.expected(
+            "neighbours in the frame",
+            f"points {apart[0]:.1f} or {apart[1]:.1f} px apart, turned by at most 15°",
+            f"{np.median(nearest):.1f} px",
+            "check pitch, depth and rotation of the target",
+        )
+    return found
+
+
+def lattice_labels(pixels: Array, basis: Array) -> tuple[Index, NDArray[np.bool_]]:
+    """Return places ``(n, 2)`` of spots in the lattice, and which of them have one.
+
+    Labels grow from spot to spot, the most certain step first, each by its neighbour's place: tilt and distortion are
+    followed. What lies between places, or on one that is taken, has none.
+    """
+    n = len(pixels)
+    label, has = np.zeros((n, 2), np.intp), np.zeros(n, np.bool_)
+    tree = cKDTree(pixels)
+    inverse = np.linalg.inv(basis)
+    reach = REACH * float(np.linalg.norm(basis, axis=1).max())
+    near = [list(tree.query_ball_point(at, reach)) for at in pixels]
+
+    def steps(k: int) -> list[tuple[float, int, int, tuple[int, int]]]:
+        out = []
+        for other in near[k]:
+            step = (pixels[other] - pixels[k]) @ inverse
+            whole = np.rint(step)
+            far = float(np.abs(step - whole).max())
+            if other != k and whole.any() and far < OFF:
+                out.append((far + 0.2 * float(np.abs(whole).sum()), k, other, (int(whole[0]), int(whole[1]))))
+        return out
+
+    left = set(range(n))
+    best: tuple[Index, NDArray[np.bool_]] = (label, has)
+    # the largest connected part is the target; a ghost or dirt may be where growth begins
+    while left:
+        start = max(left, key=lambda k: sum(1 for s in steps(k) if s[2] in left))
+        label, has = np.zeros((n, 2), np.intp), np.zeros(n, np.bool_)
+        has[start] = True
+        taken = {(0, 0)}
+        heap = steps(start)
+        heapq.heapify(heap)
+        while heap:
+            _, k, other, (a, b) = heapq.heappop(heap)
+            at = (int(label[k, 0]) + a, int(label[k, 1]) + b)
+            if has[other] or at in taken:
+                continue
+            label[other], has[other] = at, True
+            taken.add(at)
+            for step in steps(other):
+                heapq.heappush(heap, step)
+        if has.sum() > best[1].sum():
+            best = label, has
+        left -= set(np.flatnonzero(has).tolist())
+        if len(left) <= best[1].sum():
+            break
+    return best
+
+
+TURNS = {
+    "as described": (False, 0),
+    "turned by 90°": (False, 1),
+    "turned by 180°": (False, 2),
+    "turned by 270°": (False, 3),
+    "mirrored left to right": (True, 0),
+    "mirrored and turned by 90°": (True, 1),
+    "mirrored top to bottom": (True, 2),
+    "mirrored and turned by 270°": (True, 3),
+}
+"""Ways in which an array may be put in: mirrored or not, quarter turns after that."""
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """A lattice laid on a target.
+
+    Attributes
+    ----------
+    shift
+        What is added to places of the lattice.
+    turn
+        How the target lies, one of `TURNS`.
+    hits, misses, extra
+        Spots on holes; holes on the frame without a spot, of a row or column without any counted once; spots where
+        there is no hole.
+    """
+
+    shift: tuple[int, int]
+    turn: str
+    hits: int
+    misses: int
+    extra: int
+
+    @property
+    def score(self) -> int:
+        """How well they agree."""
+        return self.hits - self.misses - 2 * self.extra
+
+
+def places_of(holes: Index, target: Target) -> Index:
+    """Return holes ``(n, 2)`` (row, column) as places in the lattice: rows lean where the array is hexagonal."""
+    out = np.array(holes, np.intp)
+    if target.kind == "hexagonal":
+        out[:, 1] -= out[:, 0] // 2
+    return out
+
+
+def holes_of(places: Index, target: Target) -> Index:
+    """Return places ``(n, 2)`` of the lattice as holes (row, column)."""
+    out = np.array(places, np.intp)
+    if target.kind == "hexagonal":
+        out[:, 1] += out[:, 0] // 2
+    return out
+
+
+def turned_absent(target: Target, turn: str) -> Target | None:
+    """Return the target with its marks where they are seen when it was put in another way; None: it cannot be so.
+
+    A rectangle that is turned by a quarter is another array, and so is a hexagonal one that is not turned by half.
+    """
+    mirror, quarters = TURNS[turn]
+    if quarters % 2 and (target.shape[0] != target.shape[1] or target.pitch_um[0] != target.pitch_um[1]):
+        return None
+    if target.kind == "hexagonal" and (quarters % 2 or mirror or (quarters and target.shape[0] % 2)):
+        return None
+    there = np.ones(target.shape, np.bool_)
+    for hole in target.absent:
+        there[hole] = False
+    seen = np.rot90(there[:, ::-1] if mirror else there, quarters)
+    return replace(target, absent=tuple((int(r), int(c)) for r, c in np.argwhere(~seen)))
+
+
+def matches(
+    places: Index,
+    target: Target,
+    on_frame: NDArray[np.bool_],
+    around: tuple[int, int],
+    reach: int,
+) -> Iterator[Match]:
+    """Yield how a lattice may lie on a target as it is described, and as it may have been put in otherwise.
+
+    Parameters
+    ----------
+    places
+        Of spots ``(n, 2)``.
+    target
+        As described.
+    on_frame
+        Which places of the lattice ``(rows, columns)`` the frame shows whole, the first of them being `around` less
+        than (0, 0) of the lattice: misses are counted there.
+    around
+        Places of the lattice before its (0, 0).
+    reach
+        Least number of spots on holes.
+    """
+    seen = np.zeros(on_frame.shape, np.bool_)
+    inside = places + np.array(around)
+    seen[tuple(inside.T)] = True
+    turns = TURNS if target.absent else ("as described",)
+    for turn in turns:
+        own = turned_absent(target, turn)
+        if own is None:
+            continue
+        holes = places_of(own.holes, own)
+        low, high = holes.min(0) - places.max(0), holes.max(0) - places.min(0)
+        for a in range(int(low[0]), int(high[0]) + 1):
+            for b in range(int(low[1]), int(high[1]) + 1):
+                at = holes - np.array([a, b]) + np.array(around)
+                within = ((at >= 0) & (at < np.array(on_frame.shape))).all(1)
+                at = at[within]
+                shown = seen[tuple(at.T)]
+                hits = int(shown.sum())
+                if hits < reach:
+                    continue
+                misses = _misses(holes[within], on_frame[tuple(at.T)], shown)
+                yield Match((a, b), turn, hits, misses, len(places) - hits)
+
+
+def _misses(holes: Index, there: NDArray[np.bool_], shown: NDArray[np.bool_]) -> int:
+    """Return how many holes that should be seen are not; a whole row, or column, of them is one mistake."""
+    gone, rows = there & ~shown, 0
+    for axis in (0, 1):
+        for k in np.unique(holes[gone, axis]).tolist():
+            own = there & (holes[:, axis] == k)
+            if own.sum() > 1 and not (own & shown).any():
+                gone, rows = gone & ~own, rows + 1
+    return int(gone.sum()) + rows
+
 
 RIVAL = 2
 """Spots by which another labelling may be worse and still be meant: two that are missing or too many explain it."""

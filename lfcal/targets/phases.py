@@ -1,9 +1,10 @@
-"""Phases: where in the period of the lenslet array an image lies."""
+"""Phases: where in the period of the lenslet array an image lies, and which position of a scan it shows."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from lfcal.camera import LensletLattice, ScanPlan
 
-__all__ = ["Phases"]
+__all__ = ["Phases", "nearest_positions"]
 
 Array = NDArray[np.float64]
 
@@ -104,3 +105,21 @@ class Phases:
     def _tree(self) -> cKDTree:
         """Wanted phases, to be found from either side of the period."""
         return cKDTree(self.wanted(), boxsize=self.period)
+
+
+class Nearest(NamedTuple):
+    """Positions ``(n, 2)`` as (y, x), and the phases of the images minus theirs ``(n, 2)`` (pixels)."""
+
+    positions: NDArray[np.intp]
+    residual_px: NDArray[np.float64]
+
+
+def nearest_positions(phases: Phases, pixels: ArrayLike) -> Nearest:
+    """Return the position that each image ``(n, 2)`` (sensor row, column) is next to, by its phase in the array."""
+    wanted, found = phases.wanted(), phases.at(np.asarray(pixels, float).reshape(-1, 2))
+    if not len(found):
+        return Nearest(np.zeros((0, 2), np.intp), np.zeros((0, 2)))
+    number = cKDTree(wanted, boxsize=phases.period).query(found, p=np.inf)[1]
+    away = found - wanted[number]
+    away -= phases.period * np.round(away / phases.period)
+    return Nearest(np.stack(np.divmod(number, phases.plan.period[1]), axis=-1).astype(np.intp), away)

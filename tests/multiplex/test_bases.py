@@ -31,12 +31,14 @@ from lfcal.multiplex.polarisation import degree_of_polarisation, polarisers
 from lfcal.multiplex.spectra import (
     TABLES,
     Spectra,
+    bandpass_filters,
     colour_matching,
+    cosine_basis,
     daylight,
     read_spectra,
     shipped_spectra,
+    spectral_array,
 )
-from lfcal.multiplex.spectral_filters import bandpass_filters, cosine_basis, spectral_array
 from lfcal.multiplex.tiles import tile_pixels, tiled_modulator
 
 RNG = np.random.default_rng

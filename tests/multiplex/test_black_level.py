@@ -9,7 +9,7 @@ from lfcal.base.errors import InputError
 from lfcal.camera import Sensor
 from lfcal.cli._multiplex_frames import RecordedFrame, level_of
 from lfcal.multiplex import pixel_weights, without_black_level
-from lfcal.multiplex.black_level import black_level_map
+from lfcal.multiplex._sensor_noise import black_level_map
 
 
 def test_levels_of_a_pattern_lie_at_their_places() -> None:

@@ -19,7 +19,7 @@ from lfcal.multiplex import (
     random_code,
     s_matrix,
 )
-from lfcal.multiplex.codes import s_matrix_orders
+from lfcal.multiplex.coding import s_matrix_orders
 
 RNG = np.random.default_rng
 Array = NDArray[np.float64]

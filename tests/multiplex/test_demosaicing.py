@@ -13,8 +13,16 @@ from numpy.typing import NDArray
 
 from lfcal.base.errors import InputError
 from lfcal.multiplex import Modulator, cfa, demultiplex, mask, modulator_from_matrix, multiplex
-from lfcal.multiplex._demosaicing import _continued
-from lfcal.multiplex._estimation import ALONG_COLUMNS, ALONG_ROWS, EVEN, Prior, estimation_weights, reach_of, thinned
+from lfcal.multiplex._demosaicing import (
+    ALONG_COLUMNS,
+    ALONG_ROWS,
+    EVEN,
+    Prior,
+    _continued,
+    estimation_weights,
+    reach_of,
+    thinned,
+)
 
 RNG = np.random.default_rng
 Array = NDArray[Any]

@@ -26,8 +26,8 @@ from lfcal.multiplex import (
 )
 from lfcal.multiplex._colour_error import colour_difference, colour_error, lab
 from lfcal.multiplex.design import best_array, best_printed_mask, with_crosstalk
-from lfcal.multiplex.gains import gain_map, sample_deviation, sensor_gain
-from lfcal.multiplex.resolution import modulation_transfer
+from lfcal.multiplex.noise import gain_map, sample_deviation, sensor_gain
+from lfcal.multiplex.quality import modulation_transfer
 
 RNG = np.random.default_rng
 SENSOR = Sensor(shape=(40, 40), bit_depth=10, full_well_e=8000.0, read_noise_e=6.0, dark_current_e_s=50.0, prnu=0.02)

@@ -27,8 +27,8 @@ from lfcal.targets import (
     iter_plan_display,
     parse_display,
 )
-from lfcal.targets._lit import lit_by
 from lfcal.targets.frames import TargetFrames, frames_of
+from lfcal.targets.plan import lit_by
 from lfcal.targets.subsets import group_order, subset_patterns
 from tests.targets.common import scan_of, small
 

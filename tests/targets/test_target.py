@@ -11,7 +11,7 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.targets import Pose, Target, parse_target, target_words
-from lfcal.targets.parsing import proposed_hole
+from lfcal.targets.target import proposed_hole
 
 TARGETS = {
     "point": Target(),

@@ -12,12 +12,10 @@ from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan
 from lfcal.targets import Pose, Target
-from lfcal.targets import _covering as covering
-from lfcal.targets._covering import Covering, iter_cover
-from lfcal.targets._lines import line_offsets
+from lfcal.targets import offsets as covering
 from lfcal.targets.images import hole_images
+from lfcal.targets.offsets import Covering, covered_by, iter_cover, line_offsets
 from lfcal.targets.phases import Phases
-from lfcal.targets.search import covered_by
 from tests.targets.common import distorted, scan_of, small, turned
 
 TOLERANCE = 0.1
