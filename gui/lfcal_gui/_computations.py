@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from lfcal.base import Unwanted, wanted_while
+from lfcal.base import WorkAbandoned, abandonable
 from lfcal_gui.workers import Workers, keep, words_of
 
 __all__ = ["Computations"]
@@ -59,9 +59,9 @@ class Computations:
             report: Callable[[Any], None] = on_result
             value: Any
             try:
-                with wanted_while(lambda: not (stale() or self._ending)):
+                with abandonable(lambda: not (stale() or self._ending)):
                     value = function()
-            except Unwanted:
+            except WorkAbandoned:
                 report, value = _nobody, None
             except BaseException as error:
                 keep(group, error)

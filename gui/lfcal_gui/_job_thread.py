@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lfcal.base import Cancelled, InputError, LfcalError, Progress, Unwanted, Work, wanted_while
+from lfcal.base import Cancelled, InputError, LfcalError, Progress, Work, WorkAbandoned, abandonable
 from lfcal_gui.models import JobLog, JobState, Keeping, Stamp, WindowJob, stamp_of, warnings_to
 from lfcal_gui.workers import keep, words_of
 
@@ -114,7 +114,7 @@ class JobThread:
         with warnings_to(lambda words: self._log.say("warning", words)):
             try:
                 end = {"state": JobState.DONE, "result": self._follow()}
-            except (Cancelled, Unwanted):
+            except (Cancelled, WorkAbandoned):
                 end = {"state": JobState.CANCELLED, "kept": self._kept()}
             except BaseException as error:
                 keep(f"job {self.number}", error)
@@ -127,7 +127,7 @@ class JobThread:
         running, last = self.asked.work(), 0.0
         try:
             while True:
-                with wanted_while(lambda: not (self.asked.leave and self.stop.is_set())):
+                with abandonable(lambda: not (self.asked.leave and self.stop.is_set())):
                     record = next(running)
                 self._log.follow(record)
                 if self.stop.is_set():

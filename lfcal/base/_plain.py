@@ -16,7 +16,7 @@ from lfcal.base.errors import FileFormatError
 
 __all__ = ["parse_json", "plain"]
 
-DEEPEST = 50
+MAX_NESTING = 50
 """Levels of lists and objects within each other; files of lfcal have 6."""
 
 
@@ -43,7 +43,7 @@ def parse_json(text: str, what: str, *, remedy: str = "check the file", finite: 
     """Return the value of JSON ``text``; ``what`` names it in messages.
 
     Stricter than `json.loads`, whose result can end a program far from here: NaN, infinity and numbers beyond 64 bits,
-    entries given twice, nesting beyond `DEEPEST` levels, and text that is not Unicode are refused.
+    entries given twice, nesting beyond `MAX_NESTING` levels, and text that is not Unicode are refused.
     With ``finite`` false, NaN and infinity are read.
 
     Raises
@@ -83,8 +83,8 @@ def parse_json(text: str, what: str, *, remedy: str = "check the file", finite: 
         raise refuse("lists within lists without end") from None
     except ValueError as error:
         raise refuse(str(error)) from None
-    if _deeper_than(value, DEEPEST):
-        raise refuse(f"more than {DEEPEST} lists within each other")
+    if _deeper_than(value, MAX_NESTING):
+        raise refuse(f"more than {MAX_NESTING} lists within each other")
     # halves of a surrogate pair cannot be written again
     if re.search(r"\\u[dD][89a-fA-F]", text) and not _is_unicode(value):
         raise refuse("characters that are not Unicode")

@@ -50,7 +50,7 @@ from lfcal.base.files import (
     write_tiff,
 )
 from lfcal.base.npy import map_npy, npy_header
-from lfcal.base.progress import Unwanted, in_place_of, leave_if_unwanted, wanted_while
+from lfcal.base.progress import WorkAbandoned, abandonable, in_place_of, raise_if_abandoned
 from lfcal.base.registry import Registry
 from lfcal.base.system import (
     OPEN_FLAGS,
@@ -108,7 +108,8 @@ __all__ = [
     "Registry",
     "StorageError",
     "UnsafeFileError",
-    "Unwanted",
+    "WorkAbandoned",
+    "abandonable",
     "as_sensor_frame",
     "bounded_threads",
     "centre",
@@ -149,7 +150,6 @@ __all__ = [
     "in_place_of",
     "is_alive",
     "lazy_face",
-    "leave_if_unwanted",
     "lock",
     "map_npy",
     "memory_in_use",
@@ -166,6 +166,7 @@ __all__ = [
     "position_at",
     "preparing_seconds",
     "processors",
+    "raise_if_abandoned",
     "read_at",
     "read_text",
     "region_shape",
@@ -180,7 +181,6 @@ __all__ = [
     "sync_data",
     "sync_folder",
     "total_memory",
-    "wanted_while",
     "whole",
     "worker_count",
     "write_at",

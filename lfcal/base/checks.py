@@ -29,7 +29,7 @@ __all__ = [
 MAX_SAMPLE = 1e12
 """Values of a frame or a PSF matrix beyond this are no counts of light; sums of their squares would overflow."""
 
-LARGEST = 1e15
+MAX_NUMBER = 1e15
 """Numbers beyond this are those of damaged files: sums of their squares would overflow."""
 
 
@@ -44,15 +44,15 @@ def check_number(
     integer: bool = False,
     remedy: str = "correct this value",
 ) -> None:
-    """Raise `InputError` unless ``value`` is a finite number within the bounds, and of at most `LARGEST` either way."""
+    """Raise `InputError` unless ``value`` is a finite number within the bounds, of at most `MAX_NUMBER` either way."""
     # plain kinds first: a look at the abstract ones takes as long as all else. A bool is an Integral in Python.
     plain = isinstance(value, int if integer else (float, int))
     good = (plain or isinstance(value, Integral if integer else Real)) and not isinstance(value, bool)
     if good and _finite(value):
         number = float(value)  # type: ignore[arg-type]
-        if abs(number) > LARGEST:
-            at_most = LARGEST if below is None and at_most is None else at_most
-            at_least = -LARGEST if above is None and at_least is None else at_least
+        if abs(number) > MAX_NUMBER:
+            at_most = MAX_NUMBER if below is None and at_most is None else at_most
+            at_least = -MAX_NUMBER if above is None and at_least is None else at_least
         if (
             (above is None or number > above)
             and (at_least is None or number >= at_least)
@@ -95,7 +95,7 @@ def check_length(what: str, value_um: object, **bounds: Any) -> None:
 
     Beyond these limits, far outside everything that is built, squares of lengths and of their ratios overflow.
     """
-    check_number(what, value_um, **{"at_most": LARGEST, **(bounds or {"at_least": 1e-9})})
+    check_number(what, value_um, **{"at_most": MAX_NUMBER, **(bounds or {"at_least": 1e-9})})
 
 
 def check_exposure(what: str, value_s: object) -> None:

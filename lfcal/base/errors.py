@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from typing import Self
 
 __all__ = [
-    "LONGEST",
+    "MAX_MESSAGE",
     "Cancelled",
     "FileFormatError",
     "InputError",
@@ -18,11 +18,11 @@ __all__ = [
     "one_line",
 ]
 
-LONGEST = 480
+MAX_MESSAGE = 480
 """Characters of a message; what files hold may be of any length, and is shown in part."""
 
 
-def one_line(text: str, longest: int = LONGEST) -> str:
+def one_line(text: str, longest: int = MAX_MESSAGE) -> str:
     """Return ``text`` as one printable line: control characters as escapes, its middle left out where it is longer."""
     # far more than is shown need not be looked at
     if len(text) > 4 * longest:
@@ -39,7 +39,7 @@ def one_line(text: str, longest: int = LONGEST) -> str:
 def choose(name: object, choices: Iterable[str]) -> str:
     """Return the remedy for a name that is none of ``choices``: the one that was meant, where one is like it."""
     by_lower = {choice.lower(): choice for choice in choices}
-    close = get_close_matches(str(name)[:LONGEST].lower(), by_lower, 1)
+    close = get_close_matches(str(name)[:MAX_MESSAGE].lower(), by_lower, 1)
     return f"did you mean {by_lower[close[0]]}?" if close else "choose one of these"
 
 
@@ -52,7 +52,7 @@ class LfcalError(Exception):
         return cls(f"{one_line(what, 240)}: expected {wanted}, got {one_line(str(got), 160)}; {remedy}")
 
     def __str__(self) -> str:
-        """Return the message as one line of at most `LONGEST` characters."""
+        """Return the message as one line of at most `MAX_MESSAGE` characters."""
         return one_line(super().__str__())
 
 

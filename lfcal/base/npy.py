@@ -21,10 +21,10 @@ __all__ = ["map_npy", "npy_header"]
 KINDS = "iufcb"
 """Kinds of dtype that are numbers; others are text, records, or objects whose reading runs code."""
 
-LONGEST = 10_000
+MAX_HEADER = 10_000
 """Characters of a header; an array of numbers has some hundred."""
 
-MOST_AXES = 32
+MAX_AXES = 32
 
 _DESCR = r"['\"]descr['\"]:\s*['\"]([<>|=]?[A-Za-z]\d{0,9})['\"]"
 _ORDER = r"['\"]fortran_order['\"]:\s*(True|False)"
@@ -80,7 +80,7 @@ def _header(file: BinaryIO, source: Path) -> tuple[tuple[int, ...], bool, np.dty
         raise _damaged(source, "no NPY header")
     width = 2 if head[6:7] == b"\1" else 4
     length = int.from_bytes(file.read(width), "little")
-    raw = file.read(min(length, LONGEST))
+    raw = file.read(min(length, MAX_HEADER))
     text = raw.decode("latin-1").strip()
     if len(raw) < length or not _HEADER.fullmatch(text):
         raise _other(source, text)
@@ -92,7 +92,7 @@ def _header(file: BinaryIO, source: Path) -> tuple[tuple[int, ...], bool, np.dty
     except TypeError:
         raise _damaged(source, f"dtype {descr[1]}") from None
     sides = tuple(int(n) for n in re.findall(r"\d+", shape[1]))
-    if len(sides) > MOST_AXES:
+    if len(sides) > MAX_AXES:
         raise _damaged(source, f"{len(sides)} axes")
     return sides, order[1] == "True", dtype
 

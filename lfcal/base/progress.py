@@ -22,13 +22,13 @@ from typing import Any, ParamSpec, TypeVar, cast, get_args, get_origin
 __all__ = [
     "Clock",
     "Progress",
-    "Unwanted",
     "Work",
+    "WorkAbandoned",
+    "abandonable",
     "drain",
     "drained",
     "in_place_of",
-    "leave_if_unwanted",
-    "wanted_while",
+    "raise_if_abandoned",
 ]
 
 P = ParamSpec("P")
@@ -214,8 +214,8 @@ def _parts_of(doc: str) -> dict[str, str]:
     return parts
 
 
-class Unwanted(Exception):
-    """Nobody waits for what is computed any more."""
+class WorkAbandoned(Exception):
+    """What is computed is no longer needed."""
 
 
 _WANTED: ContextVar[Callable[[], bool] | None] = ContextVar("wanted", default=None)
@@ -223,8 +223,8 @@ _WANTED: ContextVar[Callable[[], bool] | None] = ContextVar("wanted", default=No
 
 
 @contextmanager
-def wanted_while(wanted: Callable[[], bool]) -> Iterator[None]:
-    """Let what this thread computes end early, by `Unwanted`, once ``wanted`` says no.
+def abandonable(wanted: Callable[[], bool]) -> Iterator[None]:
+    """End what this thread computes early, by `WorkAbandoned`, once ``wanted`` returns False.
 
     For functions that are no generators, and answer questions that may be asked anew before they are answered.
     """
@@ -235,8 +235,8 @@ def wanted_while(wanted: Callable[[], bool]) -> Iterator[None]:
         _WANTED.reset(token)
 
 
-def leave_if_unwanted() -> None:
-    """Raise `Unwanted` where nobody waits for what this thread computes any more."""
+def raise_if_abandoned() -> None:
+    """Raise `WorkAbandoned` where what this thread computes is no longer needed."""
     wanted = _WANTED.get()
     if wanted is not None and not wanted():
-        raise Unwanted
+        raise WorkAbandoned

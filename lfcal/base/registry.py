@@ -69,24 +69,24 @@ class Registry(Generic[T]):
     def _found(self) -> dict[str, T]:
         if self._parts is None:
             parts: dict[str, T] = {}
-            for part in self._own():
+            for part in self._builtin():
                 if part.name in parts:
                     raise ValueError(f"two {self.what}s are called {part.name!r}")
                 parts[part.name] = part
-            for part in self._foreign():
+            for part in self._plugins():
                 parts.setdefault(part.name, part)  # others cannot hide lfcal's own
             key = self._order or (lambda part: part.name)
             self._parts = {part.name: part for part in sorted(parts.values(), key=key)}
         return self._parts
 
-    def _own(self) -> Iterator[T]:
+    def _builtin(self) -> Iterator[T]:
         path = importlib.import_module(self.package).__path__
         for module in pkgutil.iter_modules(path):
             if not module.name.startswith("_"):
                 loaded = importlib.import_module(f"{self.package}.{module.name}")
                 yield from _several(getattr(loaded, self.attribute, ()))
 
-    def _foreign(self) -> Iterator[T]:
+    def _plugins(self) -> Iterator[T]:
         for point in metadata.entry_points(group=self.group):
             try:
                 parts = _several(point.load())

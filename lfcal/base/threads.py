@@ -33,7 +33,7 @@ __all__ = [
     "worker_count",
 ]
 
-MOST = 1024
+MAX_THREADS = 1024
 """Threads that may run at once, whoever asked for them: calls within calls have threads of their own."""
 
 HELPER = "helper"
@@ -140,7 +140,7 @@ class _Helpers:
             self.asked.append((result, partial(function, *args)))
             if len(self.asked) <= self.threads - len(self.running):
                 self.change.notify()
-            elif self.threads < MOST:
+            elif self.threads < MAX_THREADS:
                 thread = threading.Thread(target=self._help, name=f"{HELPER}_{self.threads}", daemon=True)
                 with suppress(RuntimeError):  # the system or the interpreter gives none
                     thread.start()

@@ -49,8 +49,8 @@ def _checked_out(root: Path) -> str:
 def _installed() -> str:
     """Return the commit that pip installed from a repository (PEP 610), empty where it did not."""
     try:
-        told = json.loads(distribution("lfcal").read_text("direct_url.json") or "{}")
-        return _hash(str(told["vcs_info"]["commit_id"]))
+        info = json.loads(distribution("lfcal").read_text("direct_url.json") or "{}")
+        return _hash(str(info["vcs_info"]["commit_id"]))
     except (PackageNotFoundError, ValueError, KeyError, TypeError, OSError):
         return ""
 

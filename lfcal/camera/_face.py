@@ -8,7 +8,7 @@ from lfcal.camera.description import MARKS, Camera, Marks
 from lfcal.camera.distortion import BrownDistortion, LatticeDistortion
 from lfcal.camera.draft import Draft
 from lfcal.camera.forecast import Forecast
-from lfcal.camera.importers import CAMERA_FORMATS, Imported, Wanted, import_camera, read_camera, read_raytrix_xml
+from lfcal.camera.importers import CAMERA_FORMATS, Imported, ImportOptions, import_camera, read_camera, read_raytrix_xml
 from lfcal.camera.lattice import LensletLattice, LensType
 from lfcal.camera.main_lens import MainLens, Microscope
 from lfcal.camera.plan import ScanPlan
@@ -28,6 +28,7 @@ __all__ = [
     "Derived",
     "Draft",
     "Forecast",
+    "ImportOptions",
     "Imported",
     "LatticeDistortion",
     "LensType",
@@ -40,7 +41,6 @@ __all__ = [
     "ScanPlan",
     "Sensor",
     "StageAxes",
-    "Wanted",
     "derived_of",
     "doubts",
     "has_value",

@@ -13,7 +13,7 @@ from lfcal.camera.plan import ScanPlan
 
 __all__ = ["Forecast", "readout_hours"]
 
-SLOWEST = 1e-6
+MIN_RATE = 1e-6
 """Least speed of a stage (µm/s) and least frame rate (frames/s): with less a scan has no end."""
 
 
@@ -25,7 +25,7 @@ def readout_hours(frames: int, frames_per_s: float | None) -> float | None:
     """
     if frames_per_s is None:
         return None
-    check_number("frame rate (frames/s)", frames_per_s, at_least=SLOWEST)
+    check_number("frame rate (frames/s)", frames_per_s, at_least=MIN_RATE)
     return frames / frames_per_s / 3600
 
 
@@ -98,7 +98,7 @@ class Forecast:
         ``frames_per_s`` is the most that the camera delivers, of the region that it reads; see `readout_hours`. With
         ``positions`` ``(n, 3)`` as (z, y, x) no others are recorded, in that order; H has all of them all the same.
         """
-        check_number("stage speed (µm/s)", stage_um_per_s, at_least=SLOWEST)
+        check_number("stage speed (µm/s)", stage_um_per_s, at_least=MIN_RATE)
         _, ny, nx, nt, ns = plan.shape
         per_plane = ny * nx
         pixels = math.prod(plan.camera.sensor.shape)

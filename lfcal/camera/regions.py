@@ -19,13 +19,13 @@ __all__ = ["RegionPlan", "parse_regions"]
 
 FORMAT = "lfcal-region-plan"
 VERSION = 1
-MOST = 100
+MAX_REGIONS = 100
 """More regions than this are a scan of the whole field."""
 
-ALIKE_PX = 0.05
+PHASE_TOLERANCE_PX = 0.05
 """Phases of regions are to be the same to this, if the array allows it a few periods around."""
 
-AROUND = 6
+SEARCH_PERIODS = 6
 """Periods around its place in which an anchor is looked for."""
 
 
@@ -62,8 +62,8 @@ class RegionPlan:
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "anchors", anchors)
         bad = [name for name in names if not (isinstance(name, str) and re.fullmatch(r"[A-Za-z0-9_-]{1,40}", name))]
-        if bad or len({name.lower() for name in names}) < len(names) or not 1 <= len(names) <= MOST:
-            wanted = f"1 to {MOST} different names of letters and digits"
+        if bad or len({name.lower() for name in names}) < len(names) or not 1 <= len(names) <= MAX_REGIONS:
+            wanted = f"1 to {MAX_REGIONS} different names of letters and digits"
             raise InputError.expected("regions of the field", wanted, bad[:1] or len(names), "rename them")
         if len(anchors) != len(names) or anchors[0] != self.scan.anchor:
             wanted = f"one for each of {len(names)} regions, the first that of the scan"
@@ -102,7 +102,7 @@ class RegionPlan:
         # a quarter of the way to the next region at most, where a cell has room in it
         apart = (high - low) / np.maximum(np.array([rows, columns]) - 1, 1)
         period = np.array(scan.cell_camera.period_px)
-        reach = np.clip(apart / 4, period, AROUND * period)
+        reach = np.clip(apart / 4, period, SEARCH_PERIODS * period)
         found: dict[str, tuple[float, float]] = {}
         for r, down in enumerate(_places(low[0], high[0], rows)):
             for c, along in enumerate(_places(low[1], high[1], columns)):
@@ -163,8 +163,10 @@ def parse_regions(text: str) -> tuple[int, int]:
 
 def _checked(rows: int, columns: int) -> tuple[int, int]:
     """Return rows and columns of regions if there are some, and not too many."""
-    if not 1 < rows * columns <= MOST:
-        raise InputError.expected("regions (rows, columns)", f"2 to {MOST} in all", f"{rows}x{columns}", "correct it")
+    if not 1 < rows * columns <= MAX_REGIONS:
+        raise InputError.expected(
+            "regions (rows, columns)", f"2 to {MAX_REGIONS} in all", f"{rows}x{columns}", "correct it"
+        )
     return rows, columns
 
 
@@ -190,7 +192,7 @@ def _alike(
     high: NDArray[np.float64],
     reach: NDArray[np.float64],
 ) -> tuple[float, float]:
-    """Return the whole-pixel anchor next to ``place`` of the scan's phase, to `ALIKE_PX` if there is one."""
+    """Return the whole-pixel anchor next to ``place`` of the scan's phase, to `PHASE_TOLERANCE_PX` if there is one."""
     camera = scan.camera
     offset = np.array(scan.anchor) - nearest_lens(camera, scan.anchor)
     pixel = camera.sensor.pixel_um
@@ -204,7 +206,7 @@ def _alike(
         raise InputError.expected("region", "an anchor of the scan's phase on the sensor", "none", "take fewer regions")
     exact, whole = exact[there], whole[there]
     # a residual counts once it is noticed; of those that are not, the nearest
-    residual = np.maximum(np.abs(exact - whole).max(axis=1), ALIKE_PX)
+    residual = np.maximum(np.abs(exact - whole).max(axis=1), PHASE_TOLERANCE_PX)
     away = np.hypot(*(whole - place).T)
     row, column = whole[np.lexsort((away, np.round(residual, 3)))[0]].tolist()
     return row, column

@@ -9,8 +9,8 @@ from lfcal.camera import (
     CAMERA_FORMATS,
     PRESETS,
     Camera,
+    ImportOptions,
     Quantity,
-    Wanted,
     doubts,
     import_camera,
     preset,
@@ -31,7 +31,7 @@ def load_camera(name: str) -> Camera:
     return camera
 
 
-def load_file(name: str, wanted: Wanted | None = None) -> tuple[Camera, tuple[str, ...]]:
+def load_file(name: str, options: ImportOptions | None = None) -> tuple[Camera, tuple[str, ...]]:
     """Return the camera of a file, and what its reader has to say of it."""
     path = Path(name)
     if not path.exists():
@@ -39,7 +39,7 @@ def load_file(name: str, wanted: Wanted | None = None) -> tuple[Camera, tuple[st
         formats = ", ".join(form.name for form in CAMERA_FORMATS)
         meant = choose(name, PRESETS).replace("choose one of these", "check the name")
         raise StorageError.expected("camera", f"{known}, or a file ({formats})", name, meant)
-    found = import_camera(path, wanted)
+    found = import_camera(path, options)
     return found.camera, found.notes
 
 

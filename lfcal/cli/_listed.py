@@ -137,11 +137,11 @@ def _check_size(
     folder: str,
 ) -> None:
     """Raise where frames of ``shape`` are smaller than a sensor of known size: their place on it is not known."""
-    from lfcal.frames import check_inside, part_refusal, smaller, stated_origin
+    from lfcal.frames import check_inside, is_part_of_sensor, part_refusal, stated_origin
 
     if origin is not None:
         check_inside(origin, shape, camera.sensor.shape)
-    elif smaller(shape, camera):
+    elif is_part_of_sensor(shape, camera):
         stated = stated_origin(roi, shape)
         raise part_refusal(shape, camera.sensor.shape, stated, "as their metadata say")
     else:

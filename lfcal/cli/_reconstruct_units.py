@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from lfcal.cli._reconstruct_frames import FrameFile
 from lfcal.cli._reconstruct_regions import files_of_regions
 from lfcal.cli.outputs import files_of
-from lfcal.work import Held, Unit, file_name, parts_folder, stamp_of
+from lfcal.work import ProcessCache, Unit, file_name, parts_folder, stamp_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -181,7 +181,7 @@ class _Tool:
     files: ExitStack
 
 
-_HELD: Held[_Tool] = Held(lambda tool: tool.files.close())
+_HELD: ProcessCache[_Tool] = ProcessCache(lambda tool: tool.files.close())
 
 
 How = tuple[str, int, int, int, "ArrayDevice | None"]

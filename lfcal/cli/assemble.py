@@ -143,7 +143,7 @@ def command(
     from lfcal.cli._target_frames import refuse_options, wanted_target
     from lfcal.cli.outputs import check_output
     from lfcal.cli.plan import parse_cutout
-    from lfcal.frames import CorrectionRecipe, chosen_shift, parse_origin, smaller
+    from lfcal.frames import CorrectionRecipe, chosen_shift, is_part_of_sensor, parse_origin
     from lfcal.psf import AssemblySettings
 
     check_choice(orientation)
@@ -232,7 +232,7 @@ def command(
         stack.enter_context(source)
         tell_assumed(scan.camera, "plan", quiet=json)
         # a session knows which part of the sensor it recorded; of other frames the place has to be stated
-        placed = source.metadata.plan is not None or place is not None or smaller(source.shape, scan.camera)
+        placed = source.metadata.plan is not None or place is not None or is_part_of_sensor(source.shape, scan.camera)
         if not placed:
             tell_size(source.shape, scan.camera, folder=str(frames), channel=channel)
         report_notes(source.metadata.notes)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import typer
 
-from lfcal.camera import Wanted
+from lfcal.camera import ImportOptions
 from lfcal.cli._camera_values import (
     ArrayOption,
     FocusOption,
@@ -79,7 +79,7 @@ def command(
     )
     if frame is not None:
         values["sensor.shape"] = frame_shape(frame)
-    camera, notes = load_file(str(file), Wanted(values, resolution))
+    camera, notes = load_file(str(file), ImportOptions(values, resolution))
     camera = replace(camera, name=name) if name else camera
     for note in notes:
         report(f"note: {file.name}: {note}")

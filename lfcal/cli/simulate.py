@@ -290,7 +290,7 @@ def _memory(task: _Task, run: RunChoice | None, workers: int | None) -> int:
     """Return the bytes that all planes under way take at most together."""
     from lfcal.base import worker_count
     from lfcal.simulate import predict_bytes
-    from lfcal.work.executors import at_once, memory_beside
+    from lfcal.work.executors import concurrent_memory, concurrent_units
 
     plan, count = task.planned, worker_count(workers)
 
@@ -306,7 +306,7 @@ def _memory(task: _Task, run: RunChoice | None, workers: int | None) -> int:
     one = plane(1)  # each has engines of its own
     if run.executor != "threads":
         return count * one
-    beside = at_once([one] * len(plan.depths_um), count, memory_beside())
+    beside = concurrent_units([one] * len(plan.depths_um), count, concurrent_memory())
     return beside * one if beside > 1 else plane(count)
 
 

@@ -5,12 +5,20 @@ from __future__ import annotations
 from lfcal.frames.aligned import chosen_shift, find_shift
 from lfcal.frames.cfa import cfa_from, check_cfa, pattern_side
 from lfcal.frames.channels import ThinnedSource, colour_scan, colours_of
-from lfcal.frames.damage import SelectedSource, named
+from lfcal.frames.damage import SelectedSource, frame_errors
 from lfcal.frames.described import stated_noise
 from lfcal.frames.half_cell import with_partners
 from lfcal.frames.opening import COMPONENTS, SOURCES, open_component
 from lfcal.frames.orientation import AUTO, CHECK
-from lfcal.frames.part import binned, check_inside, check_stated, parse_origin, part_refusal, smaller, stated_origin
+from lfcal.frames.part import (
+    binned,
+    check_inside,
+    check_stated,
+    is_part_of_sensor,
+    parse_origin,
+    part_refusal,
+    stated_origin,
+)
 from lfcal.frames.positions import natural_key
 from lfcal.frames.source import check_index
 from lfcal.frames.view import SourceView
@@ -36,13 +44,13 @@ __all__ = [
     "colours_of",
     "compared_orientations",
     "find_shift",
-    "named",
+    "frame_errors",
+    "is_part_of_sensor",
     "natural_key",
     "open_component",
     "parse_origin",
     "part_refusal",
     "pattern_side",
-    "smaller",
     "stated_noise",
     "stated_origin",
     "with_partners",

@@ -14,10 +14,10 @@ from lfcal.frames.view import SourceView
 
 __all__ = ["ShiftedSource", "chosen_shift", "find_shift", "shifted"]
 
-LOOKED_AT = 6
-"""Frames that tell how samples are aligned."""
-ENOUGH = 16
-"""Different values that a frame must have to tell anything."""
+SAMPLED_FRAMES = 6
+"""Frames that the alignment of samples is found from."""
+MIN_VALUES = 16
+"""Different values that a frame must have to show the alignment."""
 
 
 def find_shift(source: FrameSource) -> int:
@@ -33,14 +33,14 @@ def find_shift(source: FrameSource) -> int:
     if source.dtype.kind not in "iu" or not len(source):
         return 0
     found: dict[int, str] = {}
-    for index in sorted({round(k) for k in np.linspace(0, len(source) - 1, LOOKED_AT)}):
+    for index in sorted({round(k) for k in np.linspace(0, len(source) - 1, SAMPLED_FRAMES)}):
         try:
             values = source.read(index)
         except (FileFormatError, StorageError):
             continue  # a damaged frame is refused, or left out, where all frames are read
         used = int(np.bitwise_or.reduce(values, axis=None))
         # few different values, as in a dark frame, may be even by chance
-        if used and len(np.unique(values[:: max(1, values.shape[0] // 512)])) >= ENOUGH:
+        if used and len(np.unique(values[:: max(1, values.shape[0] // 512)])) >= MIN_VALUES:
             found.setdefault((used & -used).bit_length() - 1, source.info(index).label)
     if len(found) > 1:
         (least, one), *_, (most, other) = sorted(found.items())

@@ -15,21 +15,21 @@ from lfcal.base import Clock, FileFormatError, Region, StorageError, Work, worke
 from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, LeftOut, Position, Samples
 from lfcal.frames.view import SourceView
 
-__all__ = ["SelectedSource", "iter_undamaged", "named"]
+__all__ = ["SelectedSource", "frame_errors", "iter_undamaged"]
 
 BLOCK = 64
 
 
 @contextmanager
-def named(label: str, position: Position) -> Iterator[None]:
+def frame_errors(label: str, position: Position) -> Iterator[None]:
     """Name frame and position in the error of a frame that cannot be read, and the way to go on without it."""
     try:
         yield
     except (FileFormatError, StorageError) as error:
-        said = str(error).removeprefix(f"{label}: ").removesuffix("leave it out").removesuffix(", or ")
+        message = str(error).removeprefix(f"{label}: ").removesuffix("leave it out").removesuffix(", or ")
         where = f"{label}, (z, y, x) = {tuple(position)}"
-        joint = "" if said.endswith(" ") else ", or "
-        raise type(error)(f"{where}: {said}{joint}leave it out (--skip-damaged)") from error
+        joint = "" if message.endswith(" ") else ", or "
+        raise type(error)(f"{where}: {message}{joint}leave it out (--skip-damaged)") from error
 
 
 class SelectedSource(SourceView):

@@ -35,10 +35,10 @@ class HalfCellSource(SourceView):
         index = np.array([tuple(source.info(k).position) for k in range(len(source))], np.intp).reshape(-1, 3)
         inside = ((index >= 0) & (index < np.array(shape))).all(axis=1)
         partners = cell.partners(index)
-        own = np.zeros(shape, np.bool_)
-        own[tuple(index[inside].T)] = True
+        recorded = np.zeros(shape, np.bool_)
+        recorded[tuple(index[inside].T)] = True
         there = np.flatnonzero(inside)
-        self._frames = there[~own[tuple(partners[there].T)]]
+        self._frames = there[~recorded[tuple(partners[there].T)]]
         self._partners, self._moved = partners[self._frames], (partners - index)[self._frames, 1:]
         self.filled = np.unique(np.ravel_multi_index(tuple(self._partners.T), shape))
         """Positions that were filled, as numbers ``(z * ny + y) * nx + x``."""
@@ -48,14 +48,14 @@ class HalfCellSource(SourceView):
         ends = np.flatnonzero(np.diff(self.filled) != 1)
         first = self.filled[np.r_[0, ends + 1]] if len(self.filled) else self.filled
         last = self.filled[np.r_[ends, len(self.filled) - 1]] if len(self.filled) else self.filled
-        said = {
+        facts = {
             "frames": len(self._frames),
             "filled": len(self.filled),
             "shift": list(self._cell.shift),
             "residual_px": list(self._cell.residual_px),
             "positions": np.stack([first, last + 1], axis=1).tolist(),
         }
-        return replace(known, half_cell=said)
+        return replace(known, half_cell=facts)
 
     def __len__(self) -> int:
         """Return the number of frames, those that stand for their partners counted twice."""
@@ -63,12 +63,12 @@ class HalfCellSource(SourceView):
 
     def info(self, index: int) -> FrameInfo:
         """Return what is known of frame ``index``; a partner's lies on the sensor as if it had been recorded there."""
-        own = index - len(self.source)
-        if own < 0:
+        extra = index - len(self.source)
+        if extra < 0:
             return self.source.info(index)
-        found = self.source.info(int(self._frames[own]))
-        row, column = np.array(found.origin) + self._moved[own]
-        place = Position(*self._partners[own].tolist())
+        found = self.source.info(int(self._frames[extra]))
+        row, column = np.array(found.origin) + self._moved[extra]
+        place = Position(*self._partners[extra].tolist())
         return replace(
             found, points=(place,), origin=(int(row), int(column)), label=f"{found.label} for {tuple(place)}"
         )
@@ -82,8 +82,8 @@ class HalfCellSource(SourceView):
         return self.source.samples(self._frame(index), region)
 
     def _frame(self, index: int) -> int:
-        own = index - len(self.source)
-        return index if own < 0 else int(self._frames[own])
+        extra = index - len(self.source)
+        return index if extra < 0 else int(self._frames[extra])
 
 
 def with_partners(source: FrameSource, plan: ScanPlan) -> HalfCellSource:

@@ -18,10 +18,10 @@ __all__ = [
     "check_inside",
     "check_origin",
     "check_stated",
+    "is_part_of_sensor",
     "parse_origin",
     "parse_roi",
     "part_refusal",
-    "smaller",
     "stated_origin",
 ]
 
@@ -82,7 +82,7 @@ def binned(sensor: Place, shape: Place) -> int:
     return 0
 
 
-def smaller(shape: Place, camera: Camera) -> bool:
+def is_part_of_sensor(shape: Place, camera: Camera) -> bool:
     """Return whether frames of ``shape`` are a part of the camera's sensor, whose size is stated."""
     sensor = camera.sensor.shape
     if shape == sensor or binned(sensor, shape) or camera.marks["sensor.shape"] == "assumed":
@@ -109,7 +109,7 @@ def check_stated(source: FrameSource, camera: Camera) -> None:
         return
     if known.origin is not None:
         check_inside(known.origin, source.shape, camera.sensor.shape)
-    elif known.stated_origin is not None and smaller(source.shape, camera):
+    elif known.stated_origin is not None and is_part_of_sensor(source.shape, camera):
         raise part_refusal(source.shape, camera.sensor.shape, known.stated_origin, "as their metadata say")
 
 

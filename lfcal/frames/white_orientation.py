@@ -15,22 +15,22 @@ from lfcal.lattice import WRONG, CameraCheck, CheckLine, LatticeFit, LensTypes
 
 __all__ = ["TurnedWhite", "compared_orientations", "find_turned_white"]
 
-SAMPLED = 500
+MAX_LENSLETS = 500
 """Lenslets that are compared."""
 
 CERTAIN_SIGMAS = 5.0
 """Standard errors above which the order of the lens types is certain."""
 
-ORDERED = 0.8
+MIN_ORDERED = 0.8
 """Share of the lenslets whose type must follow one order."""
 
 NEAR_PX, FAR_PX = 0.3, 1.0
 """A lattice nearer than the first explains micro-images, one farther than the second does not (pixels rms)."""
 
-TIMES = 4.0
+MIN_RATIO = 4.0
 """How many times nearer another orientation must be."""
 
-AS_GOOD_PX = 0.3
+EQUAL_PX = 0.3
 """Orientations whose distances differ by less are equally good (pixels rms)."""
 
 
@@ -88,10 +88,10 @@ def find_turned_white(camera: Camera, fit: LatticeFit, types: LensTypes | None) 
     types
         Its lens types, where there are three.
     """
-    told = types is not None and types.sigmas >= CERTAIN_SIGMAS and camera.marks["lattice.type_step"] != "assumed"
-    index = fit.index[:: max(1, len(fit.index) // SAMPLED)]
+    typed = types is not None and types.sigmas >= CERTAIN_SIGMAS and camera.marks["lattice.type_step"] != "assumed"
+    index = fit.index[:: max(1, len(fit.index) // MAX_LENSLETS)]
     seen = fit.centres_px(index[:, 0], index[:, 1])
-    kinds = types.type_of(index[:, 0], index[:, 1]) if told and types is not None else None
+    kinds = types.type_of(index[:, 0], index[:, 1]) if typed and types is not None else None
     tried = [
         _compare(camera, turn, turn.places(seen, fit.shape), kinds)
         for turn in ORIENTATIONS.values()
@@ -102,10 +102,10 @@ def find_turned_white(camera: Camera, fit: LatticeFit, types: LensTypes | None) 
     if not others:
         return None
     best = others[0].away_px
-    nearer = best <= NEAR_PX and own.away_px > max(FAR_PX, TIMES * best)
+    nearer = best <= NEAR_PX and own.away_px > max(FAR_PX, MIN_RATIO * best)
     if own.ordered and not nearer:
         return None
-    turns = tuple(one.turn for one in others if one.away_px <= best + AS_GOOD_PX)
+    turns = tuple(one.turn for one in others if one.away_px <= best + EQUAL_PX)
     sigmas = types.sigmas if types is not None and not own.ordered else None
     return TurnedWhite(turns, best, own.away_px, sigmas)
 
@@ -134,13 +134,13 @@ def _compare(
         return _Compared(turn, _rms((at - near) @ basis), True)
     apart = np.mod(kinds - lattice.type_of(near[:, 0], near[:, 1]), 3)
     counts = np.bincount(apart, minlength=3)
-    ordered = bool(counts.max() >= ORDERED * len(apart))
+    ordered = bool(counts.max() >= MIN_ORDERED * len(apart))
     if not ordered or camera.marks["lattice.offset_um"] == "assumed":
         return _Compared(turn, _rms((at - near) @ basis), ordered)
-    return _Compared(turn, _rms(_to_own_type(at, near, kinds, camera, basis)), True)
+    return _Compared(turn, _rms(_nearest_of_type(at, near, kinds, camera, basis)), True)
 
 
-def _to_own_type(
+def _nearest_of_type(
     at: NDArray[np.float64],
     near: NDArray[np.intp],
     kinds: NDArray[np.intp],

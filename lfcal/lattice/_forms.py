@@ -277,14 +277,14 @@ MIN_SHARE = 4.0
 FLEXIBLE_SHARE = 8.0
 """The same where a form is to run ahead of the places, or to weigh them."""
 
-LEAST_GAIN = 0.01
+MIN_GAIN_PX = 0.01
 """By how much a form must move the lenslets to be worth its numbers (pixels rms)."""
 
-LEAST_SHARE = 0.03
+MIN_GAIN_SHARE = 0.03
 """Share of what micro-images left out lose that a form must remove: less may be the frame's border, or chance."""
 
-ENOUGH = 10000
-"""Lenslets from which forms are compared: more of them would tell nothing new of smooth fields."""
+MAX_LENSLETS = 10000
+"""Lenslets that forms are compared by at most: more of them add nothing to smooth fields."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -342,7 +342,7 @@ def select_form(model: LatticeModel, index: NDArray[np.intp], places: Array, fra
     """Fit every form and return the one that the places call for.
 
     A form with more numbers is taken when it foretells left-out blocks better, by more than chance would have it and
-    by `LEAST_SHARE`, and moves the lenslets by `LEAST_GAIN` at least.
+    by `MIN_GAIN_SHARE`, and moves the lenslets by `MIN_GAIN_PX` at least.
 
     Parameters
     ----------
@@ -360,8 +360,8 @@ def select_form(model: LatticeModel, index: NDArray[np.intp], places: Array, fra
     for k in range(1, len(fits)):
         extra = fits[k].form.size - fits[chosen].form.size
         chance = 2 * math.sqrt(2 * max(extra, 1)) + 4
-        needed = max(chance * unit, LEAST_SHARE * losses[chosen])
-        if losses[chosen] - losses[k] > needed and _moves(fits[chosen], fits[k], index[few]) > LEAST_GAIN:
+        needed = max(chance * unit, MIN_GAIN_SHARE * losses[chosen])
+        if losses[chosen] - losses[k] > needed and _moves(fits[chosen], fits[k], index[few]) > MIN_GAIN_PX:
             chosen = k
     # a form that the few determine the many determine too; all the same, no crash over a lattice that was found
     best = fit_form(fits[chosen].model, fits[chosen].form, index, places, frame)
@@ -374,10 +374,10 @@ def select_form(model: LatticeModel, index: NDArray[np.intp], places: Array, fra
 
 
 def thinned(count: int) -> NDArray[np.intp]:
-    """Return which of ``count`` lenslets serve to compare forms: all, or `ENOUGH` of them all over the field."""
-    if count <= ENOUGH:
+    """Return which of ``count`` lenslets serve to compare forms: all, or `MAX_LENSLETS` of them all over the field."""
+    if count <= MAX_LENSLETS:
         return np.arange(count)
-    return np.sort(np.random.default_rng(0).permutation(count)[:ENOUGH])
+    return np.sort(np.random.default_rng(0).permutation(count)[:MAX_LENSLETS])
 
 
 def _compared(
@@ -391,7 +391,7 @@ def _compared(
     blocks = Blocks.of(places)
     # one set of weights for all, so that what they leave can be compared
     fits = [fit for fit in (_offered(largest, form, index, places, frame) for form in FORMS) if fit is not None]
-    return fits, [_left_out(fit, index, frame, blocks) for fit in fits], _correlation(largest, blocks)
+    return fits, [_held_out_error(fit, index, frame, blocks) for fit in fits], _correlation(largest, blocks)
 
 
 def _offered(
@@ -417,7 +417,7 @@ def _correlation(fit: FittedForm, blocks: Blocks) -> float:
     return max(1.0, float((sums**2).sum()) / max(float((values**2).sum()), 1e-300) / kept)
 
 
-def _left_out(fit: FittedForm, index: NDArray[np.intp], frame: DistortionFrame, blocks: Blocks) -> float:
+def _held_out_error(fit: FittedForm, index: NDArray[np.intp], frame: DistortionFrame, blocks: Blocks) -> float:
     """Return the weighted sum of squares of each fold's residuals under a fit to the others (linear about the fit)."""
     columns = design(fit.model, fit.form, index, frame)[:, blocks.order]
     residual, weight = fit.residual[blocks.order], fit.weight[blocks.order]

@@ -30,19 +30,19 @@ SHELLS = 6
 BLADES = (3, 5, 7, 9, 11)
 """Odd numbers of blades; of an even number the centre is that of symmetry."""
 
-BETTER = 4.0
-"""So much less must a polygon leave of what is odd than a symmetric micro-image, before it is believed (squares)."""
+MIN_IMPROVEMENT = 4.0
+"""Smallest ratio by which a polygon reduces the odd residuals of a symmetric micro-image (sums of squares)."""
 
 STEPS = 30
 """Steps of a fit: the right polygon takes ten to twenty, and of a wrong one nothing is asked."""
 
-TRIED = 2
+STARTS = 2
 """Starts, the best of a grid of radii and rotations, from which a polygon is fitted."""
 
 FIRST = 1.25
 """Length of the first waves of a lattice, over that of the shortest, at most."""
 
-LARGEST = 0.25
+MAX_OFFSET = 0.25
 """Farthest centre, in pitches."""
 
 SCALE = np.array([0.1, 0.1, 1.0, 0.3, 0.1, 0.3, 0.1])
@@ -97,11 +97,11 @@ def iris_centre(
     pitch = float(min(model.pitch, model.row_pitch))
     symmetric = _symmetric(about, pitch)
     odd = min((_polygon(about, blades, pitch) for blades in BLADES), key=lambda fit: fit.cost)
-    if BETTER * odd.odd > symmetric.odd:
+    if MIN_IMPROVEMENT * odd.odd > symmetric.odd:
         # of what has a centre of symmetry that one is known better: no unequal neighbours come in
         return None
     middle = odd.by_first(about)
-    return middle if math.hypot(*middle.shift) < LARGEST * pitch else None
+    return middle if math.hypot(*middle.shift) < MAX_OFFSET * pitch else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,36 +175,36 @@ class _Fit(IrisCentre):
     odd: float
 
     @classmethod
-    def of(cls, about: _Waves, away: Callable[[Array], Array], start: Array, bounds: Array, blades: int) -> _Fit:
-        """Return the least squares of ``away`` over numbers ``(k,)`` that begin with the shift.
+    def of(cls, about: _Waves, residuals: Callable[[Array], Array], start: Array, bounds: Array, blades: int) -> _Fit:
+        """Return the least squares of ``residuals`` over numbers ``(k,)`` that begin with the shift.
 
-        It takes many of them ``(m, k)`` and returns what is left of the waves ``(m, 2n)``, what is odd first.
+        It takes many of them ``(m, k)`` and returns the residuals of the waves ``(m, 2n)``, what is odd first.
         """
         from scipy import optimize
 
         def slopes_at(p: Array) -> Array:
             steps = STEP * np.maximum(1, np.abs(p))
-            left: Array = away(np.vstack([p, p + np.diag(steps)]))
-            return np.asarray(((left[1:] - left[0]) / steps[:, None]).T)
+            residual: Array = residuals(np.vstack([p, p + np.diag(steps)]))
+            return np.asarray(((residual[1:] - residual[0]) / steps[:, None]).T)
 
-        def left_at(p: Array) -> Array:
-            return np.asarray(away(p[None])[0])
+        def residual_of(p: Array) -> Array:
+            return np.asarray(residuals(p[None])[0])
 
         fit = optimize.least_squares(
-            left_at,
+            residual_of,
             start,
             jac=slopes_at,
             bounds=(bounds[0], bounds[1]),
             x_scale=SCALE[: start.size],
             max_nfev=STEPS,
         )
-        shift, left, slopes = np.array(fit.x[:2]), np.asarray(fit.fun), np.asarray(fit.jac)
-        variance = 2 * float(fit.cost) / max(1, left.size - start.size)
+        shift, residual, slopes = np.array(fit.x[:2]), np.asarray(fit.fun), np.asarray(fit.jac)
+        variance = 2 * float(fit.cost) / max(1, residual.size - start.size)
         covariance = np.linalg.pinv(slopes.T @ slopes)[:2, :2] * variance
         centred, n = about.moved(shift), about.found.size
         # an even shape has no odd part, and any even one
-        shape = centred - (left[n:] + 1j * left[:n]) if blades else centred.real.astype(np.complex128)
-        return cls(shift, covariance, blades, shape, float(fit.cost), float(left[:n] @ left[:n]))
+        shape = centred - (residual[n:] + 1j * residual[:n]) if blades else centred.real.astype(np.complex128)
+        return cls(shift, covariance, blades, shape, float(fit.cost), float(residual[:n] @ residual[:n]))
 
     def by_first(self, about: _Waves) -> IrisCentre:
         """Return the centre by the phases of the first waves alone, less those of the shape.
@@ -219,8 +219,8 @@ class _Fit(IrisCentre):
         rows = about.wave[first] * weight[:, None]
         inverse = np.linalg.inv(rows.T @ rows)
         more = inverse @ (rows.T @ (phase * weight))
-        left = phase * weight - rows @ more
-        covariance = self.covariance + inverse * float(left @ left) + np.diag(more**2)
+        residual = phase * weight - rows @ more
+        covariance = self.covariance + inverse * float(residual @ residual) + np.diag(more**2)
         return IrisCentre(self.shift + more, covariance, self.blades)
 
 
@@ -234,12 +234,12 @@ def _polygon(about: _Waves, blades: int, pitch: float) -> _Fit:
     """Return the centre of a polygon, with its radius, blur, gain, share of what is odd, and rotation free."""
     square = (about.wave**2).sum(1)
 
-    def away(p: Array) -> Array:
+    def residuals(p: Array) -> Array:
         shape = _transforms(about.wave, blades, p[:, 2], p[:, 6])
         # curved blades have less of what is odd
         shape = p[:, 4:5] * (shape.real + 1j * p[:, 5:6] * shape.imag) * np.exp(-2 * np.pi**2 * square * p[:, 3:4] ** 2)
-        left = about.moved(p[:, :2]) - shape
-        return np.concatenate([left.imag, left.real], 1)
+        residual = about.moved(p[:, :2]) - shape
+        return np.concatenate([residual.imag, residual.real], 1)
 
     far = pitch / 3
     bounds = np.array([[-far, -far, 0.2 * pitch, 0, 0.3, 0, -7], [far, far, 0.65 * pitch, pitch / 5, 2, 1.3, 7]])
@@ -250,5 +250,5 @@ def _polygon(about: _Waves, blades: int, pitch: float) -> _Fit:
             for turn in np.arange(8) / 8
         ]
     )
-    best = np.argsort(np.square(away(starts)).sum(1), kind="stable")[:TRIED]
-    return min((_Fit.of(about, away, p, bounds, blades) for p in starts[best]), key=lambda fit: fit.cost)
+    best = np.argsort(np.square(residuals(starts)).sum(1), kind="stable")[:STARTS]
+    return min((_Fit.of(about, residuals, p, bounds, blades) for p in starts[best]), key=lambda fit: fit.cost)

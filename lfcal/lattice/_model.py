@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 DIM_CLASS = 0.75
 """Light of a class of lenslets, over that of the brightest, below which lenslets are compared with their own class."""
 
-MOST_LIGHT = 3.0
+MAX_LIGHT = 3.0
 """Light of a lenslet, over that around it, up to which it counts in the mean of its class."""
 
 CLASS_REACH = 2
@@ -133,7 +133,7 @@ def class_light(index: NDArray[np.intp], light: Array) -> Array:
             mine = classes == one
             known = (light / usual)[mine & np.isfinite(light)]
             # a median would follow one half of a class that an object makes unequal, a plain mean one bright speck
-            middle = float(np.clip(known, 0, MOST_LIGHT).mean()) if known.size else 1.0
+            middle = float(np.clip(known, 0, MAX_LIGHT).mean()) if known.size else 1.0
             usual[mine] *= middle if middle > 0 else 1.0
     return usual
 

@@ -34,7 +34,7 @@ ORDER_TOLERANCE = 0.08
 """How far from a whole order a peak may lie and still belong to a lattice."""
 
 NOMINAL_TOLERANCE = 0.10
-SURE = 0.2
+MIN_CONTRAST_SHARE = 0.2
 """Share of the usual contrast from which a lenslet counts as brighter or darker than its gaps."""
 
 HEXAGONAL_ORDERS = (((1, 0), (0, 1), (-1, -1)), ((1, -1), (1, 2), (-2, -1)), ((2, 0), (0, 2), (-2, -2)))
@@ -53,7 +53,7 @@ An array of unequal lenslets repeats over a coarser lattice: three types over âˆ
 CELL_SIDE = 9
 """Samples along each side of a mean cell."""
 
-ALIKE = 0.7
+MIN_CORRELATION = 0.7
 """Correlation with each other of the mean cells about all places of a lattice. Measured: lenslets of brightness 0.3 to
 1 at least 0.99; where some of the places are gaps, below 0.4."""
 
@@ -152,11 +152,11 @@ def _finest(flat: NDArray[np.float32], name: str, basis: Array) -> tuple[RoughLa
             centre = _most_symmetric(flat, name, basis, types=3)
             gains, alike = _cells(flat, basis, finer, centre)
             # types differ in focus, so their cells need not be alike; but a gap holds nothing
-            filled = (np.abs(gains) > SURE * np.abs(alike)).all()
+            filled = (np.abs(gains) > MIN_CONTRAST_SHARE * np.abs(alike)).all()
             other, share = _judge(flat, name, finer, centre)
         else:
             gains, alike = _cells(flat, basis, finer, _most_symmetric(flat, name, finer))
-            filled = (gains > SURE).all() and (alike > ALIKE).all()
+            filled = (gains > MIN_CONTRAST_SHARE).all() and (alike > MIN_CORRELATION).all()
             other, share = _finest(flat, name, finer) if filled else found
         finest = np.linalg.norm(other.basis[0]) < np.linalg.norm(found[0].basis[0])
         if filled and finest and share >= MIN_BRIGHT and other.contrast > 0:
@@ -354,7 +354,7 @@ def _judge(flat: NDArray[np.float32], kind: str, basis: Array, centre: Array) ->
     if not len(difference):
         return RoughLattice(kind, basis, centre, 0.0), 0.0
     # where no light falls there is noise, which says nothing
-    sure = np.abs(difference) > SURE * np.percentile(np.abs(difference), 90)
+    sure = np.abs(difference) > MIN_CONTRAST_SHARE * np.percentile(np.abs(difference), 90)
     return RoughLattice(kind, basis, centre, float(difference.mean())), float((difference[sure] > 0).mean())
 
 

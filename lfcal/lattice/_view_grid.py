@@ -116,10 +116,10 @@ Box = tuple[int, int, int, int]
 AXES = ("frame", "lattice")
 """Along what the rows and columns of a view run."""
 
-SLACK = 1e-6
+EDGE_TOLERANCE_PX = 1e-6
 """A lenslet this close to the limit is inside: whole-pixel lattices touch it exactly (pixels)."""
 
-ENOUGH = 0.5 - 1e-9
+MIN_SHARE = 0.5 - 1e-9
 """A sample is seen where the lenslets that are there have this share of it."""
 
 
@@ -233,7 +233,7 @@ def view_grid(
         return ViewGrid(np.zeros((0, 2)), cells.near, cells.share, corner, step, turn, (0, 0), 0.0)
     centres = lattice.centres_px(*cells.lenslets.T)
     inside = _inside(centres, size, margin)
-    seen = (cells.share * inside[cells.near]).sum(-1) >= ENOUGH
+    seen = (cells.share * inside[cells.near]).sum(-1) >= MIN_SHARE
     share = _shares(cells, inside & ~_among(cells.lenslets, missing))
     field_box = _around(seen)
     top, bottom, left, right = field_box if full else largest_box(seen)
@@ -266,8 +266,8 @@ def _frame_places(
     anchor = raster.centres_px(middle[0], middle[1])
     axes = []
     for n, distance, place in zip(shape, step, anchor, strict=True):
-        low = math.ceil((margin - SLACK - place) / distance)
-        high = math.floor((n - 1 - margin + SLACK - place) / distance)
+        low = math.ceil((margin - EDGE_TOLERANCE_PX - place) / distance)
+        high = math.floor((n - 1 - margin + EDGE_TOLERANCE_PX - place) / distance)
         axes.append(place + distance * np.arange(low, high + 1))
     rows, columns = axes
     if not rows.size or not columns.size:
@@ -291,8 +291,8 @@ def _lattice_places(lattice: MicroImageLattice, shape: tuple[int, int], margin: 
     hexagonal = lattice.kind == "hexagonal"
     lean, step = (0.5, lattice.row_pitch_px / lattice.pitch_px) if hexagonal else (0.0, 1.0)
     distance = (lattice.row_pitch_px, step * lattice.pitch_px)
-    high, wide = shape[0] - 1 - margin + SLACK, shape[1] - 1 - margin + SLACK
-    if high < margin - SLACK or wide < margin - SLACK:
+    high, wide = shape[0] - 1 - margin + EDGE_TOLERANCE_PX, shape[1] - 1 - margin + EDGE_TOLERANCE_PX
+    if high < margin - EDGE_TOLERANCE_PX or wide < margin - EDGE_TOLERANCE_PX:
         return Cells.none(), (0.0, 0.0), distance, lattice.rotation_rad
     # the frame's border bounds the indices, whatever the distortion; one to spare for what lies between these points
     y, x = (np.linspace(margin, end, 65) for end in (high, wide))
@@ -309,9 +309,11 @@ def _lattice_places(lattice: MicroImageLattice, shape: tuple[int, int], margin: 
 
 def _inside(centres: Array, shape: tuple[int, int], margin: float) -> NDArray[np.bool_]:
     """Return which micro-images lie inside the frame, ``(n,)``."""
-    far = np.array(shape) - 1 - margin + SLACK
+    far = np.array(shape) - 1 - margin + EDGE_TOLERANCE_PX
     y, x = centres[..., 0], centres[..., 1]
-    inside: NDArray[np.bool_] = (y >= margin - SLACK) & (y <= far[0]) & (x >= margin - SLACK) & (x <= far[1])
+    inside: NDArray[np.bool_] = (
+        (y >= margin - EDGE_TOLERANCE_PX) & (y <= far[0]) & (x >= margin - EDGE_TOLERANCE_PX) & (x <= far[1])
+    )
     return inside
 
 
@@ -330,7 +332,7 @@ def _shares(cells: Cells, there: NDArray[np.bool_]) -> Array:
     """Return the shares of the lenslets that are there, their sum 1, or 0 where they are less than half."""
     share = cells.share * there[cells.near]
     total = share.sum(-1, keepdims=True)
-    enough = total >= ENOUGH
+    enough = total >= MIN_SHARE
     result: Array = np.divide(share, total, out=np.zeros_like(share), where=enough)
     return result
 

@@ -18,10 +18,10 @@ __all__ = ["RefocusPlane", "Sites", "ViewReading", "largest_box", "render_rows",
 
 Float = NDArray[Any]
 
-TOGETHER = 8
+BLOCK_ROWS = 8
 """Rows of samples taken at a time."""
 
-CACHED = 1 << 15
+BLOCK_SAMPLES = 1 << 15
 """Measurements that are kept at a time: they stay in the processor's cache."""
 
 
@@ -179,13 +179,13 @@ def sample_rows(frame: NDArray[Any], sites: Sites, reading: ViewReading, out: Fl
     # arrays out of their records before the loops: inside, each access would count references
     near, share = sites.near, sites.share
     (down, across), columns = out.shape[:2], out.shape[3]
-    for first in range(start, stop, TOGETHER):
-        last = min(first + TOGETHER, stop)
+    for first in range(start, stop, BLOCK_ROWS):
+        last = min(first + BLOCK_ROWS, stop)
         place = np.empty(near[first:last].shape, np.int32)
         used = _used(near[first:last], share[first:last], place)
         # one line at least: samples without lenslets take nothing of it
         corner, lenses = sites.corner[used], max(len(used), 1)
-        group = min(down, max(1, CACHED // (lenses * across)))
+        group = min(down, max(1, BLOCK_SAMPLES // (lenses * across)))
         for v in range(0, down, group):
             count = min(group, down - v)
             lines = np.zeros((lenses, count, across), out.dtype)

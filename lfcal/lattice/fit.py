@@ -17,7 +17,7 @@ from lfcal.lattice._rounds import PlacedLenslets, centred, evened, mean_light, p
 from lfcal.lattice._spectrum import MIN_LENSLETS, MIN_PITCH, guess_lattice
 from lfcal.lattice.lattice_fit import LatticeErrors, LatticeFit, best_places
 
-__all__ = ["LatticeFit", "check_cell", "fit_lattice", "followed", "mean_cell", "start_reach"]
+__all__ = ["LatticeFit", "check_cell", "fit_lattice", "fit_outwards", "mean_cell", "start_reach"]
 
 Array = NDArray[np.float64]
 
@@ -40,8 +40,8 @@ def fit_lattice(
     """Fit the lattice of micro-images to a white image.
 
     The spectrum gives a first lattice (`guess_lattice`), which is followed from the middle of the frame outwards
-    (`followed`). Then, in turns, the mean micro-image is made, each lenslet is placed by it to a fraction of a pixel
-    (least squares, Lucas and Kanade 1981), and a flexible lattice is fitted to the places with outliers weighed
+    (`fit_outwards`). Then, in turns, the mean micro-image is made, each lenslet is placed by it to a fraction of a
+    pixel (least squares, Lucas and Kanade 1981), and a flexible lattice is fitted to the places with outliers weighed
     down. The form is chosen that the places call for (`select_form`): straight, or with a distortion. At last the
     lattice is moved to the middle of the iris, which micro-images of odd corners are not symmetric about
     (`iris_centre`).
@@ -82,7 +82,7 @@ def fit_lattice(
     model = model.centred_on((np.array(image.shape[::-1]) - 1) / 2)
     frame = DistortionFrame.of(image.shape)
     model = centred(image, model, workers, start_reach(model, frame))
-    model = followed(image, model, workers)
+    model = fit_outwards(image, model, workers)
     flat = evened(image, model, workers)
     model, lenslets = _settled(flat, model, frame, workers)
     sound = lenslets.sound
@@ -210,8 +210,8 @@ def tracking_form(count: int) -> LatticeForm:
     return form if form.degree <= TRACKING_DEGREE else flexible_form(100)
 
 
-def followed(image: NDArray[np.float32], model: LatticeModel, workers: int | None) -> LatticeModel:
-    """Return the lattice fitted in growing regions, each placed about what the smaller one foretells."""
+def fit_outwards(image: NDArray[np.float32], model: LatticeModel, workers: int | None) -> LatticeModel:
+    """Return the lattice fitted in growing regions, each predicted by the one before."""
     frame = DistortionFrame.of(image.shape)
     reach = start_reach(model, frame)
     # the first region is placed twice: its start is the spectrum's alone

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, check_number, check_tuple, leave_if_unwanted
+from lfcal.base import InputError, check_number, check_tuple, raise_if_abandoned
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS, cfa
 from lfcal.multiplex.masks import mask, mask_at_distance, mask_gain_bound, noise_shares
 from lfcal.multiplex.modulator import Modulator
@@ -359,7 +359,7 @@ def _climbed(start: Array, levels: int, gains: _MaskGain) -> tuple[Array, float,
     now, tried = start, 0
     value = float(gains.of(now[None] / (levels - 1))[0])
     while True:
-        leave_if_unwanted()
+        raise_if_abandoned()
         steps = [
             (k, level) for k in range(now.size) for level in {max(now.flat[k] - 1, 0), min(now.flat[k] + 1, levels - 1)}
         ]

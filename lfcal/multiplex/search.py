@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Clock, InputError, Progress, Work, check_number, drained, leave_if_unwanted
+from lfcal.base import Clock, InputError, Progress, Work, check_number, drained, raise_if_abandoned
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS, cfa
 from lfcal.multiplex.masks import (
     MASKS,
@@ -222,7 +222,7 @@ def _descend(cost: Any, start: Array, chi2: float) -> tuple[float, Array]:
     from scipy.optimize import minimize
 
     def flat(x: Array) -> tuple[float, Array]:
-        leave_if_unwanted()
+        raise_if_abandoned()
         value, gradient = cost(x.reshape(start.shape), chi2)
         return value, gradient.ravel()
 

@@ -27,7 +27,7 @@ from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.opening import open_psf
 from lfcal.psf.provenance import with_simulated
 from lfcal.psf.store import REGIONS, MatrixGroup, PSFWriter, check_storable, new_file, stored_bytes
-from lfcal.work import Held
+from lfcal.work import ProcessCache
 
 if TYPE_CHECKING:
     from lfcal.work import RunChoice, Unit
@@ -62,7 +62,7 @@ class Reopening:
         Files that are read.
     held
         The source is expensive to open: a process keeps it for the other planes of the run.
-    beside_bytes
+    concurrent_bytes
         As of `lfcal.work.Unit`.
     """
 
@@ -70,7 +70,7 @@ class Reopening:
     values: Mapping[str, Any]
     inputs: tuple[str, ...] = ()
     held: bool = False
-    beside_bytes: int = field(default=0, compare=False)
+    concurrent_bytes: int = field(default=0, compare=False)
 
 
 class PlaneSource:
@@ -251,7 +251,7 @@ def _in_memory(source: PlaneSource, workers: int | None) -> Work[PSFMatrix]:
 
 
 # -- units: other threads, processes, machines -------------------------------------------------------------------------
-_HELD: Held[PlaneSource] = Held(lambda source: source.close())
+_HELD: ProcessCache[PlaneSource] = ProcessCache(lambda source: source.close())
 
 
 def _iter_units(source: PlaneSource, out: Path, stored: Stored, run: RunChoice, *, keep: bool) -> Work[None]:
@@ -300,8 +300,8 @@ def units_of(source: PlaneSource, stored: Stored) -> dict[int, Unit]:
         # plain lists and numbers, as they are on the other side of a file or a network
         arguments = plain({**shared, "stored": asdict(stored), "z": z})
         task = f"{__name__}:{do_plane.__name__}"
-        beside = reopening.beside_bytes
-        found[z] = Unit(f"plane {z:04d}", task, arguments, inputs=reopening.inputs, beside_bytes=beside)
+        beside = reopening.concurrent_bytes
+        found[z] = Unit(f"plane {z:04d}", task, arguments, inputs=reopening.inputs, concurrent_bytes=beside)
     return found
 
 

@@ -15,9 +15,9 @@ from lfcal.frames import (
     FrameSource,
     Orientation,
     check_stated,
+    is_part_of_sensor,
     named_orientation,
     part_refusal,
-    smaller,
 )
 from lfcal.psf.orientation import FoundOrientation, iter_find_orientation
 
@@ -82,7 +82,7 @@ def check_place(
         return
     seen = found is not None and found.name in ("", AS_IS) and math.isfinite(found.offset_px[0])
     if known.origin is None:
-        if smaller(turn.shape(view.shape), plan.camera) and all(
+        if is_part_of_sensor(turn.shape(view.shape), plan.camera) and all(
             view.info(k).origin == (0, 0) for k in range(len(view))
         ):
             place = [-n for n in found.offset_px] if seen and found is not None else None

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import leave_if_unwanted
+from lfcal.base import raise_if_abandoned
 from lfcal.camera import ScanPlan
 from lfcal.simulate._symmetry import mirrored_rows
 from lfcal.simulate.accuracy import RETRIES, balanced, finer, settle, step_for
@@ -147,7 +147,7 @@ class PlaneResponse:
             engine = self._engine_of(sample)
             order = _pairs_together(engine.scene, ys)
             for start in range(0, len(ys), block):
-                leave_if_unwanted()
+                raise_if_abandoned()
                 part = order[start : start + block]
                 engine = self._add(out, part, engine, sample.weight, (ys[part], xs), workers)
                 done += part.size

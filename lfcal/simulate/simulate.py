@@ -108,7 +108,7 @@ class TaskPlane(PlaneSource):
             "sampling": None if task.sampling is None else dataclasses.asdict(task.sampling),
         }
         opener = f"{__name__}:{open_plane.__name__}"
-        return Reopening(opener, values, beside_bytes=task_bytes(task, stepped=stepped))
+        return Reopening(opener, values, concurrent_bytes=task_bytes(task, stepped=stepped))
 
 
 def open_plane(values: Mapping[str, Any], workers: int) -> TaskPlane:

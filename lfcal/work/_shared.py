@@ -5,14 +5,14 @@ from __future__ import annotations
 from lfcal.work.journal import HEADER, JOURNAL, PASS, Journal, RunTable, read_events, read_notes, run_table
 from lfcal.work.records import load_record, save_record
 from lfcal.work.runs import check_begun, discard, note_joining, unit_files, was_joining
-from lfcal.work.unit import Held, file_name, stamp_of, worker_number
+from lfcal.work.unit import ProcessCache, file_name, stamp_of, worker_number
 
 __all__ = [
     "HEADER",
     "JOURNAL",
     "PASS",
-    "Held",
     "Journal",
+    "ProcessCache",
     "RunTable",
     "check_begun",
     "discard",

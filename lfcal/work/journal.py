@@ -1,6 +1,6 @@
 """What a run did and does: one line of JSON for each thing that happens, read by `lfcal status` and the window.
 
-What is done is told by the units' files, not by the journal: it is for people, and may end in half a line.
+What is done is shown by the units' files, not by the journal: it is for people, and may end in half a line.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ JOURNAL = "run.jsonl"
 SETTLED = "settled"
 """What it says of how units are computed: with the fingerprints of those that were begun so."""
 
-LONGEST_S = 1e10
+MAX_UNIT_S = 1e10
 """Seconds of a unit that are believed; 300 years."""
 
 PASS = "pass"
@@ -263,7 +263,7 @@ def _after(state: UnitState, record: dict[str, Any], starts: dict[str, float]) -
     said = record.get("seconds")
     took = float(said) if isinstance(said, int | float) else at - starts.get(state.name, at)
     # a journal may be damaged: sums of what is taken from it stay finite
-    seconds = min(max(0.0, took), LONGEST_S)
+    seconds = min(max(0.0, took), MAX_UNIT_S)
     if event == "done":
         return replace(state, state="done", seconds=seconds, worker=worker)
     reason = str(record.get("reason", ""))
@@ -289,7 +289,7 @@ def _whole(begun: dict[str, Any]) -> bool:
 
 HEADER = ("unit", "state", "attempts", "time", "by", "why")
 
-SHOWN = 40
+MAX_ROWS = 40
 """Units of a table; of more those that are done or wait are only counted."""
 
 
@@ -320,7 +320,7 @@ def run_table(state: RunState) -> RunTable:
     """Return what is shown of a run."""
     who = f"{state.executor}, {state.workers} at work" if state.running else "not running"
     headline = f"{state.title}: {state.count('done')} of {len(state.units)} units done; {who}"
-    told = [u for u in state.units if len(state.units) <= SHOWN or u.state in ("under way", "failed") or u.reason]
+    shown = [u for u in state.units if len(state.units) <= MAX_ROWS or u.state in ("under way", "failed") or u.reason]
     rows = tuple(
         (
             unit.name,
@@ -330,7 +330,7 @@ def run_table(state: RunState) -> RunTable:
             unit.worker,
             unit.reason,
         )
-        for unit in told
+        for unit in shown
     )
     known = []
     if state.running:

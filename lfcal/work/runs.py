@@ -25,7 +25,7 @@ from lfcal.base import (
     sweep_scratch,
 )
 from lfcal.base.h5 import trust
-from lfcal.work.executors import Ended, Event, Executor, What
+from lfcal.work.executors import FINAL_EVENTS, Event, EventKind, Executor
 from lfcal.work.journal import JOURNAL, Journal, read_events, read_run, read_seals, read_settled
 from lfcal.work.unit import Job, Unit, file_name, seal_of
 
@@ -249,18 +249,18 @@ class _Run:
 
     def steps(self, seals: Mapping[str, str]) -> Work[None]:
         try:
-            yield from self._look(seals)
+            yield from self._submit_missing(seals)
             began, kept = time.perf_counter(), sum(self.shares)
             while self.open:
                 self._submit_due()
                 events = self.executor.events()
                 for event in events:
-                    self._heard(event)
+                    self._handle(event)
                     yield self._progress(event, began, kept)
-                if any(event.what is What.DONE for event in events):
+                if any(event.kind is EventKind.DONE for event in events):
                     self._check_room()
                 # where workers wait for their next unit they are given it before
-                idle = not self.executor.ahead and any(event.what in Ended for event in events)
+                idle = not self.executor.ahead and any(event.kind in FINAL_EVENTS for event in events)
                 if self.following is not None and not idle:
                     self.following.advance(self.files, self._there())
                 if not events:  # a window that stops the work is heard here
@@ -284,13 +284,13 @@ class _Run:
             left += len(self.files) - (self.following.taken if self.following is not None else 0)
         require_space(self.files[0].parent, left * (self.least or 0), what="what is yet to come")
 
-    def _weigh(self, path: Path) -> None:
+    def _note_size(self, path: Path) -> None:
         """Note the size of a unit's file."""
         with suppress(OSError):  # another machine's file may be seen here a while later
             size = path.stat().st_size
             self.least = size if self.least is None else min(self.least, size)
 
-    def _look(self, seals: Mapping[str, str]) -> Work[None]:
+    def _submit_missing(self, seals: Mapping[str, str]) -> Work[None]:
         """Keep what is there and whole, and submit the rest."""
         clock = Clock("looking at what is there", len(self.jobs))
         for job in self.jobs:
@@ -299,7 +299,7 @@ class _Run:
             # a file that was not noted was moved into place whole, and its run killed right after
             if there and seals.get(path.name) in (None, seal_of(path)):
                 self.shares[job.number] = 1.0
-                self._weigh(path)
+                self._note_size(path)
                 self.journal.note("kept", unit=name)
                 yield clock.at(job.number + 1)
                 continue
@@ -329,28 +329,28 @@ class _Run:
         note = f"{whole} of {total} done" + (f"; {kept:.0f} by an earlier run" if kept else "")
         return Progress(round(1000 * done), 1000 * total, self.stage, fair, note, per=1000)
 
-    def _heard(self, event: Event) -> None:
+    def _handle(self, event: Event) -> None:
         job, number = event.job, event.job.number
-        if event.what is What.STARTED:
+        if event.kind is EventKind.STARTED:
             self.tries[number] += 1
-        elif event.what is What.ADVANCED:
+        elif event.kind is EventKind.ADVANCED:
             self.shares[number] = min(event.share, 0.999)  # whole when its file is there
             return
-        told: dict[str, Any] = {} if event.seconds is None else {"seconds": event.seconds}
-        if event.what is What.DONE:
-            told |= {"file": Path(job.out).name, "seal": event.seal}
+        record: dict[str, Any] = {} if event.seconds is None else {"seconds": event.seconds}
+        if event.kind is EventKind.DONE:
+            record |= {"file": Path(job.out).name, "seal": event.seal}
         reason = {} if event.error is None else {"reason": str(event.error)}
-        self.journal.note(event.what.value, unit=job.unit.name, worker=event.worker, **told, **reason)
-        if event.what in Ended:
-            self.shares[number] = float(event.what is What.DONE)
-        if event.what is What.DONE:
+        self.journal.note(event.kind.value, unit=job.unit.name, worker=event.worker, **record, **reason)
+        if event.kind in FINAL_EVENTS:
+            self.shares[number] = float(event.kind is EventKind.DONE)
+        if event.kind is EventKind.DONE:
             self.open.remove(number)
-            self._weigh(Path(job.out))
+            self._note_size(Path(job.out))
             _trust(event)
-        elif event.what is What.FAILED:
+        elif event.kind is EventKind.FAILED:
             assert event.error is not None
             raise event.error
-        elif event.what is What.LOST:
+        elif event.kind is EventKind.LOST:
             if self.tries[number] >= self.attempts:
                 self.journal.note("failed", unit=job.unit.name, **reason)
                 raise _given_up(event, self.attempts)

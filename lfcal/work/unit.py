@@ -18,7 +18,7 @@ from typing import Any, Generic, TypeVar
 from lfcal import __version__
 from lfcal.base import InputError, Work, plain, storage_errors
 
-__all__ = ["Held", "Job", "Task", "Unit", "file_name", "numbered", "seal_of", "stamp_of", "worker_number"]
+__all__ = ["Job", "ProcessCache", "Task", "Unit", "file_name", "numbered", "seal_of", "stamp_of", "worker_number"]
 
 Task = Callable[[Mapping[str, Any], Path, int], Work[None]]
 """Does a unit: its arguments, the file to write whole or not at all, and how many threads it may use."""
@@ -51,17 +51,17 @@ class Unit:
     settled
         Further arguments that do not change the result but for rounding, and are not in the fingerprint, as they depend
         on the machine: how to compute it. A run that goes on takes those that it was begun with.
-    beside_bytes
-        Bytes of memory that it takes with one thread, where units like it may be done beside each other in one process;
-        0 where it is done alone.
+    concurrent_bytes
+        Bytes of memory that it takes with one thread, where units like it may run at the same time in one process; 0
+        where it is done alone.
 
     Examples
     --------
     >>> from lfcal.work import Unit
     >>> plane = ("plane 0", "mine.tasks:simulate")
     >>> coarse, fine = (Unit(*plane, {"z": 0, "tolerance": t}, inputs=("session/plan.json",)) for t in (0.02, 0.01))
-    >>> print(len({unit.fingerprint() for unit in (coarse, fine)}), "results that are told apart")
-    2 results that are told apart
+    >>> print(len({unit.fingerprint() for unit in (coarse, fine)}), "different results")
+    2 different results
     """
 
     name: str
@@ -71,7 +71,7 @@ class Unit:
     suffix: str = ".h5"
     hints: Mapping[str, Any] = field(default_factory=dict)
     settled: Mapping[str, Any] = field(default_factory=dict)
-    beside_bytes: int = 0
+    concurrent_bytes: int = 0
 
     def fingerprint(self) -> str:
         """Return what tells this unit's result from that of other inputs, settings, or another lfcal.
@@ -169,13 +169,15 @@ def file_name(unit: Unit, fingerprint: str) -> str:
 T = TypeVar("T")
 
 
-class Held(Generic[T]):
-    """Keep what the last run needed: an H, or frames with their corrections, may take most of the memory.
+class ProcessCache(Generic[T]):
+    """The input that units of a run share, kept in each process until another run needs its own.
+
+    Only the last is kept: an H, or frames with their corrections, may take most of the memory.
 
     Parameters
     ----------
     close
-        Lets go of what is kept, before that of another run takes its place.
+        Releases what is kept, before that of another run replaces it.
     """
 
     def __init__(self, close: Callable[[T], None]) -> None:
@@ -184,7 +186,7 @@ class Held(Generic[T]):
         self._kept: tuple[object, T, bool] | None = None
 
     def get(self, key: object, make: Callable[[], T]) -> T:
-        """Return what ``key`` tells from all others: what is kept, or what ``make`` gives."""
+        """Return the input that ``key`` identifies: the one that is kept, or what ``make`` returns."""
         with self._lock:
             if self._kept is None or self._kept[0] != key:
                 self._drop()
@@ -193,7 +195,7 @@ class Held(Generic[T]):
 
     @contextmanager
     def lent(self, key: object, value: T) -> Iterator[None]:
-        """Let units that are done in this process use what their run has made itself, until the end of the block."""
+        """Let the units of this process use ``value``, which their run has made, until the end of the block."""
         with self._lock:
             self._drop()
             self._kept = key, value, False

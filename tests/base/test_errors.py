@@ -7,7 +7,7 @@ import pickle
 import pytest
 
 from lfcal.acquire.errors import AcquisitionStopped
-from lfcal.base.errors import LONGEST, FileFormatError, LfcalError, StorageError, choose, one_line
+from lfcal.base.errors import MAX_MESSAGE, FileFormatError, LfcalError, StorageError, choose, one_line
 
 
 @pytest.mark.parametrize(
@@ -29,7 +29,7 @@ def test_one_printable_line(text: str, shown: str) -> None:
 def test_long_text_loses_its_middle(length: int) -> None:
     text = "begin" + "x" * (length - 8) + "end"
     line = one_line(text)
-    assert len(line) == min(length, LONGEST)
+    assert len(line) == min(length, MAX_MESSAGE)
     assert line.startswith("begin") and line.endswith("end")
 
 

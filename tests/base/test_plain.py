@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from lfcal.base._plain import DEEPEST, parse_json
+from lfcal.base._plain import MAX_NESTING, parse_json
 from lfcal.base.errors import FileFormatError
 
 GOOD = [None, True, 1, -2.5, "ä 😀", [1, [2.0, "x"]], {"a": {"b": [1, 2]}}, 2**63 - 1, -(2**63), [], {}]
@@ -29,8 +29,8 @@ BAD = {
     "a number of 5000 digits": ("9" * 5000, "the number 999"),
     "an entry twice": ('{"a": 1, "b": 2, "a": 3}', "'a' more than once"),
     "nesting that ends the parser": ("[" * 100_000 + "]" * 100_000, "lists within"),
-    "nesting that ends what comes after": ("[" * 600 + "]" * 600, f"more than {DEEPEST} lists"),
-    "objects in objects": ('{"a":' * 200 + "1" + "}" * 200, f"more than {DEEPEST} lists"),
+    "nesting that ends what comes after": ("[" * 600 + "]" * 600, f"more than {MAX_NESTING} lists"),
+    "objects in objects": ('{"a":' * 200 + "1" + "}" * 200, f"more than {MAX_NESTING} lists"),
     "half a character": (r'{"name": "\ud800"}', "not Unicode"),
     "a control character": ('"a\x01"', "Invalid control character"),
 }
@@ -47,7 +47,7 @@ def test_what_cannot_be_relied_on_is_one_line(case: str) -> None:
 
 
 def test_the_deepest_that_is_read() -> None:
-    text = "[" * DEEPEST + "]" * DEEPEST
+    text = "[" * MAX_NESTING + "]" * MAX_NESTING
     assert parse_json(text, "a.json") == json.loads(text)
     with pytest.raises(FileFormatError):
         parse_json(f"[{text}]", "a.json")

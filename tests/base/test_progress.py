@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from lfcal.base.progress import Clock, Progress, Unwanted, Work, drained, leave_if_unwanted, wanted_while
+from lfcal.base.progress import Clock, Progress, Work, WorkAbandoned, abandonable, drained, raise_if_abandoned
 
 
 def iter_sum_of(first: int, second: int = 2, *, times: float = 1.0) -> Work[float]:
@@ -145,27 +145,27 @@ def test_drained_refuses_what_is_not_annotated_as_work() -> None:
 
 
 def test_what_nobody_asks_about_goes_on() -> None:
-    leave_if_unwanted()
-    with wanted_while(lambda: True):
-        leave_if_unwanted()
+    raise_if_abandoned()
+    with abandonable(lambda: True):
+        raise_if_abandoned()
 
 
 def test_it_is_left_where_nobody_waits_and_in_that_thread_alone() -> None:
     left: list[str] = []
 
     def other() -> None:
-        leave_if_unwanted()
+        raise_if_abandoned()
         left.append("went on")
 
-    with wanted_while(lambda: False):
-        with pytest.raises(Unwanted):
-            leave_if_unwanted()
+    with abandonable(lambda: False):
+        with pytest.raises(WorkAbandoned):
+            raise_if_abandoned()
         thread = threading.Thread(target=other)
         thread.start()
         thread.join()
-        with wanted_while(lambda: True):
-            leave_if_unwanted()
-        with pytest.raises(Unwanted):
-            leave_if_unwanted()
-    leave_if_unwanted()
+        with abandonable(lambda: True):
+            raise_if_abandoned()
+        with pytest.raises(WorkAbandoned):
+            raise_if_abandoned()
+    raise_if_abandoned()
     assert left == ["went on"]

@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_info
 
 from lfcal.base import threads
 from lfcal.base.errors import InputError
-from lfcal.base.progress import Unwanted, leave_if_unwanted, wanted_while
+from lfcal.base.progress import WorkAbandoned, abandonable, raise_if_abandoned
 from lfcal.base.system import processors
 from lfcal.base.threads import WORKERS, bounded_threads, chunks, for_each_block, for_each_chunk, in_order, worker_count
 
@@ -68,10 +68,10 @@ def test_threads_that_help_end_where_nobody_waits_for_the_caller(workers: int) -
 
     def some(start: int, stop: int) -> None:
         for k in range(start, stop):
-            leave_if_unwanted()
+            raise_if_abandoned()
             went.append(k)
 
-    with wanted_while(lambda: len(went) < 5), pytest.raises(Unwanted):
+    with abandonable(lambda: len(went) < 5), pytest.raises(WorkAbandoned):
         for_each_chunk(some, 1000, workers)
     assert 5 <= len(went) < 5 + workers
     for_each_chunk(some, 10, workers)
@@ -239,7 +239,7 @@ def test_nothing_is_held_between_calls(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave one thread to help, whoever asks."""
-    monkeypatch.setattr(threads, "MOST", 1)
+    monkeypatch.setattr(threads, "MAX_THREADS", 1)
     monkeypatch.setattr(threads, "_HELPERS", threads._Helpers())
 
 

@@ -11,7 +11,7 @@ import tifffile
 from lfcal.base.errors import FileFormatError
 from lfcal.base.progress import drain
 from lfcal.frames import iter_undamaged, open_frames
-from lfcal.frames.damage import named
+from lfcal.frames.damage import frame_errors
 from lfcal.frames.source import Position
 
 FRAMES = np.random.default_rng(1).integers(100, 900, (2, 3, 12, 14), dtype=np.uint16)
@@ -49,7 +49,7 @@ def test_a_damaged_frame_is_named_with_its_position_and_the_way_on(folder: Path)
 )
 def test_the_way_on_is_said_once(remedy: str, said: str) -> None:
     wrong = FileFormatError.expected("a.tif", "16 bits", "8", remedy)
-    with pytest.raises(FileFormatError) as caught, named("a.tif", Position(0, 1, 2)):
+    with pytest.raises(FileFormatError) as caught, frame_errors("a.tif", Position(0, 1, 2)):
         raise wrong
     assert str(caught.value) == f"a.tif, (z, y, x) = (0, 1, 2): expected 16 bits, got 8; {said}"
 

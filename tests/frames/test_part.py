@@ -26,7 +26,7 @@ from lfcal.frames import (
     oriented,
 )
 from lfcal.frames.described import DescribedSource
-from lfcal.frames.part import binned, parse_roi, smaller, stated_origin
+from lfcal.frames.part import binned, is_part_of_sensor, parse_roi, stated_origin
 from lfcal.psf import assemble_plan
 from lfcal.psf.orientation import FoundOrientation
 from lfcal.psf.upright import check_place, iter_upright
@@ -63,10 +63,14 @@ def test_a_region_of_another_size_is_not_that_of_the_frames() -> None:
 def test_binned_frames_and_assumed_sensors_are_no_part() -> None:
     camera = small_camera()
     assert binned((40, 48), (20, 24)) == 2 and binned((40, 48), (38, 44)) == 0
-    assert smaller((38, 44), camera) and not smaller((40, 48), camera) and not smaller((20, 24), camera)
-    assert not smaller((41, 44), camera)
+    assert (
+        is_part_of_sensor((38, 44), camera)
+        and not is_part_of_sensor((40, 48), camera)
+        and not is_part_of_sensor((20, 24), camera)
+    )
+    assert not is_part_of_sensor((41, 44), camera)
     assumed = replace(camera, marks=camera.marks.marked(["sensor.shape"], "assumed"))
-    assert not smaller((38, 44), assumed)
+    assert not is_part_of_sensor((38, 44), assumed)
 
 
 def write_part(folder: Path, origin: tuple[int, int] = ORIGIN, shape: tuple[int, int] = (33, 42), **how: Any) -> None:

@@ -12,7 +12,7 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from lfcal.base.errors import InputError
-from lfcal.base.progress import Progress, leave_if_unwanted
+from lfcal.base.progress import Progress, raise_if_abandoned
 from lfcal_gui.jobs import JOBS_S, LOADS_S, Jobs, JobState, WindowJob
 from lfcal_gui.window import MainWindow
 from lfcal_gui.workers import words_of
@@ -116,7 +116,7 @@ def test_a_computation_that_nobody_waits_for_is_left(jobs: Jobs, qtbot: QtBot) -
         begun.set()
         asked.wait(GUARD_MS / 1e3)
         while True:
-            leave_if_unwanted()
+            raise_if_abandoned()
 
     jobs.compute("estimates", endless, shown.append, shown.append)
     assert begun.wait(GUARD_MS / 1e3)
@@ -180,7 +180,7 @@ def test_what_nobody_waits_for_is_computed_no_further(jobs: Jobs, qtbot: QtBot) 
         yield Progress(0, 1, "search")
         inside.set()
         while True:
-            leave_if_unwanted()
+            raise_if_abandoned()
 
     number = jobs.start("Search", "multiplex", endless, leave=True)
     qtbot.waitUntil(inside.is_set, timeout=GUARD_MS)

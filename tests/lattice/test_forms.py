@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from lfcal.camera import LatticeDistortion
 from lfcal.lattice._forms import (
-    ENOUGH,
     FORMS,
+    MAX_LENSLETS,
     DistortionFrame,
     LatticeForm,
     design,
@@ -238,5 +238,5 @@ def test_few_lenslets_are_not_asked_for_many_numbers() -> None:
 def test_thinning_keeps_the_field() -> None:
     assert np.array_equal(thinned(50), np.arange(50))
     few = thinned(80000)
-    assert len(few) == ENOUGH == len(set(few.tolist()))
+    assert len(few) == MAX_LENSLETS == len(set(few.tolist()))
     assert np.abs(np.histogram(few, 10)[0] / 1000 - 1).max() < 0.1

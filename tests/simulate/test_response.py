@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import convolve
 from scipy.signal import convolve2d
 
-from lfcal.base.progress import Unwanted, wanted_while
+from lfcal.base.progress import WorkAbandoned, abandonable
 from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.simulate.effects import Crosstalk
 from lfcal.simulate.effects.base import Estimate, PsfEffect
@@ -66,7 +66,7 @@ def test_it_is_left_within_a_block_of_rows(level: str) -> None:
         rows.append(engine.certificate.responses)
         return len(rows) <= 2
 
-    with wanted_while(wanted), pytest.raises(Unwanted):
+    with abandonable(wanted), pytest.raises(WorkAbandoned):
         engine.rows(range(4), range(3), workers=1)
     assert len(rows) == 3 and rows[2] > rows[1] > rows[0] == 0
 

@@ -14,7 +14,7 @@ from lfcal.base.errors import InputError, LfcalError, StorageError
 from lfcal.base.files import only_writer, replace_whole
 from lfcal.base.progress import Clock, Progress, Work, drain
 from lfcal.work import RunChoice, Unit, iter_made, iter_run, parts_folder, read_run
-from lfcal.work.executors.base import Event, What
+from lfcal.work.executors.base import Event, EventKind
 from lfcal.work.executors.processes import Processes, TaskFailed, WorkerLost
 from lfcal.work.executors.threads import Threads
 from lfcal.work.journal import JOURNAL, SETTLED, Journal, read_notes
@@ -224,7 +224,7 @@ def test_what_a_worker_wrote_is_looked_through_by_nobody(
         def events(self) -> list[Event]:
             found = super().events()
             for event in found:
-                if event.what is What.DONE and harm:
+                if event.kind is EventKind.DONE and harm:
                     Path(event.job.out).write_text(harm)
             return found
 

@@ -12,7 +12,7 @@ import pytest
 
 from lfcal.base.errors import StorageError
 from lfcal.camera import PRESETS, preset
-from lfcal.work.unit import Held, Job, Unit, file_name, stamp_of
+from lfcal.work.unit import Job, ProcessCache, Unit, file_name, stamp_of
 from tests.work.tasks import unit
 
 
@@ -76,14 +76,14 @@ class Tool:
         self.name = name
 
 
-def makers() -> tuple[Held[Tool], list[str], Callable[[str], Tool]]:
+def makers() -> tuple[ProcessCache[Tool], list[str], Callable[[str], Tool]]:
     told: list[str] = []
 
     def make(name: str) -> Tool:
         told.append(f"make {name}")
         return Tool(name)
 
-    return Held(lambda tool: told.append(f"close {tool.name}")), told, make
+    return ProcessCache(lambda tool: told.append(f"close {tool.name}")), told, make
 
 
 def test_one_at_a_time() -> None:

@@ -34,7 +34,7 @@ from lfcal.frames import (
     Samples,
     average_frames,
     check_index,
-    named,
+    frame_errors,
     stated_noise,
 )
 from lfcal.frames.corrections import difference_variance
@@ -279,7 +279,7 @@ class RecordingSource(Frames):
         """Return frame ``index``, or a part of it; raises `FileFormatError` if it is damaged."""
         k = check_index(index, len(self))
         file, slot = self._files[int(self._where[k])], int(self._slots[k])
-        with named(file.label(slot), self._place(k)):
+        with frame_errors(file.label(slot), self._place(k)):
             frame = file.read(slot)
         if region is None:
             return frame

@@ -17,7 +17,7 @@ import hdf5plugin  # noqa: F401  registers zstd, blosc and lz4 with HDF5
 OBJECTS = 20_000  # most groups and datasets that are looked at
 SMALL = 1 << 25  # datasets of up to so many bytes are read whole
 MEMORY = 1 << 33  # bytes of address space that reading may take
-OWN_FILTERS = {1, 2, 3}  # deflate, shuffle, fletcher32: they take damaged bytes without harm
+HARMLESS_FILTERS = {1, 2, 3}  # deflate, shuffle, fletcher32: they take damaged bytes without harm
 
 
 class Examination:
@@ -25,7 +25,7 @@ class Examination:
 
     def __init__(self) -> None:
         self.finding = ""
-        self.left = OBJECTS
+        self.remaining = OBJECTS
 
     def ask(self, question: Any) -> Any:
         """Return the answer, None where h5py raises."""
@@ -45,8 +45,8 @@ class Examination:
             if not isinstance(self.ask(lambda name=name: group.get(name, getlink=True)), h5py.HardLink):
                 continue
             entry = self.ask(lambda name=name: group[name])
-            self.left -= 1
-            if self.left < 0:
+            self.remaining -= 1
+            if self.remaining < 0:
                 self.finding = f"more than {OBJECTS} entries"
                 return
             if isinstance(entry, h5py.Dataset):
@@ -83,7 +83,7 @@ class Examination:
             self.ask(lambda: data[()])
             return
         filters = {self.ask(lambda k=k: plist.get_filter(k)[0]) for k in range(self.ask(plist.get_nfilters) or 0)}
-        if filters <= OWN_FILTERS:
+        if filters <= HARMLESS_FILTERS:
             chunks = chunks[:1] + chunks[-1:]
         for start in chunks:
             where = tuple(slice(a, a + n) for a, n in zip(start, data.chunks, strict=True))

@@ -202,7 +202,7 @@ def _check_size(data: Any, nbytes: int, where: str) -> None:
 FILTER_NAMES = {1: "deflate", 2: "shuffle", 3: "fletcher32"}
 """Filters of HDF5 itself that are decoded here, by the numbers of H5Zpublic.h."""
 
-AT_ONCE = 1 << 14
+BLOCK_ENTRIES = 1 << 14
 """Entries of an index that are looked at together."""
 
 READ_AHEAD = 1 << 20
@@ -245,7 +245,7 @@ class ChunkTable:
             self.filters = tuple(FILTER_NAMES[number] for number in numbers)
         self._at = np.full(self._grid, -1, np.int64)
         self._size = np.zeros(self._grid, np.int64)
-        self._left_out = np.zeros(self._grid, np.uint32)
+        self._filter_masks = np.zeros(self._grid, np.uint32)
         self._fill = dataset.fillvalue
         self._lock = threading.Lock()
         self._walk(dataset)
@@ -261,7 +261,7 @@ class ChunkTable:
 
         def look(chunk: Any) -> None:
             found.append(chunk)
-            if len(found) == AT_ONCE:  # an index that leads round and round has one of them twice
+            if len(found) == BLOCK_ENTRIES:  # an index that leads round and round has one of them twice
                 self._take(found, end, largest)
                 found.clear()
 
@@ -291,7 +291,7 @@ class ChunkTable:
                 f"chunk {tuple(chunk.chunk_offset)} of {chunk.size} bytes at {chunk.byte_offset}",
                 "copy the file again from its source",
             )
-        self._at[index], self._size[index], self._left_out[index] = at, size, mask
+        self._at[index], self._size[index], self._filter_masks[index] = at, size, mask
 
     @property
     def missing(self) -> int:
@@ -309,7 +309,7 @@ class ChunkTable:
             return None
         with storage_errors(self._path):
             raw = read_at(self._open(), size, at)
-        return int(self._left_out[place]), raw
+        return int(self._filter_masks[place]), raw
 
     def each_stored(self, starts: Iterable[Start]) -> Iterator[tuple[Start, int, memoryview]]:
         """Yield the chunks at ``starts`` that were written, as `stored`: many that follow each other at a time.
@@ -319,7 +319,7 @@ class ChunkTable:
         asked = list(starts)
         # for all at once: of small chunks the look-up takes as long as reading them
         places = tuple((np.array(asked, np.intp).reshape(-1, len(self._chunk)) // self._chunk).T)
-        columns = (column[places].tolist() for column in (self._at, self._size, self._left_out))
+        columns = (column[places].tolist() for column in (self._at, self._size, self._filter_masks))
         first, last, held = 0, 0, memoryview(b"")
         for start, at, size, left_out in zip(asked, *columns, strict=True):
             if at < 0:

@@ -504,8 +504,8 @@ class damage:
         if isinstance(error, OSError | RuntimeError) and system_error(error) in _OF_THE_DISK:
             with storage_errors(self._path):
                 raise error
-        said = " ".join(str(error).split())[:120] or type(error).__name__
+        message = " ".join(str(error).split())[:120] or type(error).__name__
         where = f"{self._path}:/{self._where}" if self._where else str(self._path)
         raise FileFormatError.expected(
-            where, "intact data", f"damaged data ({said})", "copy the file again from its source"
+            where, "intact data", f"damaged data ({message})", "copy the file again from its source"
         ) from error

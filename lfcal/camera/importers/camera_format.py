@@ -16,8 +16,8 @@ from lfcal.camera.description import Camera
 __all__ = [
     "CAMERA_FORMATS",
     "CameraFormat",
+    "ImportOptions",
     "Imported",
-    "Wanted",
     "file_text",
     "import_camera",
     "number",
@@ -29,8 +29,8 @@ MAX_BYTES = 1 << 24
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
-    """What the user says beside the file.
+class ImportOptions:
+    """What the user states in addition to the file.
 
     Attributes
     ----------
@@ -42,9 +42,9 @@ class Wanted:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from lfcal.camera import Wanted, import_camera
-    >>> wanted = Wanted({"optics.f_number": 5.6})
-    >>> print(import_camera(Path("session", "camera.json"), wanted).camera.optics.f_number)
+    >>> from lfcal.camera import ImportOptions, import_camera
+    >>> options = ImportOptions({"optics.f_number": 5.6})
+    >>> print(import_camera(Path("session", "camera.json"), options).camera.optics.f_number)
     5.6
     """
 
@@ -90,7 +90,7 @@ class CameraFormat:
     name: str
     suffixes: tuple[str, ...]
     recognises: Callable[[str], bool]
-    read: Callable[[str, Path, Wanted], Imported]
+    read: Callable[[str, Path, ImportOptions], Imported]
     rank: int = 50
 
 
@@ -137,7 +137,7 @@ HEAD = 1 << 14
 """Characters that a format is recognised by."""
 
 
-def read_camera(path: str | os.PathLike[str], wanted: Wanted | None = None) -> Camera:
+def read_camera(path: str | os.PathLike[str], options: ImportOptions | None = None) -> Camera:
     """Return the camera that a file in any known format describes; `import_camera` tells how its values are known, too.
 
     Raises what `import_camera` raises.
@@ -148,10 +148,10 @@ def read_camera(path: str | os.PathLike[str], wanted: Wanted | None = None) -> C
     >>> print(read_camera("session/camera.json").name)
     bench (sample session)
     """
-    return import_camera(path, wanted).camera
+    return import_camera(path, options).camera
 
 
-def import_camera(path: str | os.PathLike[str], wanted: Wanted | None = None) -> Imported:
+def import_camera(path: str | os.PathLike[str], options: ImportOptions | None = None) -> Imported:
     """Return the camera that a file describes, every value marked as stated, derived or assumed.
 
     Parameters
@@ -159,7 +159,7 @@ def import_camera(path: str | os.PathLike[str], wanted: Wanted | None = None) ->
     path
         camera.json, Raytrix XML, oLaF yaml, metadata of napari-LF, configuration or metadata of Micro-Manager, or
         what other packages add. UTF-8 or UTF-16, at most 16 MB.
-    wanted
+    options
         Values that the user states, which go before the file's.
 
     Raises
@@ -167,7 +167,7 @@ def import_camera(path: str | os.PathLike[str], wanted: Wanted | None = None) ->
     FileFormatError
         If it is none of these, or an entry is missing or wrong.
     InputError
-        If a value of ``wanted`` is refused.
+        If a value of ``options`` is refused.
     StorageError
         If it cannot be read.
 
@@ -184,7 +184,7 @@ def import_camera(path: str | os.PathLike[str], wanted: Wanted | None = None) ->
     head = text[:HEAD].lstrip()
     for form in CAMERA_FORMATS:
         if form.recognises(head):
-            return form.read(text, source, wanted or Wanted())
+            return form.read(text, source, options or ImportOptions())
     names = ", ".join(form.name for form in CAMERA_FORMATS)
     raise FileFormatError.expected(
         str(source), f"a camera description ({names})", "something else", "describe it with lfcal camera new"

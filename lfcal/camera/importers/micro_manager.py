@@ -15,7 +15,7 @@ from typing import Any
 
 from lfcal.base import FileFormatError, InputError, parse_json
 from lfcal.camera.draft import Draft
-from lfcal.camera.importers.camera_format import CameraFormat, Imported, Wanted
+from lfcal.camera.importers.camera_format import CameraFormat, Imported, ImportOptions
 
 __all__ = ["FORMAT"]
 
@@ -34,12 +34,12 @@ class _Preset:
     label: str = ""
 
 
-def _read(text: str, source: Path, wanted: Wanted) -> Imported:
-    draft = Draft("Microscope", wanted.values)
+def _read(text: str, source: Path, options: ImportOptions) -> Imported:
+    draft = Draft("Microscope", options.values)
     if text.lstrip()[:1] == "{":
         _summary(text, source, draft)
     else:
-        _take(draft, *_chosen(_presets(text, source), wanted.resolution, source))
+        _take(draft, *_chosen(_presets(text, source), options.resolution, source))
     draft.put("lattice.kind", "square", "assumed")
     draft.put("lattice.focus", (math.inf,), "assumed")
     try:

@@ -8,7 +8,7 @@ from typing import Any
 
 from lfcal.base import FileFormatError, InputError, parse_json
 from lfcal.camera.draft import Draft
-from lfcal.camera.importers.camera_format import CameraFormat, Imported, Wanted, number, required
+from lfcal.camera.importers.camera_format import CameraFormat, Imported, ImportOptions, number, required
 
 __all__ = ["FORMAT"]
 
@@ -28,7 +28,7 @@ ENTRIES = (
 NEEDED = ("objective_magnification", "objective_na", "ulens_pitch", "pixel_size")
 
 
-def _read(text: str, source: Path, wanted: Wanted) -> Imported:
+def _read(text: str, source: Path, options: ImportOptions) -> Imported:
     data = parse_json(text, str(source))
     entries = data.get("calibrate") if isinstance(data, Mapping) else None
     if not isinstance(entries, Mapping):
@@ -36,7 +36,7 @@ def _read(text: str, source: Path, wanted: Wanted) -> Imported:
     what = f"{source}: calibrate"
     for name in NEEDED:
         required(entries, name, what)
-    draft = Draft("Microscope", wanted.values)
+    draft = Draft("Microscope", options.values)
     for name, path, scale in ENTRIES:
         draft.put(path, number(entries, name, what, scale))
     focal = number(entries, "ulens_focal_length", what)

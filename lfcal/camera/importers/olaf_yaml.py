@@ -11,7 +11,7 @@ import yaml
 
 from lfcal.base import FileFormatError, InputError
 from lfcal.camera.draft import Draft
-from lfcal.camera.importers.camera_format import CameraFormat, Imported, Wanted, number, required
+from lfcal.camera.importers.camera_format import CameraFormat, Imported, ImportOptions, number, required
 
 __all__ = ["FORMAT"]
 
@@ -30,12 +30,12 @@ ENTRIES = (
 """Its entry and ours; all lengths are in µm."""
 
 
-def _read(text: str, source: Path, wanted: Wanted) -> Imported:
+def _read(text: str, source: Path, options: ImportOptions) -> Imported:
     entries = _entries(text, source)
     what = str(source)
     for name in ("M", "NA", "ftl", "fm", "lensPitch", "pixelPitch"):
         required(entries, name, what)
-    draft = Draft("Microscope", wanted.values)
+    draft = Draft("Microscope", options.values)
     draft.put("lattice.kind", _kind(entries, what))
     for name, path in ENTRIES:
         draft.put(path, number(entries, name, what))
@@ -65,8 +65,8 @@ def _entries(text: str, source: Path) -> Mapping[str, Any]:
     try:
         data = yaml.load(text, _Plain)
     except Exception as error:  # yaml's makers of dates and numbers raise whatever they stumble over
-        told = isinstance(error, yaml.YAMLError | ValueError)
-        reason = " ".join(str(error).split())[:200] if told else "a value that is none of yaml's"
+        parse_error = isinstance(error, yaml.YAMLError | ValueError)
+        reason = " ".join(str(error).split())[:200] if parse_error else "a value that is none of yaml's"
         raise FileFormatError.expected(str(source), "yaml", reason, "correct the file") from None
     if not isinstance(data, Mapping):
         raise FileFormatError.expected(str(source), "named entries", type(data).__name__, "correct the file")

@@ -17,7 +17,7 @@ from lfcal.base import FileFormatError, InputError, UnsafeFileError
 from lfcal.camera.description import Camera
 from lfcal.camera.distortion import BrownDistortion
 from lfcal.camera.draft import Draft
-from lfcal.camera.importers.camera_format import CameraFormat, Imported, Wanted, file_text
+from lfcal.camera.importers.camera_format import CameraFormat, Imported, ImportOptions, file_text
 from lfcal.camera.lattice import LensletLattice, LensType
 from lfcal.camera.main_lens import Optics
 from lfcal.camera.sensor import Sensor
@@ -104,8 +104,8 @@ def read_raytrix_xml(
     return _camera(draft, name or source.stem, source)
 
 
-def _read(text: str, source: Path, wanted: Wanted) -> Imported:
-    draft = _draft(_root(text, source), wanted.values, source)
+def _read(text: str, source: Path, options: ImportOptions) -> Imported:
+    draft = _draft(_root(text, source), options.values, source)
     return Imported(_camera(draft, source.stem, source), (NOT_APPLIED,) if draft.distortion is not None else ())
 
 

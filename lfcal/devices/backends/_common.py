@@ -11,7 +11,7 @@ from lfcal.devices.protocols import Limits, Point, Setting
 
 __all__ = [
     "GENICAM",
-    "NOTED",
+    "RECORDED",
     "UNREADABLE",
     "CameraFacts",
     "ExternalStage",
@@ -67,7 +67,7 @@ GENICAM: Mapping[str, str] = {
 Static correction of defects is left as it is: it replaces the same few pixels in every frame.
 """
 
-NOTED = ("Gain", "GainRaw", "BlackLevel", "BlackLevelRaw", "DigitalShift")
+RECORDED = ("Gain", "GainRaw", "BlackLevel", "BlackLevelRaw", "DigitalShift")
 """Features that scale or shift all samples alike: only recorded."""
 
 UNREADABLE = "cannot be read"

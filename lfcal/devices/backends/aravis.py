@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 from lfcal.base import InputError
 from lfcal.camera import ScanPlan
 from lfcal.devices.backends._aravis_lib import STATUS, AravisError, Library, library
-from lfcal.devices.backends._common import GENICAM, NOTED, UNREADABLE, CameraFacts, NoStage, read_settings, switch_off
+from lfcal.devices.backends._common import (
+    GENICAM,
+    RECORDED,
+    UNREADABLE,
+    CameraFacts,
+    NoStage,
+    read_settings,
+    switch_off,
+)
 from lfcal.devices.backends._pixels import PixelFormat
 from lfcal.devices.errors import CameraError, DeviceLost, DeviceMissing, FrameTimeout
 from lfcal.devices.protocols import Frame, Roi, Setting
@@ -189,7 +197,7 @@ class _Camera(CameraFacts):
     def fixed_settings(self) -> dict[str, Setting[str | None]]:
         """Return the settings that change samples, read back."""
         try:
-            return read_settings(GENICAM, NOTED, self._read)
+            return read_settings(GENICAM, RECORDED, self._read)
         except AravisError as error:
             raise self._explained(error) from error
 

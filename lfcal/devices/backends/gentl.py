@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError
 from lfcal.camera import ScanPlan
-from lfcal.devices.backends._common import GENICAM, NOTED, UNREADABLE, CameraFacts, NoStage, read_settings, switch_off
+from lfcal.devices.backends._common import (
+    GENICAM,
+    RECORDED,
+    UNREADABLE,
+    CameraFacts,
+    NoStage,
+    read_settings,
+    switch_off,
+)
 from lfcal.devices.backends._pixels import PixelFormat
 from lfcal.devices.errors import CameraError, DeviceLost, DeviceMissing, FrameTimeout
 from lfcal.devices.protocols import Frame, Roi, Setting
@@ -88,12 +96,12 @@ def _chosen(harvester: Any, wanted: str) -> int:
     )
 
 
-def _said(source: Any, name: str, otherwise: Any) -> Any:
+def _buffer_value(source: Any, name: str, default: Any) -> Any:
     """Return what a producer says of a buffer; producers need not know everything, and raise then."""
     try:
         return getattr(source, name)
     except Exception:  # kinds of GenTL's own
-        return otherwise
+        return default
 
 
 class _Camera(CameraFacts):
@@ -156,7 +164,7 @@ class _Camera(CameraFacts):
 
     def fixed_settings(self) -> dict[str, Setting[str | None]]:
         """Return the features that change samples, read back."""
-        return read_settings(GENICAM, NOTED, self._read)
+        return read_settings(GENICAM, RECORDED, self._read)
 
     def close(self) -> None:
         """Stop and release the device and the producer."""
@@ -187,16 +195,16 @@ class _Camera(CameraFacts):
 
     def _samples(self, buffer: Any) -> NDArray[Any]:
         """Return the samples of a buffer, or of its first part, as a new array: the buffer goes back to the driver."""
-        part = next(iter(_said(buffer, "parts", ())), None)
+        part = next(iter(_buffer_value(buffer, "parts", ())), None)
         if part is None:
             names = ("pixel_format", "image_offset", "data_size", "padding_x")
         else:
             names = ("data_format", "data_offset", "data_size", "x_padding")
         source = buffer if part is None else part
-        number, first, size, padding = (int(_said(source, name, 0)) for name in names)
-        shape = tuple(int(_said(source, name.lower(), 0)) or self._size(name) for name in ("Height", "Width"))
+        number, first, size, padding = (int(_buffer_value(source, name, 0)) for name in names)
+        shape = tuple(int(_buffer_value(source, name.lower(), 0)) or self._size(name) for name in ("Height", "Width"))
         raw = np.frombuffer(buffer.raw_buffer, np.uint8)
-        data = raw[first : first + (size or int(_said(buffer, "size_filled", 0)) or len(raw))]
+        data = raw[first : first + (size or int(_buffer_value(buffer, "size_filled", 0)) or len(raw))]
         try:
             return self._format_of(number).samples(data, (shape[0], shape[1]), padding)
         except ValueError as error:

@@ -30,7 +30,7 @@ AUTOMATIC = re.compile(
     r"exposure|(?<!auto)(?<!auto.)shutter|gain|brightness|black.?level|offset|white.?balance|balance.?white|gamma"
 )
 CURVES = re.compile(r"(gamma|lut|sharpening|denoise).?enabled?|black.?level.?clamping.*")
-NOTED = re.compile(r"(analog.|digital.|pre.?amp.)?gain|offset|black.?level|gamma|pixel.?type|binning")
+RECORDED = re.compile(r"(analog.|digital.|pre.?amp.)?gain|offset|black.?level|gamma|pixel.?type|binning")
 """Names of properties, which differ between drivers: what is automatic, what bends the response, what is recorded.
 
 An automatic shutter is the mechanical one, which opens for each exposure.
@@ -281,7 +281,7 @@ def _settings_of(core: Any, label: str) -> tuple[dict[str, str], list[str]]:
             wanted[key] = off
         elif name == "gamma" and core.hasPropertyLimits(label, key) and core.getPropertyUpperLimit(label, key) <= 10:
             wanted[key] = "1"  # other drivers have other scales, such as percent
-        elif NOTED.fullmatch(name):
+        elif RECORDED.fullmatch(name):
             noted.append(key)
     # a switch of gamma comes before its value, which is of no effect then
     return dict(sorted(wanted.items(), key=lambda pair: pair[0].lower() == "gamma")), noted

@@ -15,7 +15,7 @@ from lfcal.camera import Camera, StageAxes
 from lfcal.devices.errors import DeviceLost, FrameTimeout
 from lfcal.devices.protocols import Frame, Point, Rendered, Roi, Setting, TimeSource
 from lfcal.devices.simulated._stage import SimStage, VirtualTime
-from lfcal.devices.simulated.faults import CAMERA_FAULTS, DeviceFault, FaultBook
+from lfcal.devices.simulated.faults import CAMERA_FAULTS, DeviceFault, FaultSchedule
 
 __all__ = ["AUTOMATIC", "LightPatch", "Renderer", "SimCamera", "SimLight"]
 
@@ -135,7 +135,7 @@ class SimCamera:
         self._sensor = description.sensor
         self._axes, self._stage, self._time, self._light, self._renderer = axes, stage, time, light, renderer
         self._matrix, self._origin = axes.matrix().tolist(), axes.origin_um
-        self.faults = FaultBook(faults, CAMERA_FAULTS)
+        self.faults = FaultSchedule(faults, CAMERA_FAULTS)
         self._seed = seed
         self._number = 0
         self._asked = self._exposure = 0.01
@@ -217,7 +217,7 @@ class SimCamera:
         self._time.sleep(self._exposure)
         if "bumped" in struck:
             self._stage.bump(BUMP_UM)
-        data = self._spoilt(self._expose("lamp dims" in struck), struck)
+        data = self._with_faults(self._expose("lamp dims" in struck), struck)
         self._number += 1
         status = "complete"
         if "incomplete" in struck:
@@ -235,7 +235,7 @@ class SimCamera:
         """Return the exposure that the camera takes, and says it takes (s)."""
         return round(CLAMPED * self._asked, 6) if "clamps exposure" in struck else self._asked
 
-    def _spoilt(self, data: NDArray[Any], struck: frozenset[str]) -> NDArray[Any]:
+    def _with_faults(self, data: NDArray[Any], struck: frozenset[str]) -> NDArray[Any]:
         """Return ``data`` as it comes out of a camera with faults of its own."""
         before, self._before = self._before, data
         if not struck:
@@ -280,13 +280,13 @@ class SimCamera:
             source = tuple(sum(offset[k] * self._matrix[k][j] for k in range(3)) for j in range(3))
             patch = self._renderer.render((source[0], source[1], source[2]), self._exposure, self._roi)
             if self._automatic:
-                patch = patch._replace(counts=self._by_itself(patch.counts))
+                patch = patch._replace(counts=self._with_automatic_settings(patch.counts))
             if dimmed:
                 patch = patch._replace(counts=patch.counts * np.float32(DIMMED))
             self._add(frame, patch, grains)
         return frame
 
-    def _by_itself(self, counts: NDArray[Any]) -> NDArray[Any]:
+    def _with_automatic_settings(self, counts: NDArray[Any]) -> NDArray[Any]:
         """Return light as the settings that stay automatic change it: scaled to the same peak, bent by gamma."""
         peak = float(counts.max(initial=0.0))
         full = self._sensor.max_value - self._sensor.black_level

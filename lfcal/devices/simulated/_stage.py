@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from lfcal.base import check_number
 from lfcal.devices.errors import DeviceLost, StageError
 from lfcal.devices.protocols import Limits, Point, TimeSource
-from lfcal.devices.simulated.faults import STAGE_FAULTS, DeviceFault, FaultBook
+from lfcal.devices.simulated.faults import STAGE_FAULTS, DeviceFault, FaultSchedule
 
 __all__ = ["SimStage", "StageModel", "VirtualTime"]
 
@@ -102,7 +102,7 @@ class SimStage:
     ) -> None:
         self.model = model or StageModel()
         self._time = time
-        self.faults = FaultBook(faults, STAGE_FAULTS)
+        self.faults = FaultSchedule(faults, STAGE_FAULTS)
         self._start: Point = (0.0, 0.0, 0.0)
         self._target: Point = self._start
         self._began = self._ends = time.monotonic()

@@ -15,7 +15,7 @@ from lfcal.devices.rig import Rig
 from lfcal.devices.simulated._camera import AUTOMATIC, Renderer, SimCamera, SimLight
 from lfcal.devices.simulated._optics import FramesRenderer, PatternRenderer, simulated_optics
 from lfcal.devices.simulated._stage import SimStage, StageModel, VirtualTime
-from lfcal.devices.simulated.faults import DeviceFault, FaultBook, parse_faults
+from lfcal.devices.simulated.faults import DeviceFault, FaultSchedule, parse_faults
 from lfcal.frames import FrameSource
 
 __all__ = ["SimBackend", "SimGauge", "inject", "simulated_gauges", "simulated_rig", "with_defaults"]
@@ -230,7 +230,7 @@ class SimGauge:
         self.name, self.unit = name, unit
         self._usual, self._off = values
         self._fault = fault
-        self.faults = FaultBook(faults, (fault,))
+        self.faults = FaultSchedule(faults, (fault,))
 
     def read(self) -> float:
         """Return the reading."""

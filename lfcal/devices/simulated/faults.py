@@ -14,7 +14,7 @@ __all__ = [
     "GAUGE_FAULTS",
     "STAGE_FAULTS",
     "DeviceFault",
-    "FaultBook",
+    "FaultSchedule",
     "parse_faults",
 ]
 
@@ -89,7 +89,7 @@ def parse_faults(text: str) -> list[DeviceFault]:
     return faults
 
 
-class FaultBook:
+class FaultSchedule:
     """Count the calls of one device and decide which faults occur."""
 
     def __init__(self, faults: Iterable[DeviceFault], kinds: tuple[str, ...]) -> None:

@@ -276,7 +276,7 @@ def iter_find_defects(
     suspects = _Suspects(low, high, len(chosen), source.metadata.cfa, threshold, workers)
     for done, index in enumerate(chosen if len(suspects) else [], len(chosen)):
         yield clock.at(done)
-        suspects.look_at(source.read(index))
+        suspects.add_frame(source.read(index))
     defects = suspects.verdict(source.shape)
     yield clock.at(2 * len(chosen), f"{len(defects)} defect pixels")
     return defects
@@ -318,20 +318,20 @@ class _Suspects:
         low = low.astype(np.float32)
         span = high.astype(np.float32) - low
         noise = _noise(low, self._offsets.shape[0], whole_numbers)
-        hot = self._stands_out(low, threshold * noise, workers)
-        deaf = np.zeros_like(hot)
+        hot = self._is_outlier(low, threshold * noise, workers)
+        unresponsive = np.zeros_like(hot)
         if count >= MIN_FRAMES_RESPONSE:
             around = self._rank(span, OUTLIERS, workers)
             # where its neighbours show no light either, a pixel cannot be said not to respond
-            deaf = (span < RESPONSE * around) & (around > threshold * noise)
-        self._pixels = np.argwhere(hot | deaf)
+            unresponsive = (span < RESPONSE * around) & (around > threshold * noise)
+        self._pixels = np.argwhere(hot | unresponsive)
         at = tuple(self._pixels.T)
         base = self._rank(low, NEIGHBOURS // 2, workers)[at]
-        self._hot, self._deaf = hot[at], deaf[at]
+        self._hot, self._unresponsive = hot[at], unresponsive[at]
         self._low_there = low[at] <= base + threshold * noise
         self._margin = threshold / 2 * noise
         self._light = base + np.maximum(threshold * noise, ENCLOSED * span[at])
-        self._standing = np.zeros(len(self._pixels), np.intp)
+        self._outlier_frames = np.zeros(len(self._pixels), np.intp)
         self._enclosed = np.zeros(len(self._pixels), bool)
 
     def __len__(self) -> int:
@@ -346,7 +346,7 @@ class _Suspects:
         for_each_chunk(rows, image.shape[0], workers)
         return out
 
-    def _stands_out(self, low: NDArray[np.float32], least: float, workers: int | None) -> NDArray[np.bool_]:
+    def _is_outlier(self, low: NDArray[np.float32], least: float, workers: int | None) -> NDArray[np.bool_]:
         # of eight sorted neighbours, two may be hot themselves
         upper = self._rank(low, NEIGHBOURS - 1 - OUTLIERS, workers)
         # next to a static bright object, a pixel must also exceed what its neighbours exceed the field by
@@ -354,7 +354,7 @@ class _Suspects:
         out: NDArray[np.bool_] = low - upper > np.maximum(least, CONTRAST * (upper - field))
         return out
 
-    def look_at(self, frame: NDArray[Any]) -> None:
+    def add_frame(self, frame: NDArray[Any]) -> None:
         """Note which suspects stand out in ``frame``, and which lie within a spot."""
         rows, columns = self._pixels.T
         side = self._offsets.shape[0]
@@ -366,15 +366,17 @@ class _Suspects:
         inner = there.all(axis=1)
         falling = np.sort(np.where(there, values, -np.inf), axis=1)[:, ::-1]
         rising = np.sort(np.where(there, values, np.inf), axis=1)
-        self._standing += frame[rows, columns] - np.where(inner, falling[:, OUTLIERS], falling[:, 0]) > self._margin
+        self._outlier_frames += (
+            frame[rows, columns] - np.where(inner, falling[:, OUTLIERS], falling[:, 0]) > self._margin
+        )
         self._enclosed |= np.where(inner, rising[:, OUTLIERS], rising[:, 0]) > self._light
 
     def verdict(self, shape: tuple[int, int]) -> Defects:
         """Return those that the frames confirm."""
-        hot = self._hot & (self._standing >= PERSISTENCE * self._count)
-        deaf = self._deaf & self._enclosed
-        names = np.where(deaf, np.where(self._low_there, "dead", "stuck"), "hot")
-        sure = hot | deaf
+        hot = self._hot & (self._outlier_frames >= PERSISTENCE * self._count)
+        unresponsive = self._unresponsive & self._enclosed
+        names = np.where(unresponsive, np.where(self._low_there, "dead", "stuck"), "hot")
+        sure = hot | unresponsive
         return Defects(self._pixels[sure], shape, self._cfa, tuple(names[sure].tolist()))
 
 

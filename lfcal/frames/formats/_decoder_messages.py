@@ -45,7 +45,7 @@ class _Catch:
             _flush()
             size = os.fstat(self._file.fileno()).st_size
             self._file.seek(start)
-            said = self._file.read(size - start)
+            captured = self._file.read(size - start)
             self._users -= 1
             if not self._users:
                 os.dup2(self._kept, 2)
@@ -56,12 +56,12 @@ class _Catch:
                 self._file = None
             else:
                 self._file.seek(0, os.SEEK_END)
-            return said
+            return captured
 
     @staticmethod
-    def _pass_on(said: bytes) -> None:
+    def _pass_on(captured: bytes) -> None:
         """Write to standard error what came from others in the meantime."""
-        others = b"".join(line for line in said.splitlines(keepends=True) if not _COMPLAINTS.search(line))
+        others = b"".join(line for line in captured.splitlines(keepends=True) if not _COMPLAINTS.search(line))
         if others:
             os.write(2, others)
 
@@ -84,17 +84,17 @@ def caught_messages(mark: str = "") -> Iterator[Callable[[], str]]:
     if start is None:
         yield lambda: ""
         return
-    said = [b""]
+    captured = [b""]
 
     def complaint() -> str:
-        lines = said[0].splitlines()
+        lines = captured[0].splitlines()
         found = (line for line in lines if _COMPLAINTS.search(line) and mark.encode() in line)
         return next(found, b"").decode(errors="replace")
 
     try:
         yield complaint
     finally:
-        said[0] = _CATCH.end(start)
+        captured[0] = _CATCH.end(start)
 
 
 def _begun() -> int | None:

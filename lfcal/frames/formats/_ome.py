@@ -70,9 +70,9 @@ def ome_facts(text: str, pages: int, *, name: str = "", samples: int = 1) -> dic
         if root.find("{*}Image/{*}Pixels/{*}TiffData") is not None:
             facts["order_notes"] = (f"pages: OME metadata state {error}; pages are taken in the order of the file",)
         return facts
-    told = _of_pages(planes, pages) | _of_order(planes, pages, modulo)
-    notes = _order_notes(planes, pages) if told else ()
-    return facts | told | ({"order_notes": notes} if notes else {})
+    order = _of_pages(planes, pages) | _of_order(planes, pages, modulo)
+    notes = _order_notes(planes, pages) if order else ()
+    return facts | order | ({"order_notes": notes} if notes else {})
 
 
 @dataclass(slots=True)

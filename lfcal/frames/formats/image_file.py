@@ -131,8 +131,10 @@ def decoding(path: Path, kind: str) -> Iterator[None]:
             with storage_errors(path):
                 raise
         # decoders raise bytes, several lines or nothing at all
-        said = error.args[0].decode(errors="replace") if error.args and isinstance(error.args[0], bytes) else str(error)
-        reason = " ".join(said.split())[:120] or type(error).__name__
+        message = (
+            error.args[0].decode(errors="replace") if error.args and isinstance(error.args[0], bytes) else str(error)
+        )
+        reason = " ".join(message.split())[:120] or type(error).__name__
         raise FileFormatError.expected(
             str(path), f"an intact {kind} file", f"damaged data ({reason})", "record or copy it again"
         ) from error

@@ -18,8 +18,8 @@ LEAST, MOST = 0.5, 2.0
 """Between these a scale of z is told: beyond, another unit or column is meant."""
 SIGMAS = 4.0
 """Standard errors by which z and steps part for certain."""
-TOLD = 0.01
-"""Share of the range of z below which z and steps are not said to differ, however well both are known."""
+MIN_DIFFERENCE = 0.01
+"""Smallest difference between z and steps that is reported, as a share of the range of z."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +177,7 @@ def _apart(
     # each is held against the mean of all
     own = np.sqrt(errors**2 * (1 - 2 / len(rest)) + (errors**2).sum() / len(rest) ** 2)
     off = abs(abs(slope) - 1) > SIGMAS * error or (np.abs(rest) > SIGMAS * own).any()
-    if not off or 2 * most < TOLD * span:
+    if not off or 2 * most < MIN_DIFFERENCE * span:
         return "", ()
     note = (
         f"z: its range is {1 / abs(slope):.3f} times what the steps of the planes tell, and up to {most:.4g} um apart "

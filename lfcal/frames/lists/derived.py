@@ -16,7 +16,7 @@ from lfcal.frames.lists._depths import ListedPlanes, find_depths, with_depths
 from lfcal.frames.lists._grid import PlaneGrid, ScanGrid
 from lfcal.frames.lists.listing import Listing
 from lfcal.frames.lists.motion import CentroidMotion, Part
-from lfcal.frames.lists.placing import AXES, READ, anchor_of, grid_of, light_of, place
+from lfcal.frames.lists.placing import AXES, ReadFrame, anchor_of, grid_of, light_of, place
 from lfcal.frames.lists.table import LENGTHS
 from lfcal.frames.orientation import ORIENTATIONS
 
@@ -27,7 +27,7 @@ def plan_of_list(
     listing: Listing,
     camera: Camera,
     *,
-    read: READ | None = None,
+    read: ReadFrame | None = None,
     stage: StageAxes | None = None,
     depths_um: tuple[float, ...] | None = None,
     part: Part | None = None,
@@ -69,15 +69,15 @@ def plan_of_list(
             "numbers of positions",
             "give the planes with --depths or --virtual-depths instead of --positions",
         )
-    said = stage or StageAxes()
-    grid, lateral = grid_of(listing, said)
+    stated = stage or StageAxes()
+    grid, lateral = grid_of(listing, stated)
     light = None if read is None else light_of(grid, read)
     if light is not None and part is not None:
         light = light.on_sensor(part, camera.sensor.shape)
-    _check_lie(light, camera)
+    _check_orientation(light, camera)
     unit, unit_notes = _unit_of(listing, grid, camera)
     factor = LENGTHS[unit]
-    axes, why = _lateral_axes(grid, camera, said, lateral, light)
+    axes, why = _lateral_axes(grid, camera, stated, lateral, light)
     counts = dict(zip(lateral, grid.counts, strict=True))
     period = counts[AXES.index(axes.down[1])], counts[AXES.index(axes.right[1])]
     _check_period(period, camera)
@@ -147,13 +147,13 @@ def _unit_of(listing: Listing, grid: ScanGrid, camera: Camera) -> tuple[str, lis
 
 
 def _lateral_axes(
-    grid: ScanGrid, camera: Camera, said: StageAxes, lateral: tuple[int, int], light: CentroidMotion | None
+    grid: ScanGrid, camera: Camera, stated: StageAxes, lateral: tuple[int, int], light: CentroidMotion | None
 ) -> tuple[StageAxes, str]:
     """Return the axes that move the image right and down, and how that is known."""
     seen = None if light is None else light.axes()
     if seen is not None:
         down, right = (("+" if sense > 0 else "-") + AXES[lateral[axis]] for axis, sense in seen)
-        return StageAxes(right, down, said.away), "move the image right, down and the source away, as the light moves"
+        return StageAxes(right, down, stated.away), "move the image right, down and the source away, as the light moves"
     counts = dict(zip(lateral, grid.counts, strict=True))
     periods = tuple(round(p) for p in camera.period_px)
     fitting = [
@@ -161,15 +161,15 @@ def _lateral_axes(
         for right, down in permutations(lateral)
         if counts[down] % max(periods[0], 1) == 0 and counts[right] % max(periods[1], 1) == 0
     ]
-    own = (AXES.index(said.right[1]), AXES.index(said.down[1]))
+    own = (AXES.index(stated.right[1]), AXES.index(stated.down[1]))
     if not fitting or own in fitting:
-        return said, "as assumed: neither list nor frames tell their senses; --stage states them"
+        return stated, "as assumed: neither list nor frames tell their senses; --stage states them"
     first, second = (AXES[axis] for axis in fitting[0])
-    axes = StageAxes(said.right[0] + first, said.down[0] + second, said.away)
+    axes = StageAxes(stated.right[0] + first, stated.down[0] + second, stated.away)
     return axes, "as the numbers of steps tell; their senses are assumed, --stage states them"
 
 
-def _check_lie(light: CentroidMotion | None, camera: Camera) -> None:
+def _check_orientation(light: CentroidMotion | None, camera: Camera) -> None:
     """Raise where frames have the shape of the sensor on its side."""
     rows, columns = camera.sensor.shape
     if light is not None and light.shape == (columns, rows) and rows != columns:
@@ -277,7 +277,7 @@ def step_error(lateral: NDArray[np.float64], plane: PlaneGrid) -> float:
         if used[axis]:
             straight = points[:, axis] - index[:, 1 - axis] * plane.steps[1 - axis, axis] * used[1 - axis]
             unit = rounding(points[:, axis], size)
-            left, scatter = _left_open(straight, group, numbers, unit, plane.steps[axis, axis])
+            left, scatter = _rounding_error(straight, group, numbers, unit, plane.steps[axis, axis])
             left = (gradient[axis, axis] * left) ** 2
             # of places that do not scatter at all the digits tell everything
             error = left if left and scatter < 0.01 else max(error, left)
@@ -299,7 +299,7 @@ def rounding(values: NDArray[np.float64], step: float) -> float:
     return 0.0
 
 
-def _left_open(
+def _rounding_error(
     values: NDArray[np.float64], group: NDArray[np.intp], numbers: NDArray[np.intp], unit: float, step: float
 ) -> tuple[float, float]:
     """Return the error that rounding to ``unit`` leaves to a step, and the variance within columns in that unit.

@@ -19,7 +19,7 @@ from lfcal.camera import ScanPlan
 from lfcal.frames.formats import image_suffixes
 from lfcal.frames.lists.listing import Listing
 from lfcal.frames.lists.motion import Part
-from lfcal.frames.lists.placing import READ, place
+from lfcal.frames.lists.placing import ReadFrame, place
 from lfcal.frames.manifest import FrameEntry, Manifest
 from lfcal.frames.positions import first_number
 from lfcal.frames.source import Position
@@ -63,8 +63,8 @@ def manifest_of(
     plan: ScanPlan | None = None,
     plan_shape: Sequence[int] | None = None,
     first: int | None = None,
-    read: READ | None = None,
-    lie: str = "",
+    read: ReadFrame | None = None,
+    orientation: str = "",
     part: Part | None = None,
 ) -> tuple[Manifest, tuple[str, ...]]:
     """Return the manifest of a list whose files are found, and notes on what was found.
@@ -81,7 +81,7 @@ def manifest_of(
         Number of the first position where the list counts them; None: found.
     read
         Returns the frame of a row, for `lfcal.frames.lists.placing.place`.
-    lie, part
+    orientation, part
         As there.
 
     Raises
@@ -100,7 +100,7 @@ def manifest_of(
             "none",
             "name it with --plan, or make it with lfcal plan CAMERA --positions LIST",
         )
-    found = place(listing, plan, read, lie, part)
+    found = place(listing, plan, read, orientation, part)
     drift = found.drift if listing.drift is None else found.drift + listing.drift
     return _manifest(listing, found.positions, drift, plan), (*listing.notes, *found.notes)
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lfcal.base import FileFormatError, StorageError, parse_json, read_text
 from lfcal.frames.formats import image_suffixes, open_image
 from lfcal.frames.lists.entries import located, manifest_of
-from lfcal.frames.lists.listing import LONGEST_S, Listing, read_listing
+from lfcal.frames.lists.listing import MAX_EXPOSURE_S, Listing, read_listing
 from lfcal.frames.lists.motion import AUTO, CHECK, Part
 from lfcal.frames.lists.table import TABLE_SUFFIXES
 from lfcal.frames.manifest import COLUMNS, Manifest, read_manifest
@@ -112,7 +112,7 @@ def stage_listing(path: Path, metadata: Mapping[str, Any]) -> Listing:
     times = None if exposures is None else tuple(exposures.tolist())
     notes = [f"positions: of the stage, as {path.name} states them for its {len(pages)} pages"]
     notes += metadata.get("order_notes", ())
-    if times is not None and max(times) > LONGEST_S:
+    if times is not None and max(times) > MAX_EXPOSURE_S:
         # programs write a camera's microseconds where the format means seconds
         notes.append(f"exposures: {max(times):g} s, as {path.name} states them, are hardly meant and left out")
         times = None
@@ -120,15 +120,15 @@ def stage_listing(path: Path, metadata: Mapping[str, Any]) -> Listing:
 
 
 def _placed(listing: Listing, root: Path, options: FrameOptions) -> tuple[Manifest, tuple[str, ...]]:
-    lie = options.orientation if options.orientation in (CHECK, AUTO) else ""
-    turn = None if lie else named_orientation(options.orientation)
+    orientation = options.orientation if options.orientation in (CHECK, AUTO) else ""
+    turn = None if orientation else named_orientation(options.orientation)
     return manifest_of(
         listing,
         plan=options.plan,
         plan_shape=options.plan_shape,
         first=options.first,
         read=reader(listing, root, options.colour, turn),
-        lie=lie,
+        orientation=orientation,
         part=None if options.origin is None else Part(options.origin, AS_IS if turn is None else turn.name),
     )
 

@@ -22,9 +22,9 @@ from lfcal.frames.lists.table import (
     read_table,
 )
 
-__all__ = ["LONGEST_S", "Listing", "read_listing"]
+__all__ = ["MAX_EXPOSURE_S", "Listing", "read_listing"]
 
-LONGEST_S = 1000.0
+MAX_EXPOSURE_S = 1000.0
 """Exposure beyond which its unit is another one: of a scan no frame takes a quarter of an hour."""
 
 
@@ -96,10 +96,10 @@ def read_listing(path: str | os.PathLike[str], columns: str = "") -> Listing:
         With the line, or the columns there are and what to type.
     """
     table = read_table(Path(path))
-    told = parse_columns(columns) if columns else None
+    stated = parse_columns(columns) if columns else None
     if not table.rows:
         raise FileFormatError.expected(f"list {table.name}", "a row for each frame", "only a header", "check the file")
-    found = find_columns(table, told)
+    found = find_columns(table, stated)
     by_role = {column.role: column for column in found}
     places = np.full((len(table.rows), 3), np.nan)
     for k, axis in enumerate("xyz"):
@@ -209,9 +209,9 @@ def _exposures(table: Table, column: Column | None) -> tuple[tuple[float, ...] |
         # microseconds, as machine-vision cameras write them, or milliseconds of a faint source
         remedy = f"say it: --columns exposure_us={column.name} or exposure_ms={column.name}"
         raise InputError.expected(name, "a unit of times this large", f"{np.median(values):g} of none", remedy)
-    if (longest := float(values.max() * TIMES[unit])) > LONGEST_S:
+    if (longest := float(values.max() * TIMES[unit])) > MAX_EXPOSURE_S:
         remedy = f"correct its unit, for example --columns exposure_us={column.name}"
-        raise InputError.expected(name, f"exposures of at most {LONGEST_S:g} s", f"{longest:g} s", remedy)
+        raise InputError.expected(name, f"exposures of at most {MAX_EXPOSURE_S:g} s", f"{longest:g} s", remedy)
     shown = Column("exposure", column.name, unit if column.unit else f"taken as {unit}")
     return tuple(float(v) for v in values * TIMES[unit]), shown
 

@@ -18,16 +18,16 @@ __all__ = [
     "AUTO",
     "CHECK",
     "CentroidMotion",
-    "Lie",
     "Part",
+    "StageOrientation",
     "centre_of_light",
+    "find_stage_orientation",
     "image_motion",
     "spread_out",
-    "stage_and_lie",
     "turn_of",
 ]
 
-SAMPLED = 16
+MAX_FRAMES = 16
 """Frames that are read."""
 
 
@@ -84,7 +84,7 @@ class Part(NamedTuple):
     turn: str = AS_IS
 
 
-def spread_out(index: NDArray[np.intp], count: int = SAMPLED) -> NDArray[np.intp]:
+def spread_out(index: NDArray[np.intp], count: int = MAX_FRAMES) -> NDArray[np.intp]:
     """Return up to ``count`` frames, each as far as possible from those before: corners, edges, then between."""
     chosen = [int(np.argmin(index.sum(axis=1)))]
     distance = np.full(len(index), np.inf)
@@ -152,7 +152,7 @@ def centre_of_light(light: NDArray[np.float32]) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, slots=True)
-class Lie:
+class StageOrientation:
     """Stage axes, the orientation that frames would then need, and the other reading where both would look the same.
 
     Attributes
@@ -182,9 +182,9 @@ def turn_of(stage: StageAxes, light: CentroidMotion, lateral: tuple[int, int]) -
     return next((turn for turn in ORIENTATIONS.values() if np.array_equal(turn.moves() @ moves, wanted)), None)
 
 
-def stage_and_lie(
+def find_stage_orientation(
     allowed: Sequence[StageAxes], light: CentroidMotion, plan: ScanPlan, lateral: tuple[int, int], choice: str
-) -> Lie | None:
+) -> StageOrientation | None:
     """Return the axes that light of clear axes is read with; None if none of those ``allowed`` has it in such frames.
 
     Frames that are certainly flipped or turned keep the plan's axes, so that turning them is all that is to be done.
@@ -203,31 +203,31 @@ def stage_and_lie(
         ``"check"``: where both would look the same the axes are otherwise than the plan says; ``"auto"``: the frames
         are turned; else the frames are known to be upright.
     """
-    found = [Lie(stage, turn) for stage in allowed if (turn := turn_of(stage, light, lateral)) is not None]
-    upright = next((lie for lie in found if lie.turn.name == AS_IS), None)
+    found = [StageOrientation(stage, turn) for stage in allowed if (turn := turn_of(stage, light, lateral)) is not None]
+    upright = next((one for one in found if one.turn.name == AS_IS), None)
     if choice not in (CHECK, AUTO):
         return upright
-    shaped = [lie for lie in found if lie.turn.shape(light.shape) == plan.camera.sensor.shape]
+    shaped = [one for one in found if one.turn.shape(light.shape) == plan.camera.sensor.shape]
     if shaped and upright not in shaped:
         upright = None
     found = shaped or found
-    own = next((lie for lie in found if _lateral(lie.stage) == _lateral(plan.stage)), None)
+    own = next((one for one in found if _lateral(one.stage) == _lateral(plan.stage)), None)
     if own is None or upright is None or own is upright:
         # one of them, or where neither can be, the one that is nearest to where the plan has the light
-        return own or upright or min(found, key=lambda lie: _away(lie, light, plan), default=None)
+        return own or upright or min(found, key=lambda one: _away(one, light, plan), default=None)
     if_frames, if_scan = _away(own, light, plan), _away(upright, light, plan)
     # the places of cropped frames mean nothing; a stage's origin is not better than some of the cutout
     slack = max(2.0, 0.1 * max(plan.cutout), 2 * light.rms_px)
     if shaped and abs(if_frames - if_scan) >= max(2 * slack, min(if_frames, if_scan)):
         return own if if_frames < if_scan else upright
-    return own if choice == AUTO else Lie(upright.stage, upright.turn, own.turn)
+    return own if choice == AUTO else StageOrientation(upright.stage, upright.turn, own.turn)
 
 
 def _lateral(stage: StageAxes) -> tuple[str, str]:
     return stage.right, stage.down
 
 
-def _away(lie: Lie, light: CentroidMotion, plan: ScanPlan) -> float:
+def _away(one: StageOrientation, light: CentroidMotion, plan: ScanPlan) -> float:
     """Return how far the middle of the light's path, turned upright, lies from that of the plan's (px)."""
     ends: NDArray[np.float64] = plan.image_px([(0, 0, 0), (0, plan.period[0] - 1, plan.period[1] - 1)])
-    return math.dist(lie.turn.places(light.middle, light.shape), ends.mean(axis=0))
+    return math.dist(one.turn.places(light.middle, light.shape), ends.mean(axis=0))

@@ -16,7 +16,14 @@ from lfcal.camera import ScanPlan, StageAxes
 from lfcal.frames.lists._depths import LEAST, MOST, with_depths
 from lfcal.frames.lists._grid import ScanGrid, find_grid
 from lfcal.frames.lists.listing import Listing
-from lfcal.frames.lists.motion import CentroidMotion, Lie, Part, image_motion, spread_out, stage_and_lie
+from lfcal.frames.lists.motion import (
+    CentroidMotion,
+    Part,
+    StageOrientation,
+    find_stage_orientation,
+    image_motion,
+    spread_out,
+)
 from lfcal.frames.orientation import AS_IS
 
 __all__ = ["Placing", "anchor_of", "grid_of", "light_of", "place"]
@@ -24,11 +31,11 @@ __all__ = ["Placing", "anchor_of", "grid_of", "light_of", "place"]
 AXES = "xyz"
 UNITS = {"um": 1.0, "mm": 1e3, "nm": 1e-3, "m": 1e6}
 """Micrometres of the units that a list without one may be in."""
-TOLD = 0.01
-"""Share by which scales may differ from the plan's without a word."""
-APART = 0.1
-"""Share of the smallest distance of planes by which one may lie off the plan's without a word."""
-READ = Callable[[int], NDArray[Any]]
+SCALE_TOLERANCE = 0.01
+"""Largest relative difference from the plan's scale that is not reported."""
+PLANE_TOLERANCE = 0.1
+"""Largest distance of a plane from the plan's that is not reported, as a share of the smallest distance of planes."""
+ReadFrame = Callable[[int], NDArray[Any]]
 """Returns the frame of a row of the list."""
 
 
@@ -63,7 +70,7 @@ class Placing:
 
 
 def place(
-    listing: Listing, plan: ScanPlan, read: READ | None = None, lie: str = "", part: Part | None = None
+    listing: Listing, plan: ScanPlan, read: ReadFrame | None = None, orientation: str = "", part: Part | None = None
 ) -> Placing:
     """Return position and drift of each frame by its stage coordinates.
 
@@ -80,7 +87,7 @@ def place(
         The scan's.
     read
         Returns the frame of a row of the list.
-    lie
+    orientation
         ``"check"`` or ``"auto"``: frames may be flipped or turned, and axes that only such frames have are not taken
         for the stage's (`lfcal.frames.lists.motion`); else they are upright as ``read`` returns them.
     part
@@ -100,7 +107,7 @@ def place(
         light = light.on_sensor(part, plan.camera.sensor.shape)
     seen = None if light is None or light.axes() is None else light
     turns = [s for s in _turns(grid, plan, lateral) if not numbered or s.away == plan.stage.away]
-    reading = None if seen is None else stage_and_lie(turns, seen, plan, lateral, lie)
+    reading = None if seen is None else find_stage_orientation(turns, seen, plan, lateral, orientation)
     if seen is not None:
         turns = [s for s in turns if reading and (s.right, s.down) == (reading.stage.right, reading.stage.down)]
     if not turns:
@@ -134,7 +141,7 @@ def grid_of(listing: Listing, stage: StageAxes, *, planes: int = 0) -> tuple[Sca
     return grid, (lateral[0], lateral[1])
 
 
-def light_of(grid: ScanGrid, read: READ) -> CentroidMotion | None:
+def light_of(grid: ScanGrid, read: ReadFrame) -> CentroidMotion | None:
     """Return how the light of the middle plane moves along the lateral axes."""
     plane = grid.planes[len(grid.planes) // 2]
     chosen = spread_out(plane.index)
@@ -284,7 +291,7 @@ def _scale_notes(listing: Listing, affine: NDArray[Any], plan: ScanPlan) -> tupl
             f"{ratio:.3g} times them",
             "correct the unit (--columns x_mm=…), or make the plan of this scan: lfcal plan CAMERA --positions LIST",
         )
-    if abs(ratio - 1) <= TOLD:
+    if abs(ratio - 1) <= SCALE_TOLERANCE:
         return notes, []
     return notes, [f"steps: {ratio:.3f} times the plan's; check pixel pitch, working distance and magnification"]
 
@@ -308,18 +315,18 @@ def _depth_notes(listing: Listing, affine: NDArray[Any], rest: NDArray[np.float6
             "lfcal plan CAMERA --positions LIST",
         )
     notes = []
-    if abs(ratio - 1) > TOLD:
+    if abs(ratio - 1) > SCALE_TOLERANCE:
         notes.append(
             f"depths: {what} lie {ratio:.3f} times as far apart as the plan's; check unit and scale, and the plan"
         )
     far = int(np.abs(rest[:, 2]).argmax())
     off = abs(float(rest[far, 2]))
-    if off > APART * np.abs(np.diff(plan.depths_um)).min():
+    if off > PLANE_TOLERANCE * np.abs(np.diff(plan.depths_um)).min():
         notes.append(f"depths: {what} are up to {off:.4g} um off the plan's, {listing.label(far)} most")
     return notes
 
 
-def _axes_notes(plan: ScanPlan, stage: StageAxes, reading: Lie | None, several: bool) -> list[str]:
+def _axes_notes(plan: ScanPlan, stage: StageAxes, reading: StageOrientation | None, several: bool) -> list[str]:
     found = f"{stage.right},{stage.down},{stage.away}"
     own = f"{plan.stage.right},{plan.stage.down},{plan.stage.away}"
     if reading is not None and reading.turn.name != AS_IS:

@@ -253,15 +253,15 @@ def parse_columns(text: str) -> dict[str, tuple[str, str]]:
     return found
 
 
-def find_columns(table: Table, told: Mapping[str, tuple[str, str]] | None = None) -> tuple[Column, ...]:
-    """Return which columns are used for what, those that ``told`` names first.
+def find_columns(table: Table, stated: Mapping[str, tuple[str, str]] | None = None) -> tuple[Column, ...]:
+    """Return which columns are used for what, those that ``stated`` names first.
 
     Raises
     ------
     InputError
-        If several columns could hold the same, a needed one is not found, or ``told`` names one that is not there.
+        If several columns could hold the same, a needed one is not found, or ``stated`` names one that is not there.
     """
-    chosen, doubtful = _sorted_out(table, told or {})
+    chosen, doubtful = _sorted_out(table, stated or {})
     for role, found in doubtful.items():
         names = " or ".join(repr(column.name) for column in found)
         raise InputError.expected(
@@ -278,20 +278,22 @@ def find_columns(table: Table, told: Mapping[str, tuple[str, str]] | None = None
     return tuple(chosen[role] for role in ROLES if role in chosen)
 
 
-def clear_columns(table: Table, told: Mapping[str, tuple[str, str]] | None = None) -> tuple[Column, ...]:
-    """Return those columns that ``told`` names or whose names leave no doubt, also where others are missing."""
-    chosen, _ = _sorted_out(table, told or {})
+def clear_columns(table: Table, stated: Mapping[str, tuple[str, str]] | None = None) -> tuple[Column, ...]:
+    """Return those columns that ``stated`` names or whose names leave no doubt, also where others are missing."""
+    chosen, _ = _sorted_out(table, stated or {})
     return tuple(chosen[role] for role in ROLES if role in chosen)
 
 
-def _sorted_out(table: Table, told: Mapping[str, tuple[str, str]]) -> tuple[dict[str, Column], dict[str, list[Column]]]:
+def _sorted_out(
+    table: Table, stated: Mapping[str, tuple[str, str]]
+) -> tuple[dict[str, Column], dict[str, list[Column]]]:
     """Return the column of each role, and the columns that could have the same role."""
-    chosen = {role: _told(table, role, *value) for role, value in told.items() if value[0]}
+    chosen = {role: _stated_column(table, role, *value) for role, value in stated.items() if value[0]}
     used = {column.name for column in chosen.values()}
     guesses: dict[str, list[Column]] = {}
     for name in table.columns if table.header else ():
         guess = _guess(name)
-        if guess is not None and name not in used and guess.role not in told:
+        if guess is not None and name not in used and guess.role not in stated:
             guesses.setdefault(guess.role, []).append(guess)
     doubtful = {}
     for role, found in guesses.items():
@@ -300,7 +302,7 @@ def _sorted_out(table: Table, told: Mapping[str, tuple[str, str]]) -> tuple[dict
             doubtful[role] = found
         else:
             chosen[role] = exact[0] if exact else found[0]
-    if "file" not in {*chosen, *doubtful, *told}:
+    if "file" not in {*chosen, *doubtful, *stated}:
         chosen |= _by_endings(table, used)
     return chosen, doubtful
 
@@ -321,7 +323,7 @@ def _by_endings(table: Table, used: set[str]) -> dict[str, Column]:
     return {"file": Column("file", found[0])} if len(found) == 1 else {}
 
 
-def _told(table: Table, role: str, name: str, unit: str) -> Column:
+def _stated_column(table: Table, role: str, name: str, unit: str) -> Column:
     if name not in table.columns and name.isdigit() and 1 <= int(name) <= len(table.columns):
         name = table.columns[int(name) - 1]  # a name that cannot be typed is given by its number
     if name not in table.columns:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import InputError
-from lfcal.frames.photon_transfer._pairs import Frames2, TransferPoints, measure_pair
+from lfcal.frames.photon_transfer._pairs import FramePair, TransferPoints, measure_pair
 from lfcal.frames.photon_transfer.frame_list import CalibrationFrame
 from lfcal.frames.photon_transfer.values import MeasuredValue
 
@@ -18,7 +18,7 @@ __all__ = ["FINE", "DarkLevel", "dark_current", "measure_darks", "offset_scatter
 HOT_SIGMAS = 8.0
 """A pixel is hot so many robust standard deviations above the others."""
 
-MOST_ZEROS = 0.01
+MAX_ZEROS = 0.01
 """Share of samples at zero from which darks are cut off there."""
 
 FINE = 0.3
@@ -64,7 +64,7 @@ class DarkLevel:
     @property
     def cut_off(self) -> bool:
         """Whether noise below zero was cut off, which moves the mean up and hides noise."""
-        return self.zeros > MOST_ZEROS
+        return self.zeros > MAX_ZEROS
 
     @property
     def black(self) -> MeasuredValue:
@@ -96,7 +96,7 @@ def measure_darks(frames: Sequence[CalibrationFrame], exposure_s: float | None) 
     for first, second in zip(frames[::2], frames[1::2], strict=False):
         # darks hold no light: nothing to sort by, and no ratio to find
         empty = np.zeros_like(mean)
-        found = measure_pair(Frames2(first.read(), second.read(), empty, empty, good, "", len(frames), lit=False))
+        found = measure_pair(FramePair(first.read(), second.read(), empty, empty, good, "", len(frames), lit=False))
         if found.equal:
             raise InputError.expected(
                 "darks", "frames that differ", f"{first.label} and {second.label} alike", "remove copies"

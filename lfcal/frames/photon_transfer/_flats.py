@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from lfcal.frames.cfa import phases
 from lfcal.frames.photon_transfer._curve import PhotonTransferCurve
-from lfcal.frames.photon_transfer._pairs import Frames2, PairFinding, measure_pair
+from lfcal.frames.photon_transfer._pairs import FramePair, PairFinding, measure_pair
 from lfcal.frames.photon_transfer.frame_list import CalibrationFrame
 from lfcal.frames.photon_transfer.values import MeasuredValue
 
 __all__ = ["FlatLevel", "find_dead", "measure_level", "measure_linearity", "measure_prnu", "sorted_levels"]
 
-ALIKE = 0.10
+LEVEL_TOLERANCE = 0.10
 """Frames whose light differs by less are of one level; a pair allows for what they differ by."""
 
 
@@ -50,14 +50,14 @@ def sorted_levels(
 ) -> list[list[CalibrationFrame]]:
     """Return the flats by level: of one folder and exposure each, and of like light where these say nothing.
 
-    Frames keep their order. Whatever is stated, frames whose mean above ``black`` differs by more than `ALIKE` are of
-    different levels. Levels come from dim to bright.
+    Frames keep their order. Whatever is stated, frames whose mean above ``black`` differs by more than
+    `LEVEL_TOLERANCE` are of different levels. Levels come from dim to bright.
     """
     levels: list[tuple[tuple[str, float | None], list[float], list[CalibrationFrame]]] = []
     for frame, mean in zip(frames, means, strict=True):
         key, light = (frame.group, frame.exposure_s), mean - black
         for own, lights, held in levels:
-            if own == key and abs(light - lights[0]) <= ALIKE * max(abs(lights[0]), abs(light)):
+            if own == key and abs(light - lights[0]) <= LEVEL_TOLERANCE * max(abs(lights[0]), abs(light)):
                 lights.append(light)
                 held.append(frame)
                 break
@@ -77,10 +77,10 @@ def measure_level(
     pairs, lagging = [], None
     for k in range(0, len(frames) - 1, 2):
         first, second = frames[k].read(), frames[k + 1].read()
-        pair = Frames2(first, second, dark, bright, good, cfa, len(frames))
+        pair = FramePair(first, second, dark, bright, good, cfa, len(frames))
         pairs.append(measure_pair(pair))
         if k == 0 and len(frames) > 2:
-            third = measure_pair(Frames2(first, frames[2].read(), dark, bright, good, cfa, len(frames)))
+            third = measure_pair(FramePair(first, frames[2].read(), dark, bright, good, cfa, len(frames)))
             lagging = _ratio(third, pairs[0])
     return FlatLevel(frames[0].exposure_s, bright, len(frames), tuple(pairs), lagging)
 

@@ -21,15 +21,15 @@ from numpy.typing import NDArray
 
 from lfcal.frames.cfa import pattern_side
 
-__all__ = ["Frames2", "PairFinding", "TransferPoints", "measure_pair", "strips"]
+__all__ = ["FramePair", "PairFinding", "TransferPoints", "measure_pair", "strips"]
 
 Image = NDArray[np.float32]
 
 STRIP = 1 << 20
 """Pixels that are worked on together."""
 
-MOST_BINS = 48
-FEWEST = 200
+MAX_BINS = 48
+MIN_PIXELS = 200
 """Pixels of a bin; a variance is known to 10 % by so many."""
 
 COARSE, LEAST_WIDTH = 4.0, 3.0
@@ -73,7 +73,7 @@ class TransferPoints:
 
 
 @dataclass(frozen=True, eq=False)
-class Frames2:
+class FramePair:
     """A pair of flats and what is needed to compare them.
 
     Attributes
@@ -136,7 +136,7 @@ def strips(shape: tuple[int, int], side: int = 1) -> Iterator[slice]:
         yield slice(start, min(start + step, shape[0]))
 
 
-def measure_pair(pair: Frames2) -> PairFinding:
+def measure_pair(pair: FramePair) -> PairFinding:
     """Return the points of one pair, and how its light and its noise behave."""
     alpha, rolling = _ratios(pair)
     quick = _quick_variance(pair, alpha)
@@ -147,12 +147,12 @@ def measure_pair(pair: Frames2) -> PairFinding:
     return PairFinding(points, change, rolling, likeness, _copies(pair))
 
 
-def _copies(pair: Frames2) -> bool:
+def _copies(pair: FramePair) -> bool:
     """Return whether the frames are the same to the last bit; where all is saturated they are no copies."""
     return bool(np.array_equal(pair.a, pair.b)) and bool((pair.a != pair.a.flat[0]).any())
 
 
-def _ratios(pair: Frames2) -> tuple[NDArray[np.float64], float]:
+def _ratios(pair: FramePair) -> tuple[NDArray[np.float64], float]:
     """Return α of every row ``(rows, 1)``, one for all unless they scatter beyond chance, and that scatter."""
     rows = pair.a.shape[0]
     if not pair.lit:
@@ -178,12 +178,12 @@ def _ratios(pair: Frames2) -> tuple[NDArray[np.float64], float]:
     return of_row[:, None], 2 * float(np.sqrt(max(beyond, 0.0)))
 
 
-def _above(pair: Frames2, part: slice) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+def _above(pair: FramePair, part: slice) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
     dark = pair.dark[part]
     return pair.a[part].astype(np.float64) - dark, pair.b[part].astype(np.float64) - dark, pair.good[part]
 
 
-def _quick_variance(pair: Frames2, alpha: NDArray[np.float64]) -> float:
+def _quick_variance(pair: FramePair, alpha: NDArray[np.float64]) -> float:
     """Return a robust variance of a typical sample, for the width of the bins."""
     rows = slice(pair.a.shape[0] // 4, max(pair.a.shape[0] // 4 + 8, 3 * pair.a.shape[0] // 4))
     a, b, good = _above(pair, rows)
@@ -194,14 +194,14 @@ def _quick_variance(pair: Frames2, alpha: NDArray[np.float64]) -> float:
     return float(np.mean((middle - middle.mean()) ** 2)) / 2
 
 
-def _edges(pair: Frames2, variance: float) -> NDArray[np.float64]:
+def _edges(pair: FramePair, variance: float) -> NDArray[np.float64]:
     """Return the edges of the bins: wider than the noise by which pixels are sorted, one bin for an even frame."""
     some = pair.bright[pair.good]
     some = some[:: max(1, some.size // 200_000)]
     low, high = np.percentile(some, (0.1, 99.9)).tolist() if some.size else (0.0, 0.0)
     noise = np.sqrt(max(variance, 1e-12) / pair.frames)
     # bins narrower than the noise would sort by the noise itself, and move the mean within a bin
-    width = max(4 * noise, (high - low) / MOST_BINS)
+    width = max(4 * noise, (high - low) / MAX_BINS)
     coarse = pair.a.dtype.kind in "iu" and variance < COARSE
     width = max(width, LEAST_WIDTH) if coarse else width
     count = int((high - low) / width) if width > 0 else 0
@@ -216,7 +216,7 @@ def _edges(pair: Frames2, variance: float) -> NDArray[np.float64]:
 
 
 def _moments(
-    pair: Frames2, alpha: NDArray[np.float64], edges: NDArray[np.float64], quick: float
+    pair: FramePair, alpha: NDArray[np.float64], edges: NDArray[np.float64], quick: float
 ) -> tuple[TransferPoints, tuple[float, float]]:
     side = pattern_side(pair.cfa)
     bins = len(edges) - 1
@@ -243,7 +243,7 @@ def _moments(
         reach = CLIP_SIGMA * np.sqrt(np.maximum(variance, quick * 1e-3)) + 1e-6
         limits = np.stack([mean - reach, mean + reach], axis=1)
     factor = 1 + float(np.mean(alpha**2))
-    enough = n >= FEWEST
+    enough = n >= MIN_PIXELS
     at = np.flatnonzero(enough)
     points = TransferPoints(
         s1[at] / n[at] / factor,
@@ -256,7 +256,7 @@ def _moments(
     return points, (float(likeness[0]), float(likeness[1]))
 
 
-def _bin(pair: Frames2, part: slice, edges: NDArray[np.float64], side: int) -> NDArray[np.intp]:
+def _bin(pair: FramePair, part: slice, edges: NDArray[np.float64], side: int) -> NDArray[np.intp]:
     where = np.searchsorted(edges[1:-1], pair.bright[part])
     if side > 1:
         rows, columns = np.arange(part.start, part.stop) % side, np.arange(pair.a.shape[1]) % side

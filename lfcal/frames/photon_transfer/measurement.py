@@ -36,7 +36,7 @@ from lfcal.frames.photon_transfer.values import MeasuredValue
 
 __all__ = ["iter_measure_sensor", "measure_sensor"]
 
-FEWEST_PIXELS = 1000
+MIN_PIXELS = 1000
 
 
 def iter_measure_sensor(
@@ -74,9 +74,9 @@ def iter_measure_sensor(
             which = f"{'darks' if k < len(darks) else 'flats'}, {frame.label}"
             sizes = [" × ".join(map(str, size)) + " px" for size in (shape, values.shape)]
             raise InputError.expected(which, f"{sizes[0]} as the first dark", sizes[1], "take one sensor setting")
-        if values.size < FEWEST_PIXELS:
+        if values.size < MIN_PIXELS:
             raise InputError.expected(
-                frame.label, f"{FEWEST_PIXELS} pixels or more", f"{values.shape}", "take larger frames"
+                frame.label, f"{MIN_PIXELS} pixels or more", f"{values.shape}", "take larger frames"
             )
         scan.add(values, frame.label)
         means.append(float(values.mean(dtype=np.float64)))

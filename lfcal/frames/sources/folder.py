@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import FileFormatError, InputError, Region, StorageError, check_choice, check_region
 from lfcal.frames.cfa import check_greens
-from lfcal.frames.damage import named
+from lfcal.frames.damage import frame_errors
 from lfcal.frames.formats import ImageFile, open_image
 from lfcal.frames.manifest import FrameEntry, Manifest, resolve_inside
 from lfcal.frames.part import stated_origin
@@ -149,7 +149,7 @@ class FolderSource(Frames):
         self._lock = threading.Lock()
         # closes the files also where a source is dropped without close()
         self._finalizer = weakref.finalize(self, _close_all, self._open)
-        self._shape, self._dtype, found = self._first_look() if skip_damaged else self._look()
+        self._shape, self._dtype, found = self._inspect_any() if skip_damaged else self._inspect()
         found |= facts or {}
         self._origin = origin or (0, 0)
         stated = stated_origin(found.pop("roi", None), self._shape)
@@ -164,7 +164,7 @@ class FolderSource(Frames):
         self._mask = None if mask is None else check_mask(mask, self._shape, str(root))
         self._metadata = FrameMetadata.of(found | {"notes": notes})
 
-    def _first_look(self) -> tuple[tuple[int, int], np.dtype[Any], dict[str, Any]]:
+    def _inspect_any(self) -> tuple[tuple[int, int], np.dtype[Any], dict[str, Any]]:
         """Return what the first frame that can be read, and the manifest, say."""
         for number, entry in enumerate(self.manifest.entries):
             try:
@@ -172,10 +172,10 @@ class FolderSource(Frames):
                     image.read(entry.page)
             except (FileFormatError, StorageError):
                 continue
-            return self._look(number)
-        return self._look()
+            return self._inspect(number)
+        return self._inspect()
 
-    def _look(self, number: int = 0) -> tuple[tuple[int, int], np.dtype[Any], dict[str, Any]]:
+    def _inspect(self, number: int = 0) -> tuple[tuple[int, int], np.dtype[Any], dict[str, Any]]:
         """Return shape, dtype and metadata as one frame and the manifest have them."""
         manifest, name = self.manifest, self.manifest.entries[number].file
         with self._image(name) as image:
@@ -257,7 +257,7 @@ class FolderSource(Frames):
         """Return frame ``index``, or a part of it, as a new array, checked by `check_frame`."""
         entry = self.manifest.entries[check_index(index, len(self))]
         label = self.info(index).label
-        with named(label, entry.position):
+        with frame_errors(label, entry.position):
             return self._read(entry, label, region)
 
     def _read(self, entry: FrameEntry, label: str, region: Region | None) -> NDArray[Any]:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import for_each_chunk, leave_if_unwanted
+from lfcal.base import for_each_chunk, raise_if_abandoned
 from lfcal.simulate._symmetry import mirrored_rows
 from lfcal.simulate.engines._kernels import LightTarget, Optics, respond
 from lfcal.simulate.engines._lenslets import SPOT, LensletLight, LensletWindow, select, square_fields
@@ -116,7 +116,7 @@ class WavePlane:
 
         def some(start: int, stop: int) -> None:
             for r in own[start:stop]:
-                leave_if_unwanted()
+                raise_if_abandoned()
                 source = np.array([scene.source_um(int(rows[r]), int(x)) for x in columns])
                 pixel = np.stack([np.full(columns.size, rows[r]), columns], axis=1)
                 self._respond(source, pixel, result[r])

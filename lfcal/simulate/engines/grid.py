@@ -19,7 +19,7 @@ import numpy as np
 import scipy.fft as sf
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, for_each_chunk, leave_if_unwanted
+from lfcal.base import InputError, for_each_chunk, raise_if_abandoned
 from lfcal.simulate._symmetry import mirrored_rows
 from lfcal.simulate.engines._binning import bin_light
 from lfcal.simulate.engines._kernels import LensAperture, Split, mask_from_disc, mask_from_table
@@ -246,7 +246,7 @@ class GridPlane:
         def some(start: int, stop: int) -> None:
             work = self._workspace()
             for r, places in groupby(own[start:stop], key=itemgetter(0)):
-                leave_if_unwanted()
+                raise_if_abandoned()
                 cs = [c for _, c in places]  # follow each other
                 pixels = [(int(rows[r]), int(columns[c])) for c in cs]
                 self._respond([scene.source_um(*p) for p in pixels], pixels, work, result[r, cs[0] : cs[-1] + 1])

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from lfcal.work.executors.base import Ended, Event, Executor, What
-from lfcal.work.executors.threads import at_once, memory_beside
+from lfcal.work.executors.base import FINAL_EVENTS, Event, EventKind, Executor
+from lfcal.work.executors.threads import concurrent_memory, concurrent_units
 
 __all__ = [
-    "Ended",
+    "FINAL_EVENTS",
     "Event",
+    "EventKind",
     "Executor",
-    "What",
-    "at_once",
-    "memory_beside",
+    "concurrent_memory",
+    "concurrent_units",
 ]

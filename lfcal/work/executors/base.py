@@ -1,4 +1,4 @@
-"""What an executor is, and what it tells of the units it was given."""
+"""What an executor is, and what it reports of the units it was given."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import Protocol, Self
 from lfcal.base import Registry
 from lfcal.work.unit import Job
 
-__all__ = ["EXECUTORS", "Ended", "Event", "Executor", "ExecutorKind", "What"]
+__all__ = ["EXECUTORS", "FINAL_EVENTS", "Event", "EventKind", "Executor", "ExecutorKind"]
 
 
-class What(Enum):
+class EventKind(Enum):
     """What happened to a unit."""
 
     STARTED = "started"
@@ -33,7 +33,7 @@ class Event:
     ----------
     job
         Which.
-    what
+    kind
         What happened.
     worker
         Who does it, for people.
@@ -44,13 +44,13 @@ class Event:
     seconds
         That the unit took, where the worker says it.
     error
-        Of `What.FAILED` and `What.LOST`.
+        Of `EventKind.FAILED` and `EventKind.LOST`.
     seal
-        Of `What.DONE`: that of its file (see `lfcal.work.unit.seal_of`).
+        Of `EventKind.DONE`: that of its file (see `lfcal.work.unit.seal_of`).
     """
 
     job: Job
-    what: What
+    kind: EventKind
     worker: str = ""
     share: float = 0.0
     stage: str = ""
@@ -59,7 +59,7 @@ class Event:
     seal: str = ""
 
 
-Ended = (What.DONE, What.FAILED, What.LOST)
+FINAL_EVENTS = (EventKind.DONE, EventKind.FAILED, EventKind.LOST)
 """After these the executor knows the unit no longer."""
 
 

@@ -12,13 +12,13 @@ from contextlib import ExitStack, contextmanager
 from typing import Any, Self
 
 from lfcal.base import InputError, LfcalError, bounded_threads, drain, worker_count
-from lfcal.work.executors.base import Event, ExecutorKind, What
-from lfcal.work.executors.processes import MOMENT, WorkerLost, news, without_script
+from lfcal.work.executors.base import Event, EventKind, ExecutorKind
+from lfcal.work.executors.processes import POLL_S, WorkerLost, news, without_script
 from lfcal.work.unit import Job, numbered
 
 __all__ = ["EXECUTOR", "Dask", "do"]
 
-REACHED = 20.0
+CONNECT_TIMEOUT_S = 20.0
 """Seconds within which a scheduler has to answer."""
 
 ADDRESS = re.compile(r"([a-z]+://)?([\w.-]+|\[[\da-fA-F:.]+\]):\d{1,5}", re.ASCII)
@@ -45,9 +45,9 @@ def do(job: Job) -> tuple[str, str, dict[str, Any]]:
         with bounded_threads(1), numbered(worker.name):
             seal = drain(job.steps(1))
     except Exception as error:
-        what, told = news(error)
-        return what.value, here, {"seconds": time.perf_counter() - began, "error": told}
-    return What.DONE.value, here, {"seconds": time.perf_counter() - began, "seal": seal}
+        what, details = news(error)
+        return what.value, here, {"seconds": time.perf_counter() - began, "error": details}
+    return EventKind.DONE.value, here, {"seconds": time.perf_counter() - began, "seal": seal}
 
 
 class Dask:
@@ -83,9 +83,9 @@ class Dask:
         with self._stack as stack:
             if self.address:
                 try:
-                    client = self._library.Client(self.address, timeout=REACHED, set_as_default=False)
+                    client = self._library.Client(self.address, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
                 except OSError as error:
-                    wanted = f"an answer from {self.address} within {REACHED:g} s"
+                    wanted = f"an answer from {self.address} within {CONNECT_TIMEOUT_S:g} s"
                     raise InputError.expected("scheduler", wanted, "none", "check the address") from error
             else:
                 cluster = stack.enter_context(self._local())
@@ -102,11 +102,11 @@ class Dask:
         """Give a cluster of this machine."""
         import dask
 
-        # what becomes of workers is told by the journal; dask's own lines would fall into the progress of a command
+        # what becomes of workers is reported by the journal; dask's own lines would fall into the progress of a command
         logger = logging.getLogger("distributed")
         before = logger.level
         logger.setLevel(logging.ERROR)
-        # workers that take the place of others are told the same
+        # workers that take the place of others get the same settings
         with dask.config.set(SETTINGS), without_script():
             cluster = self._library.LocalCluster(
                 n_workers=self.workers, threads_per_worker=1, dashboard_address="127.0.0.1:0", memory_limit=0
@@ -131,23 +131,23 @@ class Dask:
 
     def events(self) -> list[Event]:
         """Return what happened since the last call."""
-        found = [Event(job, What.STARTED, "cluster") for job in self._begun]
+        found = [Event(job, EventKind.STARTED, "cluster") for job in self._begun]
         self._begun.clear()
         try:
-            found.append(self._ended(*self._news.get(timeout=0 if found else MOMENT)))
+            found.append(self._ended(*self._news.get(timeout=0 if found else POLL_S)))
         except queue.Empty:
             pass
         return found
 
     def _ended(self, job: Job, future: Any) -> Event:
         if future.status == "finished":
-            what, worker, told = future.result()
-            return Event(job, What(what), worker, **told)
+            what, worker, details = future.result()
+            return Event(job, EventKind(what), worker, **details)
         reason = future.exception() if future.status == "error" else None
         if isinstance(reason, LfcalError):
-            return Event(job, What.FAILED, error=reason)
-        said = type(reason).__name__ if reason is not None else future.status
-        return Event(job, What.LOST, error=WorkerLost(f"its worker ended ({said})"))
+            return Event(job, EventKind.FAILED, error=reason)
+        message = type(reason).__name__ if reason is not None else future.status
+        return Event(job, EventKind.LOST, error=WorkerLost(f"its worker ended ({message})"))
 
 
 EXECUTOR = ExecutorKind("dask", "workers of dask.distributed, here or on a cluster", Dask, addressed=True)

@@ -16,12 +16,12 @@ from types import ModuleType
 from typing import Any, Self
 
 from lfcal.base import LfcalError, Progress, StorageError, bounded_threads, drain, worker_count
-from lfcal.work.executors.base import Event, ExecutorKind, What
+from lfcal.work.executors.base import Event, EventKind, ExecutorKind
 from lfcal.work.unit import Job, numbered
 
 __all__ = ["EXECUTOR", "Processes", "WorkerLost", "news", "without_script"]
 
-MOMENT = 0.2
+POLL_S = 0.2
 """Seconds that `Processes.events` waits at most, and between two reports of progress of a unit."""
 
 KILLED = -9
@@ -36,19 +36,19 @@ class WorkerLost(LfcalError):
 
 
 class TaskFailed(LfcalError):
-    """A task raised what is no message for people: a defect, told with where it arose."""
+    """A task raised what is no message for people: a defect, reported with where it arose."""
 
 
-def news(error: Exception) -> tuple[What, Exception]:
+def news(error: Exception) -> tuple[EventKind, Exception]:
     """Return what an error of a task means, and the error in a form that travels between processes."""
     if isinstance(error, StorageError):  # another program may be writing the file, or a disk be full for a while
-        return What.LOST, error
+        return EventKind.LOST, error
     if isinstance(error, LfcalError):
-        return What.FAILED, error
+        return EventKind.FAILED, error
     trace, where = error.__traceback__, ""
     while trace is not None:
         where, trace = f"{os.path.basename(trace.tb_frame.f_code.co_filename)}:{trace.tb_lineno}", trace.tb_next
-    return What.FAILED, TaskFailed(f"{type(error).__name__} at {where}: {error}")
+    return EventKind.FAILED, TaskFailed(f"{type(error).__name__} at {where}: {error}")
 
 
 def _serve(link: Connection, number: int) -> None:
@@ -60,12 +60,12 @@ def _serve(link: Connection, number: int) -> None:
         while True:
             job: Job = link.recv()
             try:
-                seal = drain(job.steps(1), _Teller(link))
+                seal = drain(job.steps(1), _ProgressReporter(link))
             except Exception as error:
-                what, told = news(error)
-                link.send((what, {"error": told}))
+                what, details = news(error)
+                link.send((what, {"error": details}))
             else:
-                link.send((What.DONE, {"share": 1.0, "seal": seal}))
+                link.send((EventKind.DONE, {"share": 1.0, "seal": seal}))
 
 
 @contextmanager
@@ -84,7 +84,7 @@ def without_script() -> Iterator[None]:
             sys.modules["__main__"] = script
 
 
-class _Teller:
+class _ProgressReporter:
     """Tells of progress through a link, now and then."""
 
     def __init__(self, link: Connection) -> None:
@@ -92,9 +92,9 @@ class _Teller:
 
     def __call__(self, record: Progress) -> None:
         now = time.monotonic()
-        if now - self.last >= MOMENT:
+        if now - self.last >= POLL_S:
             self.last = now
-            self.link.send((What.ADVANCED, {"share": record.fraction, "stage": record.stage}))
+            self.link.send((EventKind.ADVANCED, {"share": record.fraction, "stage": record.stage}))
 
 
 def _end_with_parent() -> None:
@@ -128,7 +128,7 @@ class _Worker:
 
 
 class Processes:
-    """See `lfcal.work.executors.base.Executor`; a worker that ends is replaced, and its unit told as lost."""
+    """See `lfcal.work.executors.base.Executor`; a worker that ends is replaced, and its unit reported as lost."""
 
     name, place, ahead = "processes", "", False
 
@@ -155,9 +155,9 @@ class Processes:
         """Return what happened since the last call."""
         found = self._begin()
         busy = {worker.link: worker for worker in self._team if worker.job is not None}
-        for link in wait(list(busy), timeout=0 if found else MOMENT):
+        for link in wait(list(busy), timeout=0 if found else POLL_S):
             assert isinstance(link, Connection)
-            found.append(self._heard(busy[link]))
+            found.append(self._event_of(busy[link]))
         return found
 
     def _begin(self) -> list[Event]:
@@ -174,7 +174,7 @@ class Processes:
                 self._replace(worker)
                 continue
             worker.job = self._waiting.popleft()
-            found.append(Event(worker.job, What.STARTED, worker.name))
+            found.append(Event(worker.job, EventKind.STARTED, worker.name))
         return found
 
     def _free_number(self) -> int:
@@ -182,7 +182,7 @@ class Processes:
         taken = {worker.number for worker in self._team}
         return min(set(range(len(taken) + 1)) - taken)
 
-    def _heard(self, worker: _Worker) -> Event:
+    def _event_of(self, worker: _Worker) -> Event:
         job = worker.job
         assert job is not None
         try:
@@ -190,11 +190,11 @@ class Processes:
         except (EOFError, OSError):
             code = self._replace(worker)
             how = f"signal {-code}" if code < 0 else f"exit code {code}"
-            return Event(job, What.LOST, worker.name, error=WorkerLost(f"its process ended ({how})"))
-        what, told = message
-        if what is not What.ADVANCED:
+            return Event(job, EventKind.LOST, worker.name, error=WorkerLost(f"its process ended ({how})"))
+        what, details = message
+        if what is not EventKind.ADVANCED:
             worker.job = None
-        return Event(job, what, worker.name, **told)
+        return Event(job, what, worker.name, **details)
 
     def _replace(self, worker: _Worker) -> int:
         """Let go of a worker that ended; return its exit code."""

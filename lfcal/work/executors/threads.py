@@ -9,21 +9,21 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Self
 
-from lfcal.base import Progress, Unwanted, Work, drain, free_memory, wanted_while, worker_count
-from lfcal.work.executors.base import Event, ExecutorKind, What
+from lfcal.base import Progress, Work, WorkAbandoned, abandonable, drain, free_memory, worker_count
+from lfcal.work.executors.base import Event, EventKind, ExecutorKind
 from lfcal.work.unit import Job, numbered
 
-__all__ = ["EXECUTOR", "Threads", "at_once", "memory_beside"]
+__all__ = ["EXECUTOR", "Threads", "concurrent_memory", "concurrent_units"]
 
 FREE_SHARE = 0.6
 """Of the memory that is free when the first unit begins, what units beside each other may take together."""
 
-MOMENT = 0.2
+POLL_S = 0.2
 """Seconds that `Threads.events` waits at most for units beside each other."""
 
 
-def at_once(sizes: Iterable[int], threads: int, memory: int) -> int:
-    """Return how many units are begun beside each other, of those that take ``sizes`` bytes each; 0: none fits.
+def concurrent_units(sizes: Iterable[int], threads: int, memory: int) -> int:
+    """Return how many units of ``sizes`` bytes each run at the same time; 0: none fits.
 
     A size of 0 is that of a unit that is done alone.
     """
@@ -36,8 +36,8 @@ def at_once(sizes: Iterable[int], threads: int, memory: int) -> int:
     return count
 
 
-def memory_beside() -> int:
-    """Return the bytes that units beside each other may take together."""
+def concurrent_memory() -> int:
+    """Return the bytes that units may take together that run at the same time."""
     return int(FREE_SHARE * free_memory())
 
 
@@ -60,19 +60,19 @@ class _Worker:
 
     def _serve(self) -> None:
         try:
-            with numbered(self.number), wanted_while(lambda: not self.team.stopped):
-                seal = drain(self.job.steps(self.threads), self._tell)
-        except Unwanted:
+            with numbered(self.number), abandonable(lambda: not self.team.stopped):
+                seal = drain(self.job.steps(self.threads), self._report)
+        except WorkAbandoned:
             return
         except Exception as error:
-            self._say(Event(self.job, What.FAILED, self.name, error=error))
+            self._say(Event(self.job, EventKind.FAILED, self.name, error=error))
         else:
-            self._say(Event(self.job, What.DONE, self.name, share=1.0, seal=seal))
+            self._say(Event(self.job, EventKind.DONE, self.name, share=1.0, seal=seal))
 
-    def _tell(self, record: Progress) -> None:
+    def _report(self, record: Progress) -> None:
         if self.team.stopped:
-            raise Unwanted
-        self._say(Event(self.job, What.ADVANCED, self.name, record.fraction, record.stage))
+            raise WorkAbandoned
+        self._say(Event(self.job, EventKind.ADVANCED, self.name, record.fraction, record.stage))
 
     def _say(self, event: Event) -> None:
         self.team.news.put((self, event))
@@ -81,7 +81,7 @@ class _Worker:
 class Threads:
     """See `lfcal.work.executors.base.Executor`; what a task raises reaches the caller as it is.
 
-    Units that say what memory they take (`Unit.beside_bytes`) are done beside each other as far as memory reaches, the
+    Units that state the memory they take (`Unit.concurrent_bytes`) run at the same time as far as memory reaches, the
     threads divided among them: of two threads on one unit each waits for what the other alone can do. All others are
     done one after the other, with all threads, in the caller's.
     """
@@ -98,7 +98,7 @@ class Threads:
 
     def __enter__(self) -> Self:
         """Start."""
-        self._memory = memory_beside()
+        self._memory = concurrent_memory()
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -125,10 +125,10 @@ class Threads:
         if not self._busy:
             return []
         try:
-            worker, event = self._team.news.get(timeout=MOMENT)
+            worker, event = self._team.news.get(timeout=POLL_S)
         except queue.Empty:
             return []
-        if event.what is not What.ADVANCED:
+        if event.kind is not EventKind.ADVANCED:
             worker.thread.join()
             self._busy.remove(worker)
         return [event]
@@ -138,18 +138,18 @@ class Threads:
         found: list[Event] = []
         while self._waiting and self._alone is None:
             free = self.workers - sum(worker.threads for worker in self._busy)
-            taken = sum(worker.job.unit.beside_bytes for worker in self._busy)
-            count = at_once((job.unit.beside_bytes for job in self._waiting), free, self._memory - taken)
+            taken = sum(worker.job.unit.concurrent_bytes for worker in self._busy)
+            count = concurrent_units((job.unit.concurrent_bytes for job in self._waiting), free, self._memory - taken)
             if count <= 1 and not self._busy:
                 job = self._waiting.popleft()
                 self._alone = job, job.steps(self.workers)
-                return [Event(job, What.STARTED, "this process")]
+                return [Event(job, EventKind.STARTED, "this process")]
             if count == 0:
                 break
             number = min(set(range(self.workers)) - {worker.number for worker in self._busy})
             worker = _Worker(self._team, number, self._waiting.popleft(), -(-free // count))
             self._busy.append(worker)
-            found.append(Event(worker.job, What.STARTED, worker.name))
+            found.append(Event(worker.job, EventKind.STARTED, worker.name))
         return found
 
     def _step(self, job: Job, steps: Work[str]) -> Event:
@@ -158,11 +158,11 @@ class Threads:
             record = next(steps)
         except StopIteration as end:
             self._alone = None
-            return Event(job, What.DONE, share=1.0, seal=end.value)
+            return Event(job, EventKind.DONE, share=1.0, seal=end.value)
         except Exception as error:
             self._alone = None
-            return Event(job, What.FAILED, error=error)
-        return Event(job, What.ADVANCED, share=record.fraction, stage=record.stage)
+            return Event(job, EventKind.FAILED, error=error)
+        return Event(job, EventKind.ADVANCED, share=record.fraction, stage=record.stage)
 
 
 EXECUTOR = ExecutorKind(

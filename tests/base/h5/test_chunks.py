@@ -139,7 +139,7 @@ def test_an_index_that_is_damaged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: dict[str, Any], told: str, endless: bool, at_once: int
 ) -> None:
     """The first entry that cannot be is named; an index that leads round and round comes to an end."""
-    monkeypatch.setattr("lfcal.base.h5.chunks.AT_ONCE", at_once)
+    monkeypatch.setattr("lfcal.base.h5.chunks.BLOCK_ENTRIES", at_once)
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset("a", data=np.zeros((4, 6), "f4"), chunks=(1, 6), compression="gzip")
     with h5py.File(tmp_path / "a.h5") as file:

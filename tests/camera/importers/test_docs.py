@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from lfcal.camera import CAMERA_FORMATS, Wanted
+from lfcal.camera import CAMERA_FORMATS, ImportOptions
 
 PAGE = Path(__file__).parents[3] / "docs/camera.md"
 
@@ -17,7 +17,7 @@ def test_a_format_of_your_own() -> None:
     exec(re.search(r"```python\n(.*?)```", text, re.DOTALL)[1], found)  # type: ignore[index]
     form, note = found["FORMAT"], "# lab camera\npitch = 125\n"
     assert form.recognises(note)
-    imported = form.read(note, Path("x.lab"), Wanted({"optics.magnification": 40.0}))
+    imported = form.read(note, Path("x.lab"), ImportOptions({"optics.magnification": 40.0}))
     camera = imported.camera
     assert (camera.lattice.pitch_um, camera.lattice.gap_um, camera.magnification) == (125, 2500, 40)
     assert camera.marks["lattice.gap_um"] == "derived" and camera.marks["sensor.pixel_um"] == "assumed"

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from lfcal.base.errors import FileFormatError, InputError, StorageError, UnsafeFileError
-from lfcal.camera import Camera, Microscope, Wanted, import_camera, preset
+from lfcal.camera import Camera, ImportOptions, Microscope, import_camera, preset
 from tests.camera.importers.files import CONFIGURATION, OLAF, napari
 from tests.camera.importers.test_raytrix_xml import xml
 
@@ -21,7 +21,7 @@ needs_data = pytest.mark.skipif(not DATA.exists(), reason=f"{DATA} is not on thi
 
 def read(folder: Path, text: str, name: str = "any.thing", **wanted: Any) -> Camera:
     (folder / name).write_text(text, encoding="utf-8")
-    return import_camera(folder / name, Wanted(**wanted)).camera
+    return import_camera(folder / name, ImportOptions(**wanted)).camera
 
 
 def optics(camera: Camera) -> Microscope:
@@ -178,7 +178,7 @@ def test_camera_json_and_values_stated_later(tmp_path: Path) -> None:
     # the maker counts in pixels: their number is kept, and what was assumed follows
     assert stated.pitch_px == pytest.approx(imported.pitch_px)
     assert stated.lattice.gap_um == pytest.approx(4 * imported.lattice.gap_um)
-    same = import_camera(tmp_path / "c.xml", Wanted({"sensor.pixel_um": 11.0, "optics.f_number": 8.0})).camera
+    same = import_camera(tmp_path / "c.xml", ImportOptions({"sensor.pixel_um": 11.0, "optics.f_number": 8.0})).camera
     assert stated.lattice.pitch_um == pytest.approx(same.lattice.pitch_um)
     assert [t.focal_length_um for t in stated.lattice.types] == pytest.approx(
         [t.focal_length_um for t in same.lattice.types]
@@ -201,7 +201,7 @@ def test_raytrix_marks(tmp_path: Path) -> None:
     for path in ("sensor.shape", "sensor.pixel_um", "optics.f_number", "lattice.gap_um", "lattice.types"):
         assert marks[path] == "assumed", path
     assert any("not applied" in note for note in found.notes)
-    sure = import_camera(tmp_path / "c.xml", Wanted({"lattice.gap_um": 900.0, "sensor.pixel_um": 5.5})).camera
+    sure = import_camera(tmp_path / "c.xml", ImportOptions({"lattice.gap_um": 900.0, "sensor.pixel_um": 5.5})).camera
     # depth ranges are the maker's, and with the gap the focal lengths follow
     assert sure.marks["lattice.types"] == "derived"
     assert sure.lattice.types[0].focus_depth(900.0) == pytest.approx(2 / (1 / 1 + 1 / 3))

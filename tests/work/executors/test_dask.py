@@ -121,7 +121,7 @@ def test_workers_have_numbers(scheduler: str, tmp_path: Path) -> None:
 
 
 def test_nobody_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lfcal.work.executors.dask.REACHED", 0.3)
+    monkeypatch.setattr("lfcal.work.executors.dask.CONNECT_TIMEOUT_S", 0.3)
     with pytest.raises(InputError, match=r"an answer from tcp://127\.0\.0\.1:9 within 0\.3 s, got none"):
         drain(iter_run([unit("a")], tmp_path / "run", Dask(None, "tcp://127.0.0.1:9")))
     assert not (tmp_path / "run").exists(), "nothing was begun, and nothing is left that the next run would refuse"

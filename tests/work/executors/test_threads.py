@@ -11,14 +11,14 @@ import pytest
 from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
 from lfcal.work import Unit, iter_run, read_run
-from lfcal.work.executors.threads import Threads, at_once
+from lfcal.work.executors.threads import Threads, concurrent_units
 from lfcal.work.journal import JOURNAL
 from tests.work.tasks import unit
 
 
 def beside(name: str, task: str = "write", size: int = 1, **arguments: Any) -> Unit:
     """Return a unit that may be done beside others like it."""
-    return replace(unit(name, task, **arguments), beside_bytes=size)
+    return replace(unit(name, task, **arguments), concurrent_bytes=size)
 
 
 @pytest.mark.parametrize(
@@ -35,7 +35,7 @@ def beside(name: str, task: str = "write", size: int = 1, **arguments: Any) -> U
     ],
 )
 def test_as_many_as_threads_and_memory_allow(sizes: list[int], threads: int, memory: int, count: int) -> None:
-    assert at_once(sizes, threads, memory) == count
+    assert concurrent_units(sizes, threads, memory) == count
 
 
 def test_they_are_under_way_at_the_same_time(tmp_path: Path) -> None:
