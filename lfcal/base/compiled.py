@@ -28,7 +28,7 @@ class _Spent(threading.local):
     """What this thread spent on loading and compiling kernels (CPU-seconds), and whether it is at it."""
 
     seconds = 0.0
-    at_it = False
+    busy = False
 
 
 _SPENT = _Spent()
@@ -45,15 +45,15 @@ def preparing_seconds() -> float:
 @contextmanager
 def _preparing() -> Iterator[None]:
     """Count the CPU time of the block; a kernel that is compiled for another one is counted once."""
-    if _SPENT.at_it:
+    if _SPENT.busy:
         yield
         return
-    start, _SPENT.at_it = time.thread_time(), True
+    start, _SPENT.busy = time.thread_time(), True
     try:
         yield
     finally:
         _SPENT.seconds += time.thread_time() - start
-        _SPENT.at_it = False
+        _SPENT.busy = False
 
 
 class Kernel(Generic[P, R]):

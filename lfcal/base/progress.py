@@ -218,25 +218,25 @@ class WorkAbandoned(Exception):
     """What is computed is no longer needed."""
 
 
-_WANTED: ContextVar[Callable[[], bool] | None] = ContextVar("wanted", default=None)
+_NEEDED: ContextVar[Callable[[], bool] | None] = ContextVar("needed", default=None)
 """Of this thread, and of those that help it in its context (`lfcal.base.threads.for_each_chunk`)."""
 
 
 @contextmanager
-def abandonable(wanted: Callable[[], bool]) -> Iterator[None]:
-    """End what this thread computes early, by `WorkAbandoned`, once ``wanted`` returns False.
+def abandonable(needed: Callable[[], bool]) -> Iterator[None]:
+    """End what this thread computes early, by `WorkAbandoned`, once ``needed`` returns False.
 
     For functions that are no generators, and answer questions that may be asked anew before they are answered.
     """
-    token = _WANTED.set(wanted)
+    token = _NEEDED.set(needed)
     try:
         yield
     finally:
-        _WANTED.reset(token)
+        _NEEDED.reset(token)
 
 
 def raise_if_abandoned() -> None:
     """Raise `WorkAbandoned` where what this thread computes is no longer needed."""
-    wanted = _WANTED.get()
-    if wanted is not None and not wanted():
+    needed = _NEEDED.get()
+    if needed is not None and not needed():
         raise WorkAbandoned

@@ -107,7 +107,7 @@ class RegionPlan:
         for r, down in enumerate(_places(low[0], high[0], rows)):
             for c, along in enumerate(_places(low[1], high[1], columns)):
                 name = "centre" if (2 * r + 1, 2 * c + 1) == (rows, columns) else f"r{r + 1}c{c + 1}"
-                found[name] = _alike(scan, np.array([down, along]), low, high, reach)
+                found[name] = _anchor_of_phase(scan, np.array([down, along]), low, high, reach)
         order = sorted(found, key=lambda name: float(np.hypot(*(np.array(found[name]) - middle))))
         names = [order[0], *(name for name in found if name != order[0])]
         anchors = [found[name] for name in names]
@@ -185,7 +185,7 @@ def _places(low: float, high: float, count: int) -> NDArray[np.float64]:
     return np.array([(low + high) / 2]) if count == 1 else np.linspace(low, high, count)
 
 
-def _alike(
+def _anchor_of_phase(
     scan: ScanPlan,
     place: NDArray[np.float64],
     low: NDArray[np.float64],

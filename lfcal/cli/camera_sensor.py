@@ -122,7 +122,7 @@ def _as_json(found: SensorMeasurement) -> dict[str, Any]:
 
 
 def _show(found: SensorMeasurement, known: Camera | None, written: list[Path]) -> None:
-    from lfcal.frames.photon_transfer import figures_of, unlike
+    from lfcal.frames.photon_transfer import figures_of, sensor_differences
 
     rows = [list(figure) for figure in figures_of(found, None if known is None else known.sensor)]
     print_table([f"{found.frames[0]} flats, {found.frames[1]} darks", ""], rows)
@@ -130,7 +130,7 @@ def _show(found: SensorMeasurement, known: Camera | None, written: list[Path]) -
         report(f"warning: {doubt}")
     for note in found.notes:
         report(f"note: {note}")
-    for word in () if known is None else unlike(found, known.sensor):
+    for word in () if known is None else sensor_differences(found, known.sensor):
         report(f"warning: {word}")
     for path in written:
         typer.echo(f"written: {path}")

@@ -328,9 +328,9 @@ def _among(lenslets: NDArray[np.intp], missing: Iterable[tuple[int, int]]) -> ND
     return found
 
 
-def _shares(cells: Cells, there: NDArray[np.bool_]) -> Array:
-    """Return the shares of the lenslets that are there, their sum 1, or 0 where they are less than half."""
-    share = cells.share * there[cells.near]
+def _shares(cells: Cells, present: NDArray[np.bool_]) -> Array:
+    """Return the shares of the lenslets that are ``present``, their sum 1, or 0 where they are less than half."""
+    share = cells.share * present[cells.near]
     total = share.sum(-1, keepdims=True)
     enough = total >= MIN_SHARE
     result: Array = np.divide(share, total, out=np.zeros_like(share), where=enough)

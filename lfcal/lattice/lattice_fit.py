@@ -258,18 +258,18 @@ def best_places(index: NDArray[np.intp], lattice: Array, measured: Array) -> Arr
     # one wild lenslet is no common displacement
     distance = np.hypot(*residual[known].T)
     limit = 4 * float(np.median(distance)) / 1.1774
-    held = known.copy()
-    held[known] = distance <= limit
-    mean, noise = _means(index, np.where(held[:, None], residual, 0.0), held)
-    single = float((residual[held] ** 2).mean())
-    common = float((mean[held] ** 2).mean())
-    scatter = single * float(noise[held].mean())
+    inliers = known.copy()
+    inliers[known] = distance <= limit
+    mean, noise = _means(index, np.where(inliers[:, None], residual, 0.0), inliers)
+    single = float((residual[inliers] ** 2).mean())
+    common = float((mean[inliers] ** 2).mean())
+    scatter = single * float(noise[inliers].mean())
     share = max(0.0, 1 - scatter / common) if common > 0 else 0.0
     result: Array = lattice + share * mean
     return result
 
 
-def _means(index: NDArray[np.intp], values: Array, held: NDArray[np.bool_]) -> tuple[Array, Array]:
+def _means(index: NDArray[np.intp], values: Array, inliers: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Return weighted means ``(n, 2)`` over the neighbours, the lenslet itself left out, and their noise factors."""
     from scipy import ndimage
 
@@ -280,7 +280,7 @@ def _means(index: NDArray[np.intp], values: Array, held: NDArray[np.bool_]) -> t
     kernel = line[:, None] * line
     kernel[REACH, REACH] = 0.0
     grids = np.zeros((3, *shape))
-    grids[:, place[:, 0], place[:, 1]] = *values.T, held
+    grids[:, place[:, 0], place[:, 1]] = *values.T, inliers
     total = [ndimage.correlate(g, kernel, mode="constant")[place[:, 0], place[:, 1]] for g in grids]
     squares = ndimage.correlate(grids[2], kernel**2, mode="constant")[place[:, 0], place[:, 1]]
     count = np.maximum(total[2], 1e-12)

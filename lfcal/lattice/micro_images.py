@@ -221,14 +221,14 @@ class TypeLattice:
 
     def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
         """Return fractional indices ``(..., 2)`` as (Q, R) of image points."""
-        return self._own(*np.moveaxis(self.every.lenslet_at(row, column), -1, 0))
+        return self._type_indices(*np.moveaxis(self.every.lenslet_at(row, column), -1, 0))
 
     def among(self, lenslets: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
         """Return those of the lenslets (q, r) that are of this type, as (Q, R)."""
         mine = [(q, r) for q, r in lenslets if (q - r - self.first) % 3 == 0]
-        return [(int(i), int(j)) for i, j in (self._own(np.asarray(q), np.asarray(r)) for q, r in mine)]
+        return [(int(i), int(j)) for i, j in (self._type_indices(np.asarray(q), np.asarray(r)) for q, r in mine)]
 
-    def _own(self, q: NDArray[Any], r: NDArray[Any]) -> Array:
+    def _type_indices(self, q: NDArray[Any], r: NDArray[Any]) -> Array:
         return np.stack([(q - self.first - r) / 3, (q - self.first + 2 * r) / 3], axis=-1)
 
 

@@ -19,7 +19,7 @@ from lfcal.lattice._view_grid import ViewGrid, view_grid
 from lfcal.lattice._view_kernels import RefocusPlane, render_rows
 from lfcal.lattice.lens_types import expected_blur
 from lfcal.lattice.micro_images import FrameLattice, TypeOf
-from lfcal.lattice.views import RADIUS, less_dark
+from lfcal.lattice.views import RADIUS, subtract_dark
 
 __all__ = ["MIN_SLOPE", "RenderedPlanes", "check_slopes", "render", "sharpness_shares", "total_focus"]
 
@@ -128,7 +128,7 @@ def render(
     check_slopes(slopes)
     radius = RADIUS * min(lattice.pitch_px, lattice.row_pitch_px) if radius_px is None else radius_px
     check_number("radius of the micro-images (px)", radius, at_least=1, at_most=lattice.pitch_px)
-    light, lit = less_dark(frame, dark, lattice, "light-field frame"), _lit(white, dark, lattice)
+    light, lit = subtract_dark(frame, dark, lattice, "light-field frame"), _lit(white, dark, lattice)
     grid = view_grid(lattice, lattice.shape, float(np.floor(radius)))
     size = (grid.shape[0] * samples, grid.shape[1] * samples)
     images, spread = np.empty((len(slopes), *size), np.float32), np.empty((len(slopes), *size), np.float32)
@@ -166,7 +166,7 @@ def _lit(white: ArrayLike | None, dark: ArrayLike | float, lattice: FrameLattice
     """Return the white light of every pixel, 1 at its brightest places and 0 where there is hardly any."""
     if white is None:
         return np.ones(tuple(lattice.shape), np.float32)
-    lit = less_dark(white, dark, lattice, "white frame")
+    lit = subtract_dark(white, dark, lattice, "white frame")
     lit /= np.float32(max(float(np.percentile(lit, 99)), 1e-30))
     # hardly lit pixels say nothing but noise
     lit[lit < MIN_WEIGHT] = 0

@@ -15,7 +15,7 @@ from lfcal.lattice._view_grid import ViewGrid, view_grid
 from lfcal.lattice._view_kernels import Sites, ViewReading, sample_rows
 from lfcal.lattice.micro_images import FrameLattice, MicroImageLattice
 
-__all__ = ["RADIUS", "TAPS", "Views", "extract_views", "less_dark", "sample_views"]
+__all__ = ["RADIUS", "TAPS", "Views", "extract_views", "sample_views", "subtract_dark"]
 
 Image = NDArray[np.float32]
 
@@ -150,7 +150,7 @@ def extract_views(
     >>> print(views.images.shape, f"{views.images[0, 4].mean() / views.central.mean():.2f} of the light at the edge")
     (9, 9, 7, 9) 0.90 of the light at the edge
     """
-    light = less_dark(frame, dark, lattice, "light-field frame")
+    light = subtract_dark(frame, dark, lattice, "light-field frame")
     # the raster of a single lens type's views is the whole lattice's, and so is the size of the micro-images
     of = raster or lattice
     radius = RADIUS * min(of.pitch_px, of.row_pitch_px) if radius_px is None else radius_px
@@ -172,14 +172,14 @@ def extract_views(
     if white is None:
         weights = (inside & grid.mask).astype(np.float32)
         return Views(images, weights, offsets, radius, grid)
-    lit = np.maximum(less_dark(white, dark, lattice, "white frame"), 0)
+    lit = np.maximum(subtract_dark(white, dark, lattice, "white frame"), 0)
     weights = sample_views(lit, grid, np.empty_like(images), workers=workers)
     weights *= inside
     weights /= max(float(weights.max()), 1e-30)
     return Views(images, weights, offsets, radius, grid)
 
 
-def less_dark(frame: ArrayLike, dark: ArrayLike | float, lattice: FrameLattice, what: str) -> Image:
+def subtract_dark(frame: ArrayLike, dark: ArrayLike | float, lattice: FrameLattice, what: str) -> Image:
     """Return a frame less its dark frame or level, float32, after checking that both fit the lattice.
 
     Raises

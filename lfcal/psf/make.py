@@ -276,7 +276,7 @@ def _iter_units(source: PlaneSource, out: Path, stored: Stored, run: RunChoice, 
 def _lent(source: PlaneSource, units: tuple[Unit, ...]) -> AbstractContextManager[None]:
     """Let threads of this process use what it has open already, where others have to open it."""
     first = units[0].arguments if units else {"held": False}
-    return _HELD.lent(_key(first), source) if first["held"] else nullcontext()
+    return _HELD.using(_key(first), source) if first["held"] else nullcontext()
 
 
 def units_of(source: PlaneSource, stored: Stored) -> dict[int, Unit]:

@@ -262,7 +262,7 @@ class _Run:
                 # where workers wait for their next unit they are given it before
                 idle = not self.executor.ahead and any(event.kind in FINAL_EVENTS for event in events)
                 if self.following is not None and not idle:
-                    self.following.advance(self.files, self._there())
+                    self.following.advance(self.files, self._available())
                 if not events:  # a window that stops the work is heard here
                     yield self._progress(None, began, kept)
         except BaseException:
@@ -270,7 +270,7 @@ class _Run:
             raise
         self.journal.note("end")
 
-    def _there(self) -> int:
+    def _available(self) -> int:
         """Return how many units are done before the first that is not."""
         return next((k for k, share in enumerate(self.shares) if share < 1.0), len(self.shares))
 
@@ -396,11 +396,11 @@ class Following:
         """How many files were taken."""
         return max(0, self._taken)
 
-    def advance(self, files: Sequence[Path], there: int) -> None:
-        """Take a step where one of the first ``there`` files was not taken yet."""
+    def advance(self, files: Sequence[Path], available: int) -> None:
+        """Take a step where one of the first ``available`` files was not taken yet."""
         if self._steps is None:
             self._steps = self._join(tuple(files))
-        if self._taken < there <= len(files):
+        if self._taken < available <= len(files):
             # a step more would end it: that is for `rest`
             self._last, self._taken = next(self._steps), self._taken + 1
 

@@ -140,8 +140,8 @@ def _stamps(inputs: Iterable[str]) -> list[list[Any]]:
     return stamps
 
 
-def _digest(said: Any) -> str:
-    text = json.dumps(said, sort_keys=True, separators=(",", ":"))
+def _digest(data: Any) -> str:
+    text = json.dumps(data, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
 
 
@@ -194,7 +194,7 @@ class ProcessCache(Generic[T]):
             return self._kept[1]
 
     @contextmanager
-    def lent(self, key: object, value: T) -> Iterator[None]:
+    def using(self, key: object, value: T) -> Iterator[None]:
         """Let the units of this process use ``value``, which their run has made, until the end of the block."""
         with self._lock:
             self._drop()

@@ -97,10 +97,10 @@ def test_one_at_a_time() -> None:
 def test_what_is_lent_is_not_closed_and_goes_back() -> None:
     held, told, make = makers()
     mine = Tool("mine")
-    with held.lent("a", mine):
+    with held.using("a", mine):
         assert held.get("a", lambda: make("a")) is mine
     assert held.get("a", lambda: make("a")) is not mine
-    with held.lent("a", mine):
+    with held.using("a", mine):
         held.get("b", lambda: make("b"))
     assert held.get("b", lambda: make("b")).name == "b"
     assert told == ["make a", "close a", "make b"]

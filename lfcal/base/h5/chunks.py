@@ -259,13 +259,13 @@ class ChunkTable:
         largest = min(end, 2 * int(np.prod(self._chunk, dtype=np.int64)) * self._dtype.itemsize + 4096)
         found: list[Any] = []
 
-        def look(chunk: Any) -> None:
+        def collect(chunk: Any) -> None:
             found.append(chunk)
             if len(found) == BLOCK_ENTRIES:  # an index that leads round and round has one of them twice
                 self._take(found, end, largest)
                 found.clear()
 
-        dataset.id.chunk_iter(look)
+        dataset.id.chunk_iter(collect)
         self._take(found, end, largest)
 
     def _take(self, found: list[Any], end: int, largest: int) -> None:

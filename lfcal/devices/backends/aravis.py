@@ -236,7 +236,7 @@ class _Camera(CameraFacts):
         if buffer:
             return buffer
         self._dirty = True
-        self._check_there()
+        self._check_connected()
         raise FrameTimeout(f"{self.name}: no frame in {timeout_s:g} s; check trigger, light and cable")
 
     def _copy(self, buffer: Any) -> NDArray[Any]:
@@ -282,7 +282,7 @@ class _Camera(CameraFacts):
     def _node(self, name: str) -> Any:
         return self._lib.device_get_feature(self._lib.camera_get_device(self._camera), name.encode())
 
-    def _check_there(self) -> None:
+    def _check_connected(self) -> None:
         """Raise `DeviceLost` unless the camera answers."""
         try:
             self._lib.camera_get_exposure_time(self._camera)
@@ -297,7 +297,7 @@ class _Camera(CameraFacts):
         if error.silent:
             return self._gone(error)
         try:
-            self._check_there()
+            self._check_connected()
         except DeviceLost as lost:
             return lost
         return CameraError(f"{self.name}: {error}; check the camera's settings")

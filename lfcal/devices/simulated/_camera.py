@@ -172,9 +172,9 @@ class SimCamera:
 
     def set_exposure(self, seconds: float) -> Setting[float]:
         """Take the exposure in steps of 1 µs, from 10 µs to 60 s."""
-        self._check_there()
+        self._check_connected()
         self._asked = min(max(round(seconds * 1e6), 10), 60_000_000) / 1e6
-        self._exposure = self._taken(self.faults.coming())
+        self._exposure = self._taken(self.faults.pending())
         return Setting(seconds, self._exposure)
 
     def fixed_settings(self) -> dict[str, Setting[str | None]]:
@@ -201,29 +201,29 @@ class SimCamera:
         return Setting(roi, actual)
 
     def grab(self, timeout_s: float) -> Frame:
-        """Expose and return the frame; a struck fault replaces it."""
-        struck = self.faults.next_call()
-        self._lost = self._lost or "vanishes" in struck
-        self._check_there()
-        if "clock jumps" in struck and isinstance(self._time, VirtualTime):
+        """Expose and return the frame; an active fault replaces it."""
+        active = self.faults.next_call()
+        self._lost = self._lost or "vanishes" in active
+        self._check_connected()
+        if "clock jumps" in active and isinstance(self._time, VirtualTime):
             self._time.jump(-86400.0)
-        if "times out" in struck:
+        if "times out" in active:
             self._time.sleep(timeout_s)
             raise FrameTimeout(f"simulated camera: no frame in {timeout_s:g} s; check the trigger")
-        if "stale" in struck and self._last is not None:
+        if "stale" in active and self._last is not None:
             return self._last
-        self._exposure = self._taken(struck)
+        self._exposure = self._taken(active)
         started = self._time.monotonic()
         self._time.sleep(self._exposure)
-        if "bumped" in struck:
+        if "bumped" in active:
             self._stage.bump(BUMP_UM)
-        data = self._with_faults(self._expose("lamp dims" in struck), struck)
+        data = self._with_faults(self._expose("lamp dims" in active), active)
         self._number += 1
         status = "complete"
-        if "incomplete" in struck:
+        if "incomplete" in active:
             data[data.shape[0] // 2 :] = 0
             status = "half of the packets are missing"
-        if "wrong shape" in struck:
+        if "wrong shape" in active:
             data = data[:-1]
         self._last = Frame(data, self._number, self._exposure, started, status)
         return self._last
@@ -231,29 +231,29 @@ class SimCamera:
     def close(self) -> None:
         """Nothing is held."""
 
-    def _taken(self, struck: frozenset[str]) -> float:
+    def _taken(self, active: frozenset[str]) -> float:
         """Return the exposure that the camera takes, and says it takes (s)."""
-        return round(CLAMPED * self._asked, 6) if "clamps exposure" in struck else self._asked
+        return round(CLAMPED * self._asked, 6) if "clamps exposure" in active else self._asked
 
-    def _with_faults(self, data: NDArray[Any], struck: frozenset[str]) -> NDArray[Any]:
+    def _with_faults(self, data: NDArray[Any], active: frozenset[str]) -> NDArray[Any]:
         """Return ``data`` as it comes out of a camera with faults of its own."""
         before, self._before = self._before, data
-        if not struck:
+        if not active:
             return data
         if before is None or before.shape != data.shape:
             before = data
-        if "frozen" in struck:
+        if "frozen" in active:
             self._before = before  # and so the next one too
-        if "frozen" in struck or "repeats" in struck:
+        if "frozen" in active or "repeats" in active:
             data = before
-        if "torn" in struck:
+        if "torn" in active:
             half = len(data) // 2
             data = np.concatenate((data[:half], before[half:]))
-        if "blank" in struck:
+        if "blank" in active:
             data = self._dark[: data.shape[0], 0].copy()
-        if "region slips" in struck:
+        if "region slips" in active:
             data = np.roll(data, SLIP_PX, axis=1)
-        if "dark level" in struck:
+        if "dark level" in active:
             warmer = data + round(WARM * self._sensor.max_value)
             data = np.minimum(warmer, self._sensor.max_value).astype(data.dtype)
         return data
@@ -316,6 +316,6 @@ class SimCamera:
         np.clip(total, 0, sensor.max_value, out=total)
         frame[top:bottom, left:right] = total
 
-    def _check_there(self) -> None:
+    def _check_connected(self) -> None:
         if self._lost:
             raise DeviceLost("simulated camera: no answer; check cable and power")

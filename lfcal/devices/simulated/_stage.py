@@ -127,36 +127,36 @@ class SimStage:
 
     def move(self, target: Point) -> None:
         """Begin to move; a target beyond the limits is refused as a controller does."""
-        struck = self.faults.next_call()
-        self._check_there("stage vanishes" in struck)
+        active = self.faults.next_call()
+        self._check_connected("stage vanishes" in active)
         if any(not lo <= t <= hi for t, (lo, hi) in zip(target, self.limits, strict=True)):
             raise StageError.expected("stage", f"a target within {self.limits} µm", target, "correct the plan")
-        if "move fails" in struck:
+        if "move fails" in active:
             raise StageError("simulated stage: the controller refused the move; try again")
         here = self.position()
         # ringing stays within the backlash and drags nothing along
         self._true = self._follow(here if self._time.monotonic() < self._ends else self._settled())
         # neither shows in the read-back: a wrong count lasts for a move, lost steps for ever
-        lost = self._off[1] + 2 * self._slip_um * ("loses steps" in struck and not self._off[1])
-        self._off = self._slip_um * ("encoder off" in struck), lost, 0.0
+        lost = self._off[1] + 2 * self._slip_um * ("loses steps" in active and not self._off[1])
+        self._off = self._slip_um * ("encoder off" in active), lost, 0.0
         # the read-back shows it: the encoder sees where the motor stopped
-        short = 0.6 if "stops short" in struck else 1.0
+        short = 0.6 if "stops short" in active else 1.0
         self._start = here
         self._target = _between(here, target, short) if short < 1 else target
-        self._drift = (400.0, 0.0, 0.0) if "drifts" in struck else self.model.drift_um_s
+        self._drift = (400.0, 0.0, 0.0) if "drifts" in active else self.model.drift_um_s
         self._began = self._time.monotonic()
         way = max(abs(t - h) for t, h in zip(self._target, here, strict=True))
-        self._ends = math.inf if "never arrives" in struck else self._began + way / self.model.velocity_um_s
+        self._ends = math.inf if "never arrives" in active else self._began + way / self.model.velocity_um_s
         self.moves += 1
 
     def moving(self) -> bool:
         """Return whether the move is still under way."""
-        self._check_there(False)
+        self._check_connected(False)
         return self._time.monotonic() < self._ends
 
     def position(self) -> Point:
         """Return what the encoders on the motors say (µm)."""
-        self._check_there(False)
+        self._check_connected(False)
         now = self._time.monotonic()
         if now < self._ends:
             return self._on_the_way(now)
@@ -174,7 +174,7 @@ class SimStage:
 
     def stop(self) -> None:
         """Stop where the stage is."""
-        self._check_there(False)
+        self._check_connected(False)
         now = self._time.monotonic()
         if now < self._ends:
             self._true = self._follow(self._on_the_way(now))
@@ -214,7 +214,7 @@ class SimStage:
         x, y, z = (min(max(t, m), m + b) for t, m, b in zip(self._true, motor, self.model.backlash_um, strict=True))
         return x, y, z
 
-    def _check_there(self, vanishes: bool) -> None:
+    def _check_connected(self, vanishes: bool) -> None:
         self._lost = self._lost or vanishes
         if self._lost:
             raise DeviceLost("simulated stage: no answer; check cable and power")

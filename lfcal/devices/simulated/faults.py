@@ -99,16 +99,16 @@ class FaultSchedule:
 
     def next_call(self) -> frozenset[str]:
         """Return the kinds of fault that strike this call."""
-        struck = self.coming()
+        active = self.pending()
         self.calls += 1
-        return struck
+        return active
 
     def inject(self, fault: DeviceFault) -> None:
         """Let a further fault strike; it begins ``fault.at`` calls from the next one."""
         # one assignment: another thread may be counting
         self._faults = [*self._faults, replace(fault, at=self.calls + fault.at)]
 
-    def coming(self) -> frozenset[str]:
+    def pending(self) -> frozenset[str]:
         """Return the kinds of fault that will strike the next call."""
         if not self._faults:
             return frozenset()

@@ -328,7 +328,7 @@ class _Suspects:
         at = tuple(self._pixels.T)
         base = self._rank(low, NEIGHBOURS // 2, workers)[at]
         self._hot, self._unresponsive = hot[at], unresponsive[at]
-        self._low_there = low[at] <= base + threshold * noise
+        self._low = low[at] <= base + threshold * noise
         self._margin = threshold / 2 * noise
         self._light = base + np.maximum(threshold * noise, ENCLOSED * span[at])
         self._outlier_frames = np.zeros(len(self._pixels), np.intp)
@@ -375,7 +375,7 @@ class _Suspects:
         """Return those that the frames confirm."""
         hot = self._hot & (self._outlier_frames >= PERSISTENCE * self._count)
         unresponsive = self._unresponsive & self._enclosed
-        names = np.where(unresponsive, np.where(self._low_there, "dead", "stuck"), "hot")
+        names = np.where(unresponsive, np.where(self._low, "dead", "stuck"), "hot")
         sure = hot | unresponsive
         return Defects(self._pixels[sure], shape, self._cfa, tuple(names[sure].tolist()))
 

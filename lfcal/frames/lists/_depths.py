@@ -102,7 +102,7 @@ def find_depths(
     # one unknown for all planes: where the stage's zero is
     depths = offsets + float(by_steps.mean() - offsets.mean())
     common = float(np.sqrt((errors**2).sum())) / len(errors)
-    apart, note = _apart(by_steps - depths, errors, float(np.ptp(depths)), (scale, error))
+    apart, note = _differences(by_steps - depths, errors, float(np.ptp(depths)), (scale, error))
     words = (
         f"depths: those whose steps are one pixel (all by ± {common:.4g} um for what places scatter or are "
         f"rounded{apart}); --depths states them where they are known better"
@@ -163,7 +163,7 @@ def _remedy(factor: float) -> str:
     return "check unit and column of z (--columns z_um=COLUMN), and the camera's distances"
 
 
-def _apart(
+def _differences(
     rest: NDArray[np.float64], errors: NDArray[np.float64], span: float, scale: tuple[float, float]
 ) -> tuple[str, tuple[str, ...]]:
     """Return in words how far z and steps part, for the stated error, and a note; nothing where they fit.

@@ -175,10 +175,10 @@ def _another_scan(grid: ScanGrid, plan: ScanPlan, lateral: tuple[int, int]) -> I
     )
 
 
-def _changes(own: Sequence[str], other: Sequence[str]) -> tuple[int, int]:
+def _changes(first: Sequence[str], other: Sequence[str]) -> tuple[int, int]:
     """Return in how many axes, and in how many senses, two statements differ."""
-    return sum(a[1] != b[1] for a, b in zip(own, other, strict=True)), sum(
-        a[0] != b[0] for a, b in zip(own, other, strict=True)
+    return sum(a[1] != b[1] for a, b in zip(first, other, strict=True)), sum(
+        a[0] != b[0] for a, b in zip(first, other, strict=True)
     )
 
 

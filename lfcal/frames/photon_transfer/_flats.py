@@ -114,7 +114,7 @@ def measure_linearity(
     known = [level for level in levels if level.exposure_s and level.count]
     if len({level.exposure_s for level in known}) < 3:
         return None, "linearity: unknown, for it takes flats of three or more exposures under one lamp"
-    pixels = _alike(known, good, top)
+    pixels = _similar_pixels(known, good, top)
     x, y, sigma = [], [], []
     for level in known:
         seconds = float(level.exposure_s or 0)
@@ -137,7 +137,7 @@ def measure_linearity(
     return MeasuredValue(float(away.max()), float(errors[away.argmax()] / values[away.argmax()])), ""
 
 
-def _alike(levels: Sequence[FlatLevel], good: NDArray[np.bool_], top: float) -> NDArray[np.bool_]:
+def _similar_pixels(levels: Sequence[FlatLevel], good: NDArray[np.bool_], top: float) -> NDArray[np.bool_]:
     """Return pixels of like brightness, for under lenslets the brightest saturate long before the others."""
     response = np.sum(
         [level.bright for level in levels if float(level.bright.mean()) < 0.6 * top] or [levels[0].bright], axis=0

@@ -113,10 +113,10 @@ measure_sensor = drained(iter_measure_sensor)
 
 def _by_exposure(darks: Sequence[CalibrationFrame]) -> list[list[CalibrationFrame]]:
     """Return the darks of each exposure, the shortest first; those of unknown exposure are one."""
-    held: dict[float | None, list[CalibrationFrame]] = {}
+    found: dict[float | None, list[CalibrationFrame]] = {}
     for frame in darks:
-        held.setdefault(frame.exposure_s, []).append(frame)
-    return [held[key] for key in sorted(held, key=lambda seconds: seconds or 0.0)]
+        found.setdefault(frame.exposure_s, []).append(frame)
+    return [found[key] for key in sorted(found, key=lambda seconds: seconds or 0.0)]
 
 
 def _points(dark: DarkLevel, levels: Sequence[FlatLevel]) -> TransferPoints:

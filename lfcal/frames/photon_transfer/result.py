@@ -12,7 +12,7 @@ from lfcal.camera import Camera, Sensor
 from lfcal.frames.photon_transfer._curve import PhotonTransferCurve
 from lfcal.frames.photon_transfer.values import MeasuredValue
 
-__all__ = ["SensorMeasurement", "figures_of", "save_curve", "unlike"]
+__all__ = ["SensorMeasurement", "figures_of", "save_curve", "sensor_differences"]
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ def figures_of(found: SensorMeasurement, known: Sensor | None = None) -> list[tu
     ]
 
 
-def unlike(found: SensorMeasurement, known: Sensor) -> list[str]:
+def sensor_differences(found: SensorMeasurement, known: Sensor) -> list[str]:
     """Return what the frames have that the sensor ``known`` has not: another size, another gain."""
     words = []
     if found.shape != known.shape:

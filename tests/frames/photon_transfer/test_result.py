@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from lfcal.camera import Camera, Sensor, preset
-from lfcal.frames.photon_transfer.result import SensorMeasurement, figures_of, unlike
+from lfcal.frames.photon_transfer.result import SensorMeasurement, figures_of, sensor_differences
 
 from .sensor_model import vignetting
 from .test_measurement import LEVELS, PLAIN, SHAPE, measured
@@ -73,11 +73,11 @@ def test_a_stated_saturation_stays_unless_the_frames_contradict_it(
 
 def test_frames_of_another_size_or_gain_are_said(dim: SensorMeasurement) -> None:
     own = replace(BENCH.sensor, shape=SHAPE, black_level=64.0, full_well_e=4031 * 5.0)
-    assert unlike(dim, own) == []
+    assert sensor_differences(dim, own) == []
     assert dim.shape == SHAPE
-    (size,) = unlike(dim, replace(own, shape=(320, 320)))
+    (size,) = sensor_differences(dim, replace(own, shape=(320, 320)))
     assert "120 × 160" in size and "320 × 320" in size
-    (gain,) = unlike(dim, replace(own, full_well_e=4031 * 20.0))
+    (gain,) = sensor_differences(dim, replace(own, full_well_e=4031 * 20.0))
     assert "times as many electrons per count" in gain and "averaged" in gain
 
 

@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, Work
 from lfcal.camera import Camera
-from lfcal.frames.photon_transfer import SensorMeasurement, figures_of, find_frames, iter_measure_sensor, unlike
+from lfcal.frames.photon_transfer import (
+    SensorMeasurement,
+    figures_of,
+    find_frames,
+    iter_measure_sensor,
+    sensor_differences,
+)
 
 __all__ = ["Curves", "curves_of", "iter_sensor", "rows_of", "taken", "words_of"]
 
@@ -39,7 +45,7 @@ def rows_of(found: SensorMeasurement, camera: Camera) -> list[tuple[str, str]]:
 def words_of(found: SensorMeasurement, camera: Camera) -> str:
     """Return what is to be said of the figures, a line each: doubts, what ``camera`` has otherwise, notes."""
     doubts = [f"Not the sensor's own: {doubt}." for doubt in found.doubts]
-    notes = (*unlike(found, camera.sensor), *found.notes)
+    notes = (*sensor_differences(found, camera.sensor), *found.notes)
     return "\n".join([*doubts, *(f"{note[:1].upper()}{note[1:]}." for note in notes)])
 
 
