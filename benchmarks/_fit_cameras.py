@@ -15,7 +15,7 @@ from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.parameters import GROUPS, Vector
 from lfcal.fit.setup import Setup, described_effects
-from lfcal.fit.spread import kept_aside, spread_out
+from lfcal.fit.spread import held_out_rows, spread_out
 
 __all__ = ["Truth", "described_plan", "random_truth", "recorded"]
 
@@ -115,7 +115,7 @@ def recorded(
     electrons = FULL * sensor.full_well_e * np.maximum(light, 0) / light.max()
     values = rng.poisson(electrons) + sensor.read_noise_e * rng.standard_normal(light.shape)
     aside = np.zeros(len(chosen), np.bool_)
-    aside[kept_aside(chosen, round(0.2 * len(chosen)), plan)] = True
+    aside[held_out_rows(chosen, round(0.2 * len(chosen)), plan)] = True
     noise = np.tile([sensor.read_noise_e**2, 1.0], (len(chosen), 1))
     patterns = values.astype(np.float32)
     return Measured(plan, chosen, patterns, noise, np.zeros((len(chosen), 2)), patterns == patterns, aside)

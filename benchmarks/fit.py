@@ -102,7 +102,7 @@ def judged(fit: Fit, truth: Truth, positions: int = 0) -> dict[str, Any]:
     pulls = {n: (p.value - truth.values[n]) / p.sigma for n, p in fit.parameters.items()}
     return {
         **whole,
-        "stated": str(fit.left_out_error),
+        "stated": str(fit.held_out_error),
         "chi2": fit.chi2,
         "complete": fit.complete,
         "groups": list(fit.groups),

@@ -117,13 +117,13 @@ def _fitted(scene: TargetScene, frames: NDArray[np.uint16], way: Way) -> dict[st
     """Return the fit of frames as a user makes it, with its chi² and seconds."""
     from lfcal.campaign.point_fit import iter_fit_points
     from lfcal.campaign.points import iter_points_of
-    from lfcal.fit.setup import called_for, with_given
+    from lfcal.fit.setup import starting_effects, with_given
 
     start, used = time.perf_counter(), time.process_time()
     view = scene.view(frames)
     plan = scene.plan_of(len(frames))
     points = run_work(iter_points_of(view, plan), quiet=way.quiet)
-    begins = with_given(called_for(plan.scan), {"vignetting": "on"}, ())
+    begins = with_given(starting_effects(plan.scan), {"vignetting": "on"}, ())
     work = iter_fit_points(view, points, way.unknowns, effects=begins, most=way.points, workers=way.workers)
     fit = run_work(work, quiet=way.quiet)
     return {
@@ -132,7 +132,7 @@ def _fitted(scene: TargetScene, frames: NDArray[np.uint16], way: Way) -> dict[st
         "points": points,
         "chi2": fit.first.chi2,
         "complete": fit.first.complete,
-        "stated": str(fit.first.left_out_error),
+        "stated": str(fit.first.held_out_error),
         "groups": list(fit.first.groups),
         "parameters": {n: (p.value, p.sigma) for n, p in fit.first.parameters.items()},
         "seconds": time.perf_counter() - start,
@@ -148,12 +148,12 @@ def _modulo(scene: TargetScene, found: FieldFit, view: FrameSource, points: Any,
     from lfcal.base.errors import InputError
     from lfcal.campaign.points import measured_modulo
     from lfcal.fit import iter_fit_camera
-    from lfcal.fit.setup import called_for, with_given
+    from lfcal.fit.setup import starting_effects, with_given
 
     start = time.perf_counter()
     measured = measured_modulo(view, points, most=way.points)
     known = {"camera_chi2": _chi2_of(found, measured)}
-    begins = with_given(called_for(scene.plan.scan), {"vignetting": "on"}, ())
+    begins = with_given(starting_effects(scene.plan.scan), {"vignetting": "on"}, ())
     core = ("geometry", "focal_lengths", "iris")
     try:
         fit = run_work(iter_fit_camera(measured, unknowns=core, effects=begins, workers=way.workers), quiet=way.quiet)

@@ -70,7 +70,7 @@ def iter_session_patterns(folder: Path) -> Work[Measured]:
             got, remedy = "none", "record single exposures with dark frames, of a camera whose noise is stated"
             raise InputError.expected(f"{folder}, noise of the frames", "a variance", got, remedy)
         aside = source.metadata.kept_aside
-        return measured_of(matrix, left_out=[list(p) for p in aside])
+        return measured_of(matrix, held_out=[list(p) for p in aside])
 
 
 FIRST = 12
@@ -338,7 +338,7 @@ class _Campaign:
         design = yield from self.stoppable(work)
         if design is None:
             return None
-        return (yield from self._record(only=_positions(design.positions), kept_aside=_positions(design.kept_aside)))
+        return (yield from self._record(only=_positions(design.positions), kept_aside=_positions(design.held_out)))
 
     def more(self, design: PositionDesign, step: AdaptiveStep) -> Work[Outcome]:
         """Record as many of the positions of ``design`` as the goal is expected to need."""
@@ -346,8 +346,8 @@ class _Campaign:
         scale = step.expected_error / design.start_error if design.start_error else 1.0
         enough = design.enough_for(self._goal.error / max(1.0, scale))
         count = len(design.positions) if enough is None else max(enough.positions, min(FEWEST, len(design.positions)))
-        apart = min(len(design.kept_aside), max(1, round(count * len(design.kept_aside) / len(design.positions))))
-        aside = design.kept_aside[:apart]
+        apart = min(len(design.held_out), max(1, round(count * len(design.held_out) / len(design.positions))))
+        aside = design.held_out[:apart]
         chosen = np.concatenate([design.fitted[: count - apart], aside])
         return (yield from self._record(redo=_positions(chosen), kept_aside=_positions(aside)))
 
@@ -404,7 +404,7 @@ class _Campaign:
 
     def step(self, fit: Fit) -> AdaptiveStep:
         """Return what is known after a fit."""
-        error, count = fit.left_out_error, len(self._recorded())
+        error, count = fit.held_out_error, len(self._recorded())
         return AdaptiveStep(count, error.statistical, error, fit.chi2, fit.complete, fit.groups, len(fit.outliers))
 
     def over(self, steps: Sequence[AdaptiveStep]) -> str:

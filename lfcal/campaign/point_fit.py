@@ -39,7 +39,6 @@ from lfcal.fit import (
     Regional,
     RegionPlace,
     Setup,
-    called_for,
     check_described,
     check_light,
     check_stage,
@@ -55,6 +54,7 @@ from lfcal.fit import (
     nuisance_steps,
     predict,
     problem_of,
+    starting_effects,
     write_found,
 )
 from lfcal.frames import FrameSource
@@ -245,10 +245,10 @@ def iter_called_for(finished: Finished) -> Work[bool]:
     own = problem.vector.of_groups([HOLE]).tolist()
     if not own or chi_square(point, problem.fitted, len(problem.vector.of_groups(groups))).complete:
         return False
-    found = yield from problem.columns(point, own, "size of the holes", own=False)
+    found = yield from problem.columns(point, own, "size of the holes", displaced=False)
     shared = columns.shared.copy()
     shared[own] = found.shared[own]
-    selection = GroupSelection(problem, point, Columns(shared, columns.own))
+    selection = GroupSelection(problem, point, Columns(shared, columns.displacements))
     gain, enough = gain_of(selection, groups, (HOLE,))
     beyond = max(0.0, selection.left(groups) - selection.samples)
     return gain > max(enough, CALLED_FOR * beyond)
@@ -385,7 +385,7 @@ def iter_fit_points(
     check_light(measured)
     check_described(measured)
     scan = points.plan.scan
-    began = tuple(called_for(scan) if effects is None else effects)
+    began = tuple(starting_effects(scan) if effects is None else effects)
     points, began = _with_hole(points, began)
     own = OwnOptics.of(points, measured)
     hole = points.plan.target.hole_um
@@ -481,7 +481,7 @@ def _with_own_as_found(finished: Finished, own: OwnOptics) -> Work[Finished]:
     known = columns if columns.shared[which].any((1, 2)).all() else None
     point, found = yield from descend(problem, point, which, "settled", most=2, columns=known, enough=1e-4)
     columns = found.beside(columns, which)
-    return problem, nuisance_steps(problem, point, columns, problem.measured.left_out), groups, columns, outliers
+    return problem, nuisance_steps(problem, point, columns, problem.measured.held_out), groups, columns, outliers
 
 
 def point_outputs(folder: Path) -> list[Path]:

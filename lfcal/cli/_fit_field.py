@@ -91,7 +91,7 @@ def fit_regions(
     from lfcal.cli._fit_object import ObjectPlace, object_dict, object_error, object_words, read_object
     from lfcal.cli._fit_source import is_matrix, open_upright, read_patterns
     from lfcal.cli._fit_validate import validation_dict, withheld_points
-    from lfcal.fit import MODEL, called_for, field_dict, iter_fit_field, iter_write_field, with_given
+    from lfcal.fit import MODEL, field_dict, iter_fit_field, iter_write_field, starting_effects, with_given
 
     by_name = dict(zip(names_of(sources), sources, strict=True))
     patterns, known = {}, {}
@@ -105,7 +105,7 @@ def fit_regions(
     first = next(iter(patterns.values()))
     other = withheld_points(sources[0], more.validate_on, how, first, quiet=json) if more.validate_on else None
     shot = read_object(more.known_object, more.scene, how, first) if more.known_object and more.scene else None
-    begins = with_given(called_for(first.plan), *effects) if effects else None
+    begins = with_given(starting_effects(first.plan), *effects) if effects else None
     fit = run_work(iter_fit_field(patterns, how.camera, groups, effects=begins, workers=workers), quiet=json)
     with ExitStack() as stack:
         hybrids: dict[str, PSFMatrix | Measured] | None = None

@@ -127,7 +127,7 @@ def read_patterns(source: Path, how: PatternReading, *, quiet: bool) -> tuple[Me
     """Return the patterns to fit, and what is known of their source for the provenance of what is made of them."""
     from lfcal.cli._cameras import tell_assumed
     from lfcal.cli._listed import report_notes
-    from lfcal.fit import LEFT_OUT, check_optics, measured_of
+    from lfcal.fit import HELD_OUT, check_optics, measured_of
 
     with ExitStack() as stack:
         if is_matrix(source):
@@ -152,8 +152,8 @@ def read_patterns(source: Path, how: PatternReading, *, quiet: bool) -> tuple[Me
             return measured_of(matrix, camera, positions=left, noise=how.noise), known
         most = _most(how, aside)
         all_of_them = not most or int((matrix.recorded > 0).sum()) <= most
-        apart = aside if aside and all_of_them else LEFT_OUT
-        return measured_of(matrix, camera, noise=how.noise, most=most or None, left_out=apart), known
+        apart = aside if aside and all_of_them else HELD_OUT
+        return measured_of(matrix, camera, noise=how.noise, most=most or None, held_out=apart), known
 
 
 def _most(how: PatternReading, aside: list[list[int]]) -> int:

@@ -35,10 +35,10 @@ def fit_target(
     from lfcal.campaign import MOST, hole_words, iter_fit_points, iter_write_points, target_facts
     from lfcal.cli._console import print_json, print_table, report, run_work
     from lfcal.cli._target_frames import found_points, opened_target
-    from lfcal.fit import called_for, fit_dict, with_given
+    from lfcal.fit import fit_dict, starting_effects, with_given
 
     field = RegionPlan.spread(plan.scan, parse_regions(regions)) if regions else plan.scan
-    begins = None if effects is None else with_given(called_for(plan.scan), *effects)
+    begins = None if effects is None else with_given(starting_effects(plan.scan), *effects)
     with opened_target(source, plan, recipe) as view:
         points = found_points(view, plan, quiet=json)
         work = iter_fit_points(

@@ -118,7 +118,7 @@ def show_chosen(plan: ScanPlan, wanted: WantedPositions, *, json: bool) -> dict[
     # a frame rate that makes no sense must not wait for the choice
     whole = wanted.pace.forecast(plan)
     found = _read_out(run_work(work, quiet=json), plan, wanted.pace)
-    fitted, aside = found.fitted.tolist(), found.kept_aside.tolist()
+    fitted, aside = found.fitted.tolist(), found.held_out.tolist()
     if wanted.out is not None:
         reasons = [TOLD] * len(fitted) + [ASIDE] * len(aside)
         RedoList.of([*fitted, *aside], reasons, kept_aside=aside).write(wanted.out)
@@ -126,7 +126,7 @@ def show_chosen(plan: ScanPlan, wanted: WantedPositions, *, json: bool) -> dict[
         draw_design(found, wanted.draw, whole.positions, whole.hours)
     facts = {
         "positions": found.positions,
-        "kept_aside": found.kept_aside,
+        "kept_aside": found.held_out,
         "curve": list(found.curve),
         "pattern_error": found.pattern_error,
         "start_error": found.start_error,
@@ -167,7 +167,7 @@ def _show(found: PositionDesign, whole: Forecast, earlier: Earlier | None, pace:
         for p in found.curve
     ]
     head = ["positions", "on the stage", "error of H expected", "spread evenly instead"]
-    print_table(head, rows, title=f"{len(found.fitted)} positions to fit, {len(found.kept_aside)} kept aside")
+    print_table(head, rows, title=f"{len(found.fitted)} positions to fit, {len(found.held_out)} kept aside")
     if found.start_error is not None:
         typer.echo(f"error of H by the earlier fit: {format_share(found.start_error)}")
     typer.echo(

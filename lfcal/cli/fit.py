@@ -138,7 +138,7 @@ def command(
     from lfcal.cli._runs import may_replace, run_choice, run_kept
     from lfcal.cli._target_frames import refuse_options, wanted_target
     from lfcal.cli.outputs import check_outputs
-    from lfcal.fit import MODEL, called_for, fit_dict, iter_fit_camera, iter_write_fit, with_given
+    from lfcal.fit import MODEL, fit_dict, iter_fit_camera, iter_write_fit, starting_effects, with_given
     from lfcal.frames import CorrectionRecipe
     from lfcal.simulate.effects import parse_effects
 
@@ -252,7 +252,7 @@ def command(
     # what cannot be read ends this before the fit
     aside = withheld_points(source, validate_on, how, measured, quiet=json) if more else None
     shot = read_object(known_object, scene, how, measured) if known_object and scene else None
-    begins = with_given(called_for(measured.plan), *chosen) if effects else None
+    begins = with_given(starting_effects(measured.plan), *chosen) if effects else None
     fit = run_work(iter_fit_camera(measured, start, groups, effects=begins, workers=workers), quiet=json)
     with ExitStack() as stack:
         patterns: PSFMatrix | Measured | None = None

@@ -309,10 +309,10 @@ def _by_brightness(stated: F8, square: F8, noise: F8, brightness: F8) -> F8:
     out = np.ones(len(KNOTS))
     for k in range(len(KNOTS)):
         part, other, size = (one[nearest == k] for one in (stated, noise, square))
-        told = np.square(part / (other + part))
-        if told.sum() > 0:
-            weight = 0.5 * float(told.sum())
-            value = float((told * size / np.maximum(part, 1e-30)).sum()) / float(told.sum())
+        weights = np.square(part / (other + part))
+        if weights.sum() > 0:
+            weight = 0.5 * float(weights.sum())
+            value = float((weights * size / np.maximum(part, 1e-30)).sum()) / float(weights.sum())
             out[k] = min(25.0, max(0.04, (value * weight + 1.0) / (weight + 1.0)))
     return out
 

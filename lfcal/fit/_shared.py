@@ -32,7 +32,7 @@ from lfcal.fit.holds import iter_check
 from lfcal.fit.hybrid import HybridSummary
 from lfcal.fit.information import Expected
 from lfcal.fit.judge import ModelError, chi_square, covariance
-from lfcal.fit.measured import LEFT_OUT, QUICK_PATTERN, check_optics, of_quick_pattern
+from lfcal.fit.measured import HELD_OUT, QUICK_PATTERN, check_optics, of_quick_pattern
 from lfcal.fit.model import Fineness, PlaneModel, predict
 from lfcal.fit.normal import Columns, Local
 from lfcal.fit.nuisance import Spread, nuisance_steps
@@ -41,7 +41,7 @@ from lfcal.fit.problem import ERRORS, Problem
 from lfcal.fit.questions import check_described, check_light
 from lfcal.fit.report import add_picture, iter_fit_report
 from lfcal.fit.select import GroupSelection, gain_of
-from lfcal.fit.setup import RegionPlace, called_for, with_given
+from lfcal.fit.setup import RegionPlace, starting_effects, with_given
 from lfcal.fit.solver import descend
 from lfcal.fit.spread import spread_out
 from lfcal.fit.stored import Filler, read_fit
@@ -51,7 +51,7 @@ __all__ = [
     "CAMERA",
     "EFFECTS",
     "ERRORS",
-    "LEFT_OUT",
+    "HELD_OUT",
     "MODEL",
     "NUMBERS",
     "QUICK_PATTERN",
@@ -81,7 +81,6 @@ __all__ = [
     "Validation",
     "add_picture",
     "behind",
-    "called_for",
     "check_described",
     "check_light",
     "check_optics",
@@ -123,6 +122,7 @@ __all__ = [
     "read_earlier",
     "read_fit",
     "spread_out",
+    "starting_effects",
     "trend",
     "wavefront_table",
     "with_given",

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, Work
 from lfcal.fit._weighing import PatternLevels
-from lfcal.fit.judge import chi_square, covariance, eliminated, left_out_error
+from lfcal.fit.judge import chi_square, covariance, eliminated, held_out_error
 from lfcal.fit.normal import Columns
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.parameters import GROUPS, Unknown, Vector
@@ -144,9 +144,9 @@ def _iter_with(
     local = replace(point.local, offsets_px=point.local.offsets_px[keep])
     u = np.concatenate([point.u, np.zeros(len(vector) - len(point.u))])
     at = Point(u, local, point.model[keep], levels, point.seen.of(keep), point.sampling, point.doubtful)
-    shared = (yield from part.columns(at, held, "what else may have changed", own=False)).shared
+    shared = (yield from part.columns(at, held, "what else may have changed", displaced=False)).shared
     shared[: len(point.u)] = columns.shared[:, keep]
-    return part, at, Columns(shared, None if columns.own is None else columns.own[:, keep])
+    return part, at, Columns(shared, None if columns.displacements is None else columns.displacements[:, keep])
 
 
 def _sampled(problem: Problem) -> NDArray[np.bool_]:
@@ -299,7 +299,7 @@ def summarised(
             name for name in tried if name not in groups and not GROUPS.get(name).held and vector.of_groups([name]).size
         ),
         chi_square=chi2,
-        left_out_error=left_out_error(problem, point, columns, which, grown**2 * spread, complete=chi2.complete),
+        held_out_error=held_out_error(problem, point, columns, which, grown**2 * spread, complete=chi2.complete),
         correlations=spread[: len(which), : len(which)] / np.outer(size, size),
         held=tuple(dict.fromkeys(one.gauge for one in unknowns if one.gauge)),
         unidentified=(*unidentified(unknowns, data), *held.words),
@@ -322,7 +322,7 @@ def summarised(
             # each region has its part of what all of them found
             share = round(len(which) * fitted.sum() / max(1, problem.fitted.sum()))
             chi2 = chi_square(point, fitted, share)
-            error = left_out_error(problem, point, columns, which, grown**2 * spread, among, complete=chi2.complete)
+            error = held_out_error(problem, point, columns, which, grown**2 * spread, among, complete=chi2.complete)
             here = InRegion(chi2, error)
         found.append(
             replace(

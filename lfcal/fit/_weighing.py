@@ -152,7 +152,7 @@ def levels_of(measured: Measured, model: F4, lamps: F8, *, doubtful: bool, error
     planes, nz = measured.level, measured.levels
     gains, backgrounds = np.ones(nz), np.zeros(nz)
     for z in np.unique(planes).tolist():
-        own = (planes == z) & ~measured.left_out
+        own = (planes == z) & ~measured.held_out
         if not own.any():
             own = planes == z
         part, m, d, good = measured.of(own), model[own], data[own], valid[own]

@@ -14,8 +14,8 @@ from lfcal.camera import Forecast, ScanPlan
 from lfcal.fit.earlier import Earlier
 from lfcal.fit.information import Expected, Information, iter_information
 from lfcal.fit.parameters import GROUPS, check_groups
-from lfcal.fit.setup import Setup, called_for
-from lfcal.fit.spread import kept_aside, spread_out
+from lfcal.fit.setup import Setup, starting_effects
+from lfcal.fit.spread import held_out_rows, spread_out
 
 __all__ = [
     "Chosen",
@@ -38,17 +38,17 @@ class Chosen:
 
     Parameters
     ----------
-    told
+    information
         What each pattern tells, and what is wanted.
     """
 
-    def __init__(self, told: Information) -> None:
-        self._told = told
-        self._planes = told.index[:, 0]
-        k = len(told.unknowns)
+    def __init__(self, information: Information) -> None:
+        self._information = information
+        self._planes = information.index[:, 0]
+        k = len(information.unknowns)
         self._rows: list[int] = []
         self._sums = np.zeros((int(self._planes.max(initial=0)) + 1, k + 2, k + 2))
-        self.matrix = told.prior
+        self.matrix = information.prior
 
     @property
     def error(self) -> float:
@@ -74,18 +74,18 @@ class Chosen:
     def _summed(self, planes: set[int]) -> None:
         # sums are made anew: what subtraction would leave of an empty plane is rounding, and would count as much
         for z in planes:
-            self._sums[z] = self._told.patterns[[row for row in self._rows if self._planes[row] == z]].sum(0)
-        self.matrix = self._told.prior + _eliminated(self._sums).sum(0)
+            self._sums[z] = self._information.patterns[[row for row in self._rows if self._planes[row] == z]].sum(0)
+        self.matrix = self._information.prior + _eliminated(self._sums).sum(0)
 
     def trials(self, rows: NDArray[np.intp]) -> F8:
         """Return the expected squared error of H with each of the patterns ``rows`` added alone."""
         z = self._planes[rows]
         before = _eliminated(self._sums)[z]
-        after = _eliminated(self._sums[z] + self._told.patterns[rows])
+        after = _eliminated(self._sums[z] + self._information.patterns[rows])
         return self._squares(self.matrix + after - before)
 
     def _squares(self, matrices: F8) -> F8:
-        found: F8 = np.einsum("nij,ji->n", _inverse(matrices), self._told.wanted)
+        found: F8 = np.einsum("nij,ji->n", _inverse(matrices), self._information.wanted)
         return np.maximum(found, 0.0)
 
 
@@ -110,12 +110,12 @@ def _inverse(matrices: F8) -> F8:
     return found
 
 
-def choose(told: Information, count: int, allowed: NDArray[np.intp]) -> list[int]:
+def choose(information: Information, count: int, allowed: NDArray[np.intp]) -> list[int]:
     """Return ``count`` of the patterns ``allowed`` that lower the expected error of H most, the most useful first.
 
     Each next one is the best beside those before; then each is tried against all others until no exchange helps.
     """
-    chosen, free = Chosen(told), np.asarray(allowed, np.intp)
+    chosen, free = Chosen(information), np.asarray(allowed, np.intp)
     taken = _greedy(chosen, free, count)
     for _ in range(PASSES):
         if not _exchanged(chosen, free, taken):
@@ -193,7 +193,7 @@ class PositionDesign:
     ----------
     fitted
         Positions ``(n, 3)`` as (z, y, x) that lower the error, the most useful first.
-    kept_aside
+    held_out
         Positions ``(m, 3)`` that are never fitted, spread evenly.
     curve
         Expected errors against positions; the last point is all of them.
@@ -208,7 +208,7 @@ class PositionDesign:
     """
 
     fitted: NDArray[np.intp]
-    kept_aside: NDArray[np.intp]
+    held_out: NDArray[np.intp]
     curve: tuple[CurvePoint, ...]
     pattern_error: float
     start_error: float | None
@@ -218,7 +218,7 @@ class PositionDesign:
     @property
     def positions(self) -> NDArray[np.intp]:
         """All positions to record ``(n + m, 3)``."""
-        return np.concatenate([self.fitted, self.kept_aside])
+        return np.concatenate([self.fitted, self.held_out])
 
     def enough_for(self, error: float) -> CurvePoint | None:
         """Return the first point of the curve whose expected error is at most ``error``, or None."""
@@ -289,27 +289,27 @@ def iter_next_positions(
         raise InputError.expected("positions to record", f"at most the {len(every)} left", count, "take fewer")
     looked = max(candidates or len(every), count)
     index = every[spread_out(every, looked, plan.period)] if looked < len(every) else every
-    told = yield from iter_information(plan, index, setup, groups, expected, workers=workers)
+    information = yield from iter_information(plan, index, setup, groups, expected, workers=workers)
     if earlier is not None:
-        told = replace(told, prior=told.prior + earlier.information(told.unknowns))
+        information = replace(information, prior=information.prior + earlier.information(information.unknowns))
     clock = Clock("choose positions", 3)
     yield clock.at(0)
-    start = Chosen(told).error
-    aside = kept_aside(index, _aside(count), plan, there)
-    rows = choose(told, count - len(aside), np.setdiff1d(np.arange(len(index)), aside))
+    start = Chosen(information).error
+    aside = held_out_rows(index, _aside(count), plan, there)
+    rows = choose(information, count - len(aside), np.setdiff1d(np.arange(len(index)), aside))
     yield clock.at(1)
     curve = tuple(
-        _point(told, plan, rows, aside, int(n), stage_um_per_s)
+        _point(information, plan, rows, aside, int(n), stage_um_per_s)
         for n in np.unique(np.geomspace(FEWEST, count, POINTS).round())
     )
     yield clock.at(2)
-    whole = Chosen(told)
+    whole = Chosen(information)
     whole.add(*rows)
     spread = np.sqrt(np.diag(whole.covariance))
-    sigmas = {one.name: one.sigma_of(0.0, float(s)) for one, s in zip(told.unknowns, spread, strict=True)}
+    sigmas = {one.name: one.sigma_of(0.0, float(s)) for one, s in zip(information.unknowns, spread, strict=True)}
     yield clock.at(3)
     before = start if earlier is not None else None
-    return PositionDesign(index[rows], index[aside], curve, told.pattern_error, before, sigmas, len(index))
+    return PositionDesign(index[rows], index[aside], curve, information.pattern_error, before, sigmas, len(index))
 
 
 next_positions = drained(iter_next_positions)
@@ -323,7 +323,7 @@ def _start(
     if earlier is not None:
         earlier.check_plan(plan)
         own, core = setup or earlier.setup, earlier.groups
-    own = own or Setup(plan.camera, called_for(plan), (0.0,) * plan.shape[0])
+    own = own or Setup(plan.camera, starting_effects(plan), (0.0,) * plan.shape[0])
     check_groups(own, plan, groups or ())
     return own, tuple(groups or core)
 
@@ -338,19 +338,19 @@ def _aside(count: int) -> int:
 
 
 def _point(
-    told: Information, plan: ScanPlan, rows: list[int], aside: NDArray[np.intp], count: int, speed: float
+    information: Information, plan: ScanPlan, rows: list[int], aside: NDArray[np.intp], count: int, speed: float
 ) -> CurvePoint:
     """Return what the first ``count`` positions are expected to come to, and as many spread evenly."""
     apart = min(_aside(count), len(aside))
     own = rows[: count - apart]
-    spread = spread_out(told.index, count, plan.period)
-    kept = kept_aside(told.index[spread], apart, plan)
+    spread = spread_out(information.index, count, plan.period)
+    kept = held_out_rows(information.index[spread], apart, plan)
     errors = []
     for used in (own, np.delete(spread, kept).tolist()):
-        chosen = Chosen(told)
+        chosen = Chosen(information)
         chosen.add(*used)
         errors.append(chosen.error)
-    places = plan.in_scan_order(np.concatenate([told.index[own], told.index[aside[:apart]]]))
+    places = plan.in_scan_order(np.concatenate([information.index[own], information.index[aside[:apart]]]))
     hours = Forecast.of(plan, stage_um_per_s=speed, positions=places).hours
     return CurvePoint(count, errors[0], errors[1], hours)
 

@@ -17,7 +17,7 @@ from lfcal.fit.parameters import ScanScales, Vector, check_groups, field_of
 from lfcal.fit.problem import Problem
 from lfcal.fit.questions import as_described, check_described, check_light
 from lfcal.fit.result import Fit
-from lfcal.fit.setup import Setup, called_for
+from lfcal.fit.setup import Setup, starting_effects
 from lfcal.simulate.effects import Effect, FieldAberrations, Zernike
 
 __all__ = [
@@ -137,7 +137,7 @@ def regional_of(patterns: Mapping[str, Measured], camera: Camera | None = None) 
         regions.append(FieldRegion(name, own.plan.period, own.plan.anchor))
     joined: dict[str, Any] = {
         key: np.concatenate([getattr(own, key) for own in parts])
-        for key in ("index", "patterns", "noise", "places_px", "valid", "left_out")
+        for key in ("index", "patterns", "noise", "places_px", "valid", "held_out")
     }
     number = np.concatenate([np.full(len(own), k) for k, own in enumerate(parts)])
     return Regional(first, **joined, regions=tuple(regions), region=number)
@@ -300,7 +300,7 @@ def iter_fit_field(
     candidates = tuple(name for name in candidates if name not in core)
     setup = Setup(
         measured.plan.camera,
-        called_for(measured.plan) if effects is None else tuple(effects),
+        starting_effects(measured.plan) if effects is None else tuple(effects),
         (0.0,) * measured.plan.shape[0],
     )
     check_groups(setup, measured.plan, core, ScanScales.over(measured.plans))

@@ -69,7 +69,7 @@ def effects_text(fit: Fit) -> str:
 
 def fit_dict(fit: Fit) -> dict[str, Any]:
     """Return everything that was found as plain JSON types; lengths in µm, angles in radians."""
-    error = fit.left_out_error
+    error = fit.held_out_error
     found: dict[str, Any] = plain(
         {
             "format": FORMAT,

@@ -34,8 +34,8 @@ from lfcal.fit.questions import (
 )
 from lfcal.fit.result import Fit, Outlier
 from lfcal.fit.select import choose, prune
-from lfcal.fit.setup import Setup, called_for
-from lfcal.fit.solver import Tell, descend
+from lfcal.fit.setup import Setup, starting_effects
+from lfcal.fit.solver import RoundRecorder, descend
 from lfcal.psf import PSFMatrix
 from lfcal.simulate.effects import Effect
 
@@ -67,15 +67,15 @@ class FitProgress(Progress):
     chi2
         Mean square of the fitted patterns' residuals, weighted by the light. Of a coarse model, which errs by itself,
         the variance has that error; it falls towards 1 from round to round, and may rise where the fit goes on finer.
-    left_out, hidden
+    held_out, below_noise
         What the patterns that are never fitted have beside model and noise, as a share of their rms (relative L2), NaN
         where none is left out; whether it is less than that, which is then what their noise hides (two of its
         standard deviations).
     """
 
     chi2: float = math.nan
-    left_out: float = math.nan
-    hidden: bool = False
+    held_out: float = math.nan
+    below_noise: bool = False
 
 
 def rounds() -> Callable[[Problem, Point, str], FitProgress]:
@@ -83,16 +83,16 @@ def rounds() -> Callable[[Problem, Point, str], FitProgress]:
     start = time.perf_counter()
 
     def record(problem: Problem, point: Point, stage: str) -> FitProgress:
-        aside = problem.measured.left_out
+        aside = problem.measured.held_out
         chi2 = chi_square(point, problem.fitted, 0).lit
-        left, hidden, note = math.nan, False, f"χ² {chi2:.3g}"
+        left, below_noise, note = math.nan, False, f"χ² {chi2:.3g}"
         if aside.any():
             share, sigma = unexplained(problem, point, aside)
-            hidden = share < DETECTION_SIGMAS * sigma
+            below_noise = share < DETECTION_SIGMAS * sigma
             left = math.sqrt(max(share, DETECTION_SIGMAS * sigma))
-            note += f", left-out patterns {'less than ' if hidden else ''}{format_share(left)} off"
+            note += f", left-out patterns {'less than ' if below_noise else ''}{format_share(left)} off"
         seconds = time.perf_counter() - start
-        return FitProgress(1, 1, stage, seconds, note, chi2=chi2, left_out=left, hidden=hidden)
+        return FitProgress(1, 1, stage, seconds, note, chi2=chi2, held_out=left, below_noise=below_noise)
 
     return record
 
@@ -160,7 +160,7 @@ def iter_fit_camera(
         of all others those that lower the error of patterns that are never fitted.
     effects
         What the camera is simulated with at the start; None takes what its description holds, and of a microscope
-        light as a vector field where it shows (`called_for`).
+        light as a vector field where it shows (`starting_effects`).
     stage
         Position error of the sources (rms, pixels); 0: none; ``"auto"``: what the patterns show.
     workers
@@ -201,7 +201,7 @@ def iter_fit_camera(
     core, candidates = groups_of(unknowns)
     setup = Setup(
         measured.plan.camera,
-        called_for(measured.plan) if effects is None else tuple(effects),
+        starting_effects(measured.plan) if effects is None else tuple(effects),
         (0.0,) * measured.plan.shape[0],
     )
     check_stage(stage)
@@ -273,16 +273,16 @@ def iter_retrieved(
         If the patterns are not of such a camera.
     """
     core = tuple(group.name for group in problem.vector.groups if group.name in core)
-    tell = rounds()
-    point = yield from as_described(problem, core, tell, start=start, local=local)
+    record_round = rounds()
+    point = yield from as_described(problem, core, record_round, start=start, local=local)
     if misfit(problem, point) > STRANGE:
         yield from asked(problem, core)
-    point, groups = yield from _approached(problem, point, core, candidates, tell=tell)
+    point, groups = yield from _approached(problem, point, core, candidates, record_round=record_round)
     if misfit(problem, point) > PLAIN:
         # much is left that no unknown explains: something may be otherwise than it is described
         yield from asked(problem, core)
     check_explained(problem, point)
-    return (yield from _finished(problem, point, groups, core, candidates, stage=stage, tell=tell))
+    return (yield from _finished(problem, point, groups, core, candidates, stage=stage, record_round=record_round))
 
 
 def problem_of(measured: Measured, setup: Setup, groups: Sequence[str], workers: int | None = None) -> Problem:
@@ -317,7 +317,7 @@ def check_stage(stage: str | float) -> None:
 
 
 def _approached(
-    problem: Problem, point: Point, core: Sequence[str], candidates: Sequence[str], *, tell: Tell
+    problem: Problem, point: Point, core: Sequence[str], candidates: Sequence[str], *, record_round: RoundRecorder
 ) -> Work[tuple[Point, tuple[str, ...]]]:
     """Return a point near the best one and the groups that helped, computed coarsely."""
     vector, groups = problem.vector, tuple(core)
@@ -327,14 +327,14 @@ def _approached(
         if candidates:
             tried = [name for name in addable(candidates) if turn or not GROUPS.get(name).late]
             every = vector.of_groups([*groups, *tried]).tolist()
-            own = point.local.stage_px > 0
-            columns = yield from problem.columns(point, every, f"groups, round {turn + 1}", own=own)
+            displaced = point.local.stage_px > 0
+            columns = yield from problem.columns(point, every, f"groups, round {turn + 1}", displaced=displaced)
             groups = choose(problem, point, columns, groups, tried, least=0.0 if turn else FAR)
         if turn and groups == before:
             break
         which = vector.of_groups(groups).tolist()
         point, _ = yield from descend(
-            problem, point, which, "approach", most=4, enough=2e-3, columns=columns, tell=tell
+            problem, point, which, "approach", most=4, enough=2e-3, columns=columns, record_round=record_round
         )
         point = problem.weigh(point.u, point.local, point.model, point.sampling, lamps=point.levels.lamps)
         if not candidates:
@@ -350,17 +350,19 @@ def _finished(
     candidates: Sequence[str],
     *,
     stage: str | float,
-    tell: Tell,
+    record_round: RoundRecorder,
 ) -> Work[Finished]:
     """Return the best point, computed finely: groups settled, patterns' own unknowns found, outliers left out."""
     vector = problem.vector
     point = problem.point(point.u, point.local, Fineness.fine, lamps=point.levels.lamps)
     every = vector.of_groups([*groups, *candidates]).tolist()
-    columns = yield from problem.columns(point, every, "fine", own=True)
+    columns = yield from problem.columns(point, every, "fine", displaced=True)
     which = vector.of_groups(groups).tolist()
-    point, _ = yield from descend(problem, point, which, "fine", most=1, columns=columns, enough=1e-5, tell=tell)
+    point, _ = yield from descend(
+        problem, point, which, "fine", most=1, columns=columns, enough=1e-5, record_round=record_round
+    )
     # what left-out patterns have to themselves no step of the others has told
-    point = nuisance_steps(problem, point, columns, problem.measured.left_out)
+    point = nuisance_steps(problem, point, columns, problem.measured.held_out)
     far, outliers = outliers_of(problem, point)
     if far.any():
         problem, point, columns = _without(problem, point, columns, ~far)
@@ -374,10 +376,12 @@ def _finished(
         point = problem.point(u, point.local, Fineness.finest, lamps=point.levels.lamps)
     else:
         point = problem.point(point.u, point.local, Fineness.finest, lamps=point.levels.lamps)
-    point, found = yield from descend(problem, point, which, "finest", most=3, columns=columns, enough=1e-4, tell=tell)
+    point, found = yield from descend(
+        problem, point, which, "finest", most=3, columns=columns, enough=1e-4, record_round=record_round
+    )
     # derivatives by what was tried are those of the round before
     columns = found.beside(columns, which)
-    return problem, nuisance_steps(problem, point, columns, problem.measured.left_out), groups, columns, outliers
+    return problem, nuisance_steps(problem, point, columns, problem.measured.held_out), groups, columns, outliers
 
 
 def _without(
@@ -386,7 +390,7 @@ def _without(
     """Return problem, point and derivatives without some of the patterns."""
     found = problem.with_measured(problem.measured.of(keep))
     local = replace(point.local, offsets_px=point.local.offsets_px[keep])
-    own = None if columns.own is None else columns.own[:, keep]
+    own = None if columns.displacements is None else columns.displacements[:, keep]
     at = found.weigh(point.u, local, point.model[keep], point.sampling, lamps=point.levels.lamps[keep])
     return found, at, Columns(columns.shared[:, keep], own)
 

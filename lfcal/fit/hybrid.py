@@ -86,7 +86,7 @@ class Fitted(Protocol):
         ...
 
     @property
-    def left_out_error(self) -> ModelError:
+    def held_out_error(self) -> ModelError:
         """Error of the model's patterns."""
         ...
 
@@ -232,7 +232,7 @@ def _iter_remove_nuisance(fit: Fitted, data: PlaneResiduals, z: int, workers: in
         return
     plane = PlaneModel(fit.ideal_places, fit.planned, z, Fineness.finest) if stage else None
     gain, count = np.float32(fit.levels.gains[z]), worker_count(workers)
-    beyond = np.square(model_uncertainty(data.model, max(fit.left_out_error.value, 1e-3)))
+    beyond = np.square(model_uncertainty(data.model, max(fit.held_out_error.value, 1e-3)))
     values, errors = np.empty((len(places), used.size)), np.empty((len(places), used.size))
     clock = Clock(f"lamp and stage, plane {z}", 2 * len(places))
     yield clock.at(0)
@@ -280,7 +280,7 @@ def _significant_nuisance(fit: Fitted, data: PlaneResiduals, places: NDArray[np.
     some = data.model[tuple(places[:: max(1, len(places) // PATTERNS_SAMPLED)].T)].astype(np.float64)
     slope = math.sqrt(sum(float(np.square(np.gradient(some, axis=axis)).sum()) for axis in (1, 2)) / 2)
     per_px = slope / max(math.sqrt(float(np.square(some).sum())), 1e-300)
-    least = NUISANCE_SHARE * fit.left_out_error.value
+    least = NUISANCE_SHARE * fit.held_out_error.value
     return fit.spread.lamp > least, fit.spread.stage_px * per_px > least
 
 
@@ -451,11 +451,11 @@ def _joined(
     power = np.square(data.model).sum((2, 3), dtype=np.float64)
     size = np.sqrt(np.square(value).sum((2, 3), dtype=np.float64) / np.maximum(power, 1e-30))
     # where no recorded pattern is near, what is estimated is nothing
-    told = left.variance.sum((2, 3), dtype=np.float64) < INFORMED_SHARE * left.prior.sum((2, 3), dtype=np.float64)
-    changed &= own | told
+    informed = left.variance.sum((2, 3), dtype=np.float64) < INFORMED_SHARE * left.prior.sum((2, 3), dtype=np.float64)
+    changed &= own | informed
     origin = np.where(changed & (facts.origin != Origin.OUTLIER), Origin.HYBRID, facts.origin)
     value *= changed[:, :, None, None]
-    error = fit.left_out_error
+    error = fit.held_out_error
     share = error.value if left.kind.empty else error.statistical
     base = model_uncertainty(data.model, math.hypot(share, ERRORS[Fineness.finest]))
     beyond = np.where(changed[:, :, None, None], left.variance, left.prior)

@@ -127,7 +127,7 @@ def iter_information(
         light[own] = _light(plan, setup, index[own]).reshape(len(own), m)
         yield clock.at(done)
     gains = _gains(plan, index, light, expected)
-    told, sums = np.zeros((len(index), k + 2, k + 2)), _Sums(k, plan.shape[0])
+    matrices, sums = np.zeros((len(index), k + 2, k + 2)), _Sums(k, plan.shape[0])
     for done, own in _counted(parts):
         z = int(index[own[0], 0])
         problem = _problem(plan, index[own], gains[z] * light[own], setup, groups, workers)
@@ -135,20 +135,20 @@ def iter_information(
         local = Local(np.zeros((len(own), 2)), expected.stage_px, expected.lamp, response)
         point = problem.point(np.zeros(k), local, Fineness.coarse)
         # a part is quick: what is counted is patterns
-        columns = drain(problem.columns(point, range(k), "", own=expected.stage_px > 0, both=True))
+        columns = drain(problem.columns(point, range(k), "", displaced=expected.stage_px > 0, both=True))
         for p, at in enumerate(own.tolist()):
-            told[at] = _told(problem, point, columns, p)
+            matrices[at] = _pattern_information(problem, point, columns, p)
         sums.add(z, columns, point, gains[z], _noise(plan))
         yield clock.at(len(index) + done)
     precision, _ = vector.prior()
     prior = np.diag(precision + VAGUE**-2)
-    return Information(index, vector.unknowns, told, sums.wanted, prior, sums.pattern_error)
+    return Information(index, vector.unknowns, matrices, sums.wanted, prior, sums.pattern_error)
 
 
-def _told(problem: Problem, point: Point, columns: Columns, p: int) -> F8:
+def _pattern_information(problem: Problem, point: Point, columns: Columns, p: int) -> F8:
     """Return what pattern ``p`` tells of the unknowns and its plane's gain and background ``(k + 2, k + 2)``."""
     only, k, nz = np.arange(len(problem.planes)) == p, len(columns.shared), problem.measured.plan.shape[0]
-    part = Columns(columns.shared[:, only], None if columns.own is None else columns.own[:, only])
+    part = Columns(columns.shared[:, only], None if columns.displacements is None else columns.displacements[:, only])
     local = replace(point.local, offsets_px=point.local.offsets_px[only])
     levels = replace(point.levels, lamps=point.levels.lamps[only])
     whole = normal_equations(part, point.model[only], point.seen.of(only), levels, problem.planes[only], local).matrix

@@ -14,7 +14,7 @@ from lfcal.fit.normal import Columns
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.solver import shared_of, with_prior
 
-__all__ = ["INCOMPLETE", "ChiSquare", "ModelError", "chi_square", "covariance", "eliminated", "left_out_error"]
+__all__ = ["INCOMPLETE", "ChiSquare", "ModelError", "chi_square", "covariance", "eliminated", "held_out_error"]
 
 INCOMPLETE = 5.0
 """Standard deviations by which chi² lies above 1 where the model does not suffice."""
@@ -22,7 +22,7 @@ INCOMPLETE = 5.0
 SHOWN = 3.0
 """Standard deviations by which what left-out patterns scatter must lie above their noise to be a value."""
 
-OWN = 0.5
+NUISANCE_SHARE = 0.5
 """Share of what left-out patterns scatter (rms) below which what each has to itself may be a part of it."""
 
 F8 = NDArray[np.float64]
@@ -154,7 +154,7 @@ def _inverse(matrix: F8) -> F8:
     return found
 
 
-def left_out_error(
+def held_out_error(
     problem: Problem,
     point: Point,
     columns: Columns,
@@ -175,9 +175,9 @@ def left_out_error(
     """
     measured = problem.measured
     some = np.ones(len(measured), np.bool_) if among is None else among
-    left_out = measured.left_out & some
-    told = left_out if left_out.any() else problem.fitted & some
-    aside = told if complete else some
+    held_out = measured.held_out & some
+    judged = held_out if held_out.any() else problem.fitted & some
+    aside = judged if complete else some
     part, planes = measured.of(aside), problem.planes[aside]
     data, valid = flat(part)
     light = point.model[aside] * point.levels.factors(problem.planes)[aside, None]
@@ -190,7 +190,7 @@ def left_out_error(
     left = np.where(good, data - light - back, 0.0).astype(np.float64)
     power = np.square(np.where(good, light, 0.0), dtype=np.float64).sum(1)
     squares = (np.square(left) - noise).sum(1)
-    if np.square(own).sum() < OWN**2 * squares.sum():
+    if np.square(own).sum() < NUISANCE_SHARE**2 * squares.sum():
         left += own
         squares = (np.square(left) - noise).sum(1)
     whole_power, found = float(power.sum()), float(squares.sum() / power.sum())
@@ -207,14 +207,16 @@ def left_out_error(
     normal = problem.normal(columns, replace(whole, seen=_placed(point.seen, plain, aside)), aside)
     used = shared_of(problem, which)
     made = float(np.trace(normal.matrix[np.ix_(used, used)] @ spread)) / whole_power
-    return ModelError(found, scatter, math.sqrt(max(0.0, made)), int(told.sum()), beside, skew)
+    return ModelError(found, scatter, math.sqrt(max(0.0, made)), int(judged.sum()), beside, skew)
 
 
 def _ideal(problem: Problem, point: Point, columns: Columns, keep: NDArray[np.bool_]) -> F8:
     """Return the light of the patterns ``keep`` as the model has it: each source in its place, the lamp steady."""
     model = point.model[keep].astype(np.float64)
-    if columns.own is not None:
-        model -= np.einsum("pa,apm->pm", point.local.offsets_px[keep], columns.own[:, keep].astype(np.float64))
+    if columns.displacements is not None:
+        model -= np.einsum(
+            "pa,apm->pm", point.local.offsets_px[keep], columns.displacements[:, keep].astype(np.float64)
+        )
     found: F8 = model * point.levels.gains[problem.planes[keep], None]
     return found
 

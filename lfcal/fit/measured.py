@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, check_number
 from lfcal.camera import Camera, ScanPlan
-from lfcal.fit.spread import kept_aside, spread_out
+from lfcal.fit.spread import held_out_rows, spread_out
 from lfcal.psf import PSFMatrix, copied_positions, optics_of
 
 __all__ = ["QUICK_PATTERN", "Measured", "check_optics", "measured_of", "of_quick_pattern"]
 
 QUICK_PATTERN = "recorded with the simulator's quick pattern, which has no lenslets"
 
-LEFT_OUT = 0.2
+HELD_OUT = 0.2
 """Share of the patterns that is kept aside for validation."""
 
 
@@ -44,7 +44,7 @@ class Measured:
         How far (dy, dx) the source was from its position where that is known ``(n, 2)`` (pixels on the sensor).
     valid
         Which pixels ``(n, nt, ns)`` carry a measurement.
-    left_out
+    held_out
         Which patterns ``(n,)`` are never fitted: they tell how good the fit is.
     beside
         Light ``(n, nt, ns)`` of unit gain that each pattern has beside what its plan's optics predict, held while the
@@ -61,7 +61,7 @@ class Measured:
     >>> from lfcal.psf import open_psf
     >>> with open_psf("H.h5") as H:
     ...     measured: Measured = measured_of(H, most=12)
-    >>> print(len(measured), "patterns,", int(measured.left_out.sum()), "of them kept aside to judge a fit by")
+    >>> print(len(measured), "patterns,", int(measured.held_out.sum()), "of them kept aside to judge a fit by")
     12 patterns, 2 of them kept aside to judge a fit by
     """
 
@@ -71,7 +71,7 @@ class Measured:
     noise: NDArray[np.float64]
     places_px: NDArray[np.float64]
     valid: NDArray[np.bool_]
-    left_out: NDArray[np.bool_]
+    held_out: NDArray[np.bool_]
     beside: NDArray[np.float32] | None = None
     blur: NDArray[np.float32] | None = None
     blurred_um: float = 0.0
@@ -85,7 +85,7 @@ class Measured:
             "noise": (n, 2),
             "places_px": (n, 2),
             "valid": (n, *cutout),
-            "left_out": (n,),
+            "held_out": (n,),
         }
         wanted |= {name: (n, *cutout) for name in ("beside", "blur") if getattr(self, name) is not None}
         for name, shape in wanted.items():
@@ -139,7 +139,7 @@ class Measured:
     def _some(self, keep: NDArray[np.bool_]) -> dict[str, Any]:
         """Return what belongs to single patterns, of those that are kept."""
         own = [name for name in ("beside", "blur") if getattr(self, name) is not None]
-        names = ["index", "patterns", "noise", "places_px", "valid", "left_out", *own]
+        names = ["index", "patterns", "noise", "places_px", "valid", "held_out", *own]
         return {name: getattr(self, name)[keep] for name in names} | {"blurred_um": self.blurred_um}
 
     def more_light(self, hole_um: float | None) -> NDArray[np.float32] | None:
@@ -157,7 +157,7 @@ def measured_of(
     noise: tuple[float, float] | None = None,
     cutout: int | tuple[int, int] | None = None,
     most: int | None = None,
-    left_out: float | Sequence[Sequence[int]] = LEFT_OUT,
+    held_out: float | Sequence[Sequence[int]] = HELD_OUT,
 ) -> Measured:
     """Return the recorded patterns of an H.
 
@@ -175,7 +175,7 @@ def measured_of(
         Pixels about the middle that are taken, odd; None takes all.
     most
         Take no more patterns than this, spread evenly.
-    left_out
+    held_out
         Share of the patterns to keep aside, spread over each plane; or the positions (z, y, x) to keep aside.
 
     Raises
@@ -207,7 +207,7 @@ def measured_of(
     plan = replace(plan, cutout=(rows.stop - rows.start, columns.stop - columns.start))
     patterns = np.stack([np.asarray(matrix[z, y, x], np.float32)[rows, columns] for z, y, x in chosen.tolist()])
     valid = np.stack([matrix.valid(z, y, x)[rows, columns] for z, y, x in chosen.tolist()])
-    aside = _aside(chosen, left_out, plan)
+    aside = _aside(chosen, held_out, plan)
     return Measured(plan, chosen, patterns, _noise(matrix, chosen, noise), np.zeros((len(chosen), 2)), valid, aside)
 
 
@@ -223,16 +223,16 @@ def check_optics(matrix: PSFMatrix) -> None:
         raise InputError.expected("measured patterns", "those of a plenoptic camera", QUICK_PATTERN, remedy)
 
 
-def _aside(chosen: NDArray[np.intp], left_out: float | Sequence[Sequence[int]], plan: ScanPlan) -> NDArray[np.bool_]:
+def _aside(chosen: NDArray[np.intp], held_out: float | Sequence[Sequence[int]], plan: ScanPlan) -> NDArray[np.bool_]:
     """Return which of the positions are kept aside."""
-    if isinstance(left_out, Sequence):
-        named = np.isin(*(np.ravel_multi_index(tuple(i.T), plan.shape[:3]) for i in (chosen, _index(left_out, plan))))
+    if isinstance(held_out, Sequence):
+        named = np.isin(*(np.ravel_multi_index(tuple(i.T), plan.shape[:3]) for i in (chosen, _index(held_out, plan))))
         if named.any() and not named.all():
             return named
-        left_out = LEFT_OUT
-    check_number("share of patterns left out", left_out, at_least=0, below=0.9)
+        held_out = HELD_OUT
+    check_number("share of patterns left out", held_out, at_least=0, below=0.9)
     aside = np.zeros(len(chosen), np.bool_)
-    aside[kept_aside(chosen, round(left_out * len(chosen)), plan)] = True
+    aside[held_out_rows(chosen, round(held_out * len(chosen)), plan)] = True
     return aside
 
 

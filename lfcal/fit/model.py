@@ -38,7 +38,7 @@ class Fineness:
     finest = Sampling(8.0)
 
 
-LEFT_OUT = {Fineness.coarse: 0.015, Fineness.fine: 0.006, Fineness.finest: 0.003}
+LIGHT_OUTSIDE = {Fineness.coarse: 0.015, Fineness.fine: 0.006, Fineness.finest: 0.003}
 """Share of the light that may lie outside a grid's margin; coarse patterns of a main lens keep the usual one."""
 
 
@@ -62,7 +62,7 @@ class PlaneModel:
         self._halo = max(response.halo, 1)
         rows, columns = plan.cutout
         scene = replace(response.scene, cutout=(rows + 2 * self._halo, columns + 2 * self._halo))
-        margin = grid_margin(scene, LEFT_OUT.get(sampling, 1.0))
+        margin = grid_margin(scene, LIGHT_OUTSIDE.get(sampling, 1.0))
         self._pixel = scene.pixel_um
         self._sampling = replace(sampling, margin_px=max(sampling.margin_px, margin))
         self._planned = np.zeros((*scene.period, 2)) if scene.offsets_um is None else np.array(scene.offsets_um)

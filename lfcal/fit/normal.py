@@ -24,18 +24,18 @@ class Columns:
     ----------
     shared
         By each unknown, ``(k, n, m)``.
-    own
+    displacements
         By displacements (dy, dx) of each source, ``(2, n, m)``; None where sources are where they should be.
     """
 
     shared: F4
-    own: F4 | None = None
+    displacements: F4 | None = None
 
     def beside(self, others: Columns, which: Sequence[int]) -> Columns:
         """Return these derivatives by the unknowns ``which``, and by all other unknowns those of ``others``."""
         shared = others.shared.copy()
         shared[list(which)] = self.shared[list(which)]
-        return Columns(shared, self.own)
+        return Columns(shared, self.displacements)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,8 +121,8 @@ def normal_equations(
         x[k + z] = model[p] * np.float32(1.0 + levels.lamps[p]) * weight
         x[k + nz + z] = weight
         own = []
-        if local.stage_px > 0 and columns.own is not None:
-            own += [columns.own[0, p] * light, columns.own[1, p] * light]
+        if local.stage_px > 0 and columns.displacements is not None:
+            own += [columns.displacements[0, p] * light, columns.displacements[1, p] * light]
         if local.lamp > 0:
             own.append(model[p] * np.float32(levels.gains[z]) * weight)
         used = np.r_[0:k, k + z, k + nz + z]

@@ -53,7 +53,7 @@ def spread_of(problem: Problem, point: Point, columns: Columns) -> Spread:
     Displacements o with errors v have E[o² - v] = sigma².
     """
     free = replace(point, local=replace(point.local, stage_px=1e3, lamp=1e3))
-    only = Columns(columns.shared[:0], columns.own)
+    only = Columns(columns.shared[:0], columns.displacements)
     normal = problem.normal(only, free, problem.fitted)
     own = np.array([ch for _, ch in normal.solved])
     now = np.c_[point.local.offsets_px, point.levels.lamps][problem.fitted]
@@ -67,12 +67,12 @@ def spread_of(problem: Problem, point: Point, columns: Columns) -> Spread:
 
 def _errors(problem: Problem, point: Point, columns: Columns) -> F8:
     """Return the variance of each pattern's own unknowns ``(n, 3)``."""
-    assert columns.own is not None
+    assert columns.displacements is not None
     factors, found = point.levels.factors(problem.planes), []
     for p in np.flatnonzero(problem.fitted).tolist():
         weight = point.seen.inverse[p] * point.seen.robust[p]
         gain = point.levels.gains[problem.planes[p]]
-        rows = [*(columns.own[:, p] * (factors[p] * weight)), point.model[p] * (gain * weight)]
+        rows = [*(columns.displacements[:, p] * (factors[p] * weight)), point.model[p] * (gain * weight)]
         y = np.stack(rows).astype(np.float64)
         found.append(np.diag(np.linalg.pinv(y @ y.T)))
     # what does not show at all is not known at all
@@ -113,7 +113,7 @@ def nuisance_steps(problem: Problem, point: Point, columns: Columns, keep: NDArr
     local, lamps = point.local, point.levels.lamps.copy()
     if local.count == 0:
         return point
-    normal = problem.normal(Columns(columns.shared[:0], columns.own), point, keep)
+    normal = problem.normal(Columns(columns.shared[:0], columns.displacements), point, keep)
     offsets = local.offsets_px.copy()
     for p, (_, ch) in zip(np.flatnonzero(keep).tolist(), normal.solved, strict=True):
         if local.stage_px > 0:

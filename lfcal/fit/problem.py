@@ -77,7 +77,7 @@ class Problem:
         self.measured, self.vector = measured, vector
         self.workers = worker_count(workers)
         self.planes = measured.level
-        self.fitted = ~measured.left_out
+        self.fitted = ~measured.held_out
 
     def with_measured(self, measured: Measured) -> Problem:
         """Return the same problem with other patterns."""
@@ -147,9 +147,9 @@ class Problem:
 
     # -- derivatives -------------------------------------------------------------------------------------
     def columns(
-        self, point: Point, which: Sequence[int], note: str, *, own: bool, both: bool | None = None
+        self, point: Point, which: Sequence[int], note: str, *, displaced: bool, both: bool | None = None
     ) -> Work[Columns]:
-        """Compute the derivatives by the unknowns ``which``, and with ``own`` by each source's displacement.
+        """Compute the derivatives by the unknowns ``which``, and with ``displaced`` by each source's displacement.
 
         Yields progress in columns; they are computed at the coarse sampling, several at a time. With ``both`` they are
         by steps to both sides, so by default at all points but coarse ones: to one side the curvature is in them, a few
@@ -157,12 +157,12 @@ class Problem:
         """
         central = point.sampling != Fineness.coarse if both is None else both
         tasks: list[tuple[str, int]] = [("shared", int(k)) for k in which]
-        tasks += [("own", axis) for axis in (0, 1)] if own else []
+        tasks += [("displacement", axis) for axis in (0, 1)] if displaced else []
         clock = Clock(note, len(tasks) + 1)
         yield clock.at(0)
         base = point.model if point.sampling == Fineness.coarse else self._coarse(point)
         shared = np.zeros((len(self.vector), *base.shape), np.float32)
-        moved = np.zeros((2, *base.shape), np.float32) if own else None
+        moved = np.zeros((2, *base.shape), np.float32) if displaced else None
 
         def some(start: int, stop: int) -> None:
             for kind, k in tasks[start:stop]:
@@ -204,7 +204,9 @@ class Problem:
 
     def normal(self, columns: Columns, point: Point, keep: NDArray[np.bool_]) -> Normal:
         """Return the normal equations of the patterns ``keep``, without the shared unknowns' priors."""
-        part = Columns(columns.shared[:, keep], None if columns.own is None else columns.own[:, keep])
+        part = Columns(
+            columns.shared[:, keep], None if columns.displacements is None else columns.displacements[:, keep]
+        )
         local = replace(point.local, offsets_px=point.local.offsets_px[keep])
         levels = replace(point.levels, lamps=point.levels.lamps[keep])
         return normal_equations(part, point.model[keep], point.seen.of(keep), levels, self.planes[keep], local)

@@ -16,7 +16,7 @@ from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness
 from lfcal.fit.normal import Local
 from lfcal.fit.problem import Point, Problem
-from lfcal.fit.solver import Tell, descend
+from lfcal.fit.solver import RoundRecorder, descend
 from lfcal.fit.spread import spread_out
 from lfcal.simulate.engines import EnergyError
 
@@ -97,7 +97,7 @@ def misfit(problem: Problem, point: Point) -> float:
 
 def check_light(measured: Measured) -> None:
     """Raise `InputError` where the patterns show no light beyond their noise."""
-    keep = measured.of(~measured.left_out)
+    keep = measured.of(~measured.held_out)
     data, valid = flat(keep)
     if not valid.any():
         raise InputError.expected("patterns", "pixels that carry a measurement", "none", "expose shorter")
@@ -146,7 +146,7 @@ def check_explained(problem: Problem, point: Point) -> None:
 def as_described(
     problem: Problem,
     core: Sequence[str],
-    tell: Tell | None = None,
+    record_round: RoundRecorder | None = None,
     *,
     start: NDArray[np.float64] | None = None,
     local: Local | None = None,
@@ -156,7 +156,7 @@ def as_described(
 
     ``local`` is what each pattern has to itself; by default none has anything.
     """
-    return (yield from _tried(problem, core, note, most=4, tell=tell, start=start, local=local))
+    return (yield from _tried(problem, core, note, most=4, record_round=record_round, start=start, local=local))
 
 
 def asked(problem: Problem, core: Sequence[str]) -> Work[None]:
@@ -201,7 +201,7 @@ def _tried(
     note: str,
     *,
     most: int,
-    tell: Tell | None = None,
+    record_round: RoundRecorder | None = None,
     start: NDArray[np.float64] | None = None,
     local: Local | None = None,
 ) -> Work[Point]:
@@ -209,9 +209,9 @@ def _tried(
     own = Local(np.zeros((len(problem.measured), 2))) if local is None else local
     u = np.zeros(len(problem.vector)) if start is None else start
     point = problem.point(u, own, Fineness.coarse, doubtful=True)
-    if tell is not None:
-        yield tell(problem, point, note)
-    point, _ = yield from descend(problem, point, which, note, most=most, enough=5e-3, tell=tell)
+    if record_round is not None:
+        yield record_round(problem, point, note)
+    point, _ = yield from descend(problem, point, which, note, most=most, enough=5e-3, record_round=record_round)
     return point
 
 

@@ -88,7 +88,7 @@ def _rest(fit: Fit) -> str:
     chi2 = fit.chi_square
     said = (
         f"χ² lies {chi2.excess:.1f} of its standard deviations ({chi2.sigma:.2g}) above 1; over all pixels, most of "
-        f"them dark, it is {chi2.all_pixels:.3f}. {fit.left_out_error.patterns} patterns were never fitted."
+        f"them dark, it is {chi2.all_pixels:.3f}. {fit.held_out_error.patterns} patterns were never fitted."
     )
     if fit.spread.response > 0:
         uneven = format_share(fit.spread.response)

@@ -101,7 +101,7 @@ class Fit:
         Groups of unknowns that were fitted; those tried that did not lower the error of left-out patterns.
     chi_square
         Of the fitted patterns.
-    left_out_error
+    held_out_error
         Error of the model's patterns, from patterns that were never fitted; where it does not suffice, from all.
     correlations
         Of the parameters, in their order ``(k, k)``.
@@ -130,7 +130,7 @@ class Fit:
     groups: tuple[str, ...]
     unhelpful: tuple[str, ...]
     chi_square: ChiSquare
-    left_out_error: ModelError
+    held_out_error: ModelError
     correlations: NDArray[np.float64]
     held: tuple[str, ...]
     unidentified: tuple[str, ...]
@@ -164,7 +164,7 @@ class Fit:
     @property
     def verdict(self) -> str:
         """How far the fit is to be trusted, in a line."""
-        error = f"error of the model {self.left_out_error}"
+        error = f"error of the model {self.held_out_error}"
         if not math.isfinite(self.chi_square.sigma):
             return f"chi² not known: no more samples than unknowns; {error}"
         if self.chi_square.excess < -INCOMPLETE:
@@ -228,7 +228,7 @@ class Fit:
     @property
     def provenance(self) -> dict[str, Any]:
         """What H of the fitted camera says of where it comes from, as plain JSON types."""
-        fit = {"chi2": self.chi2, "error": self.left_out_error.value, "groups": list(self.groups)}
+        fit = {"chi2": self.chi2, "error": self.held_out_error.value, "groups": list(self.groups)}
         fit |= {"depth_errors_um": list(self.setup.depth_errors_um), "patterns": len(self.residuals)}
         fit |= {"aside_px": list(self.setup.aside_px)} if any(self.setup.aside_px) else {}
         fit |= {"gains": self.levels.gains.tolist(), "planes_without_patterns": list(self.unseen)}

@@ -35,7 +35,7 @@ class GroupSelection:
     def __init__(self, problem: Problem, point: Point, columns: Columns) -> None:
         self.problem = problem
         self._fitted = problem.normal(columns, point, problem.fitted)
-        aside = problem.measured.left_out if problem.measured.left_out.any() else problem.fitted
+        aside = problem.measured.held_out if problem.measured.held_out.any() else problem.fitted
         self._aside: Normal = problem.normal(columns, point, aside)
         self._matrix, self._gradient = with_prior(problem, self._fitted, point.u)
         self.samples = float((point.seen.inverse[aside] > 0).sum())

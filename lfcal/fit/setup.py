@@ -24,7 +24,7 @@ from lfcal.simulate.effects import (
     VectorialPupil,
 )
 
-__all__ = ["RegionPlace", "Setup", "called_for", "described_effects", "with_given"]
+__all__ = ["RegionPlace", "Setup", "described_effects", "starting_effects", "with_given"]
 
 SHOWN = 1e-3
 """Share of the image from which on light is computed as a vector field."""
@@ -129,7 +129,7 @@ def described_effects(camera: Camera) -> tuple[Effect, ...]:
     return (*found, PixelFill()) if camera.sensor.fill_factor < 1 else found
 
 
-def called_for(plan: ScanPlan) -> tuple[Effect, ...]:
+def starting_effects(plan: ScanPlan) -> tuple[Effect, ...]:
     """Return the effects that a fit starts from: the described ones, and light as a vector field where it shows."""
     vectorial = VectorialPupil()
     shown = any(vectorial.estimate(outlook_of(plan, z)).error > SHOWN for z in range(plan.shape[0]))

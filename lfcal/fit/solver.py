@@ -13,7 +13,7 @@ from lfcal.fit.normal import Columns, Normal
 from lfcal.fit.problem import Point, Problem
 from lfcal.simulate.engines import EnergyError
 
-__all__ = ["Tell", "descend", "solve", "stepped"]
+__all__ = ["RoundRecorder", "descend", "solve", "stepped"]
 
 LONGEST = 5.0
 """Longest step of an unknown, in its scales."""
@@ -26,7 +26,7 @@ TRIES = 5
 
 F8 = NDArray[np.float64]
 
-Tell = Callable[[Problem, Point, str], Progress]
+RoundRecorder = Callable[[Problem, Point, str], Progress]
 """Makes a record of the point at which a round of a stage ended."""
 
 
@@ -117,18 +117,19 @@ def descend(
     most: int = 8,
     enough: float = 1e-3,
     columns: Columns | None = None,
-    tell: Tell | None = None,
+    record_round: RoundRecorder | None = None,
 ) -> Work[tuple[Point, Columns]]:
     """Go down until a step gains less than the share ``enough`` of the loss, at most ``most`` rounds of derivatives.
 
     Only the unknowns ``which`` move. ``columns`` are derivatives that are known already, for the first round. Returns
-    the point and the last derivatives; yields progress in derivatives, and what ``tell`` makes of the end of a round.
+    the point and the last derivatives; yields progress in derivatives, and what ``record_round`` makes of the
+    end of a round.
     """
     damping, known = 1e-3, columns
     for turn in range(most):
         if known is None or turn:
-            own = point.local.stage_px > 0
-            known = yield from problem.columns(point, which, f"{note}, round {turn + 1}", own=own)
+            displaced = point.local.stage_px > 0
+            known = yield from problem.columns(point, which, f"{note}, round {turn + 1}", displaced=displaced)
         before, better = problem.cost(point), 0.0
         # derivatives stay good for some smaller steps
         for _ in range(STEPS):
@@ -136,8 +137,8 @@ def descend(
             better += gained
             if gained < max(enough * before, 0.05 * better):
                 break
-        if tell is not None:
-            yield tell(problem, point, f"{note}, round {turn + 1}")
+        if record_round is not None:
+            yield record_round(problem, point, f"{note}, round {turn + 1}")
         if better < enough * before:
             break
     assert known is not None

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
 
-__all__ = ["kept_aside", "spread_out"]
+__all__ = ["held_out_rows", "spread_out"]
 
 
-def kept_aside(
+def held_out_rows(
     index: NDArray[np.intp], count: int, plan: ScanPlan, earlier: NDArray[np.intp] | None = None
 ) -> NDArray[np.intp]:
     """Return which ``count`` of a plan's positions ``(n, 3)`` are to stand for all others: those that are never fitted.

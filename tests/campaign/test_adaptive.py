@@ -98,9 +98,9 @@ def test_a_session_ends_when_h_is_as_good_as_wanted(whole: Whole) -> None:
     session = SessionFile.read(place / "s")
     assert len(session.recordings) == len(seen) and verify(place / "s").ok
     measured = drain(iter_session_patterns(place / "s"))
-    assert len(measured) == seen[-1].positions and measured.left_out.sum() == len(session.kept_aside) >= len(seen)
-    aside = {tuple(p) for p in measured.index[measured.left_out].tolist()}
-    assert aside == set(session.kept_aside) and fit.left_out_error.patterns == len(aside)
+    assert len(measured) == seen[-1].positions and measured.held_out.sum() == len(session.kept_aside) >= len(seen)
+    aside = {tuple(p) for p in measured.index[measured.held_out].tolist()}
+    assert aside == set(session.kept_aside) and fit.held_out_error.patterns == len(aside)
 
 
 def test_progress_says_the_error(whole: Whole) -> None:

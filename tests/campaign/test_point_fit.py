@@ -14,7 +14,7 @@ from lfcal.fit.fit import problem_of
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness
 from lfcal.fit.normal import Local
-from lfcal.fit.setup import Setup, called_for, described_effects
+from lfcal.fit.setup import Setup, described_effects, starting_effects
 from lfcal.frames import ArraySource, CorrectionRecipe, corrected_view
 from lfcal.simulate.effects import Quantisation, ReadNoise, ShotNoise
 from lfcal.targets import Pose, TargetCamera
@@ -24,7 +24,7 @@ from tests.campaign.points import SCAN, array_of, frames_of_drawn, plan_of, view
 
 def misfit(measured: Measured) -> float:
     """Return chi² of the described camera, every point where it is said to be."""
-    setup = Setup(SCAN.camera, called_for(SCAN), (0.0,))
+    setup = Setup(SCAN.camera, starting_effects(SCAN), (0.0,))
     problem = problem_of(measured, setup, ("iris",), 1)
     start = np.zeros(len(problem.vector))
     point = problem.point(start, Local(np.zeros((len(measured), 2))), Fineness.coarse)
@@ -55,7 +55,7 @@ def test_points_of_other_brightness_keep_what_their_noise_means() -> None:
     # a brighter lamp: more light, its photons' variance with it
     seen = replace(drawn, patterns=drawn.patterns * bright[:, None, None], noise=drawn.noise.copy())
     own = OwnOptics.of(points, seen)
-    setup = Setup(SCAN.camera, called_for(SCAN), (0.0,), regions=own.regions)
+    setup = Setup(SCAN.camera, starting_effects(SCAN), (0.0,), regions=own.regions)
     placed, _ = drain(_placed(problem_of(seen, setup, ("iris",), 1), own, ("iris",), 1))
     new: Measured = placed.measured
     factor = seen.patterns.max((1, 2)) / new.patterns.max((1, 2))

@@ -60,7 +60,7 @@ def test_patterns_of_parts_lie_at_their_pixels(view: FrameSource, points: Points
             raw = view.samples(int(points.frame[j]), points.region(j)).values / points.brightness[j]
             assert np.corrcoef(measured.patterns[k].ravel(), raw.ravel())[0, 1] > 0.98
     assert set(measured.region.tolist()) == {0, 1, 2, 3}
-    assert 0 < measured.left_out.sum() < len(measured) / 3
+    assert 0 < measured.held_out.sum() < len(measured) / 3
 
 
 def test_the_variance_of_repeats_is_that_of_their_mean(view: FrameSource, points: Points) -> None:

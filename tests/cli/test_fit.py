@@ -162,7 +162,7 @@ def test_frames_are_corrected_and_cut_out(lfcal: Lfcal, place: Path, fitted: lis
 def test_of_many_positions_some_are_taken(place: Path) -> None:
     how = PatternReading(None, 5, None, None, CorrectionRecipe(), "check")
     found, known = read_patterns(place / "few.h5", how, quiet=True)
-    assert len(found) == 5 and found.left_out.sum() == 1 and known == {"source": "few.h5"}
+    assert len(found) == 5 and found.held_out.sum() == 1 and known == {"source": "few.h5"}
     for most in (0, 1000):
         assert len(read_patterns(place / "few.h5", replace(how, most=most), quiet=True)[0]) == 6
 

@@ -14,7 +14,7 @@ from lfcal.fit.fit import problem_of
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.parameters import Vector
 from lfcal.fit.setup import described_effects
-from lfcal.fit.spread import kept_aside, spread_out
+from lfcal.fit.spread import held_out_rows, spread_out
 from lfcal.psf import PSFMatrix
 from lfcal.psf.facts import Facts
 
@@ -43,7 +43,7 @@ def some_index(plan: ScanPlan, count: int) -> np.ndarray:
 def measured(plan: ScanPlan, patterns: np.ndarray, index: np.ndarray, noise: tuple[float, float]) -> Measured:
     n = len(index)
     aside = np.zeros(n, bool)
-    aside[kept_aside(index, round(0.2 * n), plan)] = True
+    aside[held_out_rows(index, round(0.2 * n), plan)] = True
     valid = np.ones(patterns.shape, bool)
     return Measured(plan, index, patterns.astype(np.float32), np.tile(noise, (n, 1)), np.zeros((n, 2)), valid, aside)
 

@@ -36,9 +36,9 @@ def test_what_is_left_falls_from_round_to_round() -> None:
     assert found[-1].stage.startswith("finest")
     assert all(one.done == one.total and one.seconds >= 0 for one in found)
     # the description, its gap 1 % off, is seen to be wrong
-    assert found[0].left_out > 0.03 and found[0].chi2 > 3 and not found[0].hidden
-    assert found[-1].hidden and found[-1].left_out < 0.02
-    less = f"less than {format_share(found[-1].left_out)} off"
+    assert found[0].held_out > 0.03 and found[0].chi2 > 3 and not found[0].below_noise
+    assert found[-1].below_noise and found[-1].held_out < 0.02
+    less = f"less than {format_share(found[-1].held_out)} off"
     assert found[-1].note == f"χ² {found[-1].chi2:.3g}, left-out patterns {less}"
 
 
@@ -47,19 +47,19 @@ def test_what_is_left_is_that_of_left_out_patterns() -> None:
     """Against a left-out pattern that is another one's: it is as wrong as two patterns differ."""
     measured = measured_of(few_patterns())
     good = of_few()
-    aside, other = int(np.flatnonzero(measured.left_out)[0]), int(np.flatnonzero(~measured.left_out)[0])
+    aside, other = int(np.flatnonzero(measured.held_out)[0]), int(np.flatnonzero(~measured.held_out)[0])
     patterns = measured.patterns.copy()
     patterns[aside] = measured.patterns[other]
     wrong = rounds_of(replace(measured, patterns=patterns))
     approached, good_then = ([one for one in r if one.stage.startswith("approach")][-1] for r in (wrong, good))
-    assert approached.left_out > 0.3 > good_then.left_out
+    assert approached.held_out > 0.3 > good_then.held_out
     assert approached.chi2 == pytest.approx(good_then.chi2, rel=0.05)
     # then it is found to be an outlier, and none is left
-    assert math.isnan(wrong[-1].left_out)
+    assert math.isnan(wrong[-1].held_out)
 
 
 @pytest.mark.long
 def test_without_left_out_patterns_nothing_is_said_of_them() -> None:
-    measured = measured_of(few_patterns(), left_out=0.0)
+    measured = measured_of(few_patterns(), held_out=0.0)
     found = rounds_of(measured)
-    assert all(math.isnan(one.left_out) and "left-out" not in one.note for one in found)
+    assert all(math.isnan(one.held_out) and "left-out" not in one.note for one in found)

@@ -17,7 +17,7 @@ from lfcal.fit.judge import covariance
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.normal import Columns, Local
 from lfcal.fit.problem import Problem
-from lfcal.fit.setup import called_for
+from lfcal.fit.setup import starting_effects
 from lfcal.simulate.effects import IndexMismatch
 from tests.fit.common import measured, small_camera, small_plan, some_index, vector_of
 
@@ -97,7 +97,7 @@ def test_derivatives_of_a_round_keep_those_by_all_else() -> None:
 def deep_in_water() -> tuple[ScanPlan, Setup, Measured]:
     """Return four patterns of an oil lens that looks 12 µm deep, without noise."""
     plan = ScanPlan.for_camera(small_camera("lfm_60x12"), depths_um=[-1.0, 2.0], cutout=15)
-    setup = Setup(plan.camera, (*called_for(plan), IndexMismatch(1.38, 12.0)), (0.0, 0.0))
+    setup = Setup(plan.camera, (*starting_effects(plan), IndexMismatch(1.38, 12.0)), (0.0, 0.0))
     index = some_index(plan, 4)
     light = predict(setup, plan, index, np.zeros((4, 2)), Fineness.coarse)
     return plan, setup, measured(plan, 16e3 * light / light.max(), index, (4.0, 1.0))
@@ -111,7 +111,7 @@ def test_a_planes_distance_is_named_beside_the_depth_in_a_specimen() -> None:
     names = ("geometry", "distance", *rest, "specimen", "crosstalk")
     problem = problem_of(patterns, setup, names, 1)
     point = problem.point(np.zeros(len(problem.vector)), Local(np.zeros((4, 2))), Fineness.coarse)
-    columns = drain(problem.columns(point, range(len(problem.vector)), "", own=False))
+    columns = drain(problem.columns(point, range(len(problem.vector)), "", displaced=False))
 
     def fitted(*groups: str) -> Fit:
         return summarised(problem, point, columns, groups=groups, tried=names, outliers=())[0]
@@ -156,6 +156,6 @@ def test_what_stands_in_for_each_other_is_not_told_apart_by_the_curvature_in_der
         up, down = (problem.model(side, np.zeros((4, 2)), Fineness.coarse) for side in (u, -u))
         by_steps.append((up - down) / np.float32(0.06))
     true, _ = covariance(problem, point, Columns(np.array(by_steps)), np.array(whole))
-    found, _ = covariance(problem, point, drain(problem.columns(point, whole, "", own=False)), np.array(whole))
+    found, _ = covariance(problem, point, drain(problem.columns(point, whole, "", displaced=False)), np.array(whole))
     k = len(names)
     np.testing.assert_allclose(np.sqrt(np.diag(found)[:k]), np.sqrt(np.diag(true)[:k]), rtol=0.1)

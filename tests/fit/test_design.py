@@ -153,7 +153,7 @@ def fitted(seed: int) -> tuple[Fit, float]:
     truth, design = random_truth(SMALL, rng, size=0.0), small_design()
     measured = recorded(truth, 15, rng, index=design.positions)
     aside = np.arange(15) >= len(design.fitted)
-    fit = fit_camera(replace(measured, left_out=aside), unknowns=CORE, stage=0.0, workers=1)
+    fit = fit_camera(replace(measured, held_out=aside), unknowns=CORE, stage=0.0, workers=1)
     return fit, measured_error(fit, truth, 40)["error_l2"]
 
 
@@ -166,7 +166,7 @@ def test_the_expected_error_is_what_fits_reach(cameras: int) -> None:
 
 def test_chosen_positions_are_better_than_evenly_spread_ones() -> None:
     design = small_design()
-    assert design.fitted.shape == (12, 3) and design.kept_aside.shape == (3, 3) and design.candidates == 80
+    assert design.fitted.shape == (12, 3) and design.held_out.shape == (3, 3) and design.candidates == 80
     assert len(np.unique(design.positions, axis=0)) == 15
     counts, errors = [p.positions for p in design.curve], [p.error for p in design.curve]
     assert counts[0] == 3 and counts[-1] == 15 and (np.diff(errors) <= 0).all()
@@ -175,7 +175,7 @@ def test_chosen_positions_are_better_than_evenly_spread_ones() -> None:
     assert (np.diff([p.hours for p in design.curve]) > 0).all() and design.curve[-1].hours < Forecast.of(SMALL).hours
     assert design.enough_for(errors[3]) == design.curve[3] and design.enough_for(0.0) is None
     # those kept aside lie far apart
-    apart = np.abs(design.kept_aside[:, None, 1:] - design.kept_aside[None, :, 1:])
+    apart = np.abs(design.held_out[:, None, 1:] - design.held_out[None, :, 1:])
     apart = np.minimum(apart, np.array(SMALL.period) - apart)
     assert np.hypot(apart[..., 0], apart[..., 1])[~np.eye(3, dtype=bool)].min() > 6
 

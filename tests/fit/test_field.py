@@ -17,7 +17,7 @@ from lfcal.fit.fit import problem_of
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.normal import Local
 from lfcal.fit.parameters import ScanScales, Vector, field_of
-from lfcal.fit.setup import RegionPlace, Setup, called_for, described_effects
+from lfcal.fit.setup import RegionPlace, Setup, described_effects, starting_effects
 from lfcal.simulate.effects import FieldAberrations, FieldCurvature, Zernike
 from tests.fit.common import measured, some_index
 from tests.fit.field_common import ANCHORS, LAW, ON_AXIS, camera, plan_at, recorded, true_setup, unlike
@@ -192,7 +192,7 @@ def test_h_of_another_place_is_that_of_its_wavefront() -> None:
     problem = problem_of(measured, described(), ("pitch",), 1)
     assert problem.vector.frame == ScanScales.over(measured.plans)
     point = problem.point(np.zeros(1), Local(np.zeros((len(measured), 2))), Fineness.coarse)
-    columns = drain(problem.columns(point, [0], "", own=False))
+    columns = drain(problem.columns(point, [0], "", displaced=False))
     fits = summarised(problem, point, columns, groups=("pitch",), tried=(), outliers=())
     fit = FieldFit(dict(zip(THREE, fits, strict=True)))
     assert [len(own.residuals) for own in fits] == [3, 3, 3] and fits[2].planned == plan_at("corner", 15)
@@ -216,7 +216,7 @@ def microscope_plan(name: str, cutout: int = 15) -> ScanPlan:
 def test_an_objective_has_the_symmetric_part_of_the_law() -> None:
     """It is simulated with what is symmetric about a source's chief ray; the rest of the law is refused there."""
     plan = microscope_plan("centre")
-    start = Setup(plan.camera, called_for(plan), (0.0, 0.0))
+    start = Setup(plan.camera, starting_effects(plan), (0.0, 0.0))
     vector = Vector(
         start, ScanScales.over([microscope_plan(name) for name in THREE]), ("field_wavefront", "field_curvature")
     )
@@ -234,7 +234,7 @@ def test_a_microscopes_field_is_found() -> None:
     """Spherical aberration and the image's distance, both with the square of the field: also where nobody scanned."""
     law, plan = FieldAberrations(0.0, 0.0, spherical=0.3, radius_um=12000.0), microscope_plan("centre")
     lattice = replace(plan.camera.lattice, gap_um=1.01 * plan.camera.lattice.gap_um, rotation_rad=5e-4)
-    effects = (*called_for(plan), Zernike(((4, 0, 0.05),)), law, FieldCurvature(12000.0**2 / 800))
+    effects = (*starting_effects(plan), Zernike(((4, 0, 0.05),)), law, FieldCurvature(12000.0**2 / 800))
     true = Setup(replace(plan.camera, lattice=lattice), effects, (0.0, 0.0))
     rng, patterns = np.random.default_rng(0), {}
     for name in THREE:

@@ -74,7 +74,7 @@ def test_what_is_left_over_is_noise_alone() -> None:
     for values in (left.by_plane, left.by_type):
         assert np.all(np.abs(values - 1.0) < 0.35)
     # chi² of the fit is that of the patterns that were fitted; one kept aside scatters by its own noise
-    assert left.chi2[~measured.left_out].mean() == pytest.approx(fit.chi2, rel=0.015)
+    assert left.chi2[~measured.held_out].mean() == pytest.approx(fit.chi2, rel=0.015)
     assert left.by_plane[0] == pytest.approx(left.chi2.mean(), rel=0.01)
 
 

@@ -69,8 +69,8 @@ def test_a_camera_is_found_from_forty_small_patterns() -> None:
     assert fit.chi2 == pytest.approx(1.0, abs=5 * fit.chi_square.sigma)
     assert fit.camera.lattice.gap_um == fit.parameters["gap_um"].value != SMALL.camera.lattice.gap_um
     # what is stated holds: the truth lies below the limit, and the unknowns' own errors make about what they do
-    assert found["error_l2"] < fit.left_out_error.limit
-    assert fit.left_out_error.patterns == 8 and "tilt is held" in " ".join(fit.held)
+    assert found["error_l2"] < fit.held_out_error.limit
+    assert fit.held_out_error.patterns == 8 and "tilt is held" in " ".join(fit.held)
     assert not fit.outliers and not fit.answers
     z, y, x = measured.index[0].tolist()
     assert fit.residual(z, y, x).shape == SMALL.cutout and fit.residual(z, y, x).std() == pytest.approx(1, abs=0.15)
@@ -110,7 +110,7 @@ def test_an_h_with_missing_positions_is_fitted_as_its_patterns_are() -> None:
     source = PSFMatrix(values, depths=PLAN.depths_um, camera=PLAN.camera, anchor=PLAN.anchor, facts=facts)
     found = measured_of(source)
     np.testing.assert_array_equal(found.patterns, measured.patterns[np.lexsort(measured.index.T[::-1])])
-    assert (found.noise == [64.0, 1.0]).all() and found.left_out.sum() == 2
+    assert (found.noise == [64.0, 1.0]).all() and found.held_out.sum() == 2
 
 
 def test_progress_and_cancel() -> None:
@@ -180,7 +180,7 @@ def test_a_stuck_blade_is_not_fitted_quietly() -> None:
     rng = np.random.default_rng(0)
     blade = np.where(dark, 8.0 * rng.standard_normal(some.patterns.shape), some.patterns).astype(np.float32)
     fit = fit_camera(replace(some, patterns=blade), unknowns=CORE, workers=1)
-    assert not fit.complete and fit.verdict.startswith("model incomplete: chi²") and fit.left_out_error.value > 0.05
+    assert not fit.complete and fit.verdict.startswith("model incomplete: chi²") and fit.held_out_error.value > 0.05
 
 
 def test_the_order_of_lens_types_is_named() -> None:
@@ -206,7 +206,7 @@ def test_a_wrong_order_of_lens_types_is_found_out() -> None:
 def test_a_pattern_from_elsewhere_is_left_out_with_its_reason() -> None:
     truth, measured = patterns()
     bad = measured.patterns.copy()
-    k = int(np.flatnonzero(~measured.left_out)[2])
+    k = int(np.flatnonzero(~measured.held_out)[2])
     bad[k] = np.roll(bad[k], 2, axis=1)
     fit = fit_camera(replace(measured, patterns=bad), unknowns=KNOWN, workers=1)
     (found,) = fit.outliers

@@ -121,7 +121,7 @@ def fit_of(case: Case, count: int = COUNT, peak: float = PEAK) -> Fit:
     used = spread_out(given.fitted, count, case.plan.period)
     patterns = measured(case.plan, data[used], given.fitted[used], (READ**2, 1.0))
     start = tuple(e for e in given.truth.effects if not isinstance(e, LensletSpherical))
-    whole = replace(patterns, left_out=np.zeros(count, bool))
+    whole = replace(patterns, held_out=np.zeros(count, bool))
     return fit_camera(whole, unknowns=case.groups, effects=start, workers=1)
 
 
@@ -156,7 +156,7 @@ def test_forty_patterns_end_near_the_engine_s_floor(case: Case) -> None:
     described = replace(recorded(case).truth, camera=case.plan.camera)
     assert floor[0] < 3e-3 and unlike(case, described)[0] > 0.1
     assert l1 < min(floor[0] + 0.0015, 0.006)
-    assert l2 < np.hypot(floor[1], 1.5 * fit.left_out_error.statistical), "no more than noise makes of it"
+    assert l2 < np.hypot(floor[1], 1.5 * fit.held_out_error.statistical), "no more than noise makes of it"
     assert fit.complete
     assert (fit.spread.stage_px == pytest.approx(STAGE_PX, rel=0.3)) if case.full else fit.spread.stage_px == 0
 

@@ -19,7 +19,7 @@ from lfcal.base.threads import one_blas_thread
 from lfcal.camera import ScanPlan
 from lfcal.fit import Fit, Setup, fit_camera
 from lfcal.fit.model import Fineness, predict
-from lfcal.fit.setup import called_for
+from lfcal.fit.setup import starting_effects
 from lfcal.fit.spread import spread_out
 from lfcal.simulate.effects import IndexMismatch, Spherical
 from lfcal.simulate.effects.base import Effect
@@ -71,7 +71,7 @@ class Case:
         return self._effects(1)
 
     def _effects(self, which: int) -> tuple[Effect, ...]:
-        found = called_for(self.plan)
+        found = starting_effects(self.plan)
         return found if self.specimen is None else (*found, IndexMismatch(self.specimen[0], self.specimen[which]))
 
     @property

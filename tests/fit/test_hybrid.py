@@ -151,7 +151,7 @@ def test_what_belongs_to_single_patterns_is_no_part_of_it() -> None:
 
 def test_what_the_model_lacks_is_not_taken_for_lamp_or_stage() -> None:
     """They are taken out where they make half of the model's error or more: less may be the ghost's share of light."""
-    fit = replace(whole(), left_out_error=ModelError(0.016**2, 1e-6, 0.001, 5))
+    fit = replace(whole(), held_out_error=ModelError(0.016**2, 1e-6, 0.001, 5))
     plane = modelled()[0]
     own = np.ones(PLAN.period, bool)
     data = PlaneResiduals(plane, 0 * plane, np.ones_like(plane), own, True)
@@ -170,7 +170,7 @@ def test_what_the_model_lacks_is_not_taken_for_lamp_or_stage() -> None:
 
 @pytest.mark.long
 def test_a_ghost_stays_whole_where_a_fit_took_some_of_it_for_lamp_and_stage() -> None:
-    fit = replace(whole(), left_out_error=ModelError(0.016**2, 1e-6, 0.001, 5))
+    fit = replace(whole(), held_out_error=ModelError(0.016**2, 1e-6, 0.001, 5))
     still, moved = (
         predict(fit.ideal_places, PLAN, EVERY[::5], np.full((len(EVERY[::5]), 2), by), Fineness.fine)
         for by in (0.0, 0.05)

@@ -85,7 +85,7 @@ def outcome(kind: str, unknowns: str | tuple[str, ...] = CORE, size: int = SIZE)
     whole = np.square(light[unseen]).sum()
     off, noise = (np.sqrt(np.square(x - light[unseen]).sum() / whole) for x in (found, data[unseen]))
     summed = [float(np.abs(x - light[unseen]).sum() / light[unseen].sum()) for x in (found, data[unseen])]
-    e = fit.left_out_error
+    e = fit.held_out_error
     print(f"{kind}: error {100 * off:.2f} %, one pattern {100 * noise:.1f} %, {fit.verdict}; {fit.spread} {e}")
     print(f"    by L1 {100 * summed[0]:.2f} and {100 * summed[1]:.1f} %, groups {', '.join(fit.groups)}")
     return Outcome(fit, float(off), float(noise), (summed[0], summed[1]))
@@ -97,7 +97,7 @@ KINDS = ("ghost", "tilt", "aberration", "all")
 @pytest.mark.parametrize("kind", ["none", "smear", *KINDS])
 def test_the_error_that_is_stated_holds(kind: str) -> None:
     found = outcome(kind)
-    stated = found.fit.left_out_error
+    stated = found.fit.held_out_error
     if found.error >= 0.006:
         assert stated.known and found.error / 1.3 < stated.value < 1.3 * found.error
     else:

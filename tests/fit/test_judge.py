@@ -13,7 +13,7 @@ from benchmarks._fit_cameras import Truth, random_truth, recorded
 from lfcal.base.progress import drain
 from lfcal.fit._summary import unidentified
 from lfcal.fit.fit import outliers_of, problem_of
-from lfcal.fit.judge import ModelError, chi_square, covariance, left_out_error
+from lfcal.fit.judge import ModelError, chi_square, covariance, held_out_error
 from lfcal.fit.model import Fineness
 from lfcal.fit.normal import Columns, Local
 from lfcal.fit.nuisance import nuisance_steps, spread_of
@@ -49,7 +49,7 @@ def point(one: Problem, off: float = 0.0) -> Point:
 
 def true_error(one: Problem, off: float) -> float:
     """Return the relative L2 error at the left-out positions, gains and backgrounds as found."""
-    right, wrong, aside = point(one), point(one, off), one.measured.left_out
+    right, wrong, aside = point(one), point(one, off), one.measured.held_out
     wanted, found = (at.model[aside] * at.levels.factors(one.planes)[aside, None] for at in (right, wrong))
     found = found + wrong.levels.backgrounds[one.planes[aside], None]
     return float(np.sqrt(np.square(found - wanted).sum() / np.square(wanted).sum()))
@@ -57,7 +57,7 @@ def true_error(one: Problem, off: float) -> float:
 
 def stated(one: Problem, at: Point) -> ModelError:
     columns = Columns(np.zeros((len(one.vector), *at.model.shape), np.float32))
-    return left_out_error(one, at, columns, NONE, np.zeros((4, 4)))
+    return held_out_error(one, at, columns, NONE, np.zeros((4, 4)))
 
 
 @pytest.mark.long
@@ -74,7 +74,7 @@ def test_it_is_less_sure_where_some_patterns_are_predicted_worse_than_others() -
     one = problem()
     at = point(one, 1.0)
     error = stated(one, at)
-    aside = one.measured.left_out
+    aside = one.measured.held_out
     light = (at.model * at.levels.factors(one.planes)[:, None])[aside].astype(float)
     data = one.measured.patterns.reshape(COUNT, -1)[aside] - at.levels.backgrounds[one.planes[aside], None]
     squares = (np.square(data - light) - (64 + np.maximum(light, 0))).sum(1)
@@ -127,7 +127,7 @@ def test_a_hot_pixel_is_no_fault_of_the_model() -> None:
 
 
 def derivatives(one: Problem, at: Point) -> Columns:
-    return drain(one.columns(at, range(len(one.vector)), "", own=True))
+    return drain(one.columns(at, range(len(one.vector)), "", displaced=True))
 
 
 def test_sources_beside_their_places_and_an_unsteady_lamp_are_seen() -> None:

@@ -10,7 +10,7 @@ import pytest
 from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
 from lfcal.fit.measured import measured_of
-from lfcal.fit.spread import kept_aside, spread_out
+from lfcal.fit.spread import held_out_rows, spread_out
 from lfcal.psf import PSFMatrix
 from lfcal.psf.facts import Facts, pack_valid
 from tests.fit.common import small_camera, small_plan
@@ -42,7 +42,7 @@ def test_only_recorded_positions_are_taken() -> None:
     assert [tuple(one) for one in found.index.tolist()] == places
     for k, place in enumerate(places):
         assert (found.patterns[k] == source[place]).all()
-    assert found.left_out.sum() == 1 and found.plan == replace(PLAN, exposure_s=found.plan.exposure_s)
+    assert found.held_out.sum() == 1 and found.plan == replace(PLAN, exposure_s=found.plan.exposure_s)
     assert (found.noise == [4.0, 1.0]).all()
     ((plan, own, part),) = found.parts()
     assert (plan, own.tolist(), part) == (found.plan, [0, 1, 2, 3, 4], 0), "one region, which is the first"
@@ -71,7 +71,7 @@ def test_a_smaller_cutout_is_the_middle() -> None:
         ({"noise": (-1.0, 0.0)}, "noise: constant"),
         ({"noise": (1.0, 0.0), "cutout": 4}, "an odd number, got 4"),
         ({"noise": (1.0, 0.0), "cutout": 7}, "cutout"),
-        ({"noise": (1.0, 0.0), "left_out": 1.0}, "left out"),
+        ({"noise": (1.0, 0.0), "held_out": 1.0}, "left out"),
         ({"noise": (1.0, 0.0), "positions": [(0, 0, 0), (0, 1, 1)]}, "3 or more, got 2"),
         (
             {"noise": (1.0, 0.0), "positions": [(0, 0, 0), (0, 1, 1), (2, 0, 0)]},
@@ -125,7 +125,7 @@ def test_patterns_that_stand_for_all_others_lie_everywhere_behind_a_lenslet(name
     plan = ScanPlan.for_camera(camera, cutout=21, depths_um=[0.0, 5.0])
     every = np.argwhere(np.ones(plan.shape[:3], bool))
     index = every[spread_out(every, 40, plan.period)]
-    aside = index[kept_aside(index, 8, plan)]
+    aside = index[held_out_rows(index, 8, plan)]
     assert (np.bincount(aside[:, 0]) == 4).all() and len(np.unique(aside, axis=0)) == 8
     cell = plan.camera.lattice.basis_um()[:, ::-1] / plan.camera.sensor.pixel_um
     for z in (0, 1):

@@ -24,7 +24,7 @@ def problem(seed: int = 0, noise: tuple[float, float] = (4.0, 0.5)):
     gains, backgrounds = np.array([300.0, 200.0]), np.array([5.0, -3.0])
     light = model * gains[PLANES, None]
     data = light + backgrounds[PLANES, None] + np.sqrt(noise[0] + noise[1] * light) * rng.standard_normal((N, M))
-    found = replace(measured(PLAN, data.reshape(N, 5, 5), INDEX, noise), left_out=np.zeros(N, bool))
+    found = replace(measured(PLAN, data.reshape(N, 5, 5), INDEX, noise), held_out=np.zeros(N, bool))
     return rng, found, model, PatternLevels(gains, backgrounds, np.zeros(N))
 
 
@@ -89,7 +89,7 @@ def test_eliminating_each_pattern_s_own_unknowns_changes_no_step(stage: float, l
         block[:, :k] = (columns.shared[:, p] * gain).T
         block[:, k + z] = model[p] * (1 + levels.lamps[p])
         block[:, k + 2 + z] = 1.0
-        parts = [*(columns.own[:, p] * gain)] if stage else []  # type: ignore[index]
+        parts = [*(columns.displacements[:, p] * gain)] if stage else []  # type: ignore[index]
         parts += [model[p] * levels.gains[z]] if lamp else []
         now = [*local.offsets_px[p]] if stage else []
         now += [levels.lamps[p]] if lamp else []

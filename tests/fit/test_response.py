@@ -12,7 +12,7 @@ from benchmarks._fit_cameras import Truth, random_truth, recorded
 from lfcal.camera import ScanPlan
 from lfcal.fit import Fit, Measured, fit_camera
 from lfcal.fit.fit import problem_of
-from lfcal.fit.judge import ModelError, chi_square, left_out_error
+from lfcal.fit.judge import ModelError, chi_square, held_out_error
 from lfcal.fit.model import Fineness
 from lfcal.fit.normal import Columns, Local
 from lfcal.fit.nuisance import response_of
@@ -64,7 +64,7 @@ def weighed_again(one: Problem, at: Point) -> Point:
 
 def stated(one: Problem, at: Point) -> ModelError:
     columns = Columns(np.zeros((len(one.vector), *at.model.shape), np.float32))
-    return left_out_error(one, at, columns, np.zeros(0, np.intp), np.zeros((4, 4)))
+    return held_out_error(one, at, columns, np.zeros(0, np.intp), np.zeros((4, 4)))
 
 
 @pytest.mark.parametrize("prnu", [0.01, 0.02])
@@ -147,4 +147,4 @@ def fitted() -> Fit:
 def test_a_fit_finds_it_and_says_a_limit() -> None:
     fit = fitted()
     assert fit.spread.response == pytest.approx(0.01, rel=0.15)
-    assert fit.complete and not fit.left_out_error.known
+    assert fit.complete and not fit.held_out_error.known

@@ -9,7 +9,7 @@ import pytest
 from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
 from lfcal.fit.parameters import ScanScales, Vector
-from lfcal.fit.setup import Setup, called_for, described_effects, with_given
+from lfcal.fit.setup import Setup, described_effects, starting_effects, with_given
 from lfcal.simulate.effects import Crosstalk, IndexMismatch, Spherical, VectorialPupil
 from tests.fit.common import small_camera
 
@@ -18,15 +18,15 @@ from tests.fit.common import small_camera
 def test_light_is_a_vector_field_where_it_shows(name: str, z_um: float | None, vectorial: bool) -> None:
     where = {"virtual_depths": (3.0,)} if z_um is None else {"depths_um": (z_um,)}
     plan = ScanPlan.for_camera(small_camera(name), cutout=45, **where)
-    assert any(isinstance(e, VectorialPupil) for e in called_for(plan)) == vectorial
-    assert set(described_effects(plan.camera)) <= set(called_for(plan))
+    assert any(isinstance(e, VectorialPupil) for e in starting_effects(plan)) == vectorial
+    assert set(described_effects(plan.camera)) <= set(starting_effects(plan))
 
 
 def test_one_plane_in_which_it_shows_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:
     plan = ScanPlan.for_camera(small_camera("bench"), cutout=45, virtual_depths=(3.0, 4.0, 5.0))
     errors = iter([0.0, 0.5, 0.0])
     monkeypatch.setattr(VectorialPupil, "estimate", lambda *_: SimpleNamespace(error=next(errors)))
-    assert any(isinstance(e, VectorialPupil) for e in called_for(plan))
+    assert any(isinstance(e, VectorialPupil) for e in starting_effects(plan))
 
 
 def test_given_effects_take_the_places_of_others() -> None:

@@ -34,7 +34,7 @@ def fit_of(plan: ScanPlan, camera: Camera | None = None, fitted: int = 0) -> Fit
         groups=(),
         unhelpful=(),
         chi_square=ChiSquare(1.0, 1.0, 0.1),
-        left_out_error=ModelError(0.0, 1e-6, 0.0, 1),
+        held_out_error=ModelError(0.0, 1e-6, 0.0, 1),
         correlations=np.zeros((0, 0)),
         held=(),
         unidentified=(),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError
 from lfcal.camera import Camera, ScanPlan
-from lfcal.fit import GROUPS, Setup, called_for, lacking
+from lfcal.fit import GROUPS, Setup, lacking, starting_effects
 from lfcal.psf import PSFMatrix
 from lfcal_gui.models import Field, PageSettings, ProjectState, Stamp
 from lfcal_gui.models import stamp_of as file_stamp
@@ -35,7 +35,7 @@ START = (("psf", "H's own camera"), ("window", "camera of this window"))
 CORE = ("geometry", "focal_lengths", "iris")
 """Groups that are chosen where nobody has chosen yet."""
 
-LEFT_OUT = 0.2
+HELD_OUT = 0.2
 
 FIELDS = (
     Field("camera", "Start from", kind="choice", choices=START, tip="The camera as described, where the fit starts"),
@@ -175,7 +175,7 @@ class Offer:
     def use_words(self, positions: int) -> str:
         """Return a line on how many are used of how many were asked for."""
         used = self.recorded if positions == 0 else min(positions, self.recorded)
-        aside = round(LEFT_OUT * used)
+        aside = round(HELD_OUT * used)
         return f"{used:,} are used, {aside:,} of them kept aside to judge the fit."
 
     def noise_words(self, settings: FitSettings) -> tuple[str, str]:
@@ -235,7 +235,7 @@ class Offer:
 
 def lacking_of(plan: ScanPlan) -> dict[str, str]:
     """Return the groups that a fit of a scan's patterns has no unknowns of, by name, and what it would need."""
-    return lacking(Setup(plan.camera, called_for(plan), (0.0,) * plan.shape[0]), plan)
+    return lacking(Setup(plan.camera, starting_effects(plan), (0.0,) * plan.shape[0]), plan)
 
 
 def offer_of(matrix: PSFMatrix) -> Offer:

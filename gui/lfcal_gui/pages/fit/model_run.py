@@ -187,7 +187,7 @@ def _read(asked: FitRequest, places: list[Place] | None = None) -> tuple[Measure
             measured = measured_of(matrix, camera, noise=settings.noise, most=settings.positions or None)
         else:
             aside = _kept_aside(matrix, places)
-            measured = measured_of(matrix, camera, positions=places, left_out=aside, noise=settings.noise)
+            measured = measured_of(matrix, camera, positions=places, held_out=aside, noise=settings.noise)
         unit = "share of the light" if light_shares(matrix.provenance) else "counts"
         return measured, unit
 
@@ -224,7 +224,7 @@ def _found(asked: FitRequest, fit: Fit, measured: Measured, unit: str) -> FoundF
         measured,
         unit,
         tuple(sorted(patterns)),
-        frozenset(_place(at) for at in measured.index[measured.left_out]),
+        frozenset(_place(at) for at in measured.index[measured.held_out]),
         patterns,
         {_place(at): good for at, good in zip(measured.index, measured.valid, strict=True)},
         model,

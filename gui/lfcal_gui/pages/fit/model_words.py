@@ -81,7 +81,7 @@ def merit_of(fit: Fit) -> str:
 
 def verdict_of(fit: Fit) -> str:
     """Return how far the fit is to be trusted, in a sentence."""
-    error = fit.left_out_error
+    error = fit.held_out_error
     off = (
         f"H of this camera is {error} off"
         if error.known

@@ -85,13 +85,13 @@ class RoundsView(QWidget):
     def show_rounds(self, rounds: Sequence[FitProgress], none: str = "The start is being computed …") -> None:
         """Show the start and the rounds that are done; ``none`` are the words where there are none."""
         self._rounds = tuple(rounds)
-        self.error.show_values([100 * one.left_out for one in rounds], [one.hidden for one in rounds])
+        self.error.show_values([100 * one.held_out for one in rounds], [one.below_noise for one in rounds])
         self.chi2.show_values([one.chi2 for one in rounds], [False] * len(rounds))
         if not rounds:
             self.words.setText(none)
             return
         parts = [f"{rounds[-1].stage}: {rounds[-1].note}."]
-        if any(one.hidden for one in rounds):
+        if any(one.below_noise for one in rounds):
             parts.append("Hollow: less than the noise hides, which is drawn.")
         parts.append("χ² counts what the computation errs by as noise; it may rise where the fit goes on finer.")
         self.words.setText(" ".join(parts))

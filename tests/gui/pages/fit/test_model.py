@@ -245,7 +245,7 @@ def test_the_verdict_says_how_far_to_trust(found: FoundFit) -> None:
     )
     assert detail_of(found).startswith("H.h5: 5 patterns fitted, 1 other tells the error")
     worse = replace(fit, chi_square=replace(fit.chi_square, lit=3.0, sigma=0.05))
-    known = replace(worse, left_out_error=replace(fit.left_out_error, squared=4e-4, squared_sigma=1e-5))
+    known = replace(worse, held_out_error=replace(fit.held_out_error, squared=4e-4, squared_sigma=1e-5))
     assert merit_of(known) == "bad"
     assert verdict_of(known).startswith("The model is incomplete: χ² 3.000, 40 σ above 1. H of this camera is 2 % ±")
     assert merit_of(replace(fit, answers={"order of lens types": "1, 0, 2 of the description"})) == "fair"

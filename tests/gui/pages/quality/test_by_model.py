@@ -14,7 +14,7 @@ from pytestqt.qtbot import QtBot
 
 from lfcal.base.errors import InputError
 from lfcal.base.progress import Work, drain
-from lfcal.fit.setup import Setup, called_for
+from lfcal.fit.setup import Setup, starting_effects
 from lfcal.judge import Inspection
 from lfcal.psf import save
 from lfcal_gui.models.fitted import FittedCamera
@@ -188,7 +188,7 @@ def test_without_time_only_the_metrics_are_measured(page: Page, qtbot: QtBot) ->
 def test_the_camera_of_page_fit_is_taken_where_it_is_of_this_h(page: Page, tmp_path: Path) -> None:
     stamp = stamp_of(page.context.state.psf)
     assert stamp is not None
-    setup = Setup(plan().camera, called_for(plan()), (0.0, 0.0))
+    setup = Setup(plan().camera, starting_effects(plan()), (0.0, 0.0))
     fitted, other = FittedCamera(stamp, setup), FittedCamera((str(tmp_path / "other.h5"), 0, 0), setup)
     assert asked_of(stamp, SECONDS, fitted).setup is setup and "page Fit" in asked_of(stamp, SECONDS, fitted).source
     assert asked_of(stamp, SECONDS, other).setup is None
@@ -200,7 +200,7 @@ def test_a_fit_found_later_is_offered(page: Page, qtbot: QtBot) -> None:
     found_by(page, qtbot)
     stamp = stamp_of(page.context.state.psf)
     assert stamp is not None and "Choices changed" not in page.panel.inspect.summary.text()
-    page.context.set_fitted(FittedCamera(stamp, Setup(plan().camera, called_for(plan()), (0.0, 0.0))))
+    page.context.set_fitted(FittedCamera(stamp, Setup(plan().camera, starting_effects(plan()), (0.0, 0.0))))
     assert "Choices changed" in page.panel.inspect.summary.text()
 
 
@@ -210,7 +210,7 @@ def test_a_fit_found_later_is_compared_with(page: Page, qtbot: QtBot) -> None:
     found_by(page, qtbot)
     stamp = stamp_of(page.context.state.psf)
     assert stamp is not None
-    page.context.set_fitted(FittedCamera(stamp, Setup(plan().camera, called_for(plan()), (0.0, 0.0))))
+    page.context.set_fitted(FittedCamera(stamp, Setup(plan().camera, starting_effects(plan()), (0.0, 0.0))))
     page.measure(force=True)
     idle(page.context.jobs, qtbot)
     assert page.inspection is not None and page.inspection.compared
