@@ -29,7 +29,7 @@ from lfcal.camera.stage import StageAxes
 
 __all__ = ["MAX_WAIT_S", "HalfCell", "ScanPlan", "checked_depths", "checked_exposures", "depths_of", "half_cell"]
 
-LARGEST_DEFOCUS = 0.5
+MAX_DEFOCUS = 0.5
 """Depth over an objective's focal length up to which its aperture is taken as that of the focal plane: at -1 the source
 would be in the lens."""
 
@@ -69,9 +69,9 @@ def checked_depths(camera: Camera, depths: Sequence[float]) -> tuple[float, ...]
 def _check_near(optics: Microscope, z_um: float) -> None:
     """Raise unless the objective, which its focal length lies from the focal plane, sees depth z in the cone of it."""
     focal = optics.medium_index * optics.tube_length_um / optics.magnification
-    if not abs(z_um) < LARGEST_DEFOCUS * focal:
-        share = f"{LARGEST_DEFOCUS:g} of the objective's focal length"
-        limit = f"within {LARGEST_DEFOCUS * focal:.6g} µm of the focal plane ({share})"
+    if not abs(z_um) < MAX_DEFOCUS * focal:
+        share = f"{MAX_DEFOCUS:g} of the objective's focal length"
+        limit = f"within {MAX_DEFOCUS * focal:.6g} µm of the focal plane ({share})"
         raise InputError.expected("depth", limit, f"{z_um:g} µm", "choose a plane nearer to it")
 
 

@@ -39,7 +39,7 @@ STEPS = 30
 STARTS = 2
 """Starts, the best of a grid of radii and rotations, from which a polygon is fitted."""
 
-FIRST = 1.25
+FIRST_WAVES = 1.25
 """Length of the first waves of a lattice, over that of the shortest, at most."""
 
 MAX_OFFSET = 0.25
@@ -213,7 +213,7 @@ class _Fit(IrisCentre):
         waves lies from it is an error.
         """
         length = np.hypot(*about.wave.T)
-        first = length < FIRST * length.min()
+        first = length < FIRST_WAVES * length.min()
         weight = np.abs(about.found[first])
         phase = np.angle(about.moved(self.shift)[first] / self.shape[first]) / (-2 * np.pi)
         rows = about.wave[first] * weight[:, None]

@@ -31,7 +31,7 @@ SMOOTHING = 0.04
 INNER = 0.4
 """Radius of a micro-image's inner part (pitches)."""
 
-LIT = 0.1
+LIT_SHARE = 0.1
 """Share of the brightest lenslets' light from which on a lenslet counts as lit."""
 
 
@@ -204,7 +204,7 @@ def _sharpness(frame: NDArray[np.float32], fit: LatticeFit, content: str, worker
     radius = (INNER if content == "white" else 0.5) * fit.pitch_px
     count, light, energy = light_of(smooth, centres, radius, workers).T
     # logarithms turn the lenslets' common light into an offset that triangles cancel
-    good = ~fit.dead & (light > LIT * np.percentile(light, 99)) & (light > 0) & (energy > 0)
+    good = ~fit.dead & (light > LIT_SHARE * np.percentile(light, 99)) & (light > 0) & (energy > 0)
     value = np.full(len(centres), np.nan)
     measure = light / np.maximum(count, 1) if content == "white" else energy * count / np.maximum(light, 1e-30) ** 2
     value[good] = np.log(measure[good])

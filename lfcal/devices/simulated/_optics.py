@@ -27,7 +27,7 @@ TOLERANCE = 0.01
 OFF_PLANE_PX = 0.5
 """Change of the shadow's radius from which a source does not stand in a plane of the plan."""
 
-FINE = 0.003
+GRID_TOLERANCE = 0.003
 """The same at level ``grid``: what a fit of many frames tells lies far below the noise of one."""
 
 
@@ -180,7 +180,7 @@ def simulated_optics(plan: ScanPlan, level: str, effects: str = "") -> FramesRen
 
     if not effects:
         return FramesRenderer(plan, SimulatedCamera(plan, (), level=level))
-    fine = FINE if level == "grid" else TOLERANCE
+    fine = GRID_TOLERANCE if level == "grid" else TOLERANCE
     return FramesRenderer(plan, SimulatedCamera(plan, chosen_effects(plan, effects), level=level, tolerance=fine))
 
 

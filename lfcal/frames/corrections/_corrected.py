@@ -175,7 +175,7 @@ def corrected(source: FrameSource, chain: CorrectionChain) -> CorrectedSource:
     return CorrectedSource(source, chain)
 
 
-LEAST_READ_SHARE = 0.25
+MIN_READ_SHARE = 0.25
 """Share of the read noise's variance that is left at least: a dark's own noise must not make a variance negative."""
 
 
@@ -207,7 +207,7 @@ def corrected_noise(
             held = frame.astype(np.float64) + dark.level
             # light of the dark itself: dark current and hot pixels bring their own photon noise
             shown = held - (float(np.median(held)) if black is None else black)
-            constant = np.maximum(constant + raw.slope * shown, LEAST_READ_SHARE * np.asarray(raw.constant))
+            constant = np.maximum(constant + raw.slope * shown, MIN_READ_SHARE * np.asarray(raw.constant))
             constant = constant * (1 + 1 / dark.count) if dark.count else constant
         black = 0.0
     gain = chain.gain(region)

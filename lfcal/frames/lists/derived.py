@@ -234,8 +234,8 @@ def _origin(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp]) -> tu
     return x, y, z
 
 
-COARSEST = 8.0
-"""Shares of a step that places may be rounded to."""
+MIN_UNITS_PER_STEP = 8.0
+"""Units of rounding in a step, at least: coarser ones would be the steps themselves."""
 
 
 def step_size(steps: NDArray[np.float64]) -> float:
@@ -290,11 +290,11 @@ def rounding(values: NDArray[np.float64], step: float) -> float:
 
     Coarser ones would be the steps themselves; of finer ones than seven decades nothing is left open that matters.
     """
-    top = math.floor(math.log10(step / COARSEST)) if step > 0 else 0
+    top = math.floor(math.log10(step / MIN_UNITS_PER_STEP)) if step > 0 else 0
     for exponent in range(top, top - 7, -1):
         for digit in (5, 2.5, 2, 1):
             unit = digit * 10.0**exponent
-            if unit <= step / COARSEST and np.abs(values / unit - np.round(values / unit)).max() < 1e-4:
+            if unit <= step / MIN_UNITS_PER_STEP and np.abs(values / unit - np.round(values / unit)).max() < 1e-4:
                 return unit
     return 0.0
 

@@ -8,12 +8,12 @@ import numpy as np
 
 from lfcal.frames.photon_transfer._converter import Converter
 from lfcal.frames.photon_transfer._curve import PhotonTransferCurve
-from lfcal.frames.photon_transfer._darks import FINE, DarkLevel
+from lfcal.frames.photon_transfer._darks import ROUNDING_VARIANCE, DarkLevel
 from lfcal.frames.photon_transfer._flats import FlatLevel
 
 __all__ = ["doubts_of", "notes_of"]
 
-LIKE = 0.05
+MAX_CORRELATION = 0.05
 """Correlation of neighbours' noise from which pixels are not independent."""
 
 SPARSE = 0.97
@@ -31,18 +31,20 @@ def doubts_of(
     """Return why the figures are not those of the sensor; empty where nothing speaks against them."""
     doubts = [f"gain: {curve.refusal}"] if curve.refusal else []
     # what rounding alone makes of darks says nothing of their noise
-    noisy = [d.likeness for d in darks if d.variance.value >= FINE or converter.step < 1]
+    noisy = [d.likeness for d in darks if d.variance.value >= ROUNDING_VARIANCE or converter.step < 1]
     dark = np.mean(noisy, axis=0) if noisy else np.zeros(2)
     lit = _likeness(flats, curve)
     # rows or columns with noise of their own make neighbours alike along one axis only
-    if min(dark) > LIKE or (lit is not None and min(lit) > LIKE and min(dark) > LIKE / 2):
+    if min(dark) > MAX_CORRELATION or (
+        lit is not None and min(lit) > MAX_CORRELATION and min(dark) > MAX_CORRELATION / 2
+    ):
         doubts.append(
             f"noise of neighbouring pixels is alike (correlation {min(dark):.2f} in darks): the frames were smoothed, "
             "scaled or debayered; record raw frames"
         )
-    elif min(dark) < -LIKE and max(dark) < 0:
+    elif min(dark) < -MAX_CORRELATION and max(dark) < 0:
         doubts.append(f"noise of neighbouring pixels is opposed (correlation {min(dark):.2f}): frames were sharpened")
-    elif lit is not None and min(lit) > LIKE:
+    elif lit is not None and min(lit) > MAX_CORRELATION:
         doubts.append(
             f"differences of flats are alike in neighbouring pixels (correlation {min(lit):.2f}) and those of darks "
             "are not: light or camera moved between the frames of a pair, or the frames were compressed"

@@ -12,7 +12,7 @@ from lfcal.base import InputError
 
 __all__ = ["Converter", "ConverterScan"]
 
-LONGEST = 1 << 16
+SAMPLE_VALUES = 1 << 16
 ROWS = 64
 """Rows of a frame that are looked at for fractions."""
 
@@ -64,10 +64,10 @@ class ConverterScan:
             self._add_fractions(values)
             return
         low, high = float(values.min()), float(values.max())
-        if low < 0 or high >= LONGEST:
+        if low < 0 or high >= SAMPLE_VALUES:
             # signed or 32-bit samples are no converter's; their variance still tells of gain and noise
             return
-        found = np.bincount(np.ascontiguousarray(values, np.uint16).ravel(), minlength=LONGEST)
+        found = np.bincount(np.ascontiguousarray(values, np.uint16).ravel(), minlength=SAMPLE_VALUES)
         self.counts = found if not self.counts.size else self.counts + found
         if self.first is None:
             self.step = 1.0

@@ -16,7 +16,7 @@ __all__ = ["PhotonTransferCurve", "fit_curve"]
 LINEAR_UP_TO = 0.7
 """Share of saturation up to which the variance is taken as linear (EMVA 1288 release 4, section 6)."""
 
-COARSE = 0.35
+ROUNDING_VARIANCE = 0.35
 """Variance of whole samples (squared counts) below which their rounding hides the noise."""
 
 BENT = 0.02
@@ -113,7 +113,7 @@ def _fitted(points: TransferPoints, limit: float, whole: bool, saturation: Measu
     used = points.x <= limit
     lit = used & (points.x > 0.02 * limit)
     if whole:
-        used &= points.y > COARSE
+        used &= points.y > ROUNDING_VARIANCE
     why = ""
     if not lit.any():
         why = "no flat lies between the dark and 70 % of saturation"

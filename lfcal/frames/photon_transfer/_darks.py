@@ -13,7 +13,7 @@ from lfcal.frames.photon_transfer._pairs import FramePair, TransferPoints, measu
 from lfcal.frames.photon_transfer.frame_list import CalibrationFrame
 from lfcal.frames.photon_transfer.values import MeasuredValue
 
-__all__ = ["FINE", "DarkLevel", "dark_current", "measure_darks", "offset_scatter", "read_noise"]
+__all__ = ["ROUNDING_VARIANCE", "DarkLevel", "dark_current", "measure_darks", "offset_scatter", "read_noise"]
 
 HOT_SIGMAS = 8.0
 """A pixel is hot so many robust standard deviations above the others."""
@@ -21,7 +21,7 @@ HOT_SIGMAS = 8.0
 MAX_ZEROS = 0.01
 """Share of samples at zero from which darks are cut off there."""
 
-FINE = 0.3
+ROUNDING_VARIANCE = 0.3
 """Variance of whole dark samples below which it may all be rounding: up to 1/4 where black lies between two values."""
 
 
@@ -151,7 +151,7 @@ def _not_hot(mean: NDArray[np.float32]) -> NDArray[np.bool_]:
 
 def read_noise(dark: DarkLevel, whole: bool) -> MeasuredValue | None:
     """Return the read noise (sample values, rms) without that of rounding; None where rounding hides it."""
-    if whole and dark.variance.value < FINE:
+    if whole and dark.variance.value < ROUNDING_VARIANCE:
         return None
     rounding = 1 / 12 if whole else 0.0
     found = MeasuredValue(dark.variance.value - rounding, dark.variance.sigma).root()
@@ -168,7 +168,7 @@ def offset_scatter(dark: DarkLevel, whole: bool) -> MeasuredValue | None:
 
     EMVA 1288 release 4, section 8; hot pixels are counted on their own and left out here.
     """
-    if dark.cut_off or (whole and dark.variance.value < FINE):
+    if dark.cut_off or (whole and dark.variance.value < ROUNDING_VARIANCE):
         return None
     values = dark.mean[dark.good].astype(np.float64)
     noise = dark.variance.times(1 / dark.count)
