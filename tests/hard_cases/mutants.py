@@ -152,7 +152,7 @@ MUTANTS = (
     Mutant(
         "Iris smaller than a lenslet",
         "windows follow the lenslet's centre",
-        rewritten(tables, "_spot", ("gap * cone), own", "gap * cone), 0.0")),
+        rewritten(tables, "_spot", ("gap * cone), at_infinity", "gap * cone), 0.0")),
     ),
     Mutant(
         "On-axis null (u = 4 pi)",
@@ -336,7 +336,7 @@ MUTANTS = (
     Mutant(
         "Cutout smaller than the pattern",
         "a grid as large as the cutout",
-        rewritten(extent.Extent, "side", ("half = max(lit, seen, min(", "half = min(seen, min(")),
+        rewritten(extent.Extent, "side", ("half = max(lit, reach, min(", "half = min(reach, min(")),
     ),
     Mutant(
         "Even and odd numbers of samples to a pixel",

@@ -267,12 +267,12 @@ def _respond(engine: PlaneEngine, places: Sequence[tuple[int, int]]) -> NDArray[
 
 
 def _reference(
-    scene: Scene, places: Sequence[tuple[int, int]], wanted: Sampling | None
+    scene: Scene, places: Sequence[tuple[int, int]], sampling: Sampling | None
 ) -> tuple[NDArray[np.float32], float, float]:
     """Return the reference's responses, its samples per pixel and its CPU-seconds per position."""
-    choices = [wanted] if wanted is not None else [Sampling(samples_per_px=n) for n in REFERENCE_SAMPLES]
+    choices = [sampling] if sampling is not None else [Sampling(samples_per_px=n) for n in REFERENCE_SAMPLES]
     reach = 2 * scene.shadow_radius_um / scene.reduced_pixel_um + 4 * scene.lattice.pitch_um / scene.reduced_pixel_um
-    if wanted is None:
+    if sampling is None:
         # the finest grid that is still quick; the coarsest where none is.
         choices = [c for c in choices if reach * (c.samples_per_px or 8) <= LARGEST_GRID] or choices[-1:]
     engine = engine_for(scene, "reference", choices[0])

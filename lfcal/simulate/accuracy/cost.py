@@ -189,8 +189,8 @@ def _spots_px(outlook: Outlook) -> tuple[float, ...]:
     cone, gap = 1 / (2 * outlook.f_number), outlook.gap_um
     spots = []
     for kind, spot in zip(outlook.camera.lattice.types, outlook.geometric_px, strict=True):
-        own = abs(1 - gap / kind.focal_length_um)
-        pupil = own * outlook.clear_um / 2 + gap * cone
+        at_infinity = abs(1 - gap / kind.focal_length_um)
+        pupil = at_infinity * outlook.clear_um / 2 + gap * cone
         whole = abs((1 - gap / kind.focal_length_um) * outlook.shift_um - gap) * cone
         spots.append(min(spot, pupil / outlook.pixel_um, whole / outlook.pixel_um))
     return tuple(spots)

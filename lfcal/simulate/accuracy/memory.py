@@ -248,7 +248,7 @@ def _reference_bytes(scene: Scene, sampling: Sampling) -> int:
     extent, px = grid_extent(scene), scene.reduced_pixel_um
     blur = 4 * math.sqrt(scene.wavelength_um * abs(scene.reduced_image_um))
     lit = 1.15 * extent.shadow + max(blur, 60 * scene.wavelength_um * scene.f_number) / px + 0.6 * extent.pitch
-    half = max(lit, extent.seen + scene.farthest_um / scene.scale / px) + 1.5 * extent.pitch + extent.aside
+    half = max(lit, extent.half_cutout + scene.farthest_um / scene.scale / px) + 1.5 * extent.pitch + extent.outward
     side = min(2.1 * round(sampling.samples_per_px or 8) * half, 6000.0)
     orders = tilt_orders(scene, lit * px)
     return int((REFERENCE + (16 * (2 * orders + 6) if orders > 1 else 0)) * side**2 + REFERENCE_CACHE_BYTES)

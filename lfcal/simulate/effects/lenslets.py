@@ -132,11 +132,11 @@ class LensletSpherical(SceneEffect):
 
     def of_types(self, types: int) -> tuple[float, ...]:
         """Return what each of a camera's ``types`` lens types has beyond `waves`; raise for a type it lacks."""
-        own = self.type_0, self.type_1, self.type_2
-        if any(own[types:]):
-            missing = next(k for k in range(types, len(own)) if own[k])
+        by_type = self.type_0, self.type_1, self.type_2
+        if any(by_type[types:]):
+            missing = next(k for k in range(types, len(by_type)) if by_type[k])
             raise InputError.expected(f"{self.title}: lens type", f"below {types}", missing, "leave it out")
-        return own[:types]
+        return by_type[:types]
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return W, and the light moved by 0.4 of the rim's 4 W lambda B/R, in all directions: 0.6 of a shift."""
@@ -151,8 +151,8 @@ class LensletSpherical(SceneEffect):
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with aberrated lenslets."""
         del outlook
-        own = self.of_types(len(scene.lattice.types))
-        more = tuple(a + b for a, b in zip(scene.type_waves or (0.0,) * len(own), own, strict=True))
+        by_type = self.of_types(len(scene.lattice.types))
+        more = tuple(a + b for a, b in zip(scene.type_waves or (0.0,) * len(by_type), by_type, strict=True))
         waves = scene.lenslet_waves + self.waves
         if not (self.waves or any(more)):
             return scene

@@ -177,8 +177,8 @@ def _magnitude(effect: Effect, field: Any, camera: Camera, given: Mapping[str, s
     otherwise = ("typical", "")
     if field.default is None and kind.is_described(name, camera):
         otherwise = ("camera", camera.marks[kind.described[name]])
-    told = value is not None and (name in given or value != field.default)
-    source, mark = ("given", given.get(name, "stated")) if told else otherwise
+    stated = value is not None and (name in given or value != field.default)
+    source, mark = ("given", given.get(name, "stated")) if stated else otherwise
     return Magnitude(
         name,
         kind.titles.get(name) or plain_title(name),

@@ -222,9 +222,9 @@ class Outlook:
         """
         total = 0.0
         near = abs(self.virtual_depth) < 1  # the iris's fringes, where one lenslet sees them all
-        own = (1.5 if self.has_lens else 4.0) * self.fresnel_main if near else 0.0
+        native = (1.5 if self.has_lens else 4.0) * self.fresnel_main if near else 0.0
         for width, spot in zip(self.widths_px, self.fresnel_lenslets, strict=True):
-            w, n = math.hypot(width, floor_px), max(self.resolved * spot, own)
+            w, n = math.hypot(width, floor_px), max(self.resolved * spot, native)
             finer = 1.0 + 0.4 * n + 0.05 * n * n  # a blur feels the fringes' curvature
             total += min(2.0, finer * share_widened(w, math.hypot(w, rms_px)))
         return total / len(self.widths_px)

@@ -44,7 +44,7 @@ class GeometricPlane:
         pupil = iris_outline(scene.iris)
         gap, a, cone = scene.reduced_gap_um, scene.reduced_image_um, 1 / (2 * scene.f_number)
         # 1 - B'/f of each type: the part of sigma that does not depend on the plane
-        own = np.array([1.0 - scene.lens_curvature(k) for k in range(len(scene.lattice.types))])
+        at_infinity = np.array([1.0 - scene.lens_curvature(k) for k in range(len(scene.lattice.types))])
         lens_is_smaller = float(np.abs(lens).max()) < abs(a) * cone
         self._lens_is_smaller, self._empty = lens_is_smaller, len(pupil) < 3
         if self._empty:
@@ -52,11 +52,11 @@ class GeometricPlane:
         if lens_is_smaller:  # then |a'| is large, and may be divided by
             subject, window = lens, pupil * (a * cone)
             factor, sign, density = 1.0, 1.0, 1 / (math.pi * (a * cone) ** 2)
-            pull, size = np.full(own.size, gap / a), own - gap / a
+            pull, size = np.full(at_infinity.size, gap / a), at_infinity - gap / a
         else:  # the shadow is the smaller one, and a point at a' = 0: the pupil is drawn, where it has a shape
             subject, window = pupil, lens
             factor, sign, density = a * cone, -1.0, 1 / math.pi
-            pull, size = own, (own * a - gap) * cone
+            pull, size = at_infinity, (at_infinity * a - gap) * cone
         normals, limits = half_planes(window)
         about, reach = (float(np.hypot(*p.T).max()) for p in (window, subject))
         far, inner = reach * abs(factor), float(limits.min())

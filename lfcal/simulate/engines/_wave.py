@@ -112,16 +112,16 @@ class WavePlane:
 
         # of rows that mirror each other about a row of lenslets one is computed, and turned
         mirrored = mirrored_rows(scene, rows)
-        own = [r for r in range(rows.size) if r not in mirrored]
+        computed = [r for r in range(rows.size) if r not in mirrored]
 
         def some(start: int, stop: int) -> None:
-            for r in own[start:stop]:
+            for r in computed[start:stop]:
                 raise_if_abandoned()
                 source = np.array([scene.source_um(int(rows[r]), int(x)) for x in columns])
                 pixel = np.stack([np.full(columns.size, rows[r]), columns], axis=1)
                 self._respond(source, pixel, result[r])
 
-        for_each_chunk(some, len(own), workers)
+        for_each_chunk(some, len(computed), workers)
         for r, twin in mirrored.items():
             result[r] = result[twin][:, ::-1]
         return result
@@ -161,8 +161,8 @@ class WavePlane:
         lo, hi = source.min(0), source.max(0)
         middle, span = (lo + hi) / 2, (hi - lo) / 2 + self.tables.reach_um
         centres, types = self.scene.lattice.lenslets_within(span[0], span[1], (middle[0], middle[1]))
-        own = self.scene.passed(centres), *self.scene.tilted(centres, types)
-        for centre, kind, passed, moved, widened in zip(centres, types, *own, strict=True):
+        optics = self.scene.passed(centres), *self.scene.tilted(centres, types)
+        for centre, kind, passed, moved, widened in zip(centres, types, *optics, strict=True):
             if passed == 0:
                 continue
             lens = self.tables.kinds[kind]
@@ -253,14 +253,14 @@ class WavePlane:
             pitch = 2 * scene.lattice.pitch_um
             centres, kinds = scene.lattice.lenslets_within(pitch, pitch, (float(x0[0]), float(x0[1])))
             nearest = int(np.argmin(np.hypot(*(centres - x0).T)))
-            own = 1.0 - scene.lens_curvature(int(kinds[nearest]))
-            spread = own * a - gap
+            at_infinity = 1.0 - scene.lens_curvature(int(kinds[nearest]))
+            spread = at_infinity * a - gap
             slopes = []
             for axis, count in enumerate(scene.cutout):
                 image_at, centre = x0[1 - axis], centres[nearest][1 - axis]
                 at = (np.arange(count) - count // 2 + pixel[k, axis]) * px
                 # in focus one pixel has all slopes: their mean
-                u = (at - centre - own * (image_at - centre)) / spread if abs(spread) > 0.3 * gap else 0 * at
+                u = (at - centre - at_infinity * (image_at - centre)) / spread if abs(spread) > 0.3 * gap else 0 * at
                 rim = 1.5 / (2 * scene.f_number)
                 slopes.append((at - image_at - a * np.clip(u, -rim, rim)) / gap + chief[axis])
             image[k] *= pixel_response(power, slopes[0][:, None], slopes[1][None, :])

@@ -33,17 +33,17 @@ class Extent:
     ----------
     shadow
         Light on the array by rays, with what aberrations and a displaced source add.
-    aside
+    outward
         How far rays of its rim go outwards from the array to the sensor; 0 where they go inwards.
-    seen
+    half_cutout
         Half the cutout.
     pitch
         Lenslet pitch.
     """
 
     shadow: float
-    aside: float
-    seen: float
+    outward: float
+    half_cutout: float
     pitch: float
 
     def side(self, per_px: int, margin: float) -> int:
@@ -53,11 +53,11 @@ class Extent:
         """
         import scipy.fft as sf
 
-        seen = self.seen + 2
+        reach = self.half_cutout + 2
         # beyond the shadow there is hardly any light, and of that and all else hardly any gets far into the cutout
-        lit = min(self.shadow + margin, seen + self.aside + self.pitch / 2 + margin / TAILS)
-        lands = lit + self.aside
-        half = max(lit, seen, min(lands, (lands + seen + self.pitch) / 2))
+        lit = min(self.shadow + margin, reach + self.outward + self.pitch / 2 + margin / TAILS)
+        lands = lit + self.outward
+        half = max(lit, reach, min(lands, (lands + reach + self.pitch) / 2))
         size = int(sf.next_fast_len(2 * math.ceil(half * per_px)))
         while size % 2:
             size = int(sf.next_fast_len(size + 1))

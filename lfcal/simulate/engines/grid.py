@@ -170,8 +170,8 @@ class GridPlane:
             if scene.round_lenslets:
                 mask_from_disc(self._apertures[kind][0], *place, Split(parts[0], parts[1]))
             else:
-                for own, part in zip(self._apertures[kind], parts, strict=True):
-                    mask_from_table(own, *place, Split(part, none[0]))
+                for aperture, part in zip(self._apertures[kind], parts, strict=True):
+                    mask_from_table(aperture, *place, Split(part, none[0]))
             _lay(gain * (parts[0] + 1j * parts[1]), i - half, j - half, array)
         return array
 
@@ -241,17 +241,17 @@ class GridPlane:
         rows, columns = np.atleast_1d(np.asarray(ys, np.int64)), np.atleast_1d(np.asarray(xs, np.int64))
         result = np.empty((rows.size, columns.size, *scene.cutout), np.float32) if out is None else out
         mirrored = mirrored_rows(scene, rows)
-        own = [(r, c) for r in range(rows.size) if r not in mirrored for c in range(columns.size)]
+        computed = [(r, c) for r in range(rows.size) if r not in mirrored for c in range(columns.size)]
 
         def some(start: int, stop: int) -> None:
             work = self._workspace()
-            for r, places in groupby(own[start:stop], key=itemgetter(0)):
+            for r, places in groupby(computed[start:stop], key=itemgetter(0)):
                 raise_if_abandoned()
                 cs = [c for _, c in places]  # follow each other
                 pixels = [(int(rows[r]), int(columns[c])) for c in cs]
                 self._respond([scene.source_um(*p) for p in pixels], pixels, work, result[r, cs[0] : cs[-1] + 1])
 
-        for_each_chunk(some, len(own), workers)
+        for_each_chunk(some, len(computed), workers)
         for r, twin in mirrored.items():
             result[r] = result[twin][:, ::-1]
         return result

@@ -167,9 +167,9 @@ def _lit_radius(energy: Lit, dx: float, floor: float) -> float:
     if rows.size == 0:
         return 0.0
     # of each row the lit sample farthest from the middle: a list of all of them is larger than the table
-    middle, own = energy.shape[0] // 2, lit[rows]
-    last = energy.shape[1] - 1 - own[:, ::-1].argmax(1)
-    columns = np.maximum(middle - own.argmax(1), last - middle)
+    middle, lit_row = energy.shape[0] // 2, lit[rows]
+    last = energy.shape[1] - 1 - lit_row[:, ::-1].argmax(1)
+    columns = np.maximum(middle - lit_row.argmax(1), last - middle)
     return float(np.hypot(rows - middle, columns).max() + 1) * dx
 
 
@@ -191,14 +191,14 @@ def _spot(scene: Scene, mode: str, kind: int) -> tuple[float, float, float]:
     """Return sigma, the geometric spot's radius (µm) and the pull of its middle towards the source."""
     radius = aperture_radius(scene)
     gap, cone = scene.reduced_gap_um, 1 / (2 * scene.f_number)
-    own = 1.0 - scene.lens_curvature(kind)  # sigma without the source's sphere
-    whole_pupil = abs(own * scene.reduced_image_um - gap) * cone  # spot of a lenslet that takes in everything
+    at_infinity = 1.0 - scene.lens_curvature(kind)  # sigma without the source's sphere
+    whole_pupil = abs(at_infinity * scene.reduced_image_um - gap) * cone  # spot of a lenslet that takes in everything
     if mode != "E":
-        return own, min(whole_pupil, abs(own) * radius + gap * cone), own
+        return at_infinity, min(whole_pupil, abs(at_infinity) * radius + gap * cone), at_infinity
     sigma = scene.sigma(kind)
     if abs(sigma) * radius <= whole_pupil:
         return sigma, abs(sigma) * radius, gap / scene.reduced_image_um
-    return sigma, whole_pupil, own
+    return sigma, whole_pupil, at_infinity
 
 
 def _lens_table(

@@ -116,9 +116,9 @@ class Responses:
         if depth_error_um:
             self.at(z)
         here = self._extent_px(z, depth_error_um)
-        apart = {dz: abs(self._extent_px(z, dz) - here) for plane, dz in self._probed if plane == z}
-        nearest = min(apart, key=apart.__getitem__, default=None)
-        return self.cached[z, nearest] if nearest is not None and apart[nearest] < NEAR_PX else None
+        differences = {dz: abs(self._extent_px(z, dz) - here) for plane, dz in self._probed if plane == z}
+        nearest = min(differences, key=differences.__getitem__, default=None)
+        return self.cached[z, nearest] if nearest is not None and differences[nearest] < NEAR_PX else None
 
     def _evict(self) -> None:
         """Let the oldest responses away from the planes go: a stage that is moved along leaves one at every step."""
