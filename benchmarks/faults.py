@@ -179,7 +179,7 @@ def tried(camera: str, recording: Recording, truth: TrueCost, fault: Injected, s
 def _inspected(recording: Recording, values: object, patterns: int) -> Inspection:
     from lfcal.base.progress import drain
     from lfcal.judge import iter_inspection
-    from lfcal.psf.quality import inspect
+    from lfcal.judge.quality import inspect
 
     H = recording.matrix(values)  # type: ignore[arg-type]
     return drain(iter_inspection(H, inspect(H, workers=1), patterns=patterns))

@@ -84,8 +84,8 @@ def command(
 
 def measure(path: Path, workers: int | None) -> Figures:
     """Return what one reading and one inspection of the H file cost."""
+    from lfcal.judge.quality import inspect
     from lfcal.psf import open_psf
-    from lfcal.psf.quality import inspect
 
     # compiled kernels are part of neither the time nor the memory that is compared.
     inspect(small(), workers=workers)  # compile

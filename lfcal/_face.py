@@ -5,7 +5,8 @@ from __future__ import annotations
 from lfcal.camera import ScanPlan, preset, read_camera
 from lfcal.fit import fit_camera
 from lfcal.frames import open_frames
-from lfcal.psf import assemble, inspect, open_psf
+from lfcal.judge import inspect
+from lfcal.psf import assemble, open_psf
 from lfcal.reconstruct import Projector
 from lfcal.simulate import simulate_psf
 

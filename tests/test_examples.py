@@ -67,7 +67,7 @@ DEAR = (
     "lfcal.judge.inspection",
     "lfcal.judge.search",
     "lfcal.psf.assembly",
-    "lfcal.psf.report.write",
+    "lfcal.judge.report.write",
     "lfcal.simulate.accuracy._ladder",
     "lfcal.fit.holds",
     "lfcal.reconstruct.resolution",

@@ -18,7 +18,8 @@ import tifffile
 from typer.main import get_command
 
 from lfcal.cli._app import build_app
-from lfcal.psf import inspect, open_psf
+from lfcal.judge import inspect
+from lfcal.psf import open_psf
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

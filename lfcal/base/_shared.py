@@ -50,6 +50,15 @@ from lfcal.base.files import (
     write_tiff,
 )
 from lfcal.base.npy import map_npy, npy_header
+from lfcal.base.page import (
+    add_html_section,
+    html_figure,
+    html_page,
+    html_paragraphs,
+    html_section,
+    html_table,
+    html_text,
+)
 from lfcal.base.progress import WorkAbandoned, abandonable, in_place_of, raise_if_abandoned
 from lfcal.base.registry import Registry
 from lfcal.base.system import (
@@ -110,6 +119,7 @@ __all__ = [
     "UnsafeFileError",
     "WorkAbandoned",
     "abandonable",
+    "add_html_section",
     "as_sensor_frame",
     "bounded_threads",
     "centre",
@@ -146,6 +156,12 @@ __all__ = [
     "free_memory",
     "full_version",
     "grow_region",
+    "html_figure",
+    "html_page",
+    "html_paragraphs",
+    "html_section",
+    "html_table",
+    "html_text",
     "in_order",
     "in_place_of",
     "is_alive",

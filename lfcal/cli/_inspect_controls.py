@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from lfcal.acquire import Kind, read_checks
 from lfcal.base import InputError
+from lfcal.judge.quality import Controls
 from lfcal.psf import PSFMatrix
-from lfcal.psf.quality import Controls
 
 __all__ = ["control_frames"]
 

@@ -15,15 +15,15 @@ from typing import Any
 from lfcal.base import Clock, Work
 from lfcal.cli._inspect_controls import control_frames
 from lfcal.cli.outputs import files_of
+from lfcal.judge.quality import PASSES, QualityReport, iter_inspect_plane, judged, straight
 from lfcal.psf import PSFMatrix, mat_order_of, open_psf
-from lfcal.psf.quality import PASSES, QualityReport, iter_inspect_plane, judged, straight
 from lfcal.work import RunChoice, Unit, iter_begun, load_record, save_record
 
 __all__ = ["do_plane", "iter_inspect_units"]
 
 
 def iter_inspect_units(H: PSFMatrix, report: Path, session: Path | None, *, run: RunChoice) -> Work[QualityReport]:
-    """Measure every metric of ``H`` as `lfcal.psf.quality.iter_inspect` does, plane by plane.
+    """Measure every metric of ``H`` as `lfcal.judge.quality.iter_inspect` does, plane by plane.
 
     Parameters
     ----------

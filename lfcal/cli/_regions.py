@@ -56,7 +56,8 @@ def make_regions(plan: RegionPlan, out: Path, made: Made, given: dict[str, bool]
 def told_loss(source: Path, *, workers: int | None, quiet: bool) -> Any:
     """Return what is lost between the regions of an H file; None where it has one."""
     from lfcal.cli._console import run_work
-    from lfcal.psf import iter_region_loss, regions_of
+    from lfcal.judge import iter_region_loss
+    from lfcal.psf import regions_of
 
     if len(regions_of(source)) < 2:
         return None

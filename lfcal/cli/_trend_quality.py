@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from lfcal.psf.quality import Course, Judged, QualityTrend, Value
+    from lfcal.judge.quality import Course, Judged, QualityTrend, Value
 
 __all__ = ["tell_quality"]
 
@@ -23,7 +23,7 @@ def tell_quality(paths: Sequence[Path], out: Path | None, *, force: bool, json: 
     """Hold inspections side by side; end with exit code 1 when something got worse."""
     from lfcal.cli._console import print_json
     from lfcal.cli.outputs import check_output
-    from lfcal.psf.quality import draw_quality_trend, inspections_in, labels_of, quality_trend
+    from lfcal.judge.quality import draw_quality_trend, inspections_in, labels_of, quality_trend
 
     places = list(dict.fromkeys(found.resolve() for path in paths for found in inspections_in(path)))
     if out is not None:
@@ -43,7 +43,7 @@ def _judged(place: Path, label: str) -> Judged:
     """Return what is known of a session: of an H file its metrics are measured now."""
     from lfcal.cli._console import run_work
     from lfcal.cli._matrices import open_matrix
-    from lfcal.psf.quality import iter_inspect, judged_of, read_judged
+    from lfcal.judge.quality import iter_inspect, judged_of, read_judged
 
     if place.suffix.lower() == ".json":
         return read_judged(place, label)

@@ -45,8 +45,8 @@ def command(
     from lfcal.cli._console import print_json, print_table, run_work
     from lfcal.cli._matrices import check_mat_files, open_matrix
     from lfcal.cli.outputs import check_outputs
-    from lfcal.psf import iter_difference
-    from lfcal.psf.report import (
+    from lfcal.judge import iter_difference
+    from lfcal.judge.report import (
         COLUMNS,
         compared_report_files,
         compared_words,

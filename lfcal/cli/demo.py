@@ -61,7 +61,7 @@ def command(
     from lfcal.cli._scan_frames import ScanFrames
     from lfcal.cli.outputs import check_outputs
     from lfcal.cli.sample import sample_session
-    from lfcal.psf.report import report_files
+    from lfcal.judge.report import report_files
 
     check_outputs([*(out / name for name in FILES), *report_files(out / REPORT)], force=force)
     session = sample_session()
@@ -139,7 +139,7 @@ def _pictures(matrix: PSFMatrix, out: Path, steps: _Steps) -> None:
 
 def _against_truth(matrix: PSFMatrix, plan: ScanPlan, out: Path, steps: _Steps) -> dict[str, Any]:
     """Simulate the same H directly and compare: the sample camera's truth is known."""
-    from lfcal.psf import compare
+    from lfcal.judge import compare
     from lfcal.simulate import simulate_psf
 
     with steps.step("the same H simulated directly, and compared") as made:
@@ -159,7 +159,8 @@ def _recorded(out: Path, steps: _Steps, *, quiet: bool) -> dict[str, Any]:
     from lfcal.cli._scan_frames import ScanFrames
     from lfcal.cli.sample import sample_recording
     from lfcal.frames import CorrectionRecipe, corrected_view
-    from lfcal.psf import AssemblySettings, PSFMatrix, compare, iter_assemble_plan, open_psf
+    from lfcal.judge import compare
+    from lfcal.psf import AssemblySettings, PSFMatrix, iter_assemble_plan, open_psf
 
     with steps.step("a recorded session, with the darks it brings") as made:
         source, plan = ScanFrames(sample_recording()).open()
@@ -175,7 +176,7 @@ def _recorded(out: Path, steps: _Steps, *, quiet: bool) -> dict[str, Any]:
 
 def _report(matrix: PSFMatrix, out: Path, steps: _Steps, *, quiet: bool) -> None:
     from lfcal.cli._console import run_work
-    from lfcal.psf.report import iter_report
+    from lfcal.judge.report import iter_report
 
     with steps.step("quality report") as made:
         run_work(iter_report(matrix, out / REPORT), quiet=quiet)

@@ -125,7 +125,7 @@ def broken_plugins() -> list[dict[str, str]]:
     from lfcal.devices import BACKENDS
     from lfcal.frames import SOURCES
     from lfcal.frames.formats import FORMATS
-    from lfcal.psf.quality import METRICS
+    from lfcal.judge.quality import METRICS
     from lfcal.reconstruct import SOLVERS
     from lfcal.simulate.effects import CATALOGUE
 

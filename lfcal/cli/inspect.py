@@ -22,9 +22,9 @@ from lfcal.cli._options import (
 
 if TYPE_CHECKING:
     from lfcal.fit import Setup
-    from lfcal.judge import Inspection
-    from lfcal.psf import Comparison, PSFMatrix
-    from lfcal.psf.quality import QualityReport
+    from lfcal.judge import Comparison, Inspection
+    from lfcal.judge.quality import QualityReport
+    from lfcal.psf import PSFMatrix
 
 REGIONS_PICTURE = "regions.png"
 """The map of several regions of the field, in the report's folder."""
@@ -89,9 +89,8 @@ def command(
     from lfcal.cli._regions import show_loss, told_loss
     from lfcal.cli._runs import may_replace, run_choice, run_kept
     from lfcal.cli._usage import refuse
-    from lfcal.judge import iter_inspection
-    from lfcal.psf import draw_region_loss, iter_compare
-    from lfcal.psf.quality import iter_inspect
+    from lfcal.judge import draw_region_loss, iter_compare, iter_inspection
+    from lfcal.judge.quality import iter_inspect
     from lfcal.work import discard, note_joining, parts_folder
 
     if report is None and (executor or scheduler or resume):
@@ -165,8 +164,8 @@ def _setup_of(folder: Path, H: PSFMatrix, seconds: float) -> Setup:
 def _check_before(report: Path | None, *inputs: Path | None, force: bool) -> None:
     """Say which metrics of others are left out; raise where no report can be written, or one is there already."""
     from lfcal.cli.outputs import check_outputs
-    from lfcal.psf.quality import METRICS
-    from lfcal.psf.report import report_files
+    from lfcal.judge.quality import METRICS
+    from lfcal.judge.report import report_files
 
     for why in METRICS.failures().values():
         typer.echo(f"left out: {why}", err=True)
@@ -186,7 +185,7 @@ def _write(
 ) -> Path:
     from lfcal.cli._console import run_work
     from lfcal.judge import told
-    from lfcal.psf.report import iter_report
+    from lfcal.judge.report import iter_report
 
     work = iter_report(
         H, folder, reference=reference, quality=found.quality, workers=workers, beside=told(found), every=every
@@ -205,8 +204,8 @@ def _show(
     """Print verdict, metrics, apertures and the comparison."""
     from lfcal.base import format_seconds
     from lfcal.cli._console import print_table
-    from lfcal.psf.quality import counted_words, merit_word
-    from lfcal.psf.report import limits, value_text
+    from lfcal.judge.quality import counted_words, merit_word
+    from lfcal.judge.report import limits, value_text
 
     quality = found.quality
     typer.echo(f"H (z, y, x, t, s) = {quality.shape}, inspected in {format_seconds(quality.seconds)}")

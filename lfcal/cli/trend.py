@@ -11,7 +11,7 @@ from lfcal.base import InputError
 from lfcal.cli._options import ForceOption, JsonOption
 
 if TYPE_CHECKING:
-    from lfcal.fit import Trend
+    from lfcal.judge import Trend
 
 __all__ = ["register"]
 
@@ -62,7 +62,7 @@ def command(
     from lfcal.base import plain
     from lfcal.cli._console import print_json
     from lfcal.cli.outputs import check_output
-    from lfcal.fit import draw_trend, fits_in, read_dated, trend
+    from lfcal.judge import draw_trend, fits_in, read_dated, trend
 
     folders = list(dict.fromkeys(found.resolve() for path in fits for found in fits_in(path)))
     if out is not None:

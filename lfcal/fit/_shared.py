@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.fit._trend import Trend, draw_trend, trend
 from lfcal.fit.compared import Compared
-from lfcal.fit.dated import fits_in, read_dated
 from lfcal.fit.design import PositionDesign, draw_design, iter_next_positions
 from lfcal.fit.drawing import leftover_of
 from lfcal.fit.earlier import Earlier, read_earlier
@@ -15,6 +13,7 @@ from lfcal.fit.field_report import wavefront_table
 from lfcal.fit.files import (
     CAMERA,
     EFFECTS,
+    FORMAT,
     MODEL,
     NUMBERS,
     REPORT,
@@ -51,6 +50,7 @@ __all__ = [
     "CAMERA",
     "EFFECTS",
     "ERRORS",
+    "FORMAT",
     "HELD_OUT",
     "MODEL",
     "NUMBERS",
@@ -77,7 +77,6 @@ __all__ = [
     "RegionPlace",
     "Regional",
     "Spread",
-    "Trend",
     "Validation",
     "add_picture",
     "behind",
@@ -89,13 +88,11 @@ __all__ = [
     "covariance",
     "descend",
     "draw_design",
-    "draw_trend",
     "draw_validation",
     "field_dict",
     "field_outputs",
     "fit_dict",
     "fit_outputs",
-    "fits_in",
     "gain_of",
     "groups_of",
     "iter_check",
@@ -118,12 +115,10 @@ __all__ = [
     "predict",
     "predicted_frame",
     "problem_of",
-    "read_dated",
     "read_earlier",
     "read_fit",
     "spread_out",
     "starting_effects",
-    "trend",
     "wavefront_table",
     "with_given",
     "write_found",

@@ -10,12 +10,26 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import COLOURS, DIFFERENCE_MAP, IMAGE_MAP, Clock, Work, figure, replace_whole, save_figure
-from lfcal.fit._page import PAGE, page_of, paragraphs, picture_of, section_of, table_of, text_of
+from lfcal.base import (
+    COLOURS,
+    DIFFERENCE_MAP,
+    IMAGE_MAP,
+    Clock,
+    Work,
+    figure,
+    html_figure,
+    html_page,
+    html_paragraphs,
+    html_section,
+    html_table,
+    html_text,
+    replace_whole,
+    save_figure,
+)
 from lfcal.fit.field import FieldFit
 from lfcal.fit.hybrid import HybridSummary
 from lfcal.fit.parameters import field_of
-from lfcal.fit.report import limits, parameters
+from lfcal.fit.report import PAGE, limits, parameters
 from lfcal.simulate.engines import zernike_wavefront
 
 __all__ = ["draw_field", "field_report_files", "iter_field_report", "wavefront_table"]
@@ -82,16 +96,16 @@ def _page(fit: FieldFit, picture: bytes, hybrids: Mapping[str, HybridSummary]) -
     many = sum(len(own.residuals) for own in fit.fits.values())
     rest = f"{many} patterns of {len(fit.fits)} regions; each has a page of its own in its folder"
     headers, rows = wavefront_table(fit)
-    terms = table_of(headers, rows) if rows else "<p>No term of it was called for.</p>"
+    terms = html_table(headers, rows, escape=True) if rows else "<p>No term of it was called for.</p>"
     said = [f"{name}: {summary}" for name, summary in hybrids.items()]
     body = [
-        f'<section class="verdict {merit}">{text_of(verdict)}{paragraphs([rest, *said])}</section>',
-        section_of("Regions", _regions(fit)),
-        section_of("Wavefront over the field (waves at the pupil's rim)", terms + picture_of(picture, CAPTION)),
-        section_of("Parameters of all regions", parameters(first)),
-        section_of("What is held, and what these scans do not tell", limits(first) + _outliers(fit)),
+        f'<section class="verdict {merit}">{html_text(verdict)}{html_paragraphs([rest, *said])}</section>',
+        html_section("Regions", _regions(fit)),
+        html_section("Wavefront over the field (waves at the pupil's rim)", terms + html_figure(picture, CAPTION)),
+        html_section("Parameters of all regions", parameters(first)),
+        html_section("What is held, and what these scans do not tell", limits(first) + _outliers(fit)),
     ]
-    return page_of(title, first.camera.name, body)
+    return html_page(title, title, first.camera.name, body, "fit of the optics")
 
 
 def _regions(fit: FieldFit) -> str:
@@ -106,7 +120,7 @@ def _regions(fit: FieldFit) -> str:
         aside = f"{down:+.3f}, {right:+.3f}"
         rows.append((name, f"{x / 1e3:.2f}, {y / 1e3:.2f}", str(len(own.residuals)), off, chi2, aside, farther))
     headers = ("region", "x, y (mm)", "patterns", "error of the model", "χ²")
-    return table_of((*headers, "sources beside (px)", "planes farther (µm)"), rows)
+    return html_table((*headers, "sources beside (px)", "planes farther (µm)"), rows, escape=True)
 
 
 def _outliers(fit: FieldFit) -> str:
@@ -115,7 +129,7 @@ def _outliers(fit: FieldFit) -> str:
         for name, own in list(fit.fits.items())[1:]
         for one in own.outliers
     ]
-    return table_of(("", ""), rows) if rows else ""
+    return html_table(("", ""), rows, escape=True) if rows else ""
 
 
 def draw_field(fit: FieldFit, path: str | os.PathLike[str]) -> None:

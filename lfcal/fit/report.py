@@ -6,13 +6,27 @@ import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from lfcal.base import Clock, Work, format_share, replace_whole
-from lfcal.fit._page import PAGE, add_section, page_of, paragraphs, picture_of, section_of, table_of, text_of
+from lfcal.base import (
+    Clock,
+    Work,
+    add_html_section,
+    format_share,
+    html_figure,
+    html_page,
+    html_paragraphs,
+    html_section,
+    html_table,
+    html_text,
+    replace_whole,
+)
 from lfcal.fit.drawing import FitResiduals, draw_leftover, draw_parameters, draw_patterns, leftover_of
 from lfcal.fit.measured import Measured
 from lfcal.fit.result import Fit
 
-__all__ = ["add_picture", "iter_fit_report", "limits", "parameters", "report_files"]
+__all__ = ["PAGE", "add_picture", "iter_fit_report", "limits", "parameters", "report_files"]
+
+PAGE = "index.html"
+"""The page for people, in a fit's folder."""
 
 PICTURES = ("patterns.png", "leftover.png", "parameters.png")
 CAPTIONS = (
@@ -60,24 +74,26 @@ def iter_fit_report(
 
 def add_picture(folder: Path, title: str, words: str, picture: Path, caption: str) -> None:
     """Add a section with a picture, and ``words`` above it, to the end of the report in ``folder``."""
-    add_section(folder, section_of(title, paragraphs([words]) + picture_of(picture.read_bytes(), caption)))
+    add_html_section(
+        folder / PAGE, html_section(title, html_paragraphs([words]) + html_figure(picture.read_bytes(), caption))
+    )
 
 
 def _page(fit: Fit, left: FitResiduals, drawn: dict[str, bytes], source: str, notes: Sequence[str]) -> str:
     title = f"{source or fit.camera.name}: the optics from {len(left.index)} patterns"
     patterns, leftover, drawing = (
-        picture_of(content, caption) for content, caption in zip(drawn.values(), CAPTIONS, strict=True)
+        html_figure(content, caption) for content, caption in zip(drawn.values(), CAPTIONS, strict=True)
     )
-    more = paragraphs(notes)
+    more = html_paragraphs(notes)
     merit = "good" if fit.complete else "bad"
     body = [
-        f'<section class="verdict {merit}">{text_of(_sentence(fit))}<p>{text_of(_rest(fit))}</p>{more}</section>',
-        section_of("Parameters", parameters(fit) + drawing),
-        section_of("Patterns", patterns),
-        section_of("What is left over", _chi2(left) + leftover),
-        section_of("What is held, and what this scan does not tell", limits(fit)),
+        f'<section class="verdict {merit}">{html_text(_sentence(fit))}<p>{html_text(_rest(fit))}</p>{more}</section>',
+        html_section("Parameters", parameters(fit) + drawing),
+        html_section("Patterns", patterns),
+        html_section("What is left over", _chi2(left) + leftover),
+        html_section("What is held, and what this scan does not tell", limits(fit)),
     ]
-    return page_of(title, fit.camera.name, body)
+    return html_page(title, title, fit.camera.name, body, "fit of the optics")
 
 
 def _sentence(fit: Fit) -> str:
@@ -102,13 +118,13 @@ def parameters(fit: Fit) -> str:
         (one.name, f"{one.value:.6g} ± {one.sigma:.2g}", f"{one.start:.6g}", one.unit, one.group)
         for one in fit.parameters.values()
     ]
-    return table_of(("parameter", "found", "described", "unit", "group"), rows)
+    return html_table(("parameter", "found", "described", "unit", "group"), rows, escape=True)
 
 
 def _chi2(left: FitResiduals) -> str:
     rows = [(f"plane {z}", f"{value:.3f}") for z, value in enumerate(left.by_plane) if value == value]
     rows += [(f"lens type {k}", f"{value:.3f}") for k, value in enumerate(left.by_type) if value == value]
-    return table_of(("", "χ²"), rows)
+    return html_table(("", "χ²"), rows, escape=True)
 
 
 def limits(fit: Fit) -> str:
@@ -119,4 +135,4 @@ def limits(fit: Fit) -> str:
     rows += [(name, answer) for name, answer in fit.answers.items()]
     rows += [("not measured", fit.unseen_words)] if fit.unseen else []
     rows += [(f"left out: ({one.z}, {one.y}, {one.x})", one.reason) for one in fit.outliers]
-    return table_of(("", ""), rows) if rows else "<p>Nothing.</p>"
+    return html_table(("", ""), rows, escape=True) if rows else "<p>Nothing.</p>"

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from lfcal.judge._compare import Comparison, compare, iter_compare
 from lfcal.judge.compared import iter_evidence
 from lfcal.judge.evidence import Evidence, Unlike
 from lfcal.judge.explained import Disagreement, Explanation
 from lfcal.judge.finding import FAULTS, Fault, Finding, Picture
 from lfcal.judge.inspection import Inspection, iter_inspection
+from lfcal.judge.quality import QualityReport, inspect, iter_inspect
+from lfcal.judge.report import iter_report, report
 from lfcal.judge.search import iter_search
 
 __all__ = [
     "FAULTS",
+    "Comparison",
     "Disagreement",
     "Evidence",
     "Explanation",
@@ -18,8 +22,15 @@ __all__ = [
     "Finding",
     "Inspection",
     "Picture",
+    "QualityReport",
     "Unlike",
+    "compare",
+    "inspect",
+    "iter_compare",
     "iter_evidence",
+    "iter_inspect",
     "iter_inspection",
+    "iter_report",
     "iter_search",
+    "report",
 ]

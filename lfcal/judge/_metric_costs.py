@@ -14,7 +14,7 @@ from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
 from lfcal.judge.faults import only_recorded
 from lfcal.judge.finding import Fault, Finding, PutIn
-from lfcal.psf.quality import Metric, QualityReport
+from lfcal.judge.quality import Metric, QualityReport
 
 __all__ = ["FRAMES", "as_findings", "with_costs"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.psf.quality import QualityReport
+from lfcal.judge.quality import QualityReport
 
 __all__ = ["suspects"]
 

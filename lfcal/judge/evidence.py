@@ -13,8 +13,8 @@ from lfcal.camera import ScanPlan
 from lfcal.fit import Behind
 from lfcal.judge._modelled import Starts, correlation, modelled, parts
 from lfcal.judge._scatter import misfit, noise_of, start_of, variance_of
+from lfcal.judge.quality import NOISELESS
 from lfcal.psf import PSFMatrix
-from lfcal.psf.quality import NOISELESS
 
 __all__ = ["COLUMNS", "Evidence", "Unlike", "fitted"]
 

@@ -17,9 +17,7 @@ from lfcal.judge.compared import PATTERNS, iter_evidence
 from lfcal.judge.evidence import Evidence, Unlike
 from lfcal.judge.explained import EXPLAINED, Disagreement, iter_explained, iter_rearranged
 from lfcal.judge.finding import Finding
-from lfcal.judge.search import iter_search
-from lfcal.psf import PSFMatrix
-from lfcal.psf.quality import (
+from lfcal.judge.quality import (
     BAD,
     FAIR,
     RANK,
@@ -33,6 +31,8 @@ from lfcal.psf.quality import (
     problems_of,
     where,
 )
+from lfcal.judge.search import iter_search
+from lfcal.psf import PSFMatrix
 
 __all__ = ["BAD", "FAIR", "MEASURED", "Inspection", "is_bad", "is_fair", "iter_inspection", "worst_first"]
 
@@ -104,7 +104,8 @@ class Inspection:
     --------
     >>> from lfcal.judge import Inspection, iter_inspection
     >>> from lfcal.base import drain
-    >>> from lfcal.psf import PSFMatrix, inspect, open_psf
+    >>> from lfcal.psf import PSFMatrix, open_psf
+    >>> from lfcal.judge import inspect
     >>> with open_psf("H.h5") as H:
     ...     no_camera = PSFMatrix(H[:1])
     >>> found: Inspection = drain(iter_inspection(no_camera, inspect(no_camera)))
@@ -331,7 +332,8 @@ def iter_inspection(
     --------
     >>> from lfcal.judge import iter_inspection
     >>> from lfcal.base import drain
-    >>> from lfcal.psf import inspect, open_psf
+    >>> from lfcal.judge import inspect
+    >>> from lfcal.psf import open_psf
     >>> with open_psf("H.h5") as H:
     ...     found = drain(iter_inspection(H, inspect(H), patterns=24))
     >>> print(found.verdict)

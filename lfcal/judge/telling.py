@@ -11,7 +11,7 @@ import numpy as np
 from lfcal.base import LINES, draw_image, figure, format_share
 from lfcal.judge.finding import Finding, Picture
 from lfcal.judge.inspection import Inspection
-from lfcal.psf.report import Beside, ToldFault
+from lfcal.judge.report import Beside, ToldFault
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

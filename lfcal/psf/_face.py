@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from lfcal.psf._compare import Comparison, compare, iter_compare
 from lfcal.psf._export import export, iter_export
 from lfcal.psf._transpose import transpose
 from lfcal.psf._verify import MatrixCheck, iter_verify, verify
@@ -16,37 +15,28 @@ from lfcal.psf.make import units_of
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.opening import open_psf, regions_of
 from lfcal.psf.provenance import codec_of, noise_of, origin_of
-from lfcal.psf.quality import QualityReport, inspect, iter_inspect
-from lfcal.psf.report import iter_report, report
 from lfcal.psf.saving import MatrixPlanes, iter_save, iter_save_regions, save, save_regions
 from lfcal.psf.store import PSFWriter
 
 __all__ = [
     "AssemblyReport",
     "AssemblySettings",
-    "Comparison",
     "Cutout",
     "Facts",
     "MatrixCheck",
     "MatrixPlanes",
     "PSFMatrix",
     "PSFWriter",
-    "QualityReport",
     "Stored",
     "assemble",
     "assemble_plan",
     "codec_of",
-    "compare",
     "denoised",
     "export",
     "find_cutout",
-    "inspect",
     "iter_assemble",
     "iter_assemble_plan",
-    "iter_compare",
     "iter_export",
-    "iter_inspect",
-    "iter_report",
     "iter_save",
     "iter_save_regions",
     "iter_verify",
@@ -54,7 +44,6 @@ __all__ = [
     "open_psf",
     "origin_of",
     "regions_of",
-    "report",
     "save",
     "save_regions",
     "transpose",

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from lfcal.psf._export import ExportOptions, check_missing, export_files, export_notes
-from lfcal.psf._transpose import ht_slice
+from lfcal.psf._transpose import depth_sum, ht_slice
 from lfcal.psf.assembly import AssembledPlanes, AssemblyProgress, planes_of_frames
 from lfcal.psf.cutout import INTERPOLATIONS, Window
 from lfcal.psf.denoising import mean_noise
-from lfcal.psf.difference import Difference, iter_difference
 from lfcal.psf.facts import Origin
 from lfcal.psf.filling import Fill, Filled
 from lfcal.psf.half_cell import copied_positions
@@ -19,10 +18,8 @@ from lfcal.psf.mat_import import MAT_ORDERS, check_mat_order
 from lfcal.psf.measured_noise import scan_noise
 from lfcal.psf.opening import mat_order_of, opening_notes
 from lfcal.psf.orientation import AS_IS, ORIENTATIONS, FoundOrientation, either_words, find_orientation
-from lfcal.psf.pairing import Pair, pair
 from lfcal.psf.picked import iter_pick
 from lfcal.psf.provenance import OF_FRAMES, light_shares, optics_of, simulated_planes
-from lfcal.psf.region_loss import draw_region_loss, iter_region_loss
 from lfcal.psf.saving import iter_transpose_file
 from lfcal.psf.steps import check_store_tolerance
 from lfcal.psf.store import FORMAT
@@ -41,14 +38,12 @@ __all__ = [
     "ORIENTATIONS",
     "AssembledPlanes",
     "AssemblyProgress",
-    "Difference",
     "ExportOptions",
     "Fill",
     "Filled",
     "FoundOrientation",
     "Header",
     "Origin",
-    "Pair",
     "Plane",
     "PlaneSource",
     "Reopening",
@@ -60,7 +55,7 @@ __all__ = [
     "check_store_tolerance",
     "copied_positions",
     "dark_planes",
-    "draw_region_loss",
+    "depth_sum",
     "either_words",
     "empty_positions",
     "empty_words",
@@ -68,10 +63,8 @@ __all__ = [
     "export_notes",
     "find_orientation",
     "ht_slice",
-    "iter_difference",
     "iter_make",
     "iter_pick",
-    "iter_region_loss",
     "iter_transpose_file",
     "iter_upright",
     "iter_write",
@@ -81,7 +74,6 @@ __all__ = [
     "mean_noise",
     "opening_notes",
     "optics_of",
-    "pair",
     "pixel_um",
     "planes_of_frames",
     "scan_noise",

@@ -29,8 +29,8 @@ from lfcal.cli import main
 from lfcal.devices.registry import open_rig
 from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
-from lfcal.judge import Unlike, iter_evidence
-from lfcal.psf import AssemblySettings, PSFMatrix, inspect, open_psf
+from lfcal.judge import Unlike, inspect, iter_evidence
+from lfcal.psf import AssemblySettings, PSFMatrix, open_psf
 from lfcal.simulate import simulate_psf
 from tests.acquire.rigs import assert_same_frames, frames_of, small_plan
 

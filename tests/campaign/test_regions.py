@@ -19,8 +19,8 @@ from lfcal.campaign.regions import first_begun, is_regions, iter_record_regions,
 from lfcal.cli import main
 from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.frames import open_frames
+from lfcal.judge.region_loss import region_loss
 from lfcal.psf import open_psf, regions_of
-from lfcal.psf.region_loss import region_loss
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
 
 SCAN = small_plan((3, 3), 2)

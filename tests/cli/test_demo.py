@@ -11,7 +11,7 @@ import pytest
 
 from lfcal.psf import open_psf
 from tests.cli.conftest import Run
-from tests.psf.plain_report import undrawn
+from tests.judge.plain_report import undrawn
 
 
 @pytest.mark.parametrize("drawn", [False, pytest.param(True, marks=pytest.mark.long)])

@@ -14,7 +14,7 @@ from lfcal.psf import PSFMatrix, save
 from tests.cli.conftest import Run
 from tests.fit.common import few_patterns
 from tests.judge.common import added, clean, matrix, plan, sensor
-from tests.psf.plain_report import undrawn
+from tests.judge.plain_report import undrawn
 
 Lfcal = Callable[..., Run]
 

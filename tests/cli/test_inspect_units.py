@@ -17,7 +17,7 @@ from lfcal.psf import PSFMatrix, save
 from lfcal.work import parts_folder
 from tests.acquire.rigs import CAREFUL, rig_for, small_plan
 from tests.cli.conftest import Run
-from tests.psf.plain_report import undrawn
+from tests.judge.plain_report import undrawn
 
 Lfcal = Callable[..., Run]
 

@@ -13,7 +13,7 @@ from lfcal.psf import open_psf, save
 from lfcal.psf.matrix import PSFMatrix
 from tests.cli.conftest import Run
 from tests.cli.test_inspect_units import alike
-from tests.psf.plain_report import undrawn
+from tests.judge.plain_report import undrawn
 from tests.psf.test_mat_import import as_meant, save_v73
 
 Lfcal = Callable[..., Run]

@@ -17,8 +17,8 @@ import typer.main
 
 from lfcal.base.files import replace_whole
 from lfcal.cli._app import build_app
+from lfcal.judge.report import report_files
 from lfcal.psf import _tiff_export as tiff_export
-from lfcal.psf.report import report_files
 from tests.cli.conftest import Run
 from tests.cli.test_every_option import walk
 from tests.cli.writing import WRITERS, listing, make_inputs

@@ -11,8 +11,8 @@ import pytest
 
 from lfcal.camera import RegionPlan, ScanPlan
 from lfcal.cli import main
+from lfcal.judge.region_loss import region_loss
 from lfcal.psf import open_psf, regions_of
-from lfcal.psf.region_loss import region_loss
 from lfcal.simulate import plan_effects, simulate_psf
 from lfcal.simulate.effects.described import parse_effects
 from tests.targets.common import small

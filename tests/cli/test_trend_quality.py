@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from lfcal.base._plain import plain
+from lfcal.judge.quality import inspect
 from lfcal.psf import PSFMatrix, save
-from lfcal.psf.quality import inspect
 from tests.cli.conftest import Run
-from tests.psf.plain_report import undrawn
-from tests.psf.test_report import matrix
+from tests.judge.plain_report import undrawn
+from tests.judge.test_report import matrix
 
 Lfcal = Callable[..., Run]
 

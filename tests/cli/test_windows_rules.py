@@ -14,7 +14,7 @@ import pytest
 
 from lfcal.psf import open_psf
 from tests.cli.conftest import SHAPE, Run, small_plan, true_frame
-from tests.psf.plain_report import undrawn
+from tests.judge.plain_report import undrawn
 from tests.windows_rules import OpenFileError, held_files, keep_open_files
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks /proc what is open")

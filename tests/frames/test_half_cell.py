@@ -15,10 +15,10 @@ from lfcal.camera.plan import half_cell
 from lfcal.fit import measured_of
 from lfcal.frames.half_cell import with_partners
 from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, Noise, Position
+from lfcal.judge.quality import inspect
 from lfcal.psf import PSFMatrix, open_psf
 from lfcal.psf.assembly import assemble_plan
 from lfcal.psf.half_cell import copied_positions
-from lfcal.psf.quality import inspect
 from tests.camera.test_plan import camera_of, plan_of
 
 PLAN: ScanPlan = plan_of(camera_of((6.0, 12.0), 1))

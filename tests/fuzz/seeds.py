@@ -19,9 +19,9 @@ from lfcal.acquire.control import Control
 from lfcal.base.axes import Position
 from lfcal.base.progress import drain
 from lfcal.devices import simulated_rig
+from lfcal.judge.quality.metric import Reading
 from lfcal.psf import PSFMatrix, export, save, save_regions
 from lfcal.psf.facts import Origin
-from lfcal.psf.quality.metric import Reading
 from lfcal.work.journal import Journal
 from lfcal.work.records import save_record
 from lfcal_gui.models.project import ProjectState

@@ -19,8 +19,8 @@ from lfcal.base.files import replace_whole
 from lfcal.base.progress import drain
 from lfcal.base.units import format_share
 from lfcal.judge import FAULTS, Evidence, Fault, Finding, iter_search
+from lfcal.judge.quality import METRICS
 from lfcal.judge.telling import draw_picture
-from lfcal.psf.quality import METRICS
 from tests.judge.common import clean, evidence_of
 from tests.judge.injections import INJECTIONS
 

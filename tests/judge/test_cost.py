@@ -15,7 +15,7 @@ from benchmarks._fault_recordings import CAMERAS, Recording
 from lfcal.base.progress import drain
 from lfcal.judge import Evidence, Finding, iter_inspection, iter_search
 from lfcal.judge._cost import FEWEST, Costs, iter_costs
-from lfcal.psf.quality import inspect
+from lfcal.judge.quality import inspect
 from tests.judge.common import (
     PEAK,
     Values,

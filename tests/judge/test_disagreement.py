@@ -21,8 +21,8 @@ from lfcal.fit.setup import Setup, described_effects
 from lfcal.judge import Evidence, Inspection, inspection, iter_evidence, iter_inspection
 from lfcal.judge.explained import EXPLAINED, iter_explained, iter_rearranged
 from lfcal.judge.inspection import FAIR
+from lfcal.judge.quality import inspect
 from lfcal.psf import PSFMatrix
-from lfcal.psf.quality import inspect
 from lfcal.simulate.effects import MechanicalVignetting
 from lfcal.simulate.effects.outlook import Outlook
 from tests.judge.common import FEWEST, PEAK, Values, added, clean, noisy, plan, sensor

@@ -10,8 +10,8 @@ import pytest
 
 from lfcal.base.progress import drain
 from lfcal.judge import Evidence, Inspection, iter_evidence, iter_inspection
+from lfcal.judge.quality import inspect
 from lfcal.psf import PSFMatrix
-from lfcal.psf.quality import inspect
 from tests.judge import common
 from tests.judge.common import FEWEST, Values, added, clean, matrix, plan, sensor
 

@@ -12,9 +12,9 @@ from lfcal.judge import FAULTS, Finding, iter_search
 from lfcal.judge._cost import Costs, _consistent, iter_costs
 from lfcal.judge._metric_costs import as_findings, with_costs
 from lfcal.judge.inspection import FAIR, Inspection
+from lfcal.judge.quality import QualityReport, inspect
+from lfcal.judge.quality.metric import Metric, Reading, judge
 from lfcal.psf import PSFMatrix
-from lfcal.psf.quality import QualityReport, inspect
-from lfcal.psf.quality.metric import Metric, Reading, judge
 from tests.judge.common import clean, evidence_of, matrix, plan
 
 

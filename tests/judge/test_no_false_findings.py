@@ -14,8 +14,8 @@ from benchmarks._fault_recordings import Recording
 from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan, preset
 from lfcal.judge import Evidence, Finding, iter_evidence, iter_inspection, iter_search
+from lfcal.judge.quality import QualityReport, inspect
 from lfcal.psf import PSFMatrix
-from lfcal.psf.quality import QualityReport, inspect
 from tests.judge.common import FEWEST, SOME, Values, compressed
 
 NEAR, FAR = (-20.0, 0.0, 20.0), (-60.0, 0.0, 60.0)

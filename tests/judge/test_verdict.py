@@ -10,9 +10,9 @@ import pytest
 from lfcal.judge import Inspection
 from lfcal.judge.finding import FAULTS, Finding
 from lfcal.judge.inspection import BAD, BAD_SHARE, FAIR, FAIR_SHARE
+from lfcal.judge.quality import QualityReport, inspect
+from lfcal.judge.quality.metric import Merit
 from lfcal.judge.telling import compared_words, told
-from lfcal.psf.quality import QualityReport, inspect
-from lfcal.psf.quality.metric import Merit
 from tests.judge.common import clean, matrix
 
 BAND: dict[Merit, tuple[tuple[float, float], tuple[float, float]]] = {

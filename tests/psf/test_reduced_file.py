@@ -15,7 +15,8 @@ import pytest
 from lfcal.base.errors import FileFormatError, InputError
 from lfcal.camera import preset
 from lfcal.fit import fit_camera
-from lfcal.psf import Facts, PSFMatrix, compare, export, inspect, open_psf, opening, save, save_regions, verify
+from lfcal.judge import compare, inspect
+from lfcal.psf import Facts, PSFMatrix, export, open_psf, opening, save, save_regions, verify
 from lfcal.psf._transpose import transpose
 from lfcal.psf.facts import pack_valid
 from lfcal.reconstruct import Projector, richardson_lucy

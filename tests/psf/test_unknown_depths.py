@@ -7,10 +7,11 @@ import tifffile
 
 from lfcal.base.errors import InputError
 from lfcal.camera import preset
-from lfcal.psf import PSFMatrix, export, inspect, open_psf, save
-from lfcal.psf._compare import compare
-from lfcal.psf.pairing import pair
-from lfcal.psf.report import report
+from lfcal.judge import inspect
+from lfcal.judge._compare import compare
+from lfcal.judge.pairing import pair
+from lfcal.judge.report import report
+from lfcal.psf import PSFMatrix, export, open_psf, save
 
 
 def values(nz=3):

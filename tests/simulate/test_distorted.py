@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from lfcal.camera import Camera, LatticeDistortion, ScanPlan, preset
+from lfcal.judge.quality import inspect as inspect_matrix
+from lfcal.judge.quality._lattice import wave_vectors
 from lfcal.psf import PSFMatrix
-from lfcal.psf.quality import inspect as inspect_matrix
-from lfcal.psf.quality._lattice import wave_vectors
 from lfcal.reconstruct.resample import lattice_anchor_of
 from lfcal.simulate.staging import ideal_scene, outlook_of, scene_of
 
@@ -89,7 +89,7 @@ def test_wave_vectors_are_those_of_the_cell(camera: Camera, plan: ScanPlan, monk
         return used[-1]
 
     # the package has a function of the module's name
-    monkeypatch.setattr(sys.modules["lfcal.psf.quality._inspect"], "wave_vectors", recorded)
+    monkeypatch.setattr(sys.modules["lfcal.judge.quality._inspect"], "wave_vectors", recorded)
     values = np.random.default_rng(0).random((1, 2, 3, 21, 21), np.float32)
     inspect_matrix(PSFMatrix(values, depths=(0.0,), camera=camera, anchor=plan.anchor), workers=1)
     _, steps = neighbours(camera, plan)

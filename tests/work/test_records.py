@@ -12,8 +12,8 @@ import pytest
 
 from lfcal.base.axes import Position
 from lfcal.base.errors import FileFormatError, StorageError, UnsafeFileError
+from lfcal.judge.quality.metric import Reading
 from lfcal.psf.facts import Origin
-from lfcal.psf.quality.metric import Reading
 from lfcal.work.records import load_record, save_record
 
 

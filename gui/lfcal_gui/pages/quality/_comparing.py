@@ -34,7 +34,7 @@ from lfcal_gui.pages.quality.step import compared
 from lfcal_gui.saving import may_replace
 
 if TYPE_CHECKING:
-    from lfcal.psf import Difference, Pair
+    from lfcal.judge import Difference, Pair
 
 __all__ = ["Comparing"]
 
@@ -219,7 +219,7 @@ class Comparing:
 
     def show_place(self, place: Place) -> None:
         """Show a position of both, and where it is."""
-        from lfcal.psf.report import map_levels
+        from lfcal.judge.report import map_levels
 
         found = self.found
         if found is None:
@@ -246,7 +246,7 @@ class Comparing:
 
     def _opened(self) -> Pair | None:
         """Return both H as they are open in the window, None: not yet."""
-        from lfcal.psf import pair
+        from lfcal.judge import pair
 
         if self._pair is None and self._asked is not None:
             a, b = (self._context.matrix(path) for path in (self._asked.first[0], self._asked.second[0]))

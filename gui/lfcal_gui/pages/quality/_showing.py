@@ -25,7 +25,7 @@ from lfcal_gui.pages.quality.model import (
 
 if TYPE_CHECKING:
     from lfcal.judge import Finding, Inspection
-    from lfcal.psf.quality import Metric
+    from lfcal.judge.quality import Metric
 
 __all__ = ["Showing"]
 

@@ -13,7 +13,7 @@ from lfcal_gui.pages.quality.trend_panel import TrendPanel
 from lfcal_gui.saving import ask_target
 
 if TYPE_CHECKING:
-    from lfcal.psf.quality import QualityTrend
+    from lfcal.judge.quality import QualityTrend
 
 __all__ = ["Trending"]
 
@@ -61,7 +61,7 @@ class Trending:
 
     def save_picture(self, path: str = "") -> None:
         """Draw all courses into a file; without one it is asked for."""
-        from lfcal.psf.quality import draw_quality_trend
+        from lfcal.judge.quality import draw_quality_trend
 
         found = self.found
         if found is None:

@@ -16,7 +16,7 @@ from lfcal_gui.models import Field, PageSettings
 
 if TYPE_CHECKING:
     from lfcal.judge import Finding, Inspection
-    from lfcal.psf.quality import Metric
+    from lfcal.judge.quality import Metric
 
 __all__ = [
     "CAMERAS",
@@ -226,14 +226,14 @@ def listed_metrics(inspection: Inspection, *, every: bool = False) -> tuple[Metr
 
 def count_words(inspection: Inspection) -> str:
     """Return how many metrics are good, and how many do not apply."""
-    from lfcal.psf.quality import counted_words
+    from lfcal.judge.quality import counted_words
 
     return capital(counted_words(inspection.quality.metrics))
 
 
 def metric_rows(inspection: Inspection, *, every: bool = False) -> tuple[MetricRow, ...]:
     """Return `listed_metrics` as rows; with a note where a fault causes it or the camera refutes it."""
-    from lfcal.psf.report import limits
+    from lfcal.judge.report import limits
 
     rows = []
     for m in listed_metrics(inspection, every=every):
@@ -245,8 +245,8 @@ def metric_rows(inspection: Inspection, *, every: bool = False) -> tuple[MetricR
 
 def told_of(inspection: Inspection, metric: Metric) -> tuple[str, str]:
     """Return the merit by which a metric is coloured, and the word for it."""
-    from lfcal.psf.quality import merit_of as merit_of_metric
-    from lfcal.psf.quality import merit_word
+    from lfcal.judge.quality import merit_of as merit_of_metric
+    from lfcal.judge.quality import merit_word
 
     if metric.merit in ("bad", "fair"):
         if inspection.settled(metric) is not None:

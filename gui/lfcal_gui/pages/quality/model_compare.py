@@ -14,7 +14,7 @@ from lfcal_gui.models import Stamp, levels_of
 from lfcal_gui.pages.quality.model import capital
 
 if TYPE_CHECKING:
-    from lfcal.psf import Difference, Pair
+    from lfcal.judge import Difference, Pair
 
 __all__ = [
     "COLUMNS",
@@ -83,7 +83,8 @@ class KeptDifference:
 
 def iter_compare(asked: CompareRequest, kept: KeptDifference) -> Work[None]:
     """Compare two files; what is found is in ``kept``, as jobs are remembered long after they ended."""
-    from lfcal.psf import iter_difference, open_psf
+    from lfcal.judge import iter_difference
+    from lfcal.psf import open_psf
 
     with open_psf(asked.first[0]) as a, open_psf(asked.second[0]) as b:
         kept.found = yield from iter_difference(a, b, by_number=asked.by_number)
@@ -91,8 +92,9 @@ def iter_compare(asked: CompareRequest, kept: KeptDifference) -> Work[None]:
 
 def iter_compared(asked: CompareRequest, found: Difference, folder: str) -> Work[Path]:
     """Write what a comparison found, with pictures of both files, which are opened anew; return the page."""
-    from lfcal.psf import open_psf, pair
-    from lfcal.psf.report import iter_compared_report
+    from lfcal.judge import pair
+    from lfcal.judge.report import iter_compared_report
+    from lfcal.psf import open_psf
 
     with open_psf(asked.first[0]) as a, open_psf(asked.second[0]) as b:
         both = replace(found, pair=pair(a, b, by_number=asked.by_number))
@@ -102,7 +104,7 @@ def iter_compared(asked: CompareRequest, found: Difference, folder: str) -> Work
 
 def compared_files(folder: str) -> list[Path]:
     """Return the files of a comparison's report that somebody may have put into ``folder`` before."""
-    from lfcal.psf.report import compared_report_files
+    from lfcal.judge.report import compared_report_files
 
     return [Path(one) for one in compared_report_files(Path(folder))]
 
@@ -110,7 +112,7 @@ def compared_files(folder: str) -> list[Path]:
 # -- numbers -----------------------------------------------------------------------------------------------
 def told_of(found: Difference) -> tuple[str, str]:
     """Return the verdict, and what was compared and left out."""
-    from lfcal.psf.report import compared_words, verdict
+    from lfcal.judge.report import compared_words, verdict
 
     told = (compared_words(found), *found.notes)
     return verdict(found), " ".join(capital(words if words[-1] == "?" else f"{words}.") for words in told)
@@ -118,7 +120,7 @@ def told_of(found: Difference) -> tuple[str, str]:
 
 def table_of(found: Difference) -> list[tuple[str, ...]]:
     """Return the rows of the table of numbers; what the correlation says stands in ``scaled``."""
-    from lfcal.psf.report import figure_rows
+    from lfcal.judge.report import figure_rows
 
     return [(plane if kind == "all" else f"{plane}, {kind}", *rest[:-1]) for plane, kind, *rest in figure_rows(found)]
 

@@ -16,8 +16,8 @@ from lfcal_gui.pages.quality.model import QualitySettings
 if TYPE_CHECKING:
     from lfcal.fit import Setup
     from lfcal.judge import Inspection
+    from lfcal.judge.quality import QualityReport
     from lfcal.psf import PSFMatrix
-    from lfcal.psf.quality import QualityReport
 
 __all__ = [
     "InspectionRequest",
@@ -97,8 +97,8 @@ def asked_of(stamp: Stamp, settings: QualitySettings, fitted: FittedCamera | Non
 def iter_judge(asked: InspectionRequest, kept: InspectionRun) -> Work[None]:
     """Measure H and compare it with its camera; what is found is in ``kept``, as jobs are remembered long."""
     from lfcal.judge import iter_inspection
+    from lfcal.judge.quality import iter_inspect
     from lfcal.psf import open_psf
-    from lfcal.psf.quality import iter_inspect
 
     with open_psf(asked.stamp[0]) as opened:
         matrix = opened.T if opened.is_transposed else opened
@@ -137,8 +137,8 @@ def judged(kept: InspectionRun, why_not: str) -> Inspection | None:
 def iter_write_report(psf: str, folder: str, inspection: Inspection | None) -> Work[Path]:
     """Write the report of the H in a file; what was found is not measured again."""
     from lfcal.judge import told
+    from lfcal.judge.report import iter_report
     from lfcal.psf import open_psf
-    from lfcal.psf.report import iter_report
 
     with open_psf(psf) as matrix:
         quality = None if inspection is None else inspection.quality

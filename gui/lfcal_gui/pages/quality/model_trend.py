@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lfcal.base import InputError, format_dates, format_number, format_slope
 
 if TYPE_CHECKING:
-    from lfcal.psf.quality import Course, QualityTrend, Value
+    from lfcal.judge.quality import Course, QualityTrend, Value
 
 __all__ = ["TREND_COLUMNS", "TrendCurve", "courses_of", "curve_of", "merits_of", "rows_of", "trend_in", "trend_words"]
 
@@ -36,7 +36,7 @@ class TrendCurve:
 
 def trend_in(folder: Path) -> QualityTrend:
     """Read the inspections in a folder of reports; raises `LfcalError` where there are not two to be compared."""
-    from lfcal.psf.quality import inspections_in, labels_of, quality_trend, read_judged
+    from lfcal.judge.quality import inspections_in, labels_of, quality_trend, read_judged
 
     places = inspections_in(folder)
     if len(places) < 2:
@@ -83,7 +83,7 @@ def merits_of(found: QualityTrend) -> list[str]:
 
 def trend_words(found: QualityTrend) -> tuple[str, str]:
     """Return what got worse, and which sessions were compared, with what the numbers do not say."""
-    from lfcal.psf.quality import TOO_SHORT
+    from lfcal.judge.quality import TOO_SHORT
 
     names = ", ".join(one.scale.title for one in found.worse)
     first, newest = found.sessions[0], found.sessions[-1]

@@ -19,8 +19,8 @@ from lfcal.judge import iter_inspection
 from lfcal.judge.telling import told
 from lfcal.base.progress import drain
 from lfcal.psf import open_psf
-from lfcal.psf.quality import inspect
-from lfcal.psf.report import iter_report
+from lfcal.judge.quality import inspect
+from lfcal.judge.report import iter_report
 
 with open_psf({psf!r}) as H:
     quality = inspect(H)
@@ -38,8 +38,8 @@ def compared(first: str, second: str, out: str = "", *, by_number: bool = False)
     python = f"""
 from lfcal.base.progress import drain
 from lfcal.psf import open_psf
-from lfcal.psf.difference import difference
-from lfcal.psf.report.two import iter_compared_report, verdict
+from lfcal.judge.difference import difference
+from lfcal.judge.report.two import iter_compared_report, verdict
 
 with open_psf({first!r}) as a, open_psf({second!r}) as b:
     found = difference(a, b, by_number={by_number!r})

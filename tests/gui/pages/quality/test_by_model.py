@@ -26,7 +26,7 @@ from lfcal_gui.pages.quality.page import Page
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle
 from tests.judge.common import added, clean, matrix, plan, sensor
-from tests.psf.plain_report import undrawn
+from tests.judge.plain_report import undrawn
 
 SECONDS = QualitySettings(seconds=600.0)
 

@@ -13,8 +13,8 @@ from pytestqt.qtbot import QtBot
 
 from lfcal.base.errors import InputError
 from lfcal.base.progress import Work, drain
+from lfcal.judge.pairing import pair
 from lfcal.psf import PSFMatrix, save
-from lfcal.psf.pairing import pair
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.models.stamp import stamp_of
 from lfcal_gui.pages.quality.model import QualitySettings
@@ -23,7 +23,7 @@ from lfcal_gui.pages.quality.model_run import InspectionRequest, InspectionRun, 
 from lfcal_gui.pages.quality.page import Page
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle
-from tests.psf.test_difference import moved
+from tests.judge.test_difference import moved
 
 DEPTHS = (-2000.0, -1000.0)
 

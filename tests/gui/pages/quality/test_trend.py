@@ -11,13 +11,13 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from lfcal.base._plain import plain
-from lfcal.psf.quality import inspect
+from lfcal.judge.quality import inspect
 from lfcal_gui.context import Context
 from lfcal_gui.pages.quality.page import Page
 from tests.cli.test_trend_quality import dated, write
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import idle
-from tests.psf.test_report import matrix
+from tests.judge.test_report import matrix
 
 
 @pytest.fixture(scope="module")

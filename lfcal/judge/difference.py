@@ -1,0 +1,352 @@
+"""Two H beside each other in numbers: by plane and lens type, as they are, at the best scale, and at the best shift."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.base import Clock, Work, drained, for_each_chunk, worker_count
+from lfcal.judge._compare import centroids
+from lfcal.judge._shifting import best_shift, shifted
+from lfcal.judge.pairing import Pair, pair
+from lfcal.psf import PSFMatrix
+
+__all__ = ["Difference", "Figures", "PlaneFigures", "difference", "iter_difference"]
+
+F8 = NDArray[np.float64]
+
+STARTED = 48
+"""Positions of a plane from which its shift is first told."""
+
+ALIKE = 12
+"""Positions at which every plane is held against every other."""
+
+MOST_PLANES = 40
+"""Planes up to which each is held against every other."""
+
+LIKER = 1.5
+"""How many times as unlike the plane of the same depth is when another plane is said to be more like."""
+
+A, B = 0, 1
+MODEL = slice(2, 5)
+"""Columns of the sums: a, b, and b at the best shift with its slopes along rows and columns."""
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """What sets patterns ``a`` of one H apart from patterns ``b`` of the other; NaN where nothing could be compared.
+
+    Attributes
+    ----------
+    nrmse
+        ``|a - b| / |b|``, as they are.
+    scale
+        Number g for which ``|a - g b|`` is least.
+    scaled
+        ``|a - g b| / |a|`` with it: 0 where they are alike, 1 where they have nothing in common.
+    shift_px
+        Sub-pixel shift (row, column) of a against b.
+    left
+        The same as ``scaled`` with scale and shift that fit best.
+    correlation
+        ``sum(a b) / sqrt(sum(a²) sum(b²))``.
+    """
+
+    nrmse: float
+    scale: float
+    scaled: float
+    shift_px: tuple[float, float]
+    left: float
+    correlation: float
+
+
+@dataclass(frozen=True, slots=True)
+class PlaneFigures:
+    """Figures of one plane.
+
+    Attributes
+    ----------
+    planes, depths_um
+        Number and depth in both.
+    positions
+        How many were compared.
+    all
+        Of all pixels.
+    types
+        Of the pixels behind the lenslets of each type; empty where no camera tells them.
+    like
+        Plane of the second H that shows more of what this plane of the first shows; None: its own does.
+    """
+
+    planes: tuple[int, int]
+    depths_um: tuple[float, float]
+    positions: int
+    all: Figures
+    types: tuple[Figures, ...]
+    like: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """What sets two H apart.
+
+    Attributes
+    ----------
+    pair
+        What was compared, and what was left out.
+    all, types
+        Over all planes; the shift is the planes' mean, and each plane is at its own in ``left``.
+    planes
+        By plane.
+    error
+        ``|a / s - b| / |b|`` of each pattern at equal energy ``(planes, ny, nx)``; NaN where nothing was compared.
+    shift_px
+        Centroid (row, column) of each pattern less that of the second H's ``(planes, ny, nx, 2)``.
+    """
+
+    pair: Pair
+    all: Figures
+    types: tuple[Figures, ...]
+    planes: tuple[PlaneFigures, ...]
+    error: NDArray[np.float32]
+    shift_px: NDArray[np.float32]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is left out, and what does not belong together."""
+        swapped = [
+            f"plane {one.planes[0]} of the first is more like plane {one.like} of the second: depths swapped?"
+            for one in self.planes
+            if one.like is not None
+        ]
+        empty = [f"{one.planes[0]}" for one in self.planes if not one.positions]
+        if empty and len(empty) < len(self.planes):
+            planes = f"plane{'s' * (len(empty) > 1)} {', '.join(empty)} of the first"
+            swapped.append(f"{planes}: not compared, for no position has light in both")
+        return (*self.pair.notes, *swapped)
+
+    def worst(self, count: int = 6) -> list[tuple[int, int, int]]:
+        """Return the positions (k, y, x) that differ most, the worst first; k numbers the planes compared."""
+        known = np.where(np.isfinite(self.error), self.error, -np.inf)
+        order = np.argsort(known, axis=None, kind="stable")[::-1][:count]
+        found = [tuple(int(v) for v in np.unravel_index(at, known.shape)) for at in order]
+        return [(k, y, x) for k, y, x in found if known[k, y, x] > -np.inf]
+
+    def to_dict(self) -> dict[str, object]:
+        """Return everything but the maps as plain values."""
+        return {
+            "format": "lfcal-comparison",
+            "version": 1,
+            "shapes": [list(self.pair.a.shape), list(self.pair.b.shape)],
+            "compared": list(self.pair.shape),
+            "notes": list(self.notes),
+            "all": self.all,
+            "types": list(self.types),
+            "planes": list(self.planes),
+            "worst": [
+                {"planes": list(self.pair.planes[k]), "position": [y, x], "error": float(self.error[k, y, x])}
+                for k, y, x in self.worst()
+            ],
+        }
+
+
+def iter_difference(
+    a: PSFMatrix | ArrayLike, b: PSFMatrix | ArrayLike, *, by_number: bool = False, workers: int | None = None
+) -> Work[Difference]:
+    """Compare two H; a few rows of positions of each are in memory at a time.
+
+    The shift of a plane is told from the cross-spectrum of some of its patterns and refined by all of them: b is put
+    there by its Fourier series, and what it lacks is fitted with its slopes, beside the scale, by least squares.
+
+    Parameters
+    ----------
+    a, b, by_number
+        As for `pair`, which says what of them is compared.
+    workers
+        Threads; every processor by default.
+
+    Raises
+    ------
+    InputError
+        As `pair`.
+    """
+    both = pair(a, b, by_number=by_number)
+    n, ny, nx = both.shape[:3]
+    threads = worker_count(workers)
+    clock = Clock("comparing two H", n * ny)
+    yield clock.at(0)
+    types = _sensor_types(both)
+    kinds = 0 if types is None else int(types.max()) + 1
+    sums = np.zeros((n, 1 + kinds, 5, 5))
+    starts = np.zeros((n, 2))
+    counts = np.zeros(n, np.intp)
+    error = np.full((n, ny, nx), np.nan, np.float32)
+    shift = np.full((n, ny, nx, 2), np.nan, np.float32)
+    for k in range(n):
+        there = both.there(k)
+        starts[k] = _start(both, k, there)
+        for first in range(0, ny, threads):
+            rows = range(first, min(ny, first + threads))
+            given = [both.row(k, y) for y in rows]
+
+            def one(start: int, stop: int) -> list[F8]:
+                return [
+                    _row_sums(*given[i], there[rows[i]], starts[k], types, rows[i], error=error[k], shift=shift[k])  # noqa: B023
+                    for i in range(start, stop)
+                ]
+
+            for part in for_each_chunk(one, len(given), threads):
+                for found in part:
+                    sums[k] += found
+            yield clock.at(k * ny + rows[-1] + 1)
+        counts[k] = np.isfinite(error[k]).sum()
+    like = _more_like(both)
+    planes = tuple(
+        PlaneFigures(
+            both.planes[k],
+            (float(both.a.known_depths[both.planes[k][0]]), float(both.b.known_depths[both.planes[k][1]])),
+            int(counts[k]),
+            _figures(sums[k, 0], starts[k]),
+            tuple(_figures(one, starts[k]) for one in sums[k, 1:]),
+            like[k],
+        )
+        for k in range(n)
+    )
+    together = [_together(sums[:, t], [p.all if t == 0 else p.types[t - 1] for p in planes]) for t in range(1 + kinds)]
+    return Difference(both, together[0], tuple(together[1:]), planes, error, shift)
+
+
+difference = drained(iter_difference)
+
+
+def _sensor_types(both: Pair) -> NDArray[np.intp] | None:
+    """Return the lens type of the sensor's pixels ``(ny + nt - 1, nx + ns - 1)`` from the first cutout's corner on."""
+    matrix = both.a if both.a.camera is not None else both.b
+    camera = matrix.camera
+    if camera is None or matrix.pixel_scale != (1.0, 1.0) or len(camera.lattice.types) < 2:
+        return None
+    _, ny, nx, nt, ns = both.shape
+    # a has the numbers of positions; without a camera of its own they are b's
+    rows = round(matrix.anchor[0]) - (nt - 1) // 2 + np.arange(ny + nt - 1)
+    columns = round(matrix.anchor[1]) - (ns - 1) // 2 + np.arange(nx + ns - 1)
+    return camera.lattice.type_at(camera.sensor_um(np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1)))
+
+
+def _some(there: NDArray[np.bool_], count: int) -> NDArray[np.intp]:
+    """Return about ``count`` positions (y, x) of those that are there, spread over them in storage order."""
+    places = np.argwhere(there)
+    chosen = np.unique(np.linspace(0, len(places) - 1, min(count, len(places))).round().astype(int))
+    return places[chosen] if len(places) else places
+
+
+def _start(both: Pair, k: int, there: NDArray[np.bool_]) -> F8:
+    """Return the shift (row, column) that some patterns of a plane have."""
+    given = [both.patterns(k, y, x) for y, x in _some(there, STARTED).tolist()]
+    good = [(p, q) for p, q in given if np.isfinite(p).all() and np.isfinite(q).all()]
+    if not good:
+        return np.zeros(2)
+    return best_shift(np.stack([p for p, _ in good]), np.stack([q for _, q in good]))
+
+
+def _row_sums(
+    p: F8,
+    q: F8,
+    there: NDArray[np.bool_],
+    start: F8,
+    types: NDArray[np.intp] | None,
+    y: int,
+    *,
+    error: NDArray[np.float32],
+    shift: NDArray[np.float32],
+) -> F8:
+    """Return the sums ``(1 + types, 5, 5)`` of a row of positions; fill its errors and centroid shifts."""
+    nt, ns = p.shape[1:]
+    kinds = 0 if types is None else int(types.max()) + 1
+    sums = np.zeros((1 + kinds, 5, 5))
+    ours, theirs = p.sum((1, 2)), q.sum((1, 2))
+    used = np.flatnonzero(there & np.isfinite(ours + theirs) & (ours > 0) & (theirs > 0))
+    if not len(used):
+        return sums
+    p, q = p[used], q[used]
+    flat, other = p.reshape(len(used), -1), q.reshape(len(used), -1)
+    at_equal = flat * (theirs[used] / ours[used])[:, None] - other
+    error[y, used] = np.linalg.norm(at_equal, axis=1) / np.linalg.norm(other, axis=1)
+    shift[y, used] = centroids(flat, (nt, ns)) - centroids(other, (nt, ns))
+    there_px = np.stack([p, q, *shifted(q, start)], 1).reshape(len(used), 5, -1)
+    for x, columns in zip(used.tolist(), there_px, strict=True):
+        if types is None:
+            sums[0] += columns @ columns.T
+            continue
+        own = types[y : y + nt, x : x + ns].ravel()
+        for t in range(kinds):
+            part = columns[:, own == t]
+            sums[1 + t] += part @ part.T
+    if types is not None:
+        sums[0] = sums[1:].sum(0)
+    return sums
+
+
+def _figures(sums: F8, start: F8) -> Figures:
+    """Return the figures that sums of products ``(5, 5)`` hold; ``start`` is the shift that they were taken at."""
+    aa, ab, bb = float(sums[A, A]), float(sums[A, B]), float(sums[B, B])
+    if not (aa > 0 and bb > 0):
+        return Figures(*(math.nan,) * 3, (math.nan, math.nan), math.nan, math.nan)
+    nrmse = math.sqrt(max(0.0, aa - 2 * ab + bb) / bb)
+    scale, correlation = ab / bb, ab / math.sqrt(aa * bb)
+    scaled = math.sqrt(max(0.0, 1.0 - correlation * correlation))
+    found = np.linalg.lstsq(sums[MODEL, MODEL], sums[MODEL, A], rcond=1e-12)[0]
+    gain = float(found[0])
+    shift = (math.nan, math.nan)
+    if gain:
+        shift = (float(start[0] - found[1] / gain), float(start[1] - found[2] / gain))
+    left = math.sqrt(max(0.0, 1.0 - float(found @ sums[MODEL, A]) / aa))
+    return Figures(nrmse, scale, scaled, shift, min(left, scaled), correlation)
+
+
+def _together(sums: F8, planes: list[Figures]) -> Figures:
+    """Return the figures over all planes, each at a scale and shift of its own in what is left."""
+    whole = _figures(sums.sum(0), np.zeros(2))
+    known = [k for k, one in enumerate(planes) if math.isfinite(one.left)]
+    if not known:
+        return whole
+    weights = np.array([sums[k, A, A] for k in known])
+    shift = np.average([planes[k].shift_px for k in known], axis=0, weights=weights)
+    left = math.sqrt(float(np.average([planes[k].left ** 2 for k in known], weights=weights)))
+    place = (float(shift[0]), float(shift[1]))
+    return Figures(whole.nrmse, whole.scale, whole.scaled, place, left, whole.correlation)
+
+
+def _more_like(both: Pair) -> list[int | None]:
+    """Return for each pair of planes which other plane of b shows more of what a shows, or None."""
+    n, planes = len(both.planes), len(both.b)
+    if planes < 2 or planes > MOST_PLANES:
+        return [None] * n
+    common = np.all([both.there(k) for k in range(n)], axis=0) & np.all(
+        [np.roll(np.asarray(both.b.recorded[z]) > 0, tuple(-v for v in both.moved), (0, 1)) for z in range(planes)],
+        axis=0,
+    )
+    places = _some(common, ALIKE).tolist()
+    if not places:
+        return [None] * n
+
+    def told(patterns: list[F8]) -> F8:
+        flat = np.nan_to_num(np.stack(patterns)).ravel()
+        size = float(np.linalg.norm(flat))
+        return flat / size if size > 0 else flat
+
+    theirs = np.stack(
+        [told([both.crop(both.b[(z, *both.place_in_b(y, x))]) for y, x in places]) for z in range(planes)]
+    )
+    found: list[int | None] = []
+    for k in range(n):
+        ours = told([both.patterns(k, y, x)[0] for y, x in places])
+        unlike = 1.0 - theirs @ ours
+        own, best = both.planes[k][1], int(unlike.argmin())
+        if not theirs[own].any():  # a plane without light is like none
+            found.append(None)
+            continue
+        found.append(best if best != own and unlike[own] > LIKER * unlike[best] + 1e-3 else None)
+    return found

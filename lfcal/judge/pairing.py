@@ -1,0 +1,208 @@
+"""What two H have in common: planes, positions and pixels that are held beside each other, and what is left out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.base import InputError, centre, format_plane
+from lfcal.psf import PSFMatrix
+
+__all__ = ["Pair", "pair"]
+
+CLOSE = 0.05
+"""Share of the distance between neighbouring planes by which depths may differ that are the same plane."""
+
+FRACTION = 0.01
+"""Pixels by which the anchors of the same positions may differ without a word."""
+
+F8 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two H, and what of them is compared.
+
+    Attributes
+    ----------
+    a, b
+        The matrices.
+    planes
+        Planes (of a, of b) that show the same depth.
+    moved
+        Position (y, x) of b that is position (0, 0) of a.
+    cutout
+        Pixels ``(nt, ns)`` that both have about the source.
+    notes
+        What is left out, and why.
+    """
+
+    a: PSFMatrix
+    b: PSFMatrix
+    planes: tuple[tuple[int, int], ...]
+    moved: tuple[int, int]
+    cutout: tuple[int, int]
+    notes: tuple[str, ...]
+
+    @property
+    def shape(self) -> tuple[int, int, int, int, int]:
+        """Planes, positions and pixels that are compared."""
+        return (len(self.planes), *self.a.period, *self.cutout)
+
+    def there(self, k: int) -> NDArray[np.bool_]:
+        """Return which positions ``(ny, nx)`` of pair ``k`` of planes both have."""
+        za, zb = self.planes[k]
+        ours = np.asarray(self.a.recorded[za]) > 0
+        theirs = np.asarray(self.b.recorded[zb]) > 0
+        found: NDArray[np.bool_] = ours & np.roll(theirs, (-self.moved[0], -self.moved[1]), (0, 1))
+        return found
+
+    def place_in_b(self, y: int, x: int) -> tuple[int, int]:
+        """Return the position (y, x) of b that is that of a."""
+        ny, nx = self.a.period
+        return (y + self.moved[0]) % ny, (x + self.moved[1]) % nx
+
+    def patterns(self, k: int, y: int, x: int) -> tuple[F8, F8]:
+        """Return what both show at a position of a ``(nt, ns)`` each."""
+        za, zb = self.planes[k]
+        return self.crop(self.a[za, y, x]), self.crop(self.b[(zb, *self.place_in_b(y, x))])
+
+    def row(self, k: int, y: int) -> tuple[F8, F8]:
+        """Return what both show along a row of positions of a ``(nx, nt, ns)`` each."""
+        za, zb = self.planes[k]
+        other, first = self.place_in_b(y, 0)
+        return self.crop(self.a[za, y]), np.roll(self.crop(self.b[zb, other]), -first, 0)
+
+    def crop(self, patterns: ArrayLike) -> F8:
+        """Return the pixels about the source that both have, of patterns ``(..., t, s)``."""
+        values = np.asarray(patterns)
+        at = tuple(centre(have) - centre(want) for have, want in zip(values.shape[-2:], self.cutout, strict=True))
+        rows, columns = (slice(first, first + n) for first, n in zip(at, self.cutout, strict=True))
+        return np.asarray(values[..., rows, columns], np.float64)
+
+
+def pair(a: PSFMatrix | ArrayLike, b: PSFMatrix | ArrayLike, *, by_number: bool = False) -> Pair:
+    """Return what two H have in common.
+
+    Planes belong together by their depths, positions by where they are on the sensor where both state a camera.
+
+    Parameters
+    ----------
+    a, b
+        Matrices; of a transposed view, the H behind it.
+    by_number
+        Planes belong together by their numbers, whatever their depths.
+
+    Raises
+    ------
+    InputError
+        If the periods or the pixels differ, no plane is common, or numbers are complex.
+    """
+    first, second = (_straight(m) for m in (a, b))
+    for matrix, which in ((first, "first"), (second, "second")):
+        if matrix.dtype.kind == "c":
+            raise InputError.expected(_called(matrix, which), "real numbers", "complex ones", "give intensities")
+    for name, own, other in (
+        ("period (y, x)", first.period, second.period),
+        ("pixels per sensor pixel", first.pixel_scale, second.pixel_scale),
+    ):
+        if own != other:
+            wanted = f"{own} as of {_called(first, 'first')}"
+            remedy = "compare H of the same array and sampling"
+            raise InputError.expected(f"{_called(second, 'second')}, {name}", wanted, other, remedy)
+    notes: list[str] = []
+    if first.path and (first.path, first.region) == (second.path, second.region):
+        notes.append("both are the same file")
+    names = [m.camera.name for m in (first, second) if m.camera is not None]
+    if len(set(names)) > 1:
+        notes.append(f"cameras of other names: {names[0]} and {names[1]}")
+    planes = _planes(first, second, by_number, notes)
+    moved = _moved(first, second, notes)
+    rows, columns = (min(n, m) for n, m in zip(first.cutout, second.cutout, strict=True))
+    if first.cutout != second.cutout:
+        sizes = " and ".join(f"{nt} × {ns}" for nt, ns in (first.cutout, second.cutout))
+        notes.append(f"cutouts of {sizes} pixels: the {rows} × {columns} about the source are compared")
+    return Pair(first, second, planes, moved, (rows, columns), tuple(notes))
+
+
+def _straight(matrix: PSFMatrix | ArrayLike) -> PSFMatrix:
+    H = matrix if isinstance(matrix, PSFMatrix) else PSFMatrix(matrix)
+    return H.T if H.is_transposed else H
+
+
+def _called(matrix: PSFMatrix, which: str) -> str:
+    """Return what an H is called in an error: its file, and which of both it is."""
+    return f"{matrix.path} ({which} H)" if matrix.path else f"{which} H"
+
+
+def _planes(a: PSFMatrix, b: PSFMatrix, by_number: bool, notes: list[str]) -> tuple[tuple[int, int], ...]:
+    """Return the planes of the same depth, or of the same number."""
+    known = a.knows_depths and b.knows_depths
+    if by_number or not known:
+        common = min(len(a), len(b))
+        apart = [z for z in range(common) if known and abs(a.depths[z] - b.depths[z]) > _close(a, b)]
+        if not by_number and a.knows_depths != b.knows_depths:
+            which = "second" if a.knows_depths else "first"
+            notes.append(f"the {which} H does not state depths: planes of equal numbers are compared")
+        if apart:
+            notes.append(f"planes of equal numbers are compared; {len(apart)} of them differ in depth")
+        _left_out(notes, "first", a, range(common))
+        _left_out(notes, "second", b, range(common))
+        return tuple((z, z) for z in range(common))
+    close = _close(a, b)
+    found: list[tuple[int, int]] = []
+    free = set(range(len(b)))
+    for z, depth in enumerate(a.depths.tolist()):
+        near = min(free, key=lambda k: abs(float(b.depths[k]) - depth), default=None)
+        if near is not None and abs(float(b.depths[near]) - depth) <= close:
+            found.append((z, near))
+            free.discard(near)
+    if not found:
+        raise InputError.expected(
+            f"{_called(b, 'second')}, depths",
+            f"some of {_listed(a, range(len(a)))}",
+            _listed(b, range(len(b))),
+            "compare planes by number (--by-number)",
+        )
+    _left_out(notes, "first", a, [z for z, _ in found])
+    _left_out(notes, "second", b, [z for _, z in found])
+    return tuple(found)
+
+
+def _close(a: PSFMatrix, b: PSFMatrix) -> float:
+    """Return how far apart depths of the same plane may be (µm)."""
+    steps = [float(np.diff(np.sort(m.depths)).min()) for m in (a, b) if len(m) > 1]
+    steps = [step for step in steps if step > 0]
+    if steps:
+        return CLOSE * min(steps)
+    # of a single plane nothing says how far its neighbours would be
+    return max(1.0, 1e-3 * float(np.abs(a.depths).max()))
+
+
+def _left_out(notes: list[str], which: str, matrix: PSFMatrix, used: range | list[int]) -> None:
+    alone = [z for z in range(len(matrix)) if z not in used]
+    if alone:
+        words = "plane" if len(alone) == 1 else "planes"
+        notes.append(f"{words} of the {which} H alone: {_listed(matrix, alone)}")
+
+
+def _listed(matrix: PSFMatrix, planes: range | list[int]) -> str:
+    told = [format_plane(float(matrix.known_depths[z]), z) for z in planes]
+    return ", ".join(told[:6]) + (f" and {len(told) - 6} more" if len(told) > 6 else "")
+
+
+def _moved(a: PSFMatrix, b: PSFMatrix, notes: list[str]) -> tuple[int, int]:
+    """Return the position of b that is position (0, 0) of a: by the sensor's pixels where both state a camera."""
+    if a.camera is None or b.camera is None:
+        return 0, 0
+    apart = [own - other for own, other in zip(a.anchor, b.anchor, strict=True)]
+    whole = [round(v) for v in apart]
+    rest = [v - n for v, n in zip(apart, whole, strict=True)]
+    if max(map(abs, rest)) > FRACTION:
+        notes.append(f"the scans lie ({rest[0]:.3g}, {rest[1]:.3g}) pixels apart: shifts contain that")
+    moved = (whole[0] % a.period[0], whole[1] % a.period[1])
+    if moved != (0, 0):
+        notes.append(f"positions are paired by the sensor: (0, 0) of the first is {moved} of the second")
+    return moved

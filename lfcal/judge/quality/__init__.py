@@ -1,0 +1,20 @@
+"""How good a PSF matrix is.
+
+- ``inspect``: reads every plane once and returns a `QualityReport`; ``report`` is what that is
+- ``metric``: what a metric is; ``metrics`` holds them, ``catalogue`` finds them
+- ``measure``: what metrics share of one plane, from ``dark``, ``pattern_table``, ``sums``, ``positions``, ``turned``,
+  ``steps``
+- ``across``: what they share of all planes
+- ``field``, ``lattice``, ``kernels``: parts, phases and compiled passes that these are made of
+- ``periodicity``: how true the tiling is, from control frames over the field
+"""
+
+from typing import TYPE_CHECKING
+
+from lfcal._lazy import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.judge.quality._face import *  # noqa: F403
+    from lfcal.judge.quality._shared import *  # noqa: F403
+
+lazy_face(__name__)

@@ -1,0 +1,276 @@
+"""Where the spots of a pattern sit on the lenslet lattice: position errors from their phase."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import for_each_chunk
+from lfcal.camera import Camera
+from lfcal.judge.quality._kernels import spot_pass
+
+__all__ = ["ORDERS", "SpotLattice", "displacements", "find_spots", "wave_vectors"]
+
+SCALES = np.concatenate([np.linspace(0.3, 0.9, 10), np.linspace(0.95, 2.4, 30), np.linspace(2.5, 5.0, 11)])
+"""Spot wave number over lattice wave number that are tried: 1 / (1 - 1/v)."""
+
+FASTEST = 2.6
+"""Highest wave number tried (rad per pixel): below Nyquist's pi with a margin."""
+
+SAMPLE = 500
+"""Patterns on which spacing and order are searched, about."""
+
+BRIGHT = 0.92
+"""Where the lattice's wave is this strong, the pattern is fully lit and its phase is true."""
+
+STRONG = 0.4
+"""Modulation below which positions cannot be measured from the spots: too few lenslets are lit."""
+
+ORDERS = {
+    "as planned": "",
+    "x reversed": "the scan runs backwards along x, or the frames are mirrored left to right",
+    "y reversed": "the scan runs backwards along y, or the frames are mirrored top to bottom",
+    "both reversed": "the scan runs backwards along both axes, or the frames are turned by half a turn",
+    "axes swapped": "x and y of the scan are swapped",
+}
+"""Orders in which the positions may have been recorded, and the words for them."""
+
+
+@dataclass(frozen=True, slots=True)
+class SpotLattice:
+    """The spots of one plane.
+
+    Attributes
+    ----------
+    waves
+        Wave vectors of the lenslet lattice ``(k, 2)`` as (x, y) (rad per pixel).
+    scale
+        Spot wave number over lattice wave number: 1 / (1 - 1/v).
+    order
+        Key of `ORDERS`: the order of the scan that fits the phases.
+    modulation
+        Strength of the spots' wave, 0 to 1.
+    across
+        Lenslets across the pattern.
+    """
+
+    waves: NDArray[np.float64]
+    scale: float
+    order: str
+    modulation: float
+    across: float
+
+    @property
+    def usable(self) -> bool:
+        """Whether positions can be measured from the phases."""
+        return self.modulation >= STRONG and self.across >= 1.7
+
+    @property
+    def steady(self) -> bool:
+        """Whether the pattern's centroid stays with the source: not where it is the image of a single lenslet."""
+        return self.across >= 1.25 or self.modulation < STRONG
+
+    @property
+    def virtual_depth(self) -> float:
+        """Virtual depth v from the spots' spacing p (1 - 1/v)."""
+        turned = self.order == "both reversed"
+        scale = -self.scale if turned else self.scale
+        return scale / (scale - 1) if abs(scale - 1) > 1e-3 else math.inf
+
+
+def wave_vectors(
+    camera: Camera | None, period: tuple[int, int], scale: tuple[float, float] = (1.0, 1.0)
+) -> NDArray[np.float64]:
+    """Return the wave vectors of the lenslet lattice, ``(2 or 3, 2)`` as (x, y) (rad per pixel of H).
+
+    With a camera they are its lattice's, unrounded, at ``scale`` (rows, columns) pixels of H to one of the sensor's.
+    Without, a lattice is read off the period: hexagonal where
+    one side is sqrt(3) times the other (three types if x is the longer), else rectangular.
+    """
+    ny, nx = period
+    if camera is not None:
+        basis = camera.lattice.basis_um() / camera.sensor.pixel_um * np.array(scale[::-1])
+        hexagonal = camera.lattice.kind == "hexagonal"
+    else:
+        hexagonal = any(abs(r / math.sqrt(3) - 1) < 0.08 for r in (nx / ny, ny / nx))
+        pitch = nx / 3 if hexagonal and nx > ny else nx
+        row = ny / 2 if hexagonal else ny
+        basis = np.array([[pitch, 0.0], [pitch / 2 if hexagonal else 0.0, row]])
+    first = np.asarray(2 * math.pi * np.linalg.inv(basis).T, np.float64)
+    if not hexagonal:
+        return first
+    third = min(first[0] + first[1], first[0] - first[1], key=lambda k: float(np.hypot(*k)))
+    vectors: NDArray[np.float64] = np.stack([first[0], first[1], third])
+    return vectors
+
+
+def spot_waves(
+    frames: NDArray[np.float32], floor: float, vectors: NDArray[np.float64], workers: int | None = None
+) -> NDArray[np.complex128]:
+    """Return the lit pixels of each pattern summed against waves ``exp(-i q r)``, ``(n, waves)``."""
+    n, nt, ns = frames.shape
+    s = np.arange(ns) - (ns - 1) // 2
+    t = np.arange(nt) - (nt - 1) // 2
+    across = np.exp(-1j * s[:, None] * vectors[:, 0])
+    down = np.exp(-1j * t[:, None] * vectors[:, 1])
+    out = np.empty((n, len(vectors)), np.complex128)
+    for_each_chunk(lambda a, b: spot_pass(frames[a:b], floor, across, down, out[a:b]), n, workers)
+    return out
+
+
+def _ordered(y: NDArray[np.int64], x: NDArray[np.int64], period: tuple[int, int]) -> dict[str, NDArray[np.float64]]:
+    """Return where position (y, x) would be, ``(n, 2)`` as (x, y), for each of `ORDERS`."""
+    ny, nx = period
+    swapped = (y, x)
+    if ny != nx:  # the frames ran along y first but were counted along x
+        swapped = ((y * nx + x) // ny, (y * nx + x) % ny)
+    places = {
+        "as planned": (x, y),
+        "x reversed": (-x, y),
+        "y reversed": (x, -y),
+        "both reversed": (-x, -y),
+        "axes swapped": swapped,
+    }
+    return {name: np.stack(place, -1).astype(float) for name, place in places.items()}
+
+
+def find_spots(
+    plane: NDArray[np.float32],
+    use: NDArray[np.bool_],
+    floor: float,
+    waves: NDArray[np.float64],
+    diameter_px: float,
+    workers: int | None = None,
+) -> SpotLattice | None:
+    """Return the spots of a plane, or None where nothing is lit.
+
+    A pattern's spots are ``p (1 - 1/v)`` apart, and as the source moves over the lattice's cell their phase runs
+    with the lattice's wave vectors. Both are searched together: the spacing, and the order of the scan under which
+    the phases agree.
+
+    Parameters
+    ----------
+    plane
+        Patterns ``(ny, nx, nt, ns)``.
+    use
+        Positions to use ``(ny, nx)``.
+    floor
+        What lit pixels exceed.
+    waves
+        See `wave_vectors`.
+    diameter_px
+        Diameter of the pattern (pixels).
+    workers
+        Threads.
+    """
+    period = (plane.shape[0], plane.shape[1])
+    y, x = _sparse_grid(use)
+    if y.size < 16:
+        return None
+    frames = np.ascontiguousarray(plane[y, x], np.float32)
+    length = float(np.hypot(*waves.T).mean())
+    places = _ordered(y, x, period)
+    scales = SCALES[SCALES * np.hypot(*waves.T).max() < FASTEST]
+    best = _search(frames, floor, waves, places, scales, workers)
+    if best is None:
+        return None
+    scale, order, modulation = best
+    scale = _spacing(frames, floor, waves, places[order], scale)
+    return SpotLattice(waves, scale, order, modulation, diameter_px * scale * length / (2 * math.pi))
+
+
+def _sparse_grid(use: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return rows and columns of a regular grid of about `SAMPLE` used positions, at most four apart.
+
+    A regular grid keeps the lattice's waves apart as the whole cell does; random positions would not.
+    """
+    ny, nx = use.shape
+    stride = min(4, max(1, round(math.sqrt(ny * nx / SAMPLE))))
+    keep = np.zeros_like(use)
+    keep[:: min(stride, max(1, ny // 8)), :: min(stride, max(1, nx // 8))] = True
+    y, x = np.nonzero(keep & use)
+    return y.astype(np.int64), x.astype(np.int64)
+
+
+def _spacing(
+    frames: NDArray[np.float32],
+    floor: float,
+    waves: NDArray[np.float64],
+    place: NDArray[np.float64],
+    start: float,
+) -> float:
+    """Return the spots' wave number over the lattice's, from the phase across the middle of the pattern.
+
+    ``D(r) = sum_X H_X(r) exp(-i k X)`` runs as ``exp(i scale k r)`` wherever the pattern is fully lit, for any
+    spots' shape; its phase from pixel to pixel, summed over the brightest part, is the spacing.
+    """
+    n, nt, ns = frames.shape
+    lit = frames.reshape(n, -1) - np.float32(floor)
+    np.maximum(lit, 0, out=lit)
+    lit[~np.isfinite(lit)] = 0
+    phase = place @ waves.T
+    real, imaginary = np.cos(phase).T.astype(np.float32) @ lit, -np.sin(phase).T.astype(np.float32) @ lit
+    found = []
+    for wave, image in zip(waves, (real + 1j * imaginary).reshape(-1, nt, ns), strict=True):
+        bright = np.abs(image) > BRIGHT * np.abs(image).max()
+        steps = []
+        for axis, k in ((1, wave[0]), (0, wave[1])):
+            a, b = (np.moveaxis(image, axis, 0)[s] for s in (slice(None, -1), slice(1, None)))
+            both = np.moveaxis(bright, axis, 0)[:-1] & np.moveaxis(bright, axis, 0)[1:]
+            product = complex((np.conj(a) * b)[both].sum())
+            # measured against the start, so that a phase beyond half a turn is not folded
+            steps.append(start * k + cmath.phase(product * cmath.exp(-1j * start * k)) if product else start * k)
+        found.append(float(np.dot(steps, wave) / (wave @ wave)))
+    scale = float(np.mean(found))
+    return scale if abs(scale / start - 1) < 0.5 else start
+
+
+def _search(
+    frames: NDArray[np.float32],
+    floor: float,
+    waves: NDArray[np.float64],
+    places: dict[str, NDArray[np.float64]],
+    scales: NDArray[np.float64],
+    workers: int | None,
+) -> tuple[float, str, float] | None:
+    """Return spacing, order of the scan and modulation that agree best, or None where nothing is lit."""
+    vectors = (scales[:, None, None] * waves).reshape(-1, 2)
+    sums = spot_waves(frames, floor, vectors, workers).reshape(len(frames), len(scales), len(waves))
+    energy = float(spot_waves(frames, floor, np.zeros((1, 2)), workers).real.mean())
+    if not energy > 0:
+        return None
+    size = np.abs(sums).mean(0) / energy
+    best, top = None, 0.0
+    for name, place in places.items():
+        turn = np.exp(-1j * (place @ waves.T))
+        agree = np.abs((sums * turn[:, None, :]).mean(0)) / energy
+        score = agree.min(1)
+        k = int(np.argmax(score))
+        # "as planned" comes first and must be beaten clearly: other orders fit a symmetric lattice nearly as well
+        if best is None or score[k] > 1.15 * top:
+            best, top = (float(scales[k]), name, float(size[k].min())), float(score[k])
+    return best
+
+
+def displacements(
+    plane: NDArray[np.float32], spots: SpotLattice, floor: float, workers: int | None = None
+) -> NDArray[np.float64]:
+    """Return by how much each pattern's lattice is displaced, ``(2, ny, nx)`` as (y, x) (pixels).
+
+    From the phases of the spots' waves, against those of the mean; a position that was read into the wrong place
+    is displaced by as many pixels as it is positions away, and a stage error e displaces by -e / (v - 1).
+    """
+    ny, nx = plane.shape[:2]
+    frames = plane.reshape(ny * nx, *plane.shape[2:])
+    sums = spot_waves(frames, floor, spots.scale * spots.waves, workers)
+    y, x = np.divmod(np.arange(ny * nx), nx)
+    place = _ordered(y, x, (ny, nx))[spots.order]
+    turned = sums * np.exp(-1j * (place @ spots.waves.T))
+    turned /= np.abs(turned) + 1e-300  # phases alone: bright patterns are not better placed
+    phase = np.angle(turned * np.conj(turned.mean(0)))
+    shift = phase @ np.linalg.pinv(spots.waves).T
+    return np.ascontiguousarray(shift[:, ::-1].T.reshape(2, ny, nx))

@@ -1,0 +1,184 @@
+"""What a depth-plane sum shows of a plane's quality."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.psf.aperture import Aperture
+
+__all__ = ["EdgeLight", "coverage", "diameter", "edge_light", "off_centre", "spread", "stuck_pixels"]
+
+STUCK = (0.9, 0.3)
+"""A hot pixel is lit in so many of the frames, and in so many more than its neighbours."""
+
+REACH, MARGIN = 1.25, 3.0
+"""Beyond so many radii of the lit patch, and so many pixels, there should be no light."""
+
+DOUBT = 1.2
+"""Light that the camera explains may be so many times what is expected of it."""
+
+CUT_OFF = 10.0
+"""Truncation beyond which the corners are no measure of darkness (per cent)."""
+
+
+def _plateau(shown: NDArray[np.float64]) -> float:
+    from scipy import ndimage
+
+    # the largest smoothed value and not the largest pixel, which may be hot
+    return float(ndimage.gaussian_filter(shown, 2.0).max())
+
+
+def diameter(shown: NDArray[np.float64]) -> float:
+    """Return the diameter of the disc of the same second moment as a depth-plane sum's lit patch (pixels)."""
+    # an even disc of diameter D has the second moment D²/8 about its centre
+    return math.sqrt(8 * spread(shown))
+
+
+def spread(shown: NDArray[np.float64]) -> float:
+    """Return the variance of the light about its centroid, rows and columns together (pixels squared).
+
+    Pixels far outside the lit patch, where only noise is left, do not count.
+    """
+    patch = _LitArea.of(shown)
+    if patch is None:
+        return 0.0
+    light = np.where(patch.distance <= REACH * patch.radius + MARGIN, shown, 0.0)
+    total = float(light.sum())
+    if not total > 0:
+        return 0.0
+    variance = 0.0
+    for axis in (0, 1):
+        profile, place = light.sum(1 - axis), np.arange(light.shape[axis])
+        mean = float(profile @ place) / total
+        variance += float(profile @ (place - mean) ** 2) / total
+    return max(0.0, variance)
+
+
+@dataclass(frozen=True, slots=True)
+class _LitArea:
+    """The lit patch: its plateau, its outer radius, and every pixel's distance from its middle (pixels)."""
+
+    plateau: float
+    radius: float
+    distance: NDArray[np.float64]
+
+    @staticmethod
+    def of(shown: NDArray[np.float64]) -> _LitArea | None:
+        from scipy import ndimage
+
+        top = _plateau(shown)
+        if not top > 0:
+            return None
+        labels, count = ndimage.label(ndimage.gaussian_filter(shown, 1.0) > 0.1 * top)
+        if count == 0:
+            return None
+        # by light and not by area: noise makes large faint patches
+        sizes = np.bincount(labels.ravel(), weights=np.maximum(shown, 0).ravel(), minlength=count + 1)[1:]
+        patch = labels == 1 + int(np.argmax(sizes))
+        row, column = ndimage.center_of_mass(patch)
+        t, s = np.meshgrid(np.arange(shown.shape[0]) - row, np.arange(shown.shape[1]) - column, indexing="ij")
+        distance = np.hypot(t, s)
+        return _LitArea(top, float(distance[patch].max()), distance)
+
+
+@dataclass(frozen=True, slots=True)
+class EdgeLight:
+    """Light where a depth-plane sum should be dark (per cent); NaN where it cannot be measured.
+
+    Attributes
+    ----------
+    truncation
+        Brightest side's mean over two pixels, over the plateau.
+    leak
+        What lies outside 1.25 radii of the lit patch, over all, less what the noise of its pixels may make and what
+        the camera's own tails explain.
+    """
+
+    truncation: float = math.nan
+    leak: float = math.nan
+
+    @property
+    def cut_off(self) -> bool:
+        """Whether so much light reaches the edge that the corners are no measure of darkness."""
+        return self.truncation > CUT_OFF
+
+
+def edge_light(
+    shown: NDArray[np.float64], noise: float = 0.0, expected: NDArray[np.float64] | None = None
+) -> EdgeLight:
+    """Return truncation and stray light of a background-free depth-plane sum.
+
+    Parameters
+    ----------
+    shown
+        Depth-plane sum ``(nt, ns)``.
+    noise
+        Noise of its pixels.
+    expected
+        What the camera should show there, in any unit, see `lfcal.judge.quality._expected.expected_sum`.
+    """
+    patch = _LitArea.of(shown)
+    if patch is None:
+        return EdgeLight()
+    # two rows or columns: one alone is noisy, and more would not be the edge any more
+    sides = (shown[:2], shown[-2:], shown[:, :2], shown[:, -2:])
+    truncation = 100 * max(0.0, max(float(side.mean()) for side in sides)) / patch.plateau
+    outside = patch.distance > REACH * patch.radius + MARGIN
+    if not outside.mean() > 0.02:  # the patch fills the cutout
+        return EdgeLight(truncation)
+    # sum of n noisy pixels: sqrt(n) times the noise of one, twice for certainty
+    chance = 2 * noise * math.sqrt(outside.sum())
+    leak = 100 * max(0.0, float(shown[outside].sum()) - chance) / float(shown.sum())
+    # the camera's own pattern, cut and weighed in the same way
+    tails = edge_light(expected).leak if expected is not None else math.nan
+    return EdgeLight(truncation, max(0.0, leak - DOUBT * tails) if math.isfinite(tails) else leak)
+
+
+def off_centre(shown: NDArray[np.float64], aperture: Aperture) -> float:
+    """Return the distance of the aperture's centre, or of the light's centroid, from the cutout's (pixels)."""
+    from scipy import ndimage
+
+    middle = [(n - 1) // 2 for n in shown.shape]
+    place = aperture.centre
+    if not all(math.isfinite(c) for c in place):
+        lit = np.where(shown > 0.1 * _plateau(shown), shown, 0.0)
+        if not lit.any():
+            return math.nan
+        row, column = ndimage.center_of_mass(lit)
+        place = (float(row), float(column))
+    return math.dist(place, middle)
+
+
+def coverage(period: tuple[int, ...], cutout: tuple[int, ...]) -> NDArray[np.intp]:
+    """Return how many of the frames show each sensor pixel, ``(nt + ny - 1, ns + nx - 1)``."""
+    counts = [np.convolve(np.ones(n, np.intp), np.ones(m, np.intp)) for n, m in zip(period, cutout, strict=True)]
+    return np.outer(counts[0], counts[1])
+
+
+def stuck_pixels(lit: NDArray[np.int32], frames: NDArray[np.intp]) -> int:
+    """Return how many pixels are hot or dead: lit in almost all frames, or in none, unlike their neighbours.
+
+    Parameters
+    ----------
+    lit
+        In how many frames each pixel is lit.
+    frames
+        How many frames show it, of the same shape; pixels that few show are left out.
+    """
+    from scipy import ndimage
+
+    share = np.where(frames > 0, lit / np.maximum(frames, 1), 0.0)
+    around = np.ones((3, 3), bool)
+    around[1, 1] = False
+    # third highest and third lowest of the eight neighbours: two of them may be defects too
+    bright = ndimage.rank_filter(share, -3, footprint=around, mode="nearest")
+    dim = ndimage.rank_filter(share, 2, footprint=around, mode="nearest")
+    # pixels near the sensor region's edge appear in few cutouts, whose shares mean little
+    seen = frames >= frames.max() / 2
+    hot = (share > STUCK[0]) & (share - bright > STUCK[1])
+    dead = (share < 1 - STUCK[0]) & (dim - share > STUCK[1])
+    return int(((hot | dead) & seen).sum())

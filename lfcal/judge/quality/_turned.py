@@ -1,0 +1,52 @@
+"""Whether the patterns of a plane run as those of flipped or turned frames do: by the way their centroids move."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.frames import AS_IS, nearest_orientation
+from lfcal.judge.quality.pattern_table import PatternTable
+
+__all__ = ["move_matrix", "turned_frames"]
+
+WHOLE = 0.8
+"""A pattern with this share of the highest usual energy is not cut off; the centroid of a cut-off one lags."""
+
+FAR = 0.9
+"""Largest distance of the motion from that of an orientation: an image that stands still is 1.4 from all of them."""
+
+
+def move_matrix(table: PatternTable, use: NDArray[np.bool_]) -> NDArray[np.float64] | None:
+    """Return how the image moved (down, right) for each planned pixel, ``(2, 2)``; ideally the unit matrix.
+
+    In a cutout that moves along with the source the pattern stands still; what its centroid moves is added to that.
+    None where the positions do not span the plane.
+    """
+    light = np.where(use, table.light, 0.0)
+    whole = use & (light > WHOLE * np.quantile(light, 0.9))
+    y, x = np.nonzero(whole)
+    if len(y) < 8 or np.ptp(y) < 2 or np.ptp(x) < 2:
+        return None
+    design = np.column_stack([y, x, np.ones(len(y))]).astype(np.float64)
+    seen = np.column_stack([table.column("row")[whole], table.column("column")[whole]])
+    keep = np.ones(len(y), bool)
+    for _ in range(3):
+        slopes = np.linalg.lstsq(design[keep], seen[keep], rcond=None)[0]
+        distance = np.hypot(*(seen - design @ slopes).T)
+        # single frames that are misplaced must not turn the plane
+        keep = distance <= np.quantile(distance, 0.8)
+    moves: NDArray[np.float64] = np.eye(2) + slopes[:2].T
+    return moves
+
+
+def turned_frames(table: PatternTable, use: NDArray[np.bool_]) -> str:
+    """Return the orientation that would make the frames of a plane upright, by name.
+
+    ``"as is"`` unless another one is clearly nearer to the motion of the image.
+    """
+    moves = move_matrix(table, use)
+    if moves is None:
+        return AS_IS
+    nearest, away = nearest_orientation(moves)
+    return nearest.name if away < min(FAR, float(np.linalg.norm(np.eye(2) - moves)) / 2) else AS_IS

@@ -1,0 +1,171 @@
+"""Planes compared with each other: which are dark, which are copies, how large their shadows are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import InputError
+from lfcal.camera import Camera, Microscope
+from lfcal.judge.quality._expected import footprint_variance
+from lfcal.judge.quality._sums import spread as spread_of
+from lfcal.judge.quality.measure import PlaneMeasures
+from lfcal.psf import PSFMatrix
+
+__all__ = ["MatrixMeasures", "shadow_sizes"]
+
+DARK_PLANE = 0.1
+"""A plane with less than this share of the usual energy is dark."""
+
+NOVEL = 0.05
+"""A plane that differs from another by less than this share of what neighbours differ by is its copy."""
+
+MOST_STEP = 0.2
+"""What neighbouring planes differ by counts up to this (1 - correlation)."""
+
+MOST_NOISE, CLEARLY = 3.0, 6.0
+"""Differences of two recordings of one depth at most, and of two depths at least, over those of noise alone."""
+
+SAME_NOISE, IDENTICAL = 0.05, 1e-12
+"""Difference of one recording stored twice: over that of noise alone, and without noise."""
+
+CLEAR = 4.0
+"""The shadow's second moment can be separated from the lenslets' own where the sum is so many times that."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MatrixMeasures:
+    """What was measured of all planes, for metrics of the whole matrix.
+
+    Attributes
+    ----------
+    matrix
+        H, straight.
+    planes
+        Measures of each plane, without patterns.
+    energy
+        Energy of each plane's patterns ``(nz,)``; 0 where there is no light.
+    dark
+        Planes with hardly any light ``(nz,)``.
+    copies
+        Earlier plane that each plane is a copy of ``(nz,)``; -1 where it is none.
+    shadows_px
+        Diameter of the iris's shadow on the sensor ``(nz,)`` (pixels); NaN where not known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix
+    >>> from lfcal.judge.quality import MatrixMeasures, Reading
+    >>> def loss(found: MatrixMeasures) -> list[Reading]:  # as `of_matrix` of a metric of one's own
+    ...     energy = found.energy[~found.dark]
+    ...     return [Reading(float(100 * (1 - energy.min() / energy.max())))]
+    >>> H, dark = PSFMatrix(np.ones((3, 2, 2, 5, 5))), np.array([False, False, True])
+    >>> found = MatrixMeasures(H, (), np.array([100.0, 75.0, 0.0]), dark, np.full(3, -1), np.full(3, np.nan))
+    >>> print(loss(found)[0].value, "%")
+    25.0 %
+    """
+
+    matrix: PSFMatrix
+    planes: tuple[PlaneMeasures, ...]
+    energy: NDArray[np.float64]
+    dark: NDArray[np.bool_]
+    copies: NDArray[np.intp]
+    shadows_px: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, matrix: PSFMatrix, planes: Sequence[PlaneMeasures]) -> MatrixMeasures:
+        """Return what follows from comparing the measured planes, given in the order of H."""
+        energy = np.array([p.energy if p.lit else 0.0 for p in planes])
+        usual = float(np.median(energy[energy > 0])) if (energy > 0).any() else 0.0
+        dark = energy < DARK_PLANE * usual if usual else np.ones(len(planes), bool)
+        shadows = shadow_sizes(planes, matrix.camera, matrix.pixel_scale)
+        return cls(matrix, tuple(planes), energy, dark, _copies(planes, ~dark, _places(matrix)), shadows)
+
+
+def _copies(planes: Sequence[PlaneMeasures], lit: NDArray[np.bool_], places: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return of which earlier plane each is a copy, -1 where of none.
+
+    Planes are compared on some patterns. Two that share even their noise are one recording. Two recordings are of one
+    depth where they differ by no more than noise, although planes so far apart differ by much more: that is known from
+    the other planes alone.
+    """
+    out = np.full(len(planes), -1, np.intp)
+    chosen = [z for z in range(len(planes)) if lit[z] and planes[z].sample.size]
+    if len(chosen) < 2:
+        return out
+    vectors = np.stack([planes[z].sample for z in chosen])
+    norms = np.maximum(np.sqrt(np.einsum("ij,ij->i", vectors, vectors, dtype=np.float64)), 1e-300)
+    noisy = [planes[z].dark.noise * math.sqrt((vectors[k] > 0).sum()) / norms[k] for k, z in enumerate(chosen)]
+
+    def apart(a: int, b: int) -> float:
+        # of unit vectors, 1 minus the correlation; by differences, which equal patterns have none of
+        return float(np.square(vectors[a] / norms[a] - vectors[b] / norms[b]).sum()) / 2
+
+    steps = [apart(k, k + 1) - noisy[k] * noisy[k + 1] for k in range(len(chosen) - 1)]
+    spaces = np.abs(np.diff(places[chosen]))
+    # the medians over neighbours: one repeated plane must not set the usual step
+    step, space = (min(float(np.median(steps)), MOST_STEP), float(np.median(spaces))) if len(steps) > 1 else (0.0, 0.0)
+    for b in range(1, len(chosen)):
+        for a in range(b):
+            found, chance = apart(a, b), noisy[a] * noisy[b]
+            # patterns of near planes change with the square of their distance
+            ratio = abs(places[chosen[b]] - places[chosen[a]]) / space if space > 0 else 0.0
+            wanted = step * min(1.0, ratio) ** 2
+            again = CLEARLY * chance < wanted and found < max(NOVEL * wanted, MOST_NOISE * chance)
+            if again or found < max(SAME_NOISE * chance, IDENTICAL):
+                out[chosen[b]] = chosen[a]
+                break
+    return out
+
+
+def _places(matrix: PSFMatrix) -> NDArray[np.float64]:
+    """Return where the planes' images lie ``(nz,)``; without a camera that sees them, the depths."""
+    if matrix.camera is not None:
+        try:
+            return np.array([matrix.camera.image_shift_um(float(depth)) for depth in matrix.depths])
+        except InputError:
+            pass
+    return np.asarray(matrix.depths, np.float64)
+
+
+def shadow_sizes(
+    planes: Sequence[PlaneMeasures], camera: Camera | None, pixel_scale: tuple[float, float] = (1.0, 1.0)
+) -> NDArray[np.float64]:
+    """Return the diameter of the iris's shadow on the sensor, per plane (pixels); NaN where not known.
+
+    Light through the iris reaches r = P (1 - 1/v) - e B/f, P on the shadow at the lenslets and e on a lenslet,
+    and over a whole cell both are spread independently: the second moment of a depth-plane sum is that of the
+    shadow, which a disc of diameter D has as D²/8, plus that of the lenslets, which does not depend on depth.
+    """
+    sizes = np.full(len(planes), math.nan)
+    if camera is None:
+        return sizes
+    scale = math.sqrt(math.prod(pixel_scale))
+    pixel, gap = camera.sensor.pixel_um / scale, camera.lattice.gap_um
+    airy = 0.42 * camera.wavelength_um * gap / camera.lattice.clear_diameter_um / pixel
+    # second moments add: the lenslet's disc, diffraction and the pixel's box, each over both axes
+    own = footprint_variance(camera) / pixel**2 + 2 * airy**2 + 2 / 12
+    for z, p in enumerate(planes):
+        if p.lit and p.spread > CLEAR * own:
+            # an even disc of diameter D has the second moment D²/8
+            sizes[z] = math.sqrt(8 * (p.spread - own)) * _paraxial(p, camera, own, pixel)
+    return sizes
+
+
+def _paraxial(plane: PlaneMeasures, camera: Camera, own: float, pixel_um: float) -> float:
+    """Return the shadow's diameter |a - B| / N over the one that the second moment of the expected sum shows.
+
+    Rays of a microscope move by the tangent of their angle and not by its sine, and tails widen the moment.
+    """
+    about = plane.about
+    if about.expected is None or not isinstance(camera.optics, Microscope):
+        return 1.0
+    shown = spread_of(about.expected) - own
+    shift = camera.image_shift_um(float(about.matrix.depths[about.z])) - camera.lattice.gap_um
+    wanted = abs(shift) / camera.optics.working_f_number / pixel_um
+    return wanted / math.sqrt(8 * shown) if shown > 0 else 1.0

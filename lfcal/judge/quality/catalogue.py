@@ -1,0 +1,29 @@
+"""Every metric by name: those of `lfcal.judge.quality.metrics`, and those of other distributions.
+
+Costs are reconstruction errors (NRMSE against the ideal H). Those of scan order, dark planes, missing and misplaced
+frames, background, truncation, hot pixels and flicker follow reconstructions with the fault put into a simulated H;
+the others are estimates that put a metric in its place among them.
+"""
+
+from __future__ import annotations
+
+from lfcal.base import Registry
+from lfcal.judge.quality.metric import MetricSpec
+
+__all__ = ["METRICS"]
+
+
+def _check(part: MetricSpec) -> None:
+    if not isinstance(part, MetricSpec):
+        raise TypeError(f"expected a MetricSpec, got {type(part).__name__}")
+
+
+METRICS: Registry[MetricSpec] = Registry(
+    "quality metric",
+    "lfcal.judge.quality.metrics",
+    "METRICS",
+    "lfcal.metrics",
+    order=lambda spec: (-spec.cost.worst, -spec.cost.at_bad, spec.key),
+    check=_check,
+)
+"""All metrics, worst consequences first."""

@@ -1,0 +1,374 @@
+"""What all metrics share of one depth plane, measured in one pass over its patterns."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import Clock, Work, for_each_chunk
+from lfcal.judge.quality._dark import DarkCorners, dark_corners, darkness
+from lfcal.judge.quality._field import Parts, split
+from lfcal.judge.quality._kernels import step_pass
+from lfcal.judge.quality._periodicity import Periodicity
+from lfcal.judge.quality._positions import Positions, measure_positions
+from lfcal.judge.quality._steps import odd_frames, seam_ratio, unlike_displaced
+from lfcal.judge.quality._sums import DOUBT, EdgeLight, edge_light
+from lfcal.judge.quality._sums import diameter as diameter_of
+from lfcal.judge.quality._sums import spread as spread_of
+from lfcal.judge.quality.pattern_table import PatternTable
+from lfcal.psf import PSFMatrix, copied_positions
+from lfcal.psf.aperture import Aperture
+
+__all__ = ["PASSES", "Continuity", "Faulty", "PlaneContext", "PlaneMeasures", "iter_measure"]
+
+DARK_FRAME = 0.2
+"""A pattern with less than this share of the median energy is missing."""
+
+SLIPPED = 32
+"""Number of patterns from which the effect of a displacement is estimated."""
+
+PASSES = 6
+"""Progress records of a plane: one for each pass over its patterns or their table."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaneContext:
+    """What is known of a plane before its patterns are read.
+
+    Attributes
+    ----------
+    matrix, z
+        H, straight, and which of its planes this is.
+    depth_sum
+        Sum of its patterns as H states it ``(nt, ns)``.
+    aperture
+        The iris fitted to it.
+    waves
+        Wave vectors of the lenslet lattice, see `lfcal.judge.quality._lattice.wave_vectors`.
+    tiling
+        Result of the control frames, where there were some.
+    expected
+        The mean pattern that the camera should show, see `lfcal.judge.quality._expected.expected_sum`; None: not known.
+    """
+
+    matrix: PSFMatrix
+    z: int
+    depth_sum: NDArray[np.float64]
+    aperture: Aperture
+    waves: NDArray[np.float64]
+    tiling: Periodicity | None = None
+    expected: NDArray[np.float64] | None = None
+
+    @property
+    def corner_tail(self) -> float:
+        """Light that the camera's own tails leave in a dark pixel, over the energy of a pattern; 0 if not known."""
+        if self.expected is None or not self.expected.any():
+            return 0.0
+        corners = dark_corners(self.expected[None, None].astype(np.float32)).background
+        return DOUBT * corners / float(self.expected.sum())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Faulty:
+    """Positions whose frames cannot be used, flags ``(ny, nx)`` each."""
+
+    missing: NDArray[np.bool_]
+    nonfinite: NDArray[np.bool_]
+    duplicates: NDArray[np.bool_]
+
+    @property
+    def any(self) -> NDArray[np.bool_]:
+        """Positions with any of the faults."""
+        either: NDArray[np.bool_] = self.missing | self.nonfinite | self.duplicates
+        return either
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Continuity:
+    """How each pattern follows from its neighbours.
+
+    Attributes
+    ----------
+    seam
+        Change across the wrap over the change between neighbours; NaN where not known.
+    odd
+        Each pattern's change to its neighbours over what is usual around it ``(ny, nx)``.
+    """
+
+    seam: float
+    odd: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaneMeasures:
+    """What was measured of a plane, for all metrics.
+
+    In a plane without light everything from ``shares`` on is left at "not known".
+
+    Attributes
+    ----------
+    about
+        What was known before: H, its number, depth-plane sum, aperture.
+    patterns
+        The patterns ``(ny, nx, nt, ns)``; empty once all metrics of the plane have been asked.
+    table
+        Their table: energy, highest value, centroid … of each; noise and background.
+    lit, energy
+        Whether there is light in the plane, and the median energy of a good pattern.
+    faulty
+        Missing, not-a-number and duplicate frames.
+    shares, shares_split
+        Energy of each pattern over the usual one, background taken off ``(ny, nx)`` (per cent), and its parts.
+    edges
+        Light at the cutout's edges and outside the pattern.
+    spread
+        Second moment of the depth-plane sum (pixels squared); NaN where it cannot be relied on.
+    positions
+        The source's positions as measured from spots and centroids.
+    continuity
+        Seam and odd frames; None where the scan ran in another order, and its neighbours are none.
+    sample
+        Some of the patterns, dark pixels removed, to hold against other planes.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> from lfcal.judge.quality import PlaneMeasures, Reading
+    >>> def contrast(plane: PlaneMeasures) -> Reading:  # as `of_plane` of a metric of one's own
+    ...     return Reading(plane.energy / plane.dark.noise, detail=f"plane {plane.about.z}")
+    >>> tried = contrast(SimpleNamespace(energy=600.0, dark=SimpleNamespace(noise=2.0), about=SimpleNamespace(z=1)))
+    >>> print(tried.value, tried.detail)
+    300.0 plane 1
+    """
+
+    about: PlaneContext
+    patterns: NDArray[np.float32]
+    table: PatternTable
+    lit: bool
+    energy: float
+    faulty: Faulty
+    shares: NDArray[np.float64]
+    shares_split: Parts
+    edges: EdgeLight
+    spread: float
+    positions: Positions
+    continuity: Continuity | None
+    sample: NDArray[np.float32]
+
+    @property
+    def dark(self) -> DarkCorners:
+        """Noise and background from the dark corners of the cutouts, or from gaps in patterns that fill these."""
+        return self.table.dark
+
+    @property
+    def background(self) -> float:
+        """Background of a pixel that the tails of the camera's own patterns do not explain."""
+        found = self.dark.background
+        return found - min(max(0.0, found), self.energy * self.about.corner_tail)
+
+    @property
+    def sensor_noise(self) -> float | None:
+        """Noise of a pixel without light by the sensor's own figures, the median over positions; None: not known."""
+        noise = self.about.matrix.facts.noise
+        if noise is None:
+            return None
+        # without a photon part it was taken from repeats, and is no figure of the sensor
+        constant, slope = np.moveaxis(noise[self.about.z].astype(np.float64), -1, 0)
+        known = np.isfinite(constant) & (slope > 0) & (constant > 0)
+        return float(np.sqrt(np.median(constant[known]))) if known.any() else None
+
+    @property
+    def use(self) -> NDArray[np.bool_]:
+        """Positions whose frames can be used, ``(ny, nx)``."""
+        return ~self.faulty.any
+
+    def released(self) -> PlaneMeasures:
+        """Return the same without the patterns, so that their memory can be used again."""
+        return replace(self, patterns=np.empty((0, 0, 0, 0), np.float32))
+
+
+def iter_measure(
+    patterns: NDArray[np.float32], context: PlaneContext, clock: Clock, done: int, workers: int | None = None
+) -> Work[PlaneMeasures]:
+    """Measure a plane's patterns ``(ny, nx, nt, ns)``; yields `PASSES` records from ``done`` on."""
+    dark = darkness(patterns)
+    yield clock.at(done + 1)
+    table = PatternTable.of(patterns, dark, workers)
+    yield clock.at(done + 2)
+    unread = (table.column("nonfinite") > 0) | (table.column("lit") == 0)
+    usual = float(np.median(table.light[~unread])) if (~unread).any() else 0.0
+    # lit if one pixel stands out of the noise, or if the usual sum of a pattern does
+    lit = bool(table.peak > 6 * dark.noise) or usual > 3 * dark.noise * math.sqrt(table.lit.size)
+    steps = _steps(patterns, dark, workers) if lit else None
+    plane = _unmeasured(patterns, context, table, lit, usual, _faulty(context, table, steps, unread, usual))
+    yield clock.at(done + 3)
+    if steps is not None:
+        plane = _with_light(plane)
+        yield clock.at(done + 4)
+        shown, cut_off = _diameter(plane), plane.edges.cut_off
+        found = measure_positions(patterns, table, plane.use, context.waves, shown, workers, cut_off=cut_off)
+        plane = replace(plane, positions=found)
+        yield clock.at(done + 5)
+        plane = replace(plane, continuity=_continuity(plane, steps), sample=_sample(patterns, table.floor))
+    yield clock.at(done + PASSES)
+    return plane
+
+
+def _unmeasured(
+    patterns: NDArray[np.float32],
+    context: PlaneContext,
+    table: PatternTable,
+    lit: bool,
+    energy: float,
+    faulty: Faulty,
+) -> PlaneMeasures:
+    """Return the measures of which only those that need no light are known."""
+    blank = np.full(faulty.missing.shape, np.nan)
+    return PlaneMeasures(
+        about=context,
+        patterns=patterns,
+        table=table,
+        lit=lit,
+        energy=energy,
+        faulty=faulty,
+        shares=blank,
+        shares_split=Parts(math.nan, (0.0, 0.0), (0.0, 0.0), blank, blank),
+        edges=EdgeLight(),
+        spread=math.nan,
+        positions=Positions(),
+        continuity=None,
+        sample=np.empty(0, np.float32),
+    )
+
+
+def _faulty(
+    context: PlaneContext,
+    table: PatternTable,
+    steps: NDArray[np.float64] | None,
+    unread: NDArray[np.bool_],
+    usual: float,
+) -> Faulty:
+    """Find missing, not-a-number and duplicate frames; ``steps`` is None in a plane without light."""
+    nonfinite = table.column("nonfinite") > 0
+    # in a dark plane every frame is dim: that says nothing of single ones
+    dim = unread | (table.light < DARK_FRAME * usual) if steps is not None else np.zeros_like(nonfinite)
+    missing = ((context.matrix.recorded[context.z] == 0) | dim) & ~nonfinite
+    duplicates = (
+        np.zeros_like(missing)
+        if steps is None
+        else _duplicates(table, steps, ~(missing | nonfinite), copied_positions(context.matrix)[context.z])
+    )
+    return Faulty(missing, nonfinite, duplicates)
+
+
+def _steps(plane: NDArray[np.float32], dark: DarkCorners, workers: int | None) -> NDArray[np.float64]:
+    """Return how unlike each pattern and the next along y and x are, wrapping, ``(2, ny, nx)``.
+
+    1 minus the correlation after the cutout's move, the noise taken out of the norms; 0 for the very same frame
+    alone, else at least what noise makes of it.
+    """
+    ny, nx, nt, ns = plane.shape
+    products = np.empty((2, ny, nx, 3))
+
+    def rows(start: int, stop: int) -> None:
+        for y in range(start, stop):
+            for x in range(nx):
+                step_pass(plane[y, x], plane[(y + 1) % ny, x], 1, 0, products[0, y, x])
+                step_pass(plane[y, x], plane[y, (x + 1) % nx], 0, 1, products[1, y, x])
+
+    for_each_chunk(rows, ny, workers)
+    variance = dark.noise**2
+    noise = variance * np.array([(nt - 1) * ns, nt * (ns - 1)])[:, None, None]
+    aa, bb, ab = np.moveaxis(products, -1, 0)
+    # noise adds to the sums of squares, and would make equal patterns look unlike
+    norms = np.sqrt(np.maximum(aa - noise, 1e-150)) * np.sqrt(np.maximum(bb - noise, 1e-150))
+    chance = np.sqrt(variance * (aa + bb) + variance * noise) / norms
+    unlike = np.maximum(1 - ab / norms, np.maximum(chance, 1e-9))
+    # equal to the last bit is a copied frame: noise never repeats
+    same = (aa == bb) & (aa == ab)
+    return np.where(same, 0.0, unlike)
+
+
+def _duplicates(
+    table: PatternTable, steps: NDArray[np.float64], ok: NDArray[np.bool_], copied: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return the frames that are the same as another, or the same but for the cutout's move.
+
+    Patterns that are ``copied`` from another position by intent are no frames of their own.
+    """
+    # checksums find copies anywhere in the plane, steps only those of neighbours
+    _, inverse = np.unique(table.digest.ravel(), return_inverse=True)
+    counts = np.bincount(inverse, weights=~copied.ravel())
+    same: NDArray[np.bool_] = (counts[inverse] > 1).reshape(ok.shape) & ok & ~copied
+    for axis in (0, 1):
+        if steps.shape[1 + axis] > 1:
+            still = (steps[axis] == 0) & ok & np.roll(ok, -1, axis)
+            same |= still | np.roll(still, 1, axis)
+    return same
+
+
+def _with_light(plane: PlaneMeasures) -> PlaneMeasures:
+    """Add the energies over positions, and what the depth-plane sum shows."""
+    light = plane.table.light
+    # of patterns with no light in sum nothing has a share
+    shares = 100 * light / plane.energy if plane.energy > 0 else np.full(light.shape, np.nan)
+    shown = _background_free(plane)
+    edges = edge_light(shown, plane.dark.noise * math.sqrt(shares.size), plane.about.expected)
+    # a cut-off sum has lost its outer light, and its second moment with it
+    spread = spread_of(shown) if edges.truncation < 2 else math.nan
+    return replace(plane, shares=shares, shares_split=split(shares, plane.use), edges=edges, spread=spread)
+
+
+def _background_free(plane: PlaneMeasures) -> NDArray[np.float64]:
+    shown: NDArray[np.float64] = plane.about.depth_sum - plane.faulty.missing.size * plane.background
+    return shown
+
+
+def _diameter(plane: PlaneMeasures) -> float:
+    return diameter_of(_background_free(plane))
+
+
+def _continuity(plane: PlaneMeasures, steps: NDArray[np.float64]) -> Continuity | None:
+    if not plane.positions.as_planned:
+        return None
+    # misplaced frames are reported on their own; they would show as odd a second time
+    wrong = plane.positions.misplaced
+    use = plane.use if wrong is None else plane.use & ~wrong
+    slip = _slip(plane, use)
+    return Continuity(seam_ratio(steps, use, slip), odd_frames(steps, use))
+
+
+def _slip(plane: PlaneMeasures, use: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return what the rounding of the period to whole pixels changes across the wrap along y and x ``(2,)``.
+
+    As the root of 1 minus the correlation of patterns with the same, displaced by what the camera's lattice misses
+    the period by, and as a share of a step.
+    """
+    ny, nx = plane.patterns.shape[:2]
+    waves = plane.about.waves
+    found = np.zeros((2, 2))
+    places = np.argwhere(use)
+    some = places[np.linspace(0, len(places) - 1, min(SLIPPED, len(places))).astype(int)] if len(places) else places
+    frames = np.maximum(plane.patterns[tuple(some.T)] - np.float32(plane.table.floor), np.float32(0))
+    for axis, period in enumerate(((0.0, ny), (nx, 0.0))):  # as (x, y)
+        turn = waves @ np.array(period, np.float64)
+        missed = np.linalg.pinv(waves) @ (turn - 2 * math.pi * np.rint(turn / (2 * math.pi)))
+        found[axis] = unlike_displaced(frames, missed[::-1]), float(np.hypot(*missed))
+    return found
+
+
+def _sample(plane: NDArray[np.float32], floor: float) -> NDArray[np.float32]:
+    """Return some whole patterns, dark pixels removed, to hold against other planes."""
+    ny, nx = plane.shape[:2]
+    # a fixed seed: the same positions in every plane, so that planes can be compared
+    rng = np.random.default_rng(1)
+    chosen = rng.choice(ny * nx, min(16, ny * nx), replace=False)
+    y, x = np.divmod(np.sort(chosen), nx)
+    values = plane[y, x]
+    # a pixel that is no number would make every product with it one
+    values[~np.isfinite(values)] = 0
+    kept: NDArray[np.float32] = np.maximum(values - np.float32(floor), np.float32(0)).ravel()
+    return kept

@@ -1,0 +1,387 @@
+"""A metric: what it measures, when it is good or bad, what it costs and what to do about it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import format_number
+from lfcal.judge.quality.across import MatrixMeasures
+from lfcal.judge.quality.measure import PlaneMeasures
+
+__all__ = ["RANK", "UNKNOWN", "CostModel", "Limits", "Merit", "Metric", "MetricSpec", "Reading", "judge"]
+
+Merit = Literal["good", "fair", "bad", "unknown"]
+Plot = Literal["map", "planes", "sum", "table"]
+
+RANK: dict[Merit, int] = {"bad": 0, "fair": 1, "good": 2, "unknown": 3}
+"""Order of merits in a report."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reading:
+    """A metric's value of one plane.
+
+    Attributes
+    ----------
+    value
+        In the metric's unit; NaN where it is not known.
+    map
+        Value per position ``(ny, nx)``, or None.
+    positions
+        Positions it names, flags ``(ny, nx)``, or None.
+    detail
+        What was found, in words; may be empty.
+    cost
+        Error that it makes in a reconstruction, where the plane tells it; NaN: what such a value makes as a rule.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.judge.quality import UNKNOWN, Reading
+    >>> weak = np.array([[False, True], [False, False]])
+    >>> found = Reading(float(weak.sum()), positions=weak, detail="one dim frame")
+    >>> print(found.value, found.detail, UNKNOWN.value)
+    1.0 one dim frame nan
+    """
+
+    value: float = math.nan
+    map: NDArray[np.float64] | None = None
+    positions: NDArray[np.bool_] | None = None
+    detail: str = ""
+    cost: float = math.nan
+
+
+LARGEST = 1.0
+"""Error of a volume that has nothing in common with the true one, at its best brightness: none is larger."""
+
+UNKNOWN = Reading()
+"""The value of a metric that could not be measured: never zero, which would be good."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Up to ``good`` a value is good, beyond ``bad`` it is bad, fair between; reversed where higher is better.
+
+    Examples
+    --------
+    >>> from lfcal.judge.quality import Limits
+    >>> limits = Limits(good=1.0, bad=3.0)
+    >>> [limits.merit(value) for value in (0.5, 2.0, 4.0, float("nan"))]
+    ['good', 'fair', 'bad', 'unknown']
+    """
+
+    good: float
+    bad: float
+    higher_is_better: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the order of the limits."""
+        sign = -1.0 if self.higher_is_better else 1.0
+        if not sign * self.good <= sign * self.bad:
+            raise ValueError(f"limits: good {self.good} must not be worse than bad {self.bad}")
+
+    def merit(self, value: float) -> Merit:
+        """Return the merit of ``value``; NaN is unknown."""
+        if math.isnan(value):
+            return "unknown"
+        sign = -1.0 if self.higher_is_better else 1.0
+        if sign * value <= sign * self.good:
+            return "good"
+        return "bad" if sign * value > sign * self.bad else "fair"
+
+
+@dataclass(frozen=True, slots=True)
+class CostModel:
+    """Error a metric's value makes in a reconstruction: NRMSE against the ideal H.
+
+    Attributes
+    ----------
+    at_bad
+        Cost of a value at the limit "bad"; others cost in proportion.
+    worst
+        Cost it cannot exceed.
+    per_frame
+        The value counts frames: the cost grows with the root of their share and is ``at_bad`` where all are.
+
+    Examples
+    --------
+    >>> from lfcal.judge.quality import CostModel, Limits
+    >>> cost, limits = CostModel(at_bad=0.1, worst=0.5), Limits(good=1.0, bad=2.0)
+    >>> [cost.of(value, limits) for value in (0.5, 2.0, 4.0, 100.0)]  # in proportion, 0.5 at most
+    [0.0, 0.1, 0.2, 0.5]
+    """
+
+    at_bad: float
+    worst: float
+    per_frame: bool = False
+
+    def of(self, value: float, limits: Limits, frames: int = 1) -> float:
+        """Return the cost of ``value`` in an H with so many frames: 0 where it is good, NaN where it is unknown."""
+        merit = limits.merit(value)
+        if merit in ("good", "unknown"):
+            return 0.0 if merit == "good" else math.nan
+        if self.per_frame:
+            return min(self.worst, self.at_bad * math.sqrt(value / max(1, frames)))
+        if limits.higher_is_better:
+            share = limits.bad / value if value > 0 else math.inf
+        else:
+            # a limit of 0 has no proportion: the value itself is the share
+            share = abs(value) / limits.bad if limits.bad > 0 else abs(value)
+        return min(self.worst, self.at_bad * share)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MetricSpec:
+    """A metric as one object: found by its key, measured by its own function.
+
+    Attributes
+    ----------
+    key, title, unit
+        Name in JSON, name for people, unit of the value (empty: a number).
+    meaning, advice
+        What it says, and what to do when it is bad; one sentence or more each.
+    limits, cost
+        When it is good or bad, and what it costs.
+    of_plane
+        Function of one plane's shared measurements, called while the plane's patterns are in memory.
+    of_matrix
+        Function of all planes' shared measurements, called once at the end: one `Reading` per plane, or a single one
+        for the whole matrix. A metric has one of the two functions.
+    needs_light
+        Whether ``of_plane`` is unknown, and not asked, where a plane is dark.
+    needs_all
+        Whether one unknown plane makes a good overall value unknown: for counts that must be complete.
+    plot
+        What shows it: a map over positions, a curve over planes, the depth-plane sum, or the table alone.
+    map_unit
+        Unit of one position's value, where it is not that of the overall value.
+    always_shown
+        Whether a report draws its map where all is well, too.
+    overall
+        How planes make the overall value: the ``worst`` of them, or their ``sum``.
+    redo
+        Whether the positions it names should be recorded again.
+    verdict_detail
+        Whether the verdict says what was found instead of the title.
+    if_unknown
+        Why the value may be unknown of an H that the metric does apply to; empty: it then does not apply.
+
+    Examples
+    --------
+    >>> from lfcal.judge.quality import CostModel, Limits, MetricSpec, Reading
+    >>> spec = MetricSpec(
+    ...     key="energy",
+    ...     title="Light",
+    ...     meaning="Median energy of a pattern.",
+    ...     advice="Expose for longer.",
+    ...     limits=Limits(1000, 100, higher_is_better=True),
+    ...     cost=CostModel(at_bad=0.1, worst=0.5),
+    ...     of_plane=lambda plane: Reading(plane.energy),
+    ... )
+    >>> print(spec.name, spec.limits.merit(500), spec.cost.of(50, spec.limits))  # half of the limit: twice the cost
+    energy fair 0.2
+    """
+
+    key: str
+    title: str
+    unit: str = ""
+    meaning: str
+    advice: str
+    limits: Limits
+    cost: CostModel
+    of_plane: Callable[[PlaneMeasures], Reading] | None = None
+    of_matrix: Callable[[MatrixMeasures], Sequence[Reading]] | None = None
+    needs_light: bool = True
+    needs_all: bool = False
+    plot: Plot = "table"
+    map_unit: str = ""
+    always_shown: bool = False
+    overall: Literal["worst", "sum"] = "worst"
+    redo: bool = False
+    verdict_detail: bool = False
+    if_unknown: str = ""
+
+    def __post_init__(self) -> None:
+        """Check that there is exactly one function, and that all words are there."""
+        if (self.of_plane is None) == (self.of_matrix is None):
+            raise ValueError(f"metric {self.key!r}: give one function, of_plane or of_matrix")
+        for name in ("key", "title", "meaning", "advice"):
+            if not getattr(self, name):
+                raise ValueError(f"metric {self.key!r}: {name} is empty")
+
+    @property
+    def name(self) -> str:
+        """The key, as the registry asks for it."""
+        return self.key
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Metric:
+    """A measured `MetricSpec`.
+
+    Attributes
+    ----------
+    spec
+        What was measured.
+    value, merit
+        Overall value (NaN: unknown) and its merit.
+    cost
+        Estimated reconstruction error (NRMSE); NaN where the value is unknown.
+    measured
+        Whether the cost was measured on this H, and not what such a value costs as a rule.
+    per_plane
+        Value of each plane ``(nz,)``; NaN where unknown; a single one where planes have none of their own.
+    map
+        Value per position ``(nz, ny, nx)``, or None.
+    positions
+        Positions it names, ``(n, 3)`` as (z, y, x).
+    detail
+        What was found, in words; may be empty.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix
+    >>> from lfcal.judge import inspect
+    >>> from lfcal.judge.quality import Metric
+    >>> H = PSFMatrix(np.ones((1, 2, 2, 9, 9)), recorded=[[[1, 0], [1, 1]]])
+    >>> missing: Metric = inspect(H)["missing"]
+    >>> print(missing.text, missing.merit, missing.positions.tolist())
+    1 frames bad [[0, 0, 1]]
+    """
+
+    spec: MetricSpec
+    value: float
+    merit: Merit
+    cost: float
+    per_plane: NDArray[np.float64]
+    map: NDArray[np.float32] | None = None
+    positions: NDArray[np.intp] = field(default_factory=lambda: np.empty((0, 3), np.intp))
+    detail: str = ""
+    measured: bool = False
+
+    @property
+    def key(self) -> str:
+        """Name in JSON."""
+        return self.spec.key
+
+    @property
+    def applies(self) -> bool:
+        """Whether the metric says something of this H: a value, or why there is none."""
+        return self.merit != "unknown" or bool(self.detail)
+
+    @property
+    def text(self) -> str:
+        """Value with its unit, for people."""
+        if math.isnan(self.value):
+            return "unknown"
+        digits = (
+            f"{self.value:.0f}"
+            if self.value == round(self.value) and abs(self.value) < 1e6
+            else format_number(self.value)
+        )
+        return f"{digits} {self.spec.unit}".strip()
+
+    @property
+    def cost_text(self) -> str:
+        """Cost for people: a dash where there is none or it is unknown, and a word where it was not measured."""
+        if self.measured:
+            return f"{self.cost:.3f}"
+        return f"{self.cost:.2g} typical" if self.cost > 0 else "—"
+
+    @property
+    def limits(self) -> str:
+        """Thresholds, for people."""
+        better, worse = ("≥", "<") if self.spec.limits.higher_is_better else ("≤", ">")
+        unit = f" {self.spec.unit}" if self.spec.unit else ""
+        return f"{better} {self.spec.limits.good:g}{unit} good, {worse} {self.spec.limits.bad:g}{unit} bad"
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the metric as plain values, positions included and maps left out; NaN is what is unknown."""
+        return {
+            "key": self.key,
+            "title": self.spec.title,
+            "value": self.value,
+            "unit": self.spec.unit,
+            "merit": self.merit,
+            "good": self.spec.limits.good,
+            "bad": self.spec.limits.bad,
+            "higher_is_better": self.spec.limits.higher_is_better,
+            "cost": self.cost,
+            "cost_is": "measured" if self.measured else "typical",
+            "plot": self.spec.plot,
+            "per_plane": self.per_plane.tolist(),
+            "positions": self.positions.tolist(),
+            "detail": self.detail,
+            "meaning": self.spec.meaning,
+            "advice": self.spec.advice if self.merit in ("bad", "fair") else "",
+        }
+
+
+def judge(spec: MetricSpec, readings: Sequence[Reading], shape: tuple[int, int, int]) -> Metric:
+    """Return the metric of an H of ``(nz, ny, nx)`` positions from its readings, one per plane or a single one.
+
+    Raises
+    ------
+    ValueError
+        If the number of readings, a map or flags do not fit the shape: the metric's function is wrong.
+    """
+    nz, ny, nx = shape
+    if len(readings) not in (1, nz):
+        raise ValueError(f"metric {spec.key!r}: expected 1 or {nz} readings, got {len(readings)}")
+    for reading in readings:
+        for array in (reading.map, reading.positions):
+            if array is not None and array.shape != (ny, nx):
+                raise ValueError(f"metric {spec.key!r}: expected maps of {(ny, nx)} positions, got {array.shape}")
+    per_plane = np.array([r.value for r in readings], float)
+    value = _overall(spec, per_plane)
+    named = np.zeros((len(readings), ny, nx), bool)
+    for z, reading in enumerate(readings):
+        if reading.positions is not None:
+            named[z] = reading.positions
+    return Metric(
+        spec,
+        value,
+        spec.limits.merit(value),
+        _cost(spec, value, readings, nz * ny * nx),
+        per_plane,
+        _maps(readings, (ny, nx)),
+        np.argwhere(named),
+        "; ".join(sorted({r.detail for r in readings} - {""})) or (spec.if_unknown if math.isnan(value) else ""),
+    )
+
+
+def _cost(spec: MetricSpec, value: float, readings: Sequence[Reading], frames: int) -> float:
+    """Return the cost of a value that is not good: that of all planes where they give one, else the usual one."""
+    told = [one.cost for one in readings if not math.isnan(one.cost)]
+    typical = spec.cost.of(value, spec.limits, frames)
+    if told and typical > 0:
+        typical = min(spec.cost.worst, math.sqrt(sum(cost**2 for cost in told) / len(readings)))
+    # not a number where the value is unknown
+    return typical if math.isnan(typical) else min(LARGEST, typical)
+
+
+def _overall(spec: MetricSpec, per_plane: NDArray[np.float64]) -> float:
+    known = per_plane[~np.isnan(per_plane)]
+    if not known.size:
+        return math.nan
+    if spec.overall == "sum":
+        value = float(known.sum())
+    else:
+        value = float(known.min() if spec.limits.higher_is_better else known.max())
+    # a value from some planes can be bad for certain, but not good: a plane that is not known may be worse
+    incomplete = spec.needs_all and known.size < per_plane.size
+    return math.nan if incomplete and spec.limits.merit(value) == "good" else value
+
+
+def _maps(readings: Sequence[Reading], shape: tuple[int, int]) -> NDArray[np.float32] | None:
+    if all(r.map is None for r in readings):
+        return None
+    blank = np.full(shape, np.nan)
+    return np.stack([blank if r.map is None else r.map for r in readings]).astype(np.float32)

@@ -1,0 +1,46 @@
+"""Whether the cutout holds the pattern: all of it, and in the middle."""
+
+from __future__ import annotations
+
+from lfcal.judge.quality._sums import off_centre
+from lfcal.judge.quality.measure import PlaneMeasures
+from lfcal.judge.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, Reading
+
+__all__ = ["METRICS"]
+
+
+def _truncation(plane: PlaneMeasures) -> Reading:
+    return Reading(plane.edges.truncation)
+
+
+def _centring(plane: PlaneMeasures) -> Reading:
+    if plane.edges.cut_off:  # the middle of what is left is not that of the aperture
+        return UNKNOWN
+    shown = plane.about.depth_sum - plane.faulty.missing.size * plane.dark.background
+    return Reading(off_centre(shown, plane.about.aperture))
+
+
+METRICS = (
+    MetricSpec(
+        key="truncation",
+        title="Cut off",
+        unit="% of plateau",
+        limits=Limits(good=1.0, bad=5.0),
+        cost=CostModel(at_bad=0.16, worst=1.0),
+        plot="sum",
+        meaning="Light on the cutout's edge over the light in the middle of the depth-plane sum.",
+        advice="Assemble again with a larger cutout.",
+        of_plane=_truncation,
+    ),
+    MetricSpec(
+        key="centring",
+        title="Centring",
+        unit="px",
+        limits=Limits(good=3.0, bad=8.0),
+        cost=CostModel(at_bad=0.02, worst=0.3),
+        plot="sum",
+        meaning="Distance of the aperture's centre from the cutout's.",
+        advice="Assemble again with the anchor moved by this much.",
+        of_plane=_centring,
+    ),
+)

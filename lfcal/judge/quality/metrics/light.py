@@ -1,0 +1,119 @@
+"""Signal, background and stray light, and the lamp over the scan."""
+
+from __future__ import annotations
+
+import math
+
+from lfcal.judge.quality.measure import PlaneMeasures
+from lfcal.judge.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, Reading
+
+__all__ = ["METRICS"]
+
+
+def _snr(plane: PlaneMeasures) -> Reading:
+    noise = plane.dark.noise
+    if plane.edges.cut_off or not noise > 0:  # the corners are not dark, or rounded away: the sensor's figure stands in
+        noise = plane.sensor_noise or noise
+    return Reading(plane.table.peak / noise if noise > 0 else math.inf)
+
+
+def _background(plane: PlaneMeasures) -> Reading:
+    if plane.edges.cut_off or not plane.energy > 0:  # the corners are not dark, or nothing is: nothing follows
+        return UNKNOWN
+    # what chance may make of a mean is no background
+    sure = math.sqrt(max(0.0, plane.background**2 - (2 * plane.dark.chance) ** 2))
+    return Reading(100 * sure * plane.table.lit.size / plane.energy)
+
+
+def _clipped(plane: PlaneMeasures) -> Reading:
+    return UNKNOWN if plane.edges.cut_off else Reading(100 * plane.dark.clipped)
+
+
+def _leak(plane: PlaneMeasures) -> Reading:
+    return Reading(plane.edges.leak)
+
+
+def _flicker(plane: PlaneMeasures) -> Reading:
+    # the lattice alone makes the energy vary, and so does what of a pattern falls into a cutout that is too small
+    if plane.positions.locked or plane.edges.cut_off:
+        return UNKNOWN
+    return Reading(plane.shares_split.rms, map=plane.shares_split.residual)
+
+
+def _lamp(plane: PlaneMeasures) -> Reading:
+    parts = plane.shares_split
+    if plane.edges.cut_off:
+        return UNKNOWN
+    return Reading(max(parts.sure_ramp(0), parts.sure_ramp(1)), map=plane.shares)
+
+
+METRICS = (
+    MetricSpec(
+        key="snr",
+        title="Peak over noise",
+        limits=Limits(good=100.0, bad=20.0, higher_is_better=True),
+        cost=CostModel(at_bad=0.5, worst=1.0),
+        plot="planes",
+        meaning="Median peak of the patterns over the noise of a dark pixel.",
+        advice="Expose longer, average more frames, or cool the sensor.",
+        of_plane=_snr,
+    ),
+    MetricSpec(
+        key="background",
+        title="Background",
+        unit="% of energy",
+        limits=Limits(good=0.5, bad=2.0),
+        cost=CostModel(at_bad=0.046, worst=1.0),
+        plot="planes",
+        meaning="Energy that a constant background adds to a pattern, or takes from it, beyond diffraction's tails.",
+        advice="Take a dark frame of the same exposure and temperature, and assemble again.",
+        of_plane=_background,
+    ),
+    MetricSpec(
+        key="clipped",
+        title="Clipped at zero",
+        unit="% of dark pixels",
+        limits=Limits(good=2.0, bad=15.0),
+        cost=CostModel(at_bad=0.04, worst=0.2),
+        meaning="Dark pixels that are exactly zero while none is negative: noise was cut off and its mean is now "
+        "light.",
+        advice="Keep values signed when the dark frame is subtracted, and assemble again.",
+        of_plane=_clipped,
+    ),
+    MetricSpec(
+        key="leak",
+        title="Stray light",
+        unit="% of energy",
+        limits=Limits(good=1.5, bad=4.0),
+        cost=CostModel(at_bad=0.05, worst=0.8),
+        plot="sum",
+        meaning="Light outside the pattern, above the background and the tails of the camera's own diffraction.",
+        advice="Find the leak or ghost in the depth-plane sum, mask it, record again.",
+        of_plane=_leak,
+    ),
+    MetricSpec(
+        key="flicker",
+        title="Flicker",
+        unit="% rms",
+        limits=Limits(good=2.0, bad=5.0),
+        cost=CostModel(at_bad=0.002, worst=0.2),
+        plot="map",
+        map_unit="%",
+        always_shown=True,
+        meaning="Scatter of the patterns' energy from position to position.",
+        advice="Stabilise the lamp, or record a reference and normalise by it.",
+        of_plane=_flicker,
+    ),
+    MetricSpec(
+        key="lamp",
+        title="Lamp drift",
+        unit="% over the cell",
+        limits=Limits(good=3.0, bad=8.0),
+        cost=CostModel(at_bad=0.01, worst=0.3),
+        plot="map",
+        map_unit="%",
+        meaning="Change of the patterns' energy from the first position to the last.",
+        advice="Let the lamp warm up, or record a reference and normalise by it.",
+        of_plane=_lamp,
+    ),
+)

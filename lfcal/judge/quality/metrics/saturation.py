@@ -1,0 +1,94 @@
+"""Saturated pixels: as counted when the frames were read, else suspected from the values."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.judge.quality.measure import PlaneMeasures
+from lfcal.judge.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, Reading
+
+__all__ = ["METRICS"]
+
+LIMITS = Limits(good=2, bad=10)
+
+NEAR_TOP, RAREST = 0.85, 1.05
+"""Share of the highest value above which values show how rare higher ones are, and the least ratio of both counts that
+shows it."""
+
+FARTHEST = 0.35
+"""Share of the top by which light exceeds it on average at most: exposures are rarely so wrong."""
+
+
+def _saturation(plane: PlaneMeasures) -> Reading:
+    saturated = plane.about.matrix.saturated
+    # below zero marks a position whose saturated pixels were not counted
+    counts = None if saturated is None else np.asarray(saturated[plane.about.z], float)
+    if counts is None or (counts < 0).all():
+        return _suspected(plane)
+    found = _counted(np.where(counts < 0, math.nan, counts))
+    return replace(found, cost=_lost(plane, np.maximum(counts, 0)))
+
+
+def _lost(plane: PlaneMeasures, counts: NDArray[np.float64]) -> float:
+    """Return the light above the top of the sensor's range as a share of the plane's (relative L2); NaN: not known.
+
+    Values below the top become rarer as an exponential, and so do those above it, had they been seen.
+    """
+    many = counts[counts > 0]
+    power = float(plane.table.column("squares").sum())
+    if not many.size or not power > 0:
+        return math.nan
+    top = float(np.median(plane.table.column("top")[counts > 0]))
+    total = float(many.sum())
+    near = float((plane.patterns >= NEAR_TOP * top).sum())
+    step = (1 - NEAR_TOP) * top / math.log(max(near / total, RAREST)) if top > 0 else 0.0
+    # of an exponential beyond the top, the mean square is twice the square of its step
+    return math.sqrt(2 * total * min(step, FARTHEST * top) ** 2 / power)
+
+
+def _counted(counts: NDArray[np.float64]) -> Reading:
+    """Return what was counted; zero only where every position was."""
+    total, known = float(np.nansum(counts)), np.isfinite(counts)
+    if known.all():
+        return Reading(total, map=counts, positions=counts > 0)
+    detail = f"counted at {known.sum()} of {counts.size} positions"
+    value = math.nan if LIMITS.merit(total) == "good" else total
+    return Reading(value, map=counts, positions=counts > 0, detail=detail)
+
+
+def _suspected(plane: PlaneMeasures) -> Reading:
+    """Return pixels that share the highest value of the plane: many are a sign of saturation, few of nothing.
+
+    Corrections, rescaling and averaging hide what the sensor clipped, so that none is never "no saturation".
+    """
+    table, use = plane.table, plane.use
+    if table.computed or plane.edges.cut_off or not use.any():  # or how much noise there is, is not known
+        return UNKNOWN
+    top = table.column("top")
+    piled = np.where(top >= float(top[use].max()) - table.tolerance, table.column("clipped") - 1, 0.0)
+    if LIMITS.merit(float(piled.sum())) == "good":
+        return UNKNOWN
+    words = "suspected from equal highest values; not counted"
+    return Reading(float(piled.sum()), map=piled, positions=piled > 0, detail=words)
+
+
+METRICS = (
+    MetricSpec(
+        key="saturation",
+        title="Saturated pixels",
+        unit="pixels",
+        limits=LIMITS,
+        cost=CostModel(at_bad=0.03, worst=0.6),
+        plot="map",
+        meaning="Pixels at the top of the sensor's range.",
+        advice="Shorten the exposure or dim the lamp, and record again.",
+        overall="sum",
+        needs_all=True,
+        redo=True,
+        of_plane=_saturation,
+    ),
+)

@@ -1,0 +1,56 @@
+"""What the recording itself found suspicious, frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from lfcal.judge.quality.across import MatrixMeasures
+from lfcal.judge.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, Reading
+
+__all__ = ["METRICS"]
+
+
+def _suspect(measures: MatrixMeasures) -> Sequence[Reading]:
+    """Return the positions that the session flagged; H carries them where there are any."""
+    nz, ny, nx = measures.matrix.shape[:3]
+    named = np.zeros((nz, ny, nx), bool)
+    words: set[str] = set()
+    entries: Any = measures.matrix.provenance.get("suspect")
+    for entry in entries if isinstance(entries, list) else ():
+        if _is_entry(entry, (nz, ny, nx)):
+            named[tuple(entry[:3])] = True
+            words.add(str(entry[3])[:80])
+    # without flags nothing is said: the frames may be another program's, which nobody watched
+    if not named.any():
+        return [UNKNOWN]
+    detail = "; ".join(sorted(words)[:8])
+    return [Reading(float(plane.sum()), positions=plane, detail=detail if plane.any() else "") for plane in named]
+
+
+def _is_entry(entry: Any, shape: tuple[int, int, int]) -> bool:
+    """Return whether ``entry`` is (z, y, x, what): provenance is what a file says, and may be anything."""
+    return (
+        isinstance(entry, list)
+        and len(entry) == 4
+        and all(type(v) is int and 0 <= v < n for v, n in zip(entry[:3], shape, strict=True))
+    )
+
+
+METRICS = (
+    MetricSpec(
+        key="suspect",
+        title="Suspect frames",
+        unit="frames",
+        limits=Limits(good=0, bad=0),
+        cost=CostModel(at_bad=1.2, worst=2.0, per_frame=True),
+        plot="map",
+        meaning="Frames whose content was suspicious when they were recorded, and again when they were retaken.",
+        advice="Remove the cause, then record these positions again.",
+        overall="sum",
+        redo=True,
+        of_matrix=_suspect,
+    ),
+)

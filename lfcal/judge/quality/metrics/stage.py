@@ -1,0 +1,116 @@
+"""Whether the stage went where it should: from the lattice's phases and the patterns' centroids."""
+
+from __future__ import annotations
+
+from lfcal.judge.quality.measure import PlaneMeasures
+from lfcal.judge.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, Reading
+
+__all__ = ["METRICS"]
+
+
+def _gain(plane: PlaneMeasures) -> Reading:
+    path = plane.positions.path
+    return UNKNOWN if path is None else Reading(path.gain, map=path.distance)
+
+
+def _drift(plane: PlaneMeasures) -> Reading:
+    path = plane.positions.path
+    return UNKNOWN if path is None else Reading(path.drift, map=path.distance)
+
+
+def _jitter(plane: PlaneMeasures) -> Reading:
+    path = plane.positions.path
+    return UNKNOWN if path is None else Reading(path.jitter, map=path.away)
+
+
+def _backlash(plane: PlaneMeasures) -> Reading:
+    path = plane.positions.path
+    return UNKNOWN if path is None else Reading(path.backlash, map=path.away)
+
+
+def _position(plane: PlaneMeasures) -> Reading:
+    phases = plane.positions.phases
+    return UNKNOWN if phases is None else Reading(phases.rms, map=phases.away)
+
+
+def _pitch(plane: PlaneMeasures) -> Reading:
+    phases = plane.positions.phases
+    return UNKNOWN if phases is None else Reading(phases.pitch, map=phases.shift)
+
+
+METRICS = (
+    MetricSpec(
+        key="stage_gain",
+        title="Stage step",
+        unit="px over the cell",
+        limits=Limits(good=0.35, bad=1.0),
+        cost=CostModel(at_bad=0.4, worst=3.5),
+        plot="map",
+        map_unit="px",
+        meaning="How far the source runs ahead of the cutout, or behind it, from the first position to the last.",
+        advice="Correct the stage's step (step = pixel / magnification, with its sign) or the magnification; record "
+        "again.",
+        of_plane=_gain,
+    ),
+    MetricSpec(
+        key="position",
+        title="Position error",
+        unit="px rms",
+        limits=Limits(good=0.1, bad=0.3),
+        cost=CostModel(at_bad=0.25, worst=1.5),
+        plot="map",
+        map_unit="px",
+        always_shown=True,
+        meaning="Scatter of the lenslet lattice's phase about what the position says.",
+        advice="Check that frames and positions are in step, and that the stage has settled before each exposure.",
+        of_plane=_position,
+    ),
+    MetricSpec(
+        key="jitter",
+        title="Stage jitter",
+        unit="px rms",
+        limits=Limits(good=0.15, bad=0.35),
+        cost=CostModel(at_bad=0.17, worst=1.0),
+        plot="map",
+        map_unit="px",
+        always_shown=True,
+        meaning="Scatter of the source's position about its path, from the patterns' centroids.",
+        advice="Let the stage settle longer, or take up its play from one side; stiffen the mount.",
+        of_plane=_jitter,
+    ),
+    MetricSpec(
+        key="backlash",
+        title="Backlash",
+        unit="px",
+        limits=Limits(good=0.1, bad=0.3),
+        cost=CostModel(at_bad=0.17, worst=1.0),
+        plot="map",
+        meaning="Half the offset between even and odd rows: play of a stage that scans to and fro.",
+        advice="Scan all rows in the same direction, or give the stage's backlash to the plan, and record again.",
+        of_plane=_backlash,
+    ),
+    MetricSpec(
+        key="drift",
+        title="Drift",
+        unit="px over the cell",
+        limits=Limits(good=0.5, bad=1.5),
+        cost=CostModel(at_bad=0.2, worst=1.5),
+        plot="map",
+        map_unit="px",
+        meaning="How far the source wandered across its scan direction from the first row to the last.",
+        advice="Let lamp and stage warm up, record faster, or align the stage's axes with the sensor's rows.",
+        of_plane=_drift,
+    ),
+    MetricSpec(
+        key="pitch",
+        title="Lattice pitch",
+        unit="px over the cell",
+        limits=Limits(good=0.5, bad=1.5),
+        cost=CostModel(at_bad=0.1, worst=1.0),
+        plot="map",
+        map_unit="px",
+        meaning="How far the pattern's lattice runs away from the camera's over one cell.",
+        advice="Fit the lattice to a white image and use it as the camera's; check the stage step.",
+        of_plane=_pitch,
+    ),
+)

@@ -1,0 +1,117 @@
+"""Of an H from frames of many points: what the target's frames said of themselves when its points were found."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from lfcal.judge.quality.across import MatrixMeasures
+from lfcal.judge.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, Reading
+
+__all__ = ["METRICS"]
+
+
+def _told(key: str, factor: float = 1.0) -> Callable[[MatrixMeasures], Sequence[Reading]]:
+    """Return a measure that reads a number of H's provenance; unknown for an H of single points."""
+
+    def of_matrix(measures: MatrixMeasures) -> Sequence[Reading]:
+        target: Any = measures.matrix.provenance.get("target")
+        value = target.get(key) if isinstance(target, dict) else None
+        # provenance is what a file says, and may be anything
+        if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value) or value < 0:
+            return [UNKNOWN]
+        says = target.get("mistakes")
+        words = (
+            [str(one.get("says", ""))[:120] for one in says if isinstance(one, dict)] if isinstance(says, list) else []
+        )
+        return [Reading(factor * float(value), detail="; ".join(words[:3]) if key == "doubtful" else "")]
+
+    return of_matrix
+
+
+def _metric(
+    key: str,
+    told: str,
+    limits: tuple[float, float],
+    cost: tuple[float, float],
+    words: tuple[str, str, str],
+    **more: Any,
+) -> MetricSpec:
+    """Return a metric of a number ``told`` by the provenance; shares are told in percent.
+
+    ``limits`` are good and bad, ``cost`` at bad and at worst, ``words`` title, meaning and advice.
+    """
+    (good, bad), (at_bad, worst), (title, meaning, advice) = limits, cost, words
+    pixels = told.endswith("_px")
+    return MetricSpec(
+        key=f"target_{key}",
+        title=title,
+        unit="px" if pixels else "%",
+        limits=Limits(good=good, bad=bad),
+        cost=CostModel(at_bad=at_bad, worst=worst),
+        meaning=meaning,
+        advice=advice,
+        of_matrix=_told(told, 1.0 if pixels else 100.0),
+        **more,
+    )
+
+
+METRICS = (
+    _metric(
+        "crosstalk",
+        "crosstalk",
+        (0.5, 3.0),
+        (0.1, 0.5),
+        (
+            "Light of neighbouring points",
+            "Most light of a target's other holes in a cutout, over that of its own.",
+            "Take a target with holes farther apart, or cover the bright ones.",
+        ),
+    ),
+    _metric(
+        "pose",
+        "pose_rms_px",
+        (0.2, 0.5),
+        (0.15, 0.5),
+        (
+            "Points beside the target's lattice",
+            "How far the light of holes lies beside the pose, pitch and distortion that explain all of them (rms).",
+            "Describe the target as it is: pitch, kind, depth; look for dirt and reflections.",
+        ),
+    ),
+    _metric(
+        "stage",
+        "stage_px",
+        (0.2, 1.0),
+        (0.02, 0.1),
+        (
+            "Target moved otherwise than planned",
+            "How far images lie beside where the stage was to move them, but for what all frames share (rms).",
+            "Points are used where they are found; to meet phases as planned check the stage's scale and axes.",
+        ),
+    ),
+    _metric(
+        "brightness",
+        "brightness_spread",
+        (15.0, 50.0),
+        (0.05, 0.2),
+        (
+            "Holes of unequal brightness",
+            "Spread of the light of a target's holes; patterns are divided by it, dim ones keep more noise.",
+            "Light the target more evenly, clean it, and expose for its brightest holes.",
+        ),
+    ),
+    _metric(
+        "labels",
+        "doubtful",
+        (1.0, 5.0),
+        (0.6, 1.2),
+        (
+            "Doubtful labels of points",
+            "Share of a target's points whose label or place is not certain: dim, doubled, or beside the lattice.",
+            "Look at the frames where holes are named; clean the target, or leave these holes out with absent=.",
+        ),
+        verdict_detail=True,
+    ),
+)

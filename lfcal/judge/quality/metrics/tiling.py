@@ -1,0 +1,56 @@
+"""Whether the recorded cell stands for the whole field."""
+
+from __future__ import annotations
+
+from lfcal.judge.quality.across import MatrixMeasures
+from lfcal.judge.quality.measure import PlaneMeasures
+from lfcal.judge.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, Reading
+
+__all__ = ["METRICS"]
+
+
+def _period(h: MatrixMeasures) -> tuple[Reading]:
+    """Return by how much the recorded period differs from whole periods of the camera's lattice (pixels)."""
+    if h.matrix.camera is None:
+        return (UNKNOWN,)
+    errors = []
+    for recorded, known, scale in zip(h.matrix.period, h.matrix.camera.period_px, h.matrix.pixel_scale, strict=True):
+        lattice = known * scale
+        errors.append(abs(recorded - max(1, round(recorded / lattice)) * lattice))
+    return (Reading(max(errors)),)
+
+
+def _tiling(plane: PlaneMeasures) -> Reading:
+    found = plane.about.tiling
+    if found is None:
+        return UNKNOWN
+    y, x = found.fitting_period
+    detail = f"plane {plane.about.z}: a period of {y:.2f} x {x:.2f} px fits best"
+    return Reading(100 * float(found.difference.max()), detail=detail)
+
+
+METRICS = (
+    MetricSpec(
+        key="period",
+        title="Period",
+        unit="px",
+        limits=Limits(good=0.25, bad=0.5),
+        cost=CostModel(at_bad=0.5, worst=2.0),
+        meaning="Difference of the recorded period from the camera's lattice.",
+        advice="Record a whole number of lattice periods: the plan of this camera states how many positions that is.",
+        of_matrix=_period,
+    ),
+    MetricSpec(
+        key="tiling",
+        title="Tiling over the field",
+        unit="%",
+        limits=Limits(good=5.0, bad=15.0),
+        cost=CostModel(at_bad=0.1, worst=1.0),
+        plot="map",
+        meaning="Largest difference of control frames, whole periods away, from the same position of the cell.",
+        advice="Use the period that fits best over the field, resample the frames to it, or calibrate regions of their "
+        "own.",
+        needs_light=False,
+        of_plane=_tiling,
+    ),
+)

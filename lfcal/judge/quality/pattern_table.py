@@ -1,0 +1,90 @@
+"""The table of all patterns of a plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import for_each_chunk
+from lfcal.judge.quality._dark import DarkCorners
+from lfcal.judge.quality._kernels import FRAME_COLUMNS, PatternSums, frame_pass
+
+__all__ = ["PatternTable"]
+
+
+NOISELESS = 3000.0
+"""Peak over noise from which on a matrix was computed, not recorded."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PatternTable:
+    """The table of `lfcal.judge.quality._kernels.frame_pass` over a plane.
+
+    Attributes
+    ----------
+    table, digest
+        Columns ``(ny, nx, 10)`` and a checksum of each pattern ``(ny, nx)``.
+    lit, sensor
+        How often each pixel is lit, of the cutout ``(nt, ns)`` and of the sensor ``(nt + ny - 1, ns + nx - 1)``.
+    dark
+        What the dark corners said.
+    floor, peak
+        What lit pixels exceed, and the median peak over the background.
+    tolerance
+        Values this close are the same.
+    """
+
+    table: NDArray[np.float64]
+    digest: NDArray[np.uint64]
+    lit: NDArray[np.int32]
+    sensor: NDArray[np.int32]
+    dark: DarkCorners
+    floor: float
+    peak: float
+    tolerance: float
+
+    @staticmethod
+    def of(plane: NDArray[np.float32], dark: DarkCorners, workers: int | None = None) -> PatternTable:
+        """Return the table of plane ``(ny, nx, nt, ns)``, by rows of positions in threads."""
+        ny, nx, nt, ns = plane.shape
+        some = plane.reshape(ny * nx, -1)[:: max(1, ny * nx // 64)]
+        tops = np.where(np.isfinite(some), some, -np.inf).max(1)
+        # the median over some patterns: a hot pixel or a reflex in one of them is no peak
+        peak = float(np.median(tops)) - dark.background
+        # noise stays out of the weights, and where there is none, the far tails of a model do
+        floor = dark.background + max(4 * dark.noise, 0.003 * peak)
+        tolerance = 0.25 * dark.noise
+        table = np.zeros((ny, nx, len(FRAME_COLUMNS)))
+        digest = np.zeros((ny, nx), np.uint64)
+
+        def rows(start: int, stop: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+            lit = np.zeros((nt, ns), np.int32)
+            sensor = np.zeros((nt + ny - 1, ns + nx - 1), np.int32)
+            for y in range(start, stop):
+                out = PatternSums(table[y], digest[y], lit, sensor[y : y + nt])
+                frame_pass(plane[y], plane[y].view(np.uint32), floor, tolerance, out)
+            return lit, sensor
+
+        parts = for_each_chunk(rows, ny, workers, parts_per_worker=2)
+        lit = np.stack([p[0] for p in parts]).sum(0, dtype=np.int32)
+        sensor = np.stack([p[1] for p in parts]).sum(0, dtype=np.int32)
+        return PatternTable(table, digest, lit, sensor, dark, floor, peak, tolerance)
+
+    def column(self, name: str) -> NDArray[np.float64]:
+        """Return one column of the table, ``(ny, nx)``: see `FRAME_COLUMNS`."""
+        return self.table[..., FRAME_COLUMNS.index(name)]
+
+    @property
+    def computed(self) -> bool:
+        """Whether the plane has so little noise that it was computed, not recorded.
+
+        Equal peaks are no sign of saturation then, nor nulls of dead pixels.
+        """
+        return self.peak >= NOISELESS * self.dark.noise
+
+    @property
+    def light(self) -> NDArray[np.float64]:
+        """Energy of each pattern, the background taken off, ``(ny, nx)``."""
+        return self.column("energy") - self.dark.background * self.lit.size

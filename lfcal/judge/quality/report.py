@@ -1,0 +1,159 @@
+"""The verdict on an H: all metrics, ranked, and the positions to record again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import format_count, format_length, format_plane
+from lfcal.judge.quality._periodicity import Periodicity
+from lfcal.judge.quality.metric import RANK, Merit, Metric
+from lfcal.judge.quality.verdict import QualityProblem, counted, judged_sentence, merit_of, problems_of
+from lfcal.psf.aperture import Aperture, FNumber, Iris
+
+__all__ = ["QualityReport"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class QualityReport:
+    """What the inspection of an H found.
+
+    Attributes
+    ----------
+    shape
+        ``(nz, ny, nx, nt, ns)``.
+    depths
+        Depth of each plane (µm); not-a-number where H states none.
+    metrics
+        All metrics, ranked: bad ones first, and among equals what costs most in a reconstruction.
+    apertures
+        The iris seen from each plane.
+    virtual_depths
+        Virtual depth of each plane from its spots' spacing; NaN where it cannot be measured.
+    iris
+        The iris that all planes show together, None where none shows any.
+    f_number
+        Working f-number by the slope of aperture diameters over depth, where camera and planes allow it.
+    noise, peak, energy
+        Noise of a dark pixel, median peak of the patterns and their mean energy, per plane.
+    tilings
+        What the control frames of each plane said, where there were some.
+    seconds
+        Time it took.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix
+    >>> from lfcal.judge import QualityReport, inspect
+    >>> H = np.zeros((1, 3, 3, 9, 9))
+    >>> H[..., 3:6, 3:6] = np.arange(100, 109).reshape(1, 3, 3, 1, 1)
+    >>> H[0, 0, 1] = 0  # a frame without light
+    >>> quality: QualityReport = inspect(PSFMatrix(H))
+    >>> print(quality.merit, quality.redo())
+    bad [((0, 0, 1), 'missing frames')]
+    """
+
+    shape: tuple[int, int, int, int, int]
+    depths: NDArray[np.float64]
+    metrics: tuple[Metric, ...]
+    apertures: tuple[Aperture, ...]
+    virtual_depths: NDArray[np.float64]
+    iris: Iris | None
+    f_number: FNumber | None
+    noise: NDArray[np.float64]
+    peak: NDArray[np.float64]
+    energy: NDArray[np.float64]
+    tilings: tuple[Periodicity | None, ...]
+    seconds: float
+
+    def __getitem__(self, key: str) -> Metric:
+        """Return the metric named ``key``."""
+        for metric in self.metrics:
+            if metric.key == key:
+                return metric
+        raise KeyError(key)
+
+    def plane_words(self, z: int, name: str = "") -> str:
+        """Return plane ``z`` in words: its depth, as a value of ``name`` where that is given, or else its number."""
+        return format_plane(float(self.depths[z]), z, name)
+
+    @property
+    def extent(self) -> str:
+        """From which depth to which the planes lie, in words; empty where H states none."""
+        if not np.isfinite(self.depths).all():
+            return ""
+        ends = (self.depths[0], self.depths[-1])[: min(2, self.depths.size)]
+        return " to ".join(format_length(float(v)) for v in ends)
+
+    @property
+    def alarms(self) -> tuple[Metric, ...]:
+        """The bad metrics, costliest first."""
+        return tuple(m for m in self.metrics if m.merit == "bad")
+
+    @property
+    def merit(self) -> Merit:
+        """The worst merit that any metric that is known gives H."""
+        return min((merit_of(m) for m in self.metrics), key=RANK.__getitem__, default="unknown")
+
+    @property
+    def cost(self) -> float:
+        """Estimated reconstruction error of all known faults together (NRMSE)."""
+        return math.sqrt(sum(m.cost**2 for m in self.metrics if m.merit != "unknown"))
+
+    @property
+    def problems(self) -> tuple[QualityProblem, ...]:
+        """What is wrong with H, the worst first."""
+        return problems_of(self.metrics, self.shape)
+
+    @property
+    def verdict(self) -> str:
+        """What is wrong with H, where, what it costs, what to do, and what remains then."""
+        known = sum(m.merit == "good" for m in self.metrics)
+        if not known and not self.problems:
+            return "Nothing could be measured: it is not known whether this PSF is good."
+        words = f"good by {format_count(known, 'metric', 'metrics')}; it was not compared with a camera"
+        return judged_sentence(self.problems, words)
+
+    def redo(self, without: Collection[str] = ()) -> list[tuple[tuple[int, int, int], str]]:
+        """Return positions (z, y, x) to record again with the reasons, in scan order, but for metrics ``without``."""
+        reasons: dict[tuple[int, int, int], list[str]] = {}
+        for metric in self.metrics:
+            # a suspicion costs a frame to check, a missed fault a reconstruction
+            if metric.spec.redo and metric.merit in ("bad", "fair") and metric.key not in without:
+                for z, y, x in metric.positions.tolist():
+                    reasons.setdefault((z, y, x), []).append(metric.spec.title.lower())
+        return [(place, ", ".join(reasons[place])) for place in sorted(reasons)]
+
+    def to_dict(self, *, every: bool = False) -> dict[str, object]:
+        """Return everything but the maps as plain values; with ``every`` metrics that do not apply, too."""
+        return {
+            "format": "lfcal-quality",
+            "version": 1,
+            "shape": list(self.shape),
+            "merit": self.merit,
+            "verdict": self.verdict,
+            "cost": self.cost,
+            "problems": [asdict(one) for one in self.problems],
+            "counts": counted(self.metrics),
+            "metrics": [m.to_dict() for m in self.metrics if every or m.applies],
+            "planes": [self._plane(z) for z in range(self.shape[0])],
+            "iris": self.iris,
+            "working_f_number": self.f_number,
+            "redo": [list(place) for place, _ in self.redo()],
+            "seconds": self.seconds,
+        }
+
+    def _plane(self, z: int) -> dict[str, object]:
+        return {
+            "depth_um": float(self.depths[z]) if math.isfinite(self.depths[z]) else None,
+            "virtual_depth": float(self.virtual_depths[z]),
+            "noise": float(self.noise[z]),
+            "peak": float(self.peak[z]),
+            "energy": float(self.energy[z]),
+            "aperture": self.apertures[z],
+        }

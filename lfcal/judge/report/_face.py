@@ -1,0 +1,7 @@
+"""The public names of `lfcal.judge.report`, loaded when the first of them is asked for."""
+
+from __future__ import annotations
+
+from lfcal.judge.report.write import iter_report, redo_list, report, report_files
+
+__all__ = ["iter_report", "redo_list", "report", "report_files"]

@@ -1,0 +1,277 @@
+"""The report on paper: A4 pages with the verdict, what to do, faults, metrics, apertures and every picture."""
+
+from __future__ import annotations
+
+import io
+import math
+import textwrap
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lfcal import __version__
+from lfcal.base import COLOURS, figure, one_line
+from lfcal.judge.quality import QualityReport, counted_words, merit_word
+from lfcal.judge.report._pictures import ReportPicture
+from lfcal.judge.report.beside import Beside
+from lfcal.judge.report.page import limits, redo_of, value_text
+from lfcal.psf import PSFMatrix
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["PageBlock", "blocks", "iter_pages", "pdf"]
+
+WIDTH, HEIGHT = 8.27, 11.69
+"""A4 (inches)."""
+
+SIDE, TOP, BOTTOM = 0.75, 0.7, 0.75
+"""Margins (inches)."""
+
+POINT = 1 / 72
+
+LETTER = 0.56
+"""Width of a letter on average, over the size of its font."""
+
+LISTED = 30
+"""Positions that are written out."""
+
+
+@dataclass(frozen=True)
+class PageBlock:
+    """What stands on a page: words, a picture, or both side by side.
+
+    Attributes
+    ----------
+    words
+        Text, broken into lines as wide as the page.
+    size, bold, colour
+        Of the words: size (points).
+    cells, at
+        Words of a table's row instead, and where each begins (inches from the left margin).
+    picture, width
+        PNG under the words, and its width (inches) at most.
+    gap
+        Room above (inches).
+    keep
+        Whether the next block stands on the same page.
+    """
+
+    words: str = ""
+    size: float = 9.0
+    bold: bool = False
+    colour: str = "#1f2937"
+    cells: tuple[str, ...] = ()
+    at: tuple[float, ...] = ()
+    picture: bytes = b""
+    width: float = WIDTH - 2 * SIDE
+    gap: float = 0.04
+    keep: bool = False
+
+    def lines(self) -> list[list[str]]:
+        """Return the lines of each column."""
+        if not self.cells:
+            return [_wrapped(self.words, WIDTH - 2 * SIDE, self.size)] if self.words else []
+        ends = (*self.at[1:], WIDTH - 2 * SIDE)
+        return [
+            _wrapped(text, end - start - 0.08, self.size)
+            for text, start, end in zip(self.cells, self.at, ends, strict=True)
+        ]
+
+    def height(self) -> float:
+        """Return the room that it takes (inches)."""
+        rows = max((len(column) for column in self.lines()), default=0)
+        size = _size_of(self)[1] if self.picture else 0.0
+        return self.gap + rows * 1.3 * self.size * POINT + size
+
+
+def _wrapped(text: str, width: float, size: float) -> list[str]:
+    many = max(4, int(width / (LETTER * size * POINT)))
+    return [line for part in text.split("\n") for line in textwrap.wrap(part, many) or [""]]
+
+
+def _size_of(block: PageBlock) -> tuple[float, float]:
+    """Return width and height of a block's picture (inches), which keeps its shape and fits on a page."""
+    rows, columns = _pixels(block.picture)
+    width = min(block.width, columns / 90)
+    height = width * rows / columns
+    most = HEIGHT - TOP - BOTTOM - 1.0
+    return (width, height) if height <= most else (width * most / height, most)
+
+
+def _pixels(png: bytes) -> tuple[int, int]:
+    """Return rows and columns of a PNG, which stand in its first chunk."""
+    return int.from_bytes(png[20:24], "big"), int.from_bytes(png[16:20], "big")
+
+
+def blocks(
+    H: PSFMatrix,
+    quality: QualityReport,
+    pictures: Sequence[ReportPicture],
+    beside: Beside | None = None,
+    *,
+    every: bool = False,
+) -> list[PageBlock]:
+    """Return everything that the pages hold, in their order: what a decision needs comes first.
+
+    With ``every`` metrics that do not apply are listed, too.
+    """
+    merit = quality.merit if beside is None else beside.merit
+    nz, ny, nx, nt, ns = quality.shape
+    ends = quality.extent or "depths not stated"
+    camera = f"; camera {H.camera.name}" if H.camera is not None else ""
+    facts = f"{nz} planes, {ends}; {ny} × {nx} positions; cutout {nt} × {ns} pixels{camera}"
+    found = [
+        PageBlock(one_line(Path(H.path).name) or "PSF matrix", 17, bold=True),
+        PageBlock(f"PSF quality report, {datetime.now().astimezone():%Y-%m-%d %H:%M}", 9, colour=COLOURS["muted"]),
+        PageBlock(
+            quality.verdict if beside is None else beside.verdict, 13, True, COLOURS.get(merit, "#1f2937"), gap=0.2
+        ),
+        PageBlock(facts, gap=0.06),
+    ]
+    if beside is not None:
+        found += _faults(beside)
+    found += [*_actions(quality, beside), *_metrics(quality, beside, every)]
+    return [*found, *_apertures(quality), *_drawn(pictures)]
+
+
+def _heading(text: str) -> PageBlock:
+    return PageBlock(text, 12, bold=True, gap=0.22, keep=True)
+
+
+def _faults(beside: Beside) -> Iterator[PageBlock]:
+    yield _heading("Beside the camera's model")
+    yield PageBlock(f"{beside.words[:1].upper()}{beside.words[1:]}.")
+    for k, fault in enumerate(beside.faults):
+        costs = f"{fault.share} of the light; error of a reconstruction {fault.cost}"
+        yield PageBlock(f"{k + 1}. {fault.title}: {costs}", 10, bold=True, gap=0.14, keep=True)
+        yield PageBlock(fault.detail, keep=True)
+        yield PageBlock(f"What to do: {fault.advice}", keep=bool(fault.picture))
+        if fault.picture:
+            # the three that matter most are seen at once; the others are smaller
+            yield PageBlock(picture=fault.picture, width=3.4 if k < 3 else 2.6)
+
+
+def _actions(quality: QualityReport, beside: Beside | None) -> Iterator[PageBlock]:
+    others = set() if beside is None else {*beside.settled, *beside.withdrawn}
+    named = [m for m in quality.metrics if m.merit in ("bad", "fair") and m.key not in others]
+    redo = redo_of(quality, beside)
+    if named or redo:
+        yield _heading("What to do")
+    for m in named:
+        words = f"{m.spec.title}, {value_text(m)} ({m.merit}): {m.spec.advice}"
+        yield PageBlock(words, colour=COLOURS.get(m.merit, "#1f2937"))
+    if redo:
+        places = ", ".join(f"({z}, {y}, {x})" for (z, y, x), _ in redo[:LISTED])
+        more = f" and {len(redo) - LISTED} more" if len(redo) > LISTED else ""
+        yield PageBlock(f"Record again (z, y, x): {places}{more}. redo.json holds the list.")
+
+
+AT = (0.0, 0.65, 2.55, 4.25, 4.95, 5.65)
+"""Where the columns of the table of metrics begin (inches)."""
+
+
+def _metrics(quality: QualityReport, beside: Beside | None, every: bool) -> Iterator[PageBlock]:
+    yield _heading("Metrics")
+    yield PageBlock(f"{counted_words(quality.metrics)}.", keep=True)
+    yield PageBlock(
+        cells=("merit", "metric", "value", "good", "bad", "cost or cause"), at=AT, size=8, bold=True, keep=True
+    )
+    settled = {} if beside is None else beside.settled
+    gone = frozenset[str]() if beside is None else beside.withdrawn
+    for m in (m for m in quality.metrics if every or m.applies):
+        cause = settled.get(m.key, "")
+        told = m.merit in ("bad", "fair")
+        last = f"see {cause}" if cause and told else "not confirmed" if m.key in gone and told else m.cost_text
+        tone = COLOURS["muted"] if told and (cause or m.key in gone) else COLOURS.get(m.merit, COLOURS["muted"])
+        cells = (merit_word(m), m.spec.title, value_text(m), *limits(m), last)
+        yield PageBlock(cells=cells, at=AT, size=8, colour=tone, gap=0.02)
+
+
+def _apertures(quality: QualityReport) -> Iterator[PageBlock]:
+    yield _heading("Aperture")
+    for z, aperture in enumerate(quality.apertures):
+        yield PageBlock(f"{quality.plane_words(z)}: {aperture.describe()}", 8)
+    if quality.iris is not None:
+        yield PageBlock(f"All planes together: {quality.iris.describe()}", 8)
+    f = quality.f_number
+    if f is not None:
+        error = f" ± {f.standard_error:.2f}" if math.isfinite(f.standard_error) else ""
+        yield PageBlock(f"Working f-number from the shadow over depth: {f.value:.2f}{error}", 8)
+
+
+def _drawn(pictures: Sequence[ReportPicture]) -> Iterator[PageBlock]:
+    for one in pictures:
+        yield PageBlock(one.caption, 8, colour=COLOURS["muted"], gap=0.2, keep=True)
+        yield PageBlock(picture=one.png)
+
+
+def iter_pages(content: Sequence[PageBlock]) -> Iterator[Figure]:
+    """Give each page as a figure, which is of use until the next one."""
+    rest = list(content)
+    number = 0
+    while rest:
+        number += 1
+        with figure(WIDTH, HEIGHT, dpi=110) as fig:
+            fig.set_layout_engine("none")
+            y = TOP
+            first = True
+            while rest and (first or y + _together(rest) <= HEIGHT - BOTTOM):
+                y = _put(fig, rest.pop(0), y)
+                first = False
+            foot = f"lfcal {__version__}, page {number}"
+            fig.text(1 - SIDE / WIDTH, 0.4 / HEIGHT, foot, size=7, ha="right", color=COLOURS["muted"])
+            yield fig
+
+
+def _together(rest: Sequence[PageBlock]) -> float:
+    """Return the room of the first block and of those that stand with it."""
+    total = 0.0
+    for one in rest:
+        total += one.height()
+        if not one.keep:
+            break
+    return min(total, HEIGHT - TOP - BOTTOM)
+
+
+def _put(fig: Figure, block: PageBlock, y: float) -> float:
+    """Put a block at a height (inches from the top); return where the next one begins."""
+    y += block.gap
+    step = 1.3 * block.size * POINT
+    columns = block.lines()
+    for k, column in enumerate(columns):
+        x = SIDE + (block.at[k] if block.cells else 0.0)
+        for row, line in enumerate(column):
+            fig.text(
+                x / WIDTH,
+                1 - (y + row * step) / HEIGHT,
+                line,
+                size=block.size,
+                weight="bold" if block.bold else "normal",
+                color=block.colour,
+                va="top",
+                parse_math=False,
+            )
+    y += step * max((len(column) for column in columns), default=0)
+    if block.picture:
+        from matplotlib.image import imread
+
+        width, height = _size_of(block)
+        axes = fig.add_axes((SIDE / WIDTH, 1 - (y + height) / HEIGHT, width / WIDTH, height / HEIGHT))
+        axes.imshow(imread(io.BytesIO(block.picture), format="png"), interpolation="none", aspect="auto")
+        axes.set_axis_off()
+        y += height
+    return y
+
+
+def pdf(content: Sequence[PageBlock], title: str) -> bytes:
+    """Return the pages as PDF."""
+    from matplotlib.backends.backend_pdf import PdfPages
+
+    out = io.BytesIO()
+    with PdfPages(out, metadata={"Title": title, "Creator": f"lfcal {__version__}"}) as pages:
+        for fig in iter_pages(content):
+            pages.savefig(fig)
+    return out.getvalue()

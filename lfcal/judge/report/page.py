@@ -1,0 +1,327 @@
+"""The page as text: HTML with everything in it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lfcal.base import (
+    format_bytes,
+    format_length,
+    format_plane,
+    format_seconds,
+    html_page,
+    html_section,
+    html_table,
+    html_text,
+    one_line,
+)
+from lfcal.judge._compare import Comparison
+from lfcal.judge.quality import Metric, QualityReport, counted_words, merit_of, merit_word
+from lfcal.judge.report._pictures import ReportPicture, figures
+from lfcal.judge.report.beside import Beside
+from lfcal.psf import PSFMatrix
+from lfcal.psf.aperture import KINDS, Aperture, with_error
+
+__all__ = ["limits", "page", "redo_of", "value_text"]
+
+FULL = 1190
+"""Width of a picture of three panels, which fills the page (pixels)."""
+
+LISTED = 24
+"""Positions written out; the file redo.json has all."""
+
+
+def page(
+    H: PSFMatrix,
+    quality: QualityReport,
+    pictures: Sequence[ReportPicture],
+    comparison: Comparison | None = None,
+    reference: str = "",
+    beside: Beside | None = None,
+    *,
+    every: bool = False,
+) -> str:
+    """Return the report of ``H`` as one HTML document without scripts or links to anything outside.
+
+    With ``every`` metrics that do not apply are listed, too.
+    """
+    name = one_line(Path(H.path).name) or "PSF matrix"
+    sections = [
+        _verdict(quality) if beside is None else _last_word(beside),
+        _facts(H, quality, redo_of(quality, beside)),
+        "" if beside is None else html_section("Beside the camera's model", _faults(beside)),
+        _actions(quality, beside),
+        html_section("Metrics", _metrics(quality, every)),
+        html_section("Aperture", _apertures(H, quality) + figures(pictures, "aperture")),
+        html_section("H and its transpose", figures(pictures, "slices")),
+        html_section("Maps over source positions", figures(pictures, "maps")),
+        html_section("Tiling over the field", _tilings(quality) + figures(pictures, "tiling")),
+    ]
+    if comparison is not None:
+        sections.append(html_section("Against the reference", _compared(H, comparison, reference, pictures)))
+    sections.append(html_section("Provenance", _provenance(H)))
+    return html_page(
+        name,
+        f"{name}: PSF quality",
+        "PSF quality report",
+        sections,
+        f"inspected in {format_seconds(quality.seconds)}",
+    )
+
+
+def _merit(metric: Metric) -> str:
+    return f'<span class="merit {merit_of(metric)}">{merit_word(metric)}</span>'
+
+
+def _number(value: float, digits: int = 3) -> str:
+    return f"{value:.{digits}g}" if math.isfinite(value) else "—"
+
+
+def _verdict(quality: QualityReport) -> str:
+    cost = f"Estimated error of a reconstruction from these faults: {quality.cost:.2f} NRMSE." if quality.cost else ""
+    none = "No fault found that would cost a reconstruction anything."
+    more = cost or ("" if quality.merit == "unknown" else none)
+    return f'<section class="verdict {quality.merit}">{html_text(quality.verdict)}<p>{more}</p></section>'
+
+
+def redo_of(quality: QualityReport, beside: Beside | None) -> Sequence[tuple[tuple[int, int, int], str]]:
+    """Return the positions to record again with the reasons, by all that is known."""
+    return quality.redo() if beside is None else beside.redo
+
+
+def _last_word(beside: Beside) -> str:
+    words = beside.words[0].upper() + beside.words[1:]
+    return f'<section class="verdict {beside.merit}">{html_text(beside.verdict)}<p>{html_text(words)}.</p></section>'
+
+
+ERROR = "error of a reconstruction (NRMSE), by noise → with the fault"
+"""Head of the column of costs."""
+
+
+def _faults(beside: Beside) -> str:
+    """Return the faults that a comparison with the camera found, each with its picture."""
+    rows = [
+        [f'<b class="nb">{html_text(f.title)}</b>', *map(html_text, (f.detail, f.share, f.cost, f.advice))]
+        for f in beside.faults
+    ]
+    if not rows:
+        return f"<p>{html_text(beside.words[0].upper() + beside.words[1:])}.</p>"
+    shown = [ReportPicture("faults", f.title, f.caption, f.picture) for f in beside.faults if f.picture]
+    head = ["fault", "what", "of the light", ERROR, "what to do"]
+    return html_table(head, rows, numeric=[2, 3]) + figures(shown, "faults")
+
+
+def _facts(H: PSFMatrix, quality: QualityReport, redo: Sequence[object]) -> str:
+    nz, ny, nx, nt, ns = quality.shape
+    facts = [
+        ("source positions y × x", f"{ny} × {nx}"),
+        (f"depth planes, {quality.extent or 'depths not stated'}", str(nz)),
+        ("cutout t × s", f"{nt} × {ns} px"),
+        (f"of values, {H.dtype}", format_bytes(H.nbytes)),
+        ("metrics", counted_words(quality.metrics)),
+        ("positions to record again", str(len(redo))),
+    ]
+    return (
+        '<div class="facts">'
+        + "".join(f"<div><b>{html_text(v)}</b><span>{html_text(k)}</span></div>" for k, v in facts)
+        + ("</div>")
+    )
+
+
+def _actions(quality: QualityReport, beside: Beside | None) -> str:
+    """Return what to do about what is not good, costliest first; less what a fault stands for, or refutes."""
+    others = set() if beside is None else {*beside.settled, *beside.withdrawn}
+    items = [
+        f'<li class="{m.merit}"><b class="advice">{html_text(m.spec.title)}</b>, {html_text(value_text(m))}: '
+        f"{html_text(m.spec.advice)}</li>"
+        for m in quality.metrics
+        if m.merit in ("bad", "fair") and m.key not in others
+    ]
+    redo = redo_of(quality, beside)
+    if not items and not redo:
+        return ""
+    body = f"<ol>{''.join(items)}</ol>" if items else ""
+    if redo:
+        places = ", ".join(f"({z}, {y}, {x})" for (z, y, x), _ in redo[:LISTED])
+        more = f" and {len(redo) - LISTED} more" if len(redo) > LISTED else ""
+        body += f"<p>Record again (z, y, x): {places}{more}. <code>redo.json</code> holds the list for "
+        body += "<code>lfcal acquire --redo redo.json</code>.</p>"
+    return html_section("What to do", body)
+
+
+def _metrics(quality: QualityReport, every: bool) -> str:
+    def row(m: Metric) -> list[str]:
+        words = html_text(m.spec.meaning) + (f" <b>{html_text(m.detail)}.</b>" if m.detail else "")
+        if m.merit in ("bad", "fair"):
+            words += f' <span class="advice {m.merit}">{html_text(m.spec.advice)}</span>'
+        best, worst = limits(m)
+        name = f'<b class="nb">{html_text(m.spec.title)}</b>'
+        return [_merit(m), name, html_text(value_text(m)), html_text(best), html_text(worst), m.cost_text, words]
+
+    note = (
+        '<p class="note">Cost: error of a reconstruction (NRMSE) that a fault of this size makes: measured with this '
+        "H, or typical, what it makes as a rule.</p>"
+    )
+    count = f"<p>{html_text(counted_words(quality.metrics))}.</p>"
+    headers = ("merit", "metric", "value", "good", "bad", "cost", "meaning and advice")
+    shown = [m for m in quality.metrics if every or m.applies]
+    return count + html_table(headers, map(row, shown), (2, 3, 4, 5)) + note
+
+
+def value_text(metric: Metric) -> str:
+    """Return the value with its unit; infinite where, as in a simulated H, there is no noise to divide by."""
+    if math.isinf(metric.value):
+        return f"∞ {metric.spec.unit}".strip()
+    return metric.text
+
+
+def limits(metric: Metric) -> tuple[str, str]:
+    """Return where a metric is good and where it is bad, in the unit of its value."""
+    limits = metric.spec.limits
+    better, worse = ("≥", "<") if limits.higher_is_better else ("≤", ">")
+    return f"{better} {limits.good:g}", f"{worse} {limits.bad:g}"
+
+
+def _apertures(H: PSFMatrix, quality: QualityReport) -> str:
+    rows = []
+    for z, a in enumerate(quality.apertures):
+        rows.append(
+            [
+                html_text(quality.plane_words(z)),
+                _number(float(quality.virtual_depths[z])),
+                html_text(KINDS[a.kind]),
+                str(a.blades) if a.blades and a.confident else "—",
+                with_error(a.diameter_px, a.diameter_sigma_px, 2) if a.seen else "—",
+                f"{a.centre[0]:.2f}, {a.centre[1]:.2f}" if a.seen else "—",
+                f"{math.degrees(a.rotation_rad):.1f}" if a.blades and a.confident else "—",
+                _curvature(a),
+                f"{100 * a.ellipticity:.1f}" if a.seen else "—",
+                f"{a.confidence:.2f}" if a.confident else "—",
+                _answer(a),
+            ]
+        )
+    headers = (
+        "depth z",
+        "virtual depth",
+        "shape",
+        "blades",
+        "diameter (px)",
+        "centre row, column (px)",
+        "rotation (°)",
+        "curvature",
+        "ellipticity (%)",
+        "confidence",
+        "answer",
+    )
+    together = (
+        "" if quality.iris is None else f"<p>All planes together: <b>{html_text(quality.iris.describe())}</b>.</p>"
+    )
+    return html_table(headers, rows, (0, 1, *range(3, 10))) + together + _f_number(H, quality)
+
+
+def _curvature(a: Aperture) -> str:
+    if not (a.blades and a.confident):
+        return "—"
+    return f"{a.curvature:.2f}" + (f" ± {a.curvature_sigma:.2f}" if math.isfinite(a.curvature_sigma) else "")
+
+
+def _answer(a: Aperture) -> str:
+    """Return whether the shape is certain, and what is wrong with the aperture or why it is not known."""
+    if not a.confident:
+        return html_text(a.reason or "not certain")
+    return '<b class="advice good">certain</b>' + (f": {html_text(a.fault)}" if a.fault else "")
+
+
+def _f_number(H: PSFMatrix, quality: QualityReport) -> str:
+    f = quality.f_number
+    stated = f" The camera's description states {H.camera.optics.working_f_number:.2f}." if H.camera else ""
+    if f is None:
+        return f"<p>The working f-number cannot be measured from these planes.{stated}</p>"
+    error = f" ± {f.standard_error:.2f}" if math.isfinite(f.standard_error) else ""
+    return f"<p>Working f-number from the shadow's size over depth: <b>{f.value:.2f}{error}</b>.{stated}</p>"
+
+
+def _tilings(quality: QualityReport) -> str:
+    rows = []
+    for z, tiling in enumerate(quality.tilings):
+        if tiling is not None:
+            y, x = tiling.fitting_period
+            rows.append(
+                [
+                    html_text(quality.plane_words(z)),
+                    str(len(tiling.difference)),
+                    f"{100 * float(np.median(tiling.difference)):.1f}",
+                    f"{100 * float(tiling.difference.max()):.1f}",
+                    f"{100 * float(np.median(tiling.best)):.1f}",
+                    f"{_number(y, 5)} × {_number(x, 5)}",
+                ]
+            )
+    if not rows:
+        return ""
+    headers = (
+        "depth z",
+        "control frames",
+        "difference, median (%)",
+        "largest (%)",
+        "at the best fit (%)",
+        "period that fits best, y × x (px)",
+    )
+    return html_table(headers, rows, range(6))
+
+
+def _compared(H: PSFMatrix, c: Comparison, reference: str, pictures: Sequence[ReportPicture]) -> str:
+    name = f" with {html_text(Path(reference).name)}" if reference else ""
+    left = int(np.prod(H.shape[:3])) - c.compared
+    words = (
+        f"<p>Correlation{name}: <b>{c.correlation:.5f}</b>; error at equal energy {100 * c.rms_error:.2f} % (rms of "
+        f"positions); centroid shift {_number(c.rms_shift_px)} px rms, {_number(c.max_shift_px)} px at most; "
+        f"{c.compared} positions compared, {left} left out.</p>"
+    )
+    rows = [
+        [html_text(format_plane(float(H.known_depths[z]), z)), f"{c.per_plane[z]:.5f}", _number(float(c.scale[z]), 4)]
+        for z in range(len(H))
+    ]
+    return (
+        words
+        + html_table(("depth z", "correlation", "energy over the reference's"), rows, (0, 1, 2))
+        + figures(pictures, "comparison")
+    )
+
+
+def _provenance(H: PSFMatrix) -> str:
+    history: dict[str, Any] = H.provenance
+    missing = H.missing
+    places = ", ".join(f"({z}, {y}, {x})" for z, y, x in missing[:LISTED].tolist())
+    more = " …" if len(missing) > LISTED else ""
+    corrections = history.get("corrections")
+    steps = corrections.get("steps", []) if isinstance(corrections, dict) else []
+    kinds = ", ".join(str(s.get("kind", "?")) for s in steps if isinstance(s, dict))
+    rows = [
+        ("file", one_line(H.path) or "in memory"),
+        ("camera", _camera(H)),
+        ("cutout", f"{H.cutout[0]} × {H.cutout[1]} px, anchor row {H.anchor[0]:g}, column {H.anchor[1]:g} px"),
+        ("corrections", kinds or "none recorded"),
+        ("missing", f"{len(missing)}: {places}{more}" if len(missing) else "none"),
+    ]
+    facts = html_table((), [[f'<span class="nb">{k}</span>', html_text(v)] for k, v in rows])
+    if not history:
+        return facts
+    return f"{facts}<pre>{html_text(json.dumps(history, ensure_ascii=False, default=str))}</pre>"
+
+
+def _camera(H: PSFMatrix) -> str:
+    if H.camera is None:
+        return "not stated"
+    c = H.camera
+    kinds = len(c.lattice.types)
+    return (
+        f"{c.name}: {c.lattice.kind} lattice, pitch {format_length(c.lattice.pitch_um)}, {kinds} lenslet "
+        f"type{'s' if kinds > 1 else ''}, pixel {format_length(c.sensor.pixel_um)}, working f-number "
+        f"{c.optics.working_f_number:.2f}"
+    )

@@ -1,0 +1,178 @@
+"""The report into a folder: the page, its pictures, and lists for programs."""
+
+from __future__ import annotations
+
+import json
+import os
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from lfcal.base import Clock, InputError, StorageError, Work, drained, one_line, plain, replace_whole
+from lfcal.judge._compare import Comparison, iter_compare
+from lfcal.judge.quality import Controls, QualityReport, iter_inspect
+from lfcal.judge.report._pdf import blocks, pdf
+from lfcal.judge.report._pictures import PICTURES, pictures
+from lfcal.judge.report.beside import Beside
+from lfcal.judge.report.page import page, redo_of
+from lfcal.psf import PSFMatrix
+
+__all__ = ["iter_report", "redo_list", "report", "report_files"]
+
+PAGE, PAPER = "index.html", "report.pdf"
+
+
+def iter_report(
+    matrix: PSFMatrix | ArrayLike,
+    folder: str | os.PathLike[str],
+    *,
+    reference: PSFMatrix | ArrayLike | None = None,
+    quality: QualityReport | None = None,
+    controls: Controls | None = None,
+    workers: int | None = None,
+    beside: Beside | None = None,
+    every: bool = False,
+) -> Work[Path]:
+    """Inspect H; write page, pictures, ``report.pdf``, ``quality.json`` and ``redo.json`` into ``folder``.
+
+    Everything is drawn before the first file is written; each file appears whole or not at all, the page last.
+
+    Parameters
+    ----------
+    matrix
+        H; of a transposed view, the H behind it.
+    folder
+        Where to write; made if need be. Files of an earlier report are replaced.
+    reference
+        H of the same shape to compare with.
+    quality
+        The inspection of this H, where it was done already.
+    controls
+        Control frames by depth plane for the inspection, see `lfcal.judge.quality.iter_inspect`.
+    workers
+        Threads; every processor by default.
+    beside
+        What a comparison with the camera found: it has the last word.
+    every
+        Whether metrics that do not apply are listed, too.
+
+    Raises
+    ------
+    InputError
+        If ``quality`` or ``reference`` is of another shape.
+    StorageError
+        If the folder cannot be written to.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix
+    >>> from lfcal.judge import iter_report
+    >>> work = iter_report(PSFMatrix(np.ones((2, 3, 3, 9, 9))), "quality")
+    >>> step = next(work)
+    >>> print(step.stage, step.count)
+    inspecting planes 0 of 12
+    >>> work.close()  # cancelled: nothing is written
+    """
+    target = Path(folder)
+    if target.exists() and not target.is_dir():
+        raise StorageError.expected(str(target), "a folder for the report", "a file", "name a folder")
+    H = _straight(matrix)
+    other = None if reference is None else _straight(reference)
+    if quality is not None and quality.shape != H.shape:
+        raise InputError.expected("quality", f"that of H {H.shape}", quality.shape, "inspect this H")
+    comparison: Comparison | None = None
+    if other is not None:
+        comparison = yield from iter_compare(H, other, workers=workers)
+    if quality is None:
+        quality = yield from iter_inspect(H, controls=controls, workers=workers)
+    draws = pictures(H, quality, other, comparison)
+    clock = Clock("drawing the report", len(draws) + 2)
+    drawn = []
+    for k, draw in enumerate(draws):
+        yield clock.at(k)
+        drawn.append(draw())
+    yield clock.at(len(draws))
+    paper = pdf(
+        blocks(H, quality, drawn, beside, every=every), f"{one_line(Path(H.path).name) or 'PSF matrix'}: PSF quality"
+    )
+    yield clock.at(len(draws) + 1)
+    text = page(H, quality, drawn, comparison, other.path if other is not None else "", beside, every=every)
+    # the page comes last: where it exists, every file that it links to exists
+    files = {p.name: p.png for p in drawn}
+    result = quality.to_dict(every=every) | ({} if comparison is None else {"comparison": comparison.to_dict()})
+    if beside is not None:
+        result |= {"model": dict(beside.record), "merit": beside.merit, "verdict": beside.verdict} | dict(beside.judged)
+    result |= {"inspected": datetime.now(UTC).isoformat(timespec="seconds")}
+    redo = redo_list(quality, beside)
+    files |= {PAPER: paper, "quality.json": _json(result), "redo.json": _json(redo), PAGE: text.encode()}
+    for name, content in files.items():
+        with replace_whole(target / name) as part:
+            part.write_bytes(content)
+    yield clock.at(len(draws) + 2)
+    return target / PAGE
+
+
+report = drained(
+    iter_report,
+    """
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix
+    >>> from lfcal.judge import report
+    >>> page = report(PSFMatrix(np.ones((1, 3, 3, 9, 9))), "quality")
+    >>> print(page.name, "redo.json" in {file.name for file in page.parent.iterdir()})
+    index.html True
+    """,
+)
+
+
+def report_files(folder: Path) -> list[Path]:
+    """Return what a report in ``folder`` consists of: page, lists, and every picture that it may have.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.judge.report import report_files
+    >>> [file.name for file in report_files(Path("quality"))[:4]]
+    ['index.html', 'report.pdf', 'quality.json', 'redo.json']
+    """
+    maps = sorted(p.name for p in folder.glob("map_*.png"))
+    return [folder / name for name in (PAGE, PAPER, "quality.json", "redo.json", *PICTURES, *maps)]
+
+
+def redo_list(quality: QualityReport, beside: Beside | None = None) -> dict[str, Any]:
+    """Return the positions to record again as ``lfcal acquire --redo`` takes them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import PSFMatrix
+    >>> from lfcal.judge import inspect
+    >>> from lfcal.judge.report import redo_list
+    >>> H = np.zeros((1, 3, 3, 9, 9))
+    >>> H[..., 3:6, 3:6] = np.arange(100, 109).reshape(1, 3, 3, 1, 1)
+    >>> H[0, 0, 1] = 0  # a frame without light
+    >>> redo = redo_list(inspect(PSFMatrix(H)))
+    >>> print(redo["positions"], redo["reasons"])
+    [[0, 0, 1]] ['missing frames']
+    """
+    redo = redo_of(quality, beside)
+    return {
+        "format": "lfcal-redo",
+        "version": 1,
+        "positions": [list(place) for place, _ in redo],
+        "reasons": [why for _, why in redo],
+    }
+
+
+def _straight(matrix: PSFMatrix | ArrayLike) -> PSFMatrix:
+    H = matrix if isinstance(matrix, PSFMatrix) else PSFMatrix(matrix)
+    return H.T if H.is_transposed else H
+
+
+def _json(value: Any) -> bytes:
+    return json.dumps(plain(value), indent=1, ensure_ascii=False).encode()

@@ -1,7 +1,0 @@
-"""The public names of `lfcal.psf.report`, loaded when the first of them is asked for."""
-
-from __future__ import annotations
-
-from lfcal.psf.report.write import iter_report, redo_list, report, report_files
-
-__all__ = ["iter_report", "redo_list", "report", "report_files"]

@@ -1,0 +1,183 @@
+"""What was not measured is unknown everywhere: never zero, never good."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from lfcal.base._plain import plain
+from lfcal.base.progress import drain
+from lfcal.judge import Inspection
+from lfcal.judge.quality import METRICS, UNKNOWN, Limits, Metric, MetricSpec, QualityReport, Reading, inspect
+from lfcal.judge.quality.metric import judge
+from lfcal.judge.quality.verdict import counted_words
+from lfcal.judge.report import iter_report
+from lfcal.psf import PSFMatrix
+from tests.judge.plain_report import undrawn
+
+from .faults import base, matrix
+from .scenes import hexagonal, single
+
+
+def saturation(counts: NDArray[np.int32] | None) -> Metric:
+    """Return the metric of a good H with these counts; -1 where nobody counted."""
+    scene = single()
+    H = PSFMatrix(base(scene), depths=scene.depths, camera=scene.camera, saturated=counts)
+    return inspect(H, workers=1)["saturation"]
+
+
+def zeros() -> NDArray[np.int32]:
+    return np.zeros((len(single().virtual_depths), *single().period), np.int32)
+
+
+def test_saturation_that_nobody_counted_is_unknown() -> None:
+    for counts in (None, zeros() - 1):
+        found = saturation(counts)
+        assert found.merit == "unknown" and math.isnan(found.value) and np.isnan(found.per_plane).all()
+
+
+def test_saturation_that_was_counted_as_none_is_good() -> None:
+    found = saturation(zeros())
+    assert (found.merit, found.value, found.detail) == ("good", 0.0, "")
+
+
+@pytest.mark.parametrize("whole_plane", [False, True])
+def test_partly_counted_saturation_is_unknown_unless_what_was_counted_is_enough(whole_plane: bool) -> None:
+    counts = zeros()
+    counts[1 if whole_plane else (1, 2, 3)] = -1
+    found = saturation(counts)
+    assert found.merit == "unknown" and math.isnan(found.value)
+    counts[0, 4, 5] = 30
+    found = saturation(counts)
+    assert found.merit == "bad" and found.value == 30
+    assert found.positions.tolist() == [[0, 4, 5]]
+
+
+def test_partly_counted_planes_say_how_much_was_counted() -> None:
+    counts = zeros()
+    counts[1, 2, 3] = -1
+    found = saturation(counts)
+    assert found.detail == f"counted at {counts[0].size - 1} of {counts[0].size} positions"
+    assert found.map is not None and np.isnan(found.map[1, 2, 3]) and found.map[1, 0, 0] == 0
+
+
+def test_equal_highest_values_make_a_suspicion() -> None:
+    scene = single()
+    found = inspect(matrix(scene, np.minimum(base(scene) * 1.8, np.float32(4031))))["saturation"]
+    assert found.merit == "bad" and "suspected" in found.detail
+
+
+@pytest.fixture(scope="module")
+def report() -> QualityReport:
+    """Return the report of a good H without camera or counts."""
+    return inspect(PSFMatrix(base(hexagonal())))
+
+
+def test_unknown_is_unknown_in_json(report: QualityReport) -> None:
+    lines = {m["key"]: m for m in json.loads(json.dumps(plain(report.to_dict(every=True))))["metrics"]}
+    for key in ("saturation", "period", "depth", "tiling"):
+        line = lines[key]
+        assert (line["merit"], line["value"], line["cost"], line["advice"]) == ("unknown", None, None, "")
+        assert set(line["per_plane"]) == {None}
+    assert math.isfinite(report.cost)
+
+
+def test_unknown_is_unknown_for_people(
+    report: QualityReport, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from lfcal_gui.pages.quality.model import metric_rows
+
+    undrawn(monkeypatch)
+    found = Inspection(report, (), 0, 0.0, "no camera is known", 0.0)
+    rows = {row.key: row for row in metric_rows(found, every=True)}
+    assert "saturation" not in {row.key for row in metric_rows(found)}, "metrics that do not apply are counted"
+    assert "not applicable" in counted_words(report.metrics)
+    assert (rows["saturation"].value, rows["saturation"].merit, rows["saturation"].cost) == ("unknown", "unknown", "–")
+    assert "not compared with a camera" in report.verdict and report.merit == "good"
+    folder = tmp_path_factory.mktemp("report")
+    work = iter_report(PSFMatrix(base(hexagonal())), folder, quality=report, every=True)
+    text = drain(work).read_text(encoding="utf-8")
+    row = text[text.index("Saturated pixels") - 200 :][:400]
+    assert '<span class="merit unknown">unknown</span>' in row and ">unknown</td>" in row and "nan" not in row
+
+
+@pytest.mark.parametrize("spec", METRICS, ids=lambda s: s.key)
+def test_no_metric_is_good_unmeasured(spec: MetricSpec) -> None:
+    found = judge(spec, [UNKNOWN, UNKNOWN], (2, 3, 4))
+    assert (found.merit, found.text, found.cost_text) == ("unknown", "unknown", "—")
+    assert math.isnan(found.value) and math.isnan(found.cost) and found.map is None
+
+
+def test_a_report_without_any_value_is_not_good(report: QualityReport) -> None:
+    nothing = dataclasses.replace(
+        report, metrics=tuple(judge(m.spec, [UNKNOWN], (1, 3, 3)) for m in report.metrics[:3])
+    )
+    assert nothing.merit == "unknown" and nothing.cost == 0 and "not known whether" in nothing.verdict
+    assert nothing.redo() == []
+
+
+def test_metrics_that_need_light_are_unknown_in_the_dark() -> None:
+    found = inspect(np.random.default_rng(0).normal(0, 3, (1, 5, 6, 21, 21)).astype(np.float32))
+    for metric in found.metrics:
+        if metric.spec.of_plane is not None and metric.spec.needs_light:
+            assert metric.merit == "unknown", metric.key
+    assert found["planes_lit"].merit == "bad"
+
+
+def test_a_frame_out_of_focus_is_named_to_be_recorded_again() -> None:
+    """Its change is 8 times the usual: beyond the limit, and far from any other."""
+    values = base(hexagonal())
+    values[1, 4, 7] = ndimage.gaussian_filter(values[1, 4, 7], 2)
+    found = inspect(matrix(hexagonal(), values))
+    assert 4 < found["step"].value < 20
+    assert found["step"].positions.tolist() == [[1, 4, 7]]
+    assert found.redo() == [((1, 4, 7), "odd frames")]
+
+
+def test_a_metric_is_checked_when_it_is_made_and_when_it_answers() -> None:
+    spec = METRICS.get("missing")
+    with pytest.raises(ValueError, match="one function"):
+        dataclasses.replace(spec, of_plane=None)
+    with pytest.raises(ValueError, match="one function"):
+        dataclasses.replace(spec, of_matrix=lambda h: [UNKNOWN])
+    with pytest.raises(ValueError, match="advice is empty"):
+        dataclasses.replace(spec, advice="")
+    with pytest.raises(ValueError, match="must not be worse"):
+        Limits(good=2.0, bad=1.0)
+    with pytest.raises(ValueError, match="1 or 3 readings"):
+        judge(spec, [UNKNOWN, UNKNOWN], (3, 4, 5))
+    with pytest.raises(ValueError, match=r"maps of \(4, 5\)"):
+        judge(spec, [Reading(1.0, map=np.zeros((5, 4)))], (1, 4, 5))
+
+
+def test_shares_of_no_light_are_unknown() -> None:
+    # of a signed H whose values sum to less than nothing, shares of light were 1e300
+    values = np.random.default_rng(31).standard_normal((2, 6, 6, 15, 15)).astype(np.float32)
+    values[:, :, :, 5:10, 5:10] -= 6.0
+    values[:, :, :, 7, 7] += 60.0
+    assert values.sum() < 0
+    found = inspect(PSFMatrix(values), workers=1)
+    for key in ("flicker", "lamp", "background"):
+        assert found[key].merit == "unknown" and math.isnan(found[key].value), key
+
+
+@pytest.mark.parametrize("cutout", [(7, 7), (5, 9), (1, 15), (1, 1)])
+def test_small_cutouts_are_inspected_without_an_aperture(cutout: tuple[int, int]) -> None:
+    values = np.abs(np.random.default_rng(0).standard_normal((1, 3, 3, *cutout))).astype(np.float32)
+    found = inspect(PSFMatrix(values), workers=1)
+    assert found.apertures[0].refusal == "too small"
+
+
+@pytest.mark.parametrize(("period", "unknown"), [((1, 1), ("lamp", "flicker")), ((1, 3), ("lamp",))])
+def test_what_so_few_positions_cannot_tell_is_unknown(period: tuple[int, int], unknown: tuple[str, ...]) -> None:
+    y, x = np.mgrid[-10:11, -10:11]
+    values = 1000 * np.exp(-(y**2 + x**2) / 8) + np.random.default_rng(0).normal(0, 1, (1, *period, 21, 21))
+    found = inspect(PSFMatrix(values.astype(np.float32)), workers=1)
+    for key in unknown:
+        assert found[key].merit == "unknown" and math.isnan(found[key].value), key
