@@ -45,7 +45,7 @@ def command(
     from lfcal.cli._console import print_json, print_table, run_work
     from lfcal.cli._matrices import check_mat_files, open_matrix
     from lfcal.cli.outputs import check_outputs
-    from lfcal.judge import iter_difference
+    from lfcal.judge import iter_compare
     from lfcal.judge.report import (
         COLUMNS,
         compared_report_files,
@@ -63,7 +63,7 @@ def command(
         pairs = zip((first, second), names, strict=True)
         a, b = (files.enter_context(open_matrix(path, region=name, mat_order=mat_order)) for path, name in pairs)
         start = time.perf_counter()
-        found = run_work(iter_difference(a, b, by_number=by_number, workers=workers), quiet=json)
+        found = run_work(iter_compare(a, b, by_number=by_number, workers=workers), quiet=json)
         seconds = time.perf_counter() - start
         if report is not None:
             page = run_work(iter_compared_report(found, report, seconds), quiet=json)

@@ -108,7 +108,7 @@ def command(
         other = None if reference is None else files.enter_context(open_matrix(reference, mat_order=mat_order))
         comparison = None
         if other is not None:
-            comparison = run_work(iter_compare(H, other, workers=workers), quiet=json)
+            comparison = run_work(iter_compare(H, other, by_index=True, workers=workers), quiet=json)
         setup = None if fit is None else _setup_of(fit, H, seconds)
         controls = None if session is None else control_frames(session, H)
         run = None

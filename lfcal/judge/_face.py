@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from lfcal.judge._compare import Comparison, compare, iter_compare
 from lfcal.judge.compared import iter_evidence
+from lfcal.judge.comparison import Comparison, compare, iter_compare
 from lfcal.judge.evidence import Evidence, Unlike
 from lfcal.judge.explained import Disagreement, Explanation
 from lfcal.judge.finding import FAULTS, Fault, Finding, Picture

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from lfcal.judge._fit_trend import Trend, draw_trend, trend
 from lfcal.judge.dated import fits_in, read_dated
-from lfcal.judge.difference import Difference, iter_difference
 from lfcal.judge.inspection import is_bad, is_fair
 from lfcal.judge.pairing import Pair, pair
 from lfcal.judge.region_loss import draw_region_loss, iter_region_loss
 from lfcal.judge.telling import compared_words, cost_words, told
 
 __all__ = [
-    "Difference",
     "Pair",
     "Trend",
     "compared_words",
@@ -21,7 +19,6 @@ __all__ = [
     "fits_in",
     "is_bad",
     "is_fair",
-    "iter_difference",
     "iter_region_loss",
     "pair",
     "read_dated",

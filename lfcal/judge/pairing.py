@@ -83,7 +83,9 @@ class Pair:
         return np.asarray(values[..., rows, columns], np.float64)
 
 
-def pair(a: PSFMatrix | ArrayLike, b: PSFMatrix | ArrayLike, *, by_number: bool = False) -> Pair:
+def pair(
+    a: PSFMatrix | ArrayLike, b: PSFMatrix | ArrayLike, *, by_number: bool = False, by_index: bool = False
+) -> Pair:
     """Return what two H have in common.
 
     Planes belong together by their depths, positions by where they are on the sensor where both state a camera.
@@ -94,6 +96,8 @@ def pair(a: PSFMatrix | ArrayLike, b: PSFMatrix | ArrayLike, *, by_number: bool 
         Matrices; of a transposed view, the H behind it.
     by_number
         Planes belong together by their numbers, whatever their depths.
+    by_index
+        Planes and positions belong together by their numbers, wherever they are on the sensor.
 
     Raises
     ------
@@ -118,8 +122,8 @@ def pair(a: PSFMatrix | ArrayLike, b: PSFMatrix | ArrayLike, *, by_number: bool 
     names = [m.camera.name for m in (first, second) if m.camera is not None]
     if len(set(names)) > 1:
         notes.append(f"cameras of other names: {names[0]} and {names[1]}")
-    planes = _planes(first, second, by_number, notes)
-    moved = _moved(first, second, notes)
+    planes = _planes(first, second, by_number or by_index, notes)
+    moved = (0, 0) if by_index else _moved(first, second, notes)
     rows, columns = (min(n, m) for n, m in zip(first.cutout, second.cutout, strict=True))
     if first.cutout != second.cutout:
         sizes = " and ".join(f"{nt} × {ns}" for nt, ns in (first.cutout, second.cutout))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import InputError, Work, drained, figure, save_figure
-from lfcal.judge._compare import iter_compare
+from lfcal.judge.comparison import iter_compare
 from lfcal.psf import open_psf, regions_of
 
 __all__ = ["RegionLoss", "draw_region_loss", "iter_region_loss", "region_loss"]
@@ -78,7 +78,7 @@ def iter_region_loss(path: str | os.PathLike[str], *, workers: int | None = None
                     errors.append(np.where(own.recorded > 0, 0.0, np.nan).astype(np.float32))
                     shifts.append(0.0)
                     continue
-                found = yield from iter_compare(own, first, workers=workers)
+                found = yield from iter_compare(own, first, by_index=True, workers=workers)
                 errors.append(found.error)
                 shifts.append(found.rms_shift_px)
     return RegionLoss(tuple(names), np.array(anchors), np.stack(errors), np.array(shifts))

@@ -11,7 +11,7 @@ import pytest
 
 from lfcal.psf import PSFMatrix, save, save_regions
 from tests.cli.conftest import Run
-from tests.judge.test_difference import SHAPE, moved
+from tests.judge.test_comparison import SHAPE, moved
 
 Lfcal = Callable[..., Run]
 

@@ -67,7 +67,7 @@ def test_numbers_then_report(lfcal: Lfcal, H: Path, tmp_path: Path) -> None:
 def test_reference(lfcal: Lfcal, H: Path) -> None:
     assert "correlation 1.00000, error 0.00 %" in lfcal("inspect", H, "--reference", H).out
     found = lfcal("inspect", H, "--reference", H, "--json").json
-    assert isinstance(found, dict) and found["comparison"]["compared"] == 11
+    assert isinstance(found, dict) and found["comparison"]["positions"] == 11
 
 
 def test_json(lfcal: Lfcal, H: Path) -> None:

@@ -8,7 +8,7 @@ import tifffile
 from lfcal.base.errors import InputError
 from lfcal.camera import preset
 from lfcal.judge import inspect
-from lfcal.judge._compare import compare
+from lfcal.judge.comparison import compare
 from lfcal.judge.pairing import pair
 from lfcal.judge.report import report
 from lfcal.psf import PSFMatrix, export, open_psf, save

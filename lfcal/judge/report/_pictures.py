@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import LINES, draw_image, figure, format_plane, html_figure
-from lfcal.judge._compare import Comparison
+from lfcal.judge.comparison import Comparison
 from lfcal.judge.quality import Metric, QualityReport
 from lfcal.psf import PSFMatrix, depth_sum
 from lfcal.psf.aperture import KINDS, Aperture, expected_aperture

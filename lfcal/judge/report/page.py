@@ -21,7 +21,7 @@ from lfcal.base import (
     html_text,
     one_line,
 )
-from lfcal.judge._compare import Comparison
+from lfcal.judge.comparison import Comparison
 from lfcal.judge.quality import Metric, QualityReport, counted_words, merit_of, merit_word
 from lfcal.judge.report._pictures import ReportPicture, figures
 from lfcal.judge.report.beside import Beside
@@ -284,12 +284,12 @@ def _compared(H: PSFMatrix, c: Comparison, reference: str, pictures: Sequence[Re
         f"{c.compared} positions compared, {left} left out.</p>"
     )
     rows = [
-        [html_text(format_plane(float(H.known_depths[z]), z)), f"{c.per_plane[z]:.5f}", _number(float(c.scale[z]), 4)]
-        for z in range(len(H))
+        [html_text(format_plane(float(H.known_depths[z]), z)), f"{one.correlation:.5f}", _number(one.scale, 4)]
+        for z, one in enumerate(plane.all for plane in c.planes)
     ]
     return (
         words
-        + html_table(("depth z", "correlation", "energy over the reference's"), rows, (0, 1, 2))
+        + html_table(("depth z", "correlation", "scale of the reference that fits best"), rows, (0, 1, 2))
         + figures(pictures, "comparison")
     )
 

@@ -30,7 +30,7 @@ from lfcal.base import (
     plain,
     replace_whole,
 )
-from lfcal.judge.difference import Difference, Figures
+from lfcal.judge.comparison import Comparison, Figures
 from lfcal.judge.report._pictures import ReportPicture, figures
 
 __all__ = [
@@ -74,7 +74,7 @@ SHOWN, PLANES = 4, 4
 """Positions, and planes, that are drawn."""
 
 
-def verdict(found: Difference) -> str:
+def verdict(found: Comparison) -> str:
     """Return one sentence on how far two H are apart."""
     one = found.all
     if not math.isfinite(one.nrmse):
@@ -88,7 +88,7 @@ def verdict(found: Difference) -> str:
     return ("The same to 1 %. " if one.nrmse < SAME else "") + words + f"{one.scale:.4g}, {shifted}"
 
 
-def compared_words(found: Difference) -> str:
+def compared_words(found: Comparison) -> str:
     """Return what was compared."""
     n, ny, nx, nt, ns = found.pair.shape
     many, whole = sum(one.positions for one in found.planes), n * ny * nx
@@ -96,7 +96,7 @@ def compared_words(found: Difference) -> str:
     return f"{share} positions of {n} plane{'s' * (n > 1)} compared, {nt} × {ns} pixels each"
 
 
-def figure_rows(found: Difference) -> list[tuple[str, ...]]:
+def figure_rows(found: Comparison) -> list[tuple[str, ...]]:
     """Return the figures of all planes, then of each, and of each lens type, by `COLUMNS`."""
     rows = _rows("all", found.all, found.types)
     for one in found.planes:
@@ -152,7 +152,7 @@ def compared_report_files(folder: Path) -> list[Path]:
     return [folder / name for name in (PAGE, NUMBERS, PATTERNS, MAPS)]
 
 
-def iter_compared_report(found: Difference, folder: str | os.PathLike[str], seconds: float = 0.0) -> Work[Path]:
+def iter_compared_report(found: Comparison, folder: str | os.PathLike[str], seconds: float = 0.0) -> Work[Path]:
     """Write ``index.html``, its pictures and ``compare.json`` into ``folder``; return the page.
 
     Each file appears whole or not at all, the page last.
@@ -181,7 +181,7 @@ def iter_compared_report(found: Difference, folder: str | os.PathLike[str], seco
     return target / PAGE
 
 
-def names(found: Difference) -> tuple[str, str]:
+def names(found: Comparison) -> tuple[str, str]:
     """Return what both are called: their files, with their folders where the names are the same."""
     paths = [Path(m.path) for m in (found.pair.a, found.pair.b)]
     told = [one_line(path.name) or which for path, which in zip(paths, ("first H", "second H"), strict=True)]
@@ -190,7 +190,7 @@ def names(found: Difference) -> tuple[str, str]:
     return told[0], told[1]
 
 
-def _page(found: Difference, drawn: list[ReportPicture], seconds: float) -> str:
+def _page(found: Comparison, drawn: list[ReportPicture], seconds: float) -> str:
     first, second = names(found)
     notes = "".join(f"<li>{html_text(note)}</li>" for note in found.notes)
     rows = [[html_text(cell) for cell in row] for row in figure_rows(found)]
@@ -213,7 +213,7 @@ def _page(found: Difference, drawn: list[ReportPicture], seconds: float) -> str:
     )
 
 
-def _patterns(found: Difference) -> ReportPicture:
+def _patterns(found: Comparison) -> ReportPicture:
     """Draw the positions that differ most: A, B at A's light, and their difference."""
     places = found.worst(SHOWN)
     first, second = names(found)
@@ -238,7 +238,7 @@ def _patterns(found: Difference) -> ReportPicture:
         return ReportPicture("patterns", PATTERNS, "Positions (z, y, x) that differ most, at equal light.", _png(fig))
 
 
-def _maps(found: Difference) -> ReportPicture:
+def _maps(found: Comparison) -> ReportPicture:
     """Draw error and shift over the positions of planes, the worst planes first."""
     rank = np.nan_to_num([one.all.scaled for one in found.planes], nan=-1.0)
     order = np.argsort(-rank, kind="stable").tolist()

@@ -11,7 +11,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from lfcal.base import Clock, InputError, StorageError, Work, drained, one_line, plain, replace_whole
-from lfcal.judge._compare import Comparison, iter_compare
+from lfcal.judge.comparison import Comparison, iter_compare
 from lfcal.judge.quality import Controls, QualityReport, iter_inspect
 from lfcal.judge.report._pdf import blocks, pdf
 from lfcal.judge.report._pictures import PICTURES, pictures
@@ -85,7 +85,10 @@ def iter_report(
         raise InputError.expected("quality", f"that of H {H.shape}", quality.shape, "inspect this H")
     comparison: Comparison | None = None
     if other is not None:
-        comparison = yield from iter_compare(H, other, workers=workers)
+        if other.shape != H.shape:
+            remedy = "give an H of the same positions and cutout"
+            raise InputError.expected("reference", f"shape {H.shape}", other.shape, remedy)
+        comparison = yield from iter_compare(H, other, by_index=True, workers=workers)
     if quality is None:
         quality = yield from iter_inspect(H, controls=controls, workers=workers)
     draws = pictures(H, quality, other, comparison)

@@ -34,7 +34,7 @@ from lfcal_gui.pages.quality.step import compared
 from lfcal_gui.saving import may_replace
 
 if TYPE_CHECKING:
-    from lfcal.judge import Difference, Pair
+    from lfcal.judge import Comparison, Pair
 
 __all__ = ["Comparing"]
 
@@ -53,7 +53,7 @@ class Comparing:
 
     def __init__(self, panel: ComparePanel, context: Context) -> None:
         self._panel, self._context = panel, context
-        self.found: Difference | None = None
+        self.found: Comparison | None = None
         self._asked: CompareRequest | None = None
         self._pair: Pair | None = None
         self._place: Place = (0, 0, 0)

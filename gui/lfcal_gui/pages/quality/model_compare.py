@@ -14,7 +14,7 @@ from lfcal_gui.models import Stamp, levels_of
 from lfcal_gui.pages.quality.model import capital
 
 if TYPE_CHECKING:
-    from lfcal.judge import Difference, Pair
+    from lfcal.judge import Comparison, Pair
 
 __all__ = [
     "COLUMNS",
@@ -78,19 +78,19 @@ class CompareRequest:
 class KeptDifference:
     """What a comparison at work in a thread finds."""
 
-    found: Difference | None = None
+    found: Comparison | None = None
 
 
 def iter_compare(asked: CompareRequest, kept: KeptDifference) -> Work[None]:
     """Compare two files; what is found is in ``kept``, as jobs are remembered long after they ended."""
-    from lfcal.judge import iter_difference
+    from lfcal.judge import iter_compare
     from lfcal.psf import open_psf
 
     with open_psf(asked.first[0]) as a, open_psf(asked.second[0]) as b:
-        kept.found = yield from iter_difference(a, b, by_number=asked.by_number)
+        kept.found = yield from iter_compare(a, b, by_number=asked.by_number)
 
 
-def iter_compared(asked: CompareRequest, found: Difference, folder: str) -> Work[Path]:
+def iter_compared(asked: CompareRequest, found: Comparison, folder: str) -> Work[Path]:
     """Write what a comparison found, with pictures of both files, which are opened anew; return the page."""
     from lfcal.judge import pair
     from lfcal.judge.report import iter_compared_report
@@ -110,7 +110,7 @@ def compared_files(folder: str) -> list[Path]:
 
 
 # -- numbers -----------------------------------------------------------------------------------------------
-def told_of(found: Difference) -> tuple[str, str]:
+def told_of(found: Comparison) -> tuple[str, str]:
     """Return the verdict, and what was compared and left out."""
     from lfcal.judge.report import compared_words, verdict
 
@@ -118,14 +118,14 @@ def told_of(found: Difference) -> tuple[str, str]:
     return verdict(found), " ".join(capital(words if words[-1] == "?" else f"{words}.") for words in told)
 
 
-def table_of(found: Difference) -> list[tuple[str, ...]]:
+def table_of(found: Comparison) -> list[tuple[str, ...]]:
     """Return the rows of the table of numbers; what the correlation says stands in ``scaled``."""
     from lfcal.judge.report import figure_rows
 
     return [(plane if kind == "all" else f"{plane}, {kind}", *rest[:-1]) for plane, kind, *rest in figure_rows(found)]
 
 
-def numbers_of(found: Difference) -> list[tuple[float, ...]]:
+def numbers_of(found: Comparison) -> list[tuple[float, ...]]:
     """Return what the rows of the table are sorted by."""
     rows: list[tuple[float, ...]] = []
     for k, (whole, types) in enumerate([(found.all, found.types), *((p.all, p.types) for p in found.planes)]):
@@ -135,13 +135,13 @@ def numbers_of(found: Difference) -> list[tuple[float, ...]]:
     return rows
 
 
-def plane_of_row(found: Difference, row: int) -> int | None:
+def plane_of_row(found: Comparison, row: int) -> int | None:
     """Return which pair of planes a row of the table is about, None: all."""
     kinds = 1 + len(found.types)
     return row // kinds - 1 if row >= kinds else None
 
 
-def worst_of(found: Difference) -> list[tuple[str, Place]]:
+def worst_of(found: Comparison) -> list[tuple[str, Place]]:
     """Return the positions that differ most, in words and by their numbers, the worst first."""
     return [
         (f"({found.pair.planes[k][0]}, {y}, {x}): {100 * found.error[k, y, x]:.3g} %", (k, y, x))

@@ -38,11 +38,11 @@ def compared(first: str, second: str, out: str = "", *, by_number: bool = False)
     python = f"""
 from lfcal.base.progress import drain
 from lfcal.psf import open_psf
-from lfcal.judge.difference import difference
+from lfcal.judge import compare
 from lfcal.judge.report.two import iter_compared_report, verdict
 
 with open_psf({first!r}) as a, open_psf({second!r}) as b:
-    found = difference(a, b, by_number={by_number!r})
+    found = compare(a, b, by_number={by_number!r})
     print(verdict(found))
 {report}"""
     return CommandStep(("compare", first, second, *options_of(pairs)), python)

@@ -23,7 +23,7 @@ from lfcal_gui.pages.quality.model_run import InspectionRequest, InspectionRun, 
 from lfcal_gui.pages.quality.page import Page
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle
-from tests.judge.test_difference import moved
+from tests.judge.test_comparison import moved
 
 DEPTHS = (-2000.0, -1000.0)
 

@@ -1,4 +1,4 @@
-"""Two H beside each other in numbers: by plane and lens type, as they are, at the best scale, and at the best shift."""
+"""How two H differ: by plane and lens type, as they are, at the best scale, and at the best shift."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import Clock, Work, drained, for_each_chunk, worker_count
-from lfcal.judge._compare import centroids
 from lfcal.judge._shifting import best_shift, shifted
 from lfcal.judge.pairing import Pair, pair
 from lfcal.psf import PSFMatrix
 
-__all__ = ["Difference", "Figures", "PlaneFigures", "difference", "iter_difference"]
+__all__ = ["Comparison", "Figures", "PlaneFigures", "compare", "iter_compare"]
 
 F8 = NDArray[np.float64]
 
@@ -29,6 +28,9 @@ MOST_PLANES = 40
 
 LIKER = 1.5
 """How many times as unlike the plane of the same depth is when another plane is said to be more like."""
+
+FLOOR = 0.05
+"""Part of a pattern's peak that is taken off before its centroid: noise far out would move it."""
 
 A, B = 0, 1
 MODEL = slice(2, 5)
@@ -90,8 +92,10 @@ class PlaneFigures:
 
 
 @dataclass(frozen=True, eq=False)
-class Difference:
-    """What sets two H apart.
+class Comparison:
+    """How two H differ: a recording from its simulation, or today's from last month's.
+
+    Positions missing in either, dark in either, or holding not-a-number are left out.
 
     Attributes
     ----------
@@ -104,7 +108,17 @@ class Difference:
     error
         ``|a / s - b| / |b|`` of each pattern at equal energy ``(planes, ny, nx)``; NaN where nothing was compared.
     shift_px
-        Centroid (row, column) of each pattern less that of the second H's ``(planes, ny, nx, 2)``.
+        Centroid (row, column) of each pattern less that of the second H's ``(planes, ny, nx, 2)`` (pixels).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.judge import Comparison, compare
+    >>> reference = np.zeros((1, 2, 2, 7, 7))
+    >>> reference[..., 3, 3] = 1
+    >>> found: Comparison = compare(np.roll(reference, (1, 2), axis=(3, 4)), reference)
+    >>> print(found.compared, "positions, moved by", round(found.rms_shift_px, 3), "px")  # the root of 1² + 2²
+    4 positions, moved by 2.236 px
     """
 
     pair: Pair
@@ -113,6 +127,38 @@ class Difference:
     planes: tuple[PlaneFigures, ...]
     error: NDArray[np.float32]
     shift_px: NDArray[np.float32]
+
+    @property
+    def compared(self) -> int:
+        """Number of positions compared."""
+        return int(np.isfinite(self.error).sum())
+
+    @property
+    def max_shift_px(self) -> float:
+        """Largest centroid shift (pixels); NaN where nothing was compared."""
+        shifts = self._shifts()
+        return float(shifts.max()) if shifts.size else math.nan
+
+    @property
+    def rms_shift_px(self) -> float:
+        """Root mean square of the centroid shifts (pixels); NaN where nothing was compared."""
+        shifts = self._shifts()
+        return float(np.sqrt(np.mean(shifts**2))) if shifts.size else math.nan
+
+    @property
+    def rms_error(self) -> float:
+        """Root mean square of ``error``; NaN where nothing was compared."""
+        known = self.error[np.isfinite(self.error)].astype(np.float64)
+        return float(np.sqrt(np.mean(known**2))) if known.size else math.nan
+
+    def _shifts(self) -> NDArray[np.float64]:
+        size = np.hypot(self.shift_px[..., 0], self.shift_px[..., 1]).astype(np.float64)
+        return size[np.isfinite(size)]
+
+    @property
+    def correlation(self) -> float:
+        """``sum(a b) / sqrt(sum(a²) sum(b²))`` over everything compared: 1 for equal matrices in any units."""
+        return self.all.correlation
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -142,6 +188,11 @@ class Difference:
             "version": 1,
             "shapes": [list(self.pair.a.shape), list(self.pair.b.shape)],
             "compared": list(self.pair.shape),
+            "positions": self.compared,
+            "correlation": self.correlation,
+            "rms_error": self.rms_error,
+            "rms_shift_px": self.rms_shift_px,
+            "max_shift_px": self.max_shift_px,
             "notes": list(self.notes),
             "all": self.all,
             "types": list(self.types),
@@ -153,9 +204,14 @@ class Difference:
         }
 
 
-def iter_difference(
-    a: PSFMatrix | ArrayLike, b: PSFMatrix | ArrayLike, *, by_number: bool = False, workers: int | None = None
-) -> Work[Difference]:
+def iter_compare(
+    a: PSFMatrix | ArrayLike,
+    b: PSFMatrix | ArrayLike,
+    *,
+    by_number: bool = False,
+    by_index: bool = False,
+    workers: int | None = None,
+) -> Work[Comparison]:
     """Compare two H; a few rows of positions of each are in memory at a time.
 
     The shift of a plane is told from the cross-spectrum of some of its patterns and refined by all of them: b is put
@@ -163,7 +219,7 @@ def iter_difference(
 
     Parameters
     ----------
-    a, b, by_number
+    a, b, by_number, by_index
         As for `pair`, which says what of them is compared.
     workers
         Threads; every processor by default.
@@ -172,8 +228,16 @@ def iter_difference(
     ------
     InputError
         As `pair`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.judge import iter_compare
+    >>> H = np.ones((2, 2, 1, 5, 5))
+    >>> [step.count for step in iter_compare(H, H, workers=1)]
+    ['0 of 4', '1 of 4', '2 of 4', '3 of 4', '4 of 4']
     """
-    both = pair(a, b, by_number=by_number)
+    both = pair(a, b, by_number=by_number, by_index=by_index)
     n, ny, nx = both.shape[:3]
     threads = worker_count(workers)
     clock = Clock("comparing two H", n * ny)
@@ -216,10 +280,23 @@ def iter_difference(
         for k in range(n)
     )
     together = [_together(sums[:, t], [p.all if t == 0 else p.types[t - 1] for p in planes]) for t in range(1 + kinds)]
-    return Difference(both, together[0], tuple(together[1:]), planes, error, shift)
+    return Comparison(both, together[0], tuple(together[1:]), planes, error, shift)
 
 
-difference = drained(iter_difference)
+compare = drained(
+    iter_compare,
+    """
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.judge import compare
+    >>> reference = np.zeros((1, 1, 1, 7, 7))
+    >>> reference[..., 3, 2:5] = 1  # three pixels in a row
+    >>> found = compare(2 * np.roll(reference, 1, axis=-1), reference)
+    >>> print(f"{found.max_shift_px:.2f} px off, correlation {found.correlation:.3f}")
+    1.00 px off, correlation 0.667
+    """,
+)
 
 
 def _sensor_types(both: Pair) -> NDArray[np.intp] | None:
@@ -350,3 +427,13 @@ def _more_like(both: Pair) -> list[int | None]:
             continue
         found.append(best if best != own and unlike[own] > LIKER * unlike[best] + 1e-3 else None)
     return found
+
+
+def centroids(patterns: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return centroids (row, column) of patterns ``(n, nt ns)`` above `FLOOR` of their peaks, ``(n, 2)``."""
+    above = np.maximum(patterns - FLOOR * patterns.max(1, keepdims=True), 0).reshape(-1, *shape)
+    total = above.sum((1, 2))
+    rows = above.sum(2) @ np.arange(shape[0])
+    columns = above.sum(1) @ np.arange(shape[1])
+    places: NDArray[np.float64] = np.stack([rows / total, columns / total], -1)
+    return places

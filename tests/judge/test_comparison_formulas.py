@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from lfcal.base.errors import InputError
 from lfcal.base.progress import Progress
-from lfcal.judge._compare import compare, iter_compare
+from lfcal.judge.comparison import compare, iter_compare
 from lfcal.psf import PSFMatrix
 
 
@@ -30,8 +30,8 @@ def test_equal_up_to_a_unit() -> None:
     H = spots()
     found = compare(7.5 * H, H)
     assert found.correlation == pytest.approx(1, abs=1e-12)
-    np.testing.assert_allclose(found.per_plane, 1, atol=1e-12)
-    np.testing.assert_allclose(found.scale, 7.5)
+    np.testing.assert_allclose([one.all.correlation for one in found.planes], 1, atol=1e-12)
+    np.testing.assert_allclose([one.all.scale for one in found.planes], 7.5)
     assert found.max_shift_px < 1e-6 and found.rms_error < 1e-6
     assert found.error.shape == H.shape[:3] and found.shift_px.shape == (*H.shape[:3], 2)
 
@@ -43,8 +43,8 @@ def test_correlation_and_error_are_the_plain_formulae() -> None:
     assert found.correlation == pytest.approx((a * b).sum() / np.sqrt((a * a).sum() * (b * b).sum()))
     for z in range(2):
         want = (a[z] * b[z]).sum() / np.sqrt((a[z] ** 2).sum() * (b[z] ** 2).sum())
-        assert found.per_plane[z] == pytest.approx(want)
-        assert found.scale[z] == pytest.approx(a[z].sum() / b[z].sum())
+        assert found.planes[z].all.correlation == pytest.approx(want)
+        assert found.planes[z].all.scale == pytest.approx((a[z] * b[z]).sum() / (b[z] ** 2).sum())
     for place in np.ndindex(2, 2, 3):
         scaled = a[place] / a[place].sum() * b[place].sum()
         want = np.sqrt(((scaled - b[place]) ** 2).sum() / (b[place] ** 2).sum())
@@ -88,14 +88,14 @@ def test_nothing_to_compare_is_no_number() -> None:
     assert found.compared == 0
 
 
-def test_progress_runs_over_planes() -> None:
-    records = list(iter_compare(spots(), spots()))
-    assert [r.done for r in records] == [0, 1, 2] and all(isinstance(r, Progress) for r in records)
+def test_progress_runs_over_rows() -> None:
+    records = list(iter_compare(spots(), spots(), workers=1))
+    assert [r.done for r in records] == list(range(7)) and all(isinstance(r, Progress) for r in records)
 
 
 @pytest.mark.parametrize(
     ("other", "words"),
-    [(spots((2, 3, 4, 21, 21)), "expected shape"), (spots().astype(complex), "expected real numbers")],
+    [(spots((2, 3, 5, 21, 23)), "period"), (spots().astype(complex), "expected real numbers")],
 )
 def test_what_cannot_be_compared(other: NDArray[np.generic], words: str) -> None:
     with pytest.raises(InputError, match=words) as error:

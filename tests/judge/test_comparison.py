@@ -17,11 +17,11 @@ from lfcal.base.errors import InputError
 from lfcal.base.progress import Progress
 from lfcal.camera import ScanPlan, preset
 from lfcal.judge._shifting import best_shift, shifted
-from lfcal.judge.difference import difference, iter_difference
+from lfcal.judge.comparison import compare, iter_compare
 from lfcal.judge.pairing import pair
 from lfcal.judge.report.two import compared_words, figure_rows, map_levels, verdict
 from lfcal.psf import PSFMatrix, open_psf, save
-from tests.judge.test_compare import spots
+from tests.judge.test_comparison_formulas import spots
 
 SHAPE = (2, 3, 4, 25, 27)
 Values = NDArray[np.float64]
@@ -34,19 +34,19 @@ def moved(at: tuple[float, float] = (0.0, 0.0), seed: int = 1) -> Values:
 
 @pytest.mark.parametrize("at", [(0.37, -0.21), (-1.4, 0.6), (0.0, 0.05), (2.8, -3.1)])
 def test_a_known_shift_is_found(at: tuple[float, float]) -> None:
-    found = difference(moved(at), moved()).all
+    found = compare(moved(at), moved()).all
     assert found.shift_px == pytest.approx(at, abs=2e-3)
     assert found.scale < 1 and found.left < 2e-3 < 0.01 < found.scaled and found.nrmse > 0.01
 
 
 def test_the_sign_of_a_shift_is_that_of_the_first() -> None:
-    ahead, behind = difference(moved((0.5, 0.0)), moved()).all, difference(moved(), moved((0.5, 0.0))).all
+    ahead, behind = compare(moved((0.5, 0.0)), moved()).all, compare(moved(), moved((0.5, 0.0))).all
     assert ahead.shift_px[0] == pytest.approx(0.5, abs=2e-3)
     assert behind.shift_px[0] == pytest.approx(-0.5, abs=2e-3)
 
 
 def test_a_known_scale_is_found() -> None:
-    found = difference(2.5 * moved(), moved()).all
+    found = compare(2.5 * moved(), moved()).all
     assert found.scale == pytest.approx(2.5) and found.nrmse == pytest.approx(1.5)
     assert found.scaled < 1e-6 and found.left < 1e-6 and found.correlation == pytest.approx(1)
     assert found.shift_px == pytest.approx((0, 0), abs=1e-6)
@@ -56,7 +56,7 @@ def test_scale_and_shift_together_leave_the_noise() -> None:
     rng = np.random.default_rng(3)
     first = 1.7 * moved((0.3, 0.4))
     noise = rng.normal(0, 0.02, SHAPE)
-    found = difference(first + noise, moved()).all
+    found = compare(first + noise, moved()).all
     assert found.scale != pytest.approx(1.7, rel=0.005), "of the shifted pattern the plain scale is less"
     assert found.left == pytest.approx(float(np.linalg.norm(noise) / np.linalg.norm(first + noise)), rel=0.02)
     assert found.shift_px == pytest.approx((0.3, 0.4), abs=0.01)
@@ -65,14 +65,14 @@ def test_scale_and_shift_together_leave_the_noise() -> None:
 def test_known_noise_is_the_error() -> None:
     clean = moved()
     noise = np.random.default_rng(5).normal(0, 0.05, SHAPE)
-    found = difference(clean + noise, clean).all
+    found = compare(clean + noise, clean).all
     assert found.nrmse == pytest.approx(float(np.linalg.norm(noise) / np.linalg.norm(clean)), rel=1e-9)
 
 
 def test_figures_are_the_plain_formulae_for_each_plane() -> None:
     rng = np.random.default_rng(3)
     a, b = rng.random(SHAPE), rng.random(SHAPE)
-    found = difference(a, b, workers=2)
+    found = compare(a, b, workers=2)
     for z, one in enumerate(found.planes):
         p, q = a[z].ravel(), b[z].ravel()
         scale = p @ q / (q @ q)
@@ -89,18 +89,18 @@ def test_swapped_planes_are_told() -> None:
     values = np.concatenate([moved(seed=1)[:1], ndimage.gaussian_filter(moved(seed=2)[:1], (0, 0, 0, 2, 2))])
     right = PSFMatrix(values, depths=[-2000.0, -1000.0])
     wrong = PSFMatrix(values[::-1].copy(), depths=[-2000.0, -1000.0])
-    found = difference(wrong, right)
+    found = compare(wrong, right)
     assert [one.like for one in found.planes] == [1, 0] and sum("swapped" in note for note in found.notes) == 2
-    assert [one.like for one in difference(right, right).planes] == [None, None]
+    assert [one.like for one in compare(right, right).planes] == [None, None]
     labelled = PSFMatrix(values[::-1].copy(), depths=[-1000.0, -2000.0])
-    again = difference(labelled, right)
+    again = compare(labelled, right)
     assert again.pair.planes == ((0, 1), (1, 0)) and again.all.nrmse < 1e-9, "paired by depth"
 
 
 def test_the_position_that_differs_most_is_named() -> None:
     first = moved()
     first[1, 2, 3] = np.roll(first[1, 2, 3], 4, 0)
-    found = difference(first, moved())
+    found = compare(first, moved())
     assert found.worst(1) == [(1, 2, 3)] and found.error[1, 2, 3] > 0.5
     assert found.shift_px[1, 2, 3] == pytest.approx((4, 0), abs=0.1)
 
@@ -111,13 +111,13 @@ def test_missing_dark_and_spoilt_positions_are_left_out() -> None:
     spoilt[0, 1, 2] = 99.0
     spoilt[1, 0, 0] = 0
     spoilt[1, 2, 3, 4, 4] = np.nan
-    found = difference(PSFMatrix(spoilt, recorded=recorded), moved())
+    found = compare(PSFMatrix(spoilt, recorded=recorded), moved())
     assert np.argwhere(np.isnan(found.error)).tolist() == [[0, 1, 2], [1, 0, 0], [1, 2, 3]]
     assert found.all.nrmse < 1e-9 and [one.positions for one in found.planes] == [11, 10]
 
 
 def test_nothing_to_compare_is_no_number() -> None:
-    found = difference(np.zeros(SHAPE), moved())
+    found = compare(np.zeros(SHAPE), moved())
     assert math.isnan(found.all.nrmse) and math.isnan(found.all.left) and not found.worst()
     assert json.dumps(plain(found.to_dict()), allow_nan=False)
     assert all(row[2:] == ("–",) * 6 for row in figure_rows(found))
@@ -127,7 +127,7 @@ def test_nothing_to_compare_is_no_number() -> None:
 def test_a_plane_without_light_is_not_compared_and_like_no_other() -> None:
     dark = moved()
     dark[1] = 0
-    found = difference(moved(), dark)
+    found = compare(moved(), dark)
     assert found.notes == ("plane 1 of the first: not compared, for no position has light in both",)
     assert compared_words(found).startswith("12 of 24 positions of 2 planes")
     assert figure_rows(found)[2][2:] == ("–",) * 6 and "–" not in figure_rows(found)[1]
@@ -167,7 +167,7 @@ def test_a_lens_type_that_differs_is_told() -> None:
         cells = [[image[y : y + nt, x : x + ns] for x in range(nx)] for y in range(ny)]
         return np.array(cells)[None]
 
-    found = difference(of_bench(patterns(dim), plan), of_bench(patterns(field), plan))
+    found = compare(of_bench(patterns(dim), plan), of_bench(patterns(field), plan))
     assert [one.scale for one in found.types] == pytest.approx([1.0, 0.8, 1.0], abs=1e-9)
     assert [one.nrmse for one in found.types] == pytest.approx([0.0, 0.2, 0.0], abs=1e-9)
     for one, whole in zip(found.planes[0].types, found.types, strict=True):  # of a single plane
@@ -183,7 +183,7 @@ def test_depths_pair_planes_and_the_rest_is_said() -> None:
     both = pair(first, second)
     assert both.planes == ((1, 0), (2, 1))
     assert both.notes == ("plane of the first H alone: -3 mm", "plane of the second H alone: -500 µm")
-    assert difference(first, second).all.nrmse < 1e-9
+    assert compare(first, second).all.nrmse < 1e-9
 
 
 def test_planes_of_other_depths_are_refused_unless_numbers_count() -> None:
@@ -195,7 +195,7 @@ def test_planes_of_other_depths_are_refused_unless_numbers_count() -> None:
 
 
 def test_the_larger_cutout_is_cut_about_the_source() -> None:
-    found = difference(moved()[..., 2:-2, 3:-3], moved())
+    found = compare(moved()[..., 2:-2, 3:-3], moved())
     assert found.pair.cutout == (21, 21) and "21 × 21" in found.notes[0] and found.all.nrmse < 1e-12
 
 
@@ -212,13 +212,13 @@ def test_positions_are_paired_by_the_sensor() -> None:
     )
     both = pair(first, later)
     assert both.moved == (ny - 2, nx - 5) and "paired by the sensor" in both.notes[0]
-    assert difference(first, later).all.nrmse < 1e-12
+    assert compare(first, later).all.nrmse < 1e-12
     assert pair(first, PSFMatrix(later[:], depths=plan.depths_um)).moved == (0, 0), "without a camera nothing is known"
 
 
 def test_a_transposed_view_is_the_h_behind_it() -> None:
     H = PSFMatrix(moved())
-    assert difference(H.T, H).all.nrmse < 1e-12
+    assert compare(H.T, H).all.nrmse < 1e-12
 
 
 @pytest.mark.parametrize(
@@ -274,7 +274,7 @@ def test_rows_are_read_one_by_one() -> None:
             raise NotImplementedError
 
     planes = [Counting(spots((1, 8, 4, 9, 9))) for _ in range(2)]
-    records = list(iter_difference(*(PSFMatrix(p) for p in planes), workers=2))
+    records = list(iter_compare(*(PSFMatrix(p) for p in planes), workers=2))
     assert [p.whole for p in planes] == [0, 0], "never a whole plane"
     assert all(isinstance(r, Progress) for r in records) and [r.done for r in records] == [0, 2, 4, 6, 8]
 
@@ -301,7 +301,7 @@ def test_noise_alone_has_no_far_shift() -> None:
 
 def test_values_of_other_units_are_said_to_be_so() -> None:
     """Counts beside shares of the light: millions of per cent say nothing."""
-    told = verdict(difference(4e4 * moved((0.2, 0.0)), moved()))
+    told = verdict(compare(4e4 * moved((0.2, 0.0)), moved()))
     assert told.startswith("Their values are in units of their own: the first are ") and "e+06" not in told
-    assert figure_rows(difference(4e4 * moved(), moved()))[0][2] == "> 1000"
-    assert verdict(difference(2.5 * moved(), moved())).startswith("They differ by 150 % (NRMSE) as they are")
+    assert figure_rows(compare(4e4 * moved(), moved()))[0][2] == "> 1000"
+    assert verdict(compare(2.5 * moved(), moved())).startswith("They differ by 150 % (NRMSE) as they are")
