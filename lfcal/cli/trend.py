@@ -59,71 +59,55 @@ def command(
 
         tell_quality(fits, out, force=force, json=json)
         return
-    from lfcal.base import plain
     from lfcal.cli._console import print_json
     from lfcal.cli.outputs import check_output
-    from lfcal.judge import draw_trend, fits_in, read_dated, trend
+    from lfcal.judge import draw_trend, fits_in, read_dated_fit, trend
 
     folders = list(dict.fromkeys(found.resolve() for path in fits for found in fits_in(path)))
     if out is not None:
         check_output(out, *(one / name for one in folders for name in ("fit.json", "camera.json")), force=force)
     # of 2026-05/fit and 2026-06/fit the name alone says nothing
     alike = len({one.name for one in folders}) < len(folders)
-    found = trend([read_dated(one, f"{one.parent.name}/{one.name}" if alike else one.name) for one in folders], sigmas)
+    fitted = [read_dated_fit(one, f"{one.parent.name}/{one.name}" if alike else one.name) for one in folders]
+    found = trend(fitted, sigmas)
     if out is not None:
         draw_trend(found, out)
     if json:
-        dates = [{"fit": one.label, "when": one.when.isoformat(), "complete": one.complete} for one in found.fits]
-        drifts = [
-            plain(one) | {"points": [plain(point) | {"when": point.when.isoformat()} for point in one.points]}
-            for one in found.drifts
-        ]
-        print_json(
-            {
-                "format": "lfcal-trend",
-                "version": 1,
-                "camera": found.fits[-1].camera.name,
-                "sigmas": sigmas,
-                "fits": dates,
-                "parameters": drifts,
-                "moved": [one.name for one in found.moved],
-                "notes": found.notes,
-            }
-        )
+        print_json(found.to_dict())
     else:
-        _show(found, out)
-    if found.moved:
+        _show(found, fitted[-1].camera.name, out)
+    if found.worse:
         raise typer.Exit(1)
 
 
-def _show(found: Trend, out: Path | None) -> None:
+def _show(found: Trend, camera: str, out: Path | None) -> None:
     from lfcal.base import format_dates, format_slope
     from lfcal.cli._console import print_table, report
 
     rows = []
-    for one in found.drifts:
-        last = one.points[-1]
-        told = one.change == one.change
+    for one in found.courses:
+        last = next(point for point in reversed(one.points) if point is not None)
+        known = one.change == one.change
         rows.append(
             [
                 one.name,
                 f"{last.value:.6g} ± {last.sigma:.2g}",
-                f"{one.change:+.3g}" if told else "",
-                f"{one.change_sigmas:+.1f}" if told else "",
+                f"{one.change:+.3g}" if known else "",
+                f"{one.change_sigmas:+.1f}" if known else "",
                 format_slope(one.per_month, one.span_s, one.per_month_sigma),
                 one.unit,
-                "moved" if one.moved else "",
+                "moved" if one.worse else "",
             ]
         )
-    first, newest = found.fits[0], found.fits[-1]
-    title = f"{newest.camera.name}: {len(found.fits)} fits, {format_dates(first.when, newest.when)}"
+    first, newest = found.sessions[0], found.sessions[-1]
+    title = f"{camera}: {len(found.sessions)} fits, {format_dates(first.when, newest.when)}"
     print_table(["parameter", "newest", "change", "sigmas", "per month", "unit", ""], rows, title=title)
-    for one in found.moved:
+    for one in found.worse:
         for jump in one.jumps:
             by = f"{jump.change:+.3g} {one.unit}".strip()
             typer.echo(f"  {one.name}: {by} from {jump.before} to {jump.after}, {abs(jump.sigmas):.1f} sigma")
-    names = ", ".join(one.name for one in found.moved)
-    colour = typer.colors.RED if found.moved else typer.colors.GREEN
+    names = ", ".join(one.name for one in found.worse)
+    colour = typer.colors.RED if found.worse else typer.colors.GREEN
     typer.secho(f"moved: {names}" if names else "nothing has moved", fg=colour, bold=True)
     for note in found.notes:
         report(f"note: {note}")

@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
-from lfcal.judge._fit_trend import Trend, draw_trend, trend
-from lfcal.judge.dated import fits_in, read_dated
+from lfcal.judge.dated import (
+    DatedInspection,
+    fits_in,
+    inspection_of,
+    inspections_in,
+    labels_of,
+    read_dated_fit,
+    read_inspection,
+)
 from lfcal.judge.inspection import is_bad, is_fair
 from lfcal.judge.pairing import Pair, pair
 from lfcal.judge.region_loss import draw_region_loss, iter_region_loss
 from lfcal.judge.telling import compared_words, cost_words, told
+from lfcal.judge.trend import TOO_SHORT, Course, CoursePoint, Trend, draw_trend, trend
 
 __all__ = [
+    "TOO_SHORT",
+    "Course",
+    "CoursePoint",
+    "DatedInspection",
     "Pair",
     "Trend",
     "compared_words",
@@ -17,11 +29,15 @@ __all__ = [
     "draw_region_loss",
     "draw_trend",
     "fits_in",
+    "inspection_of",
+    "inspections_in",
     "is_bad",
     "is_fair",
     "iter_region_loss",
+    "labels_of",
     "pair",
-    "read_dated",
+    "read_dated_fit",
+    "read_inspection",
     "told",
     "trend",
 ]

@@ -1,10 +1,10 @@
-"""A fit as its files tell of it later: what was found, when, and of which camera."""
+"""Fits and inspections as their files keep them: what was found, when, and of which camera or H."""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,15 +12,28 @@ from typing import Any
 
 from lfcal.base import FileFormatError, InputError, parse_json, read_text
 from lfcal.camera import Camera
-from lfcal.fit import FORMAT
+from lfcal.fit import FORMAT as FIT_FORMAT
+from lfcal.judge.quality import RANK, Merit, QualityReport
 
-__all__ = ["Dated", "fits_in", "read_dated"]
+__all__ = [
+    "DatedFit",
+    "DatedInspection",
+    "MetricScale",
+    "MetricValue",
+    "fits_in",
+    "inspection_of",
+    "inspections_in",
+    "labels_of",
+    "read_dated_fit",
+    "read_inspection",
+]
 
-NAME, CAMERA = "fit.json", "camera.json"
+FIT, CAMERA = "fit.json", "camera.json"
+QUALITY, QUALITY_FORMAT = "quality.json", "lfcal-quality"
 
 
 @dataclass(frozen=True, eq=False)
-class Dated:
+class DatedFit:
     """One fit among others of the same camera.
 
     Attributes
@@ -58,6 +71,11 @@ class Dated:
     middle_um: tuple[float, float]
     depths_um: tuple[float, ...]
 
+    @property
+    def verdict(self) -> str:
+        """Whether the model sufficed, in words."""
+        return "the model suffices" if self.complete else "the model is incomplete"
+
 
 def fits_in(path: str | os.PathLike[str]) -> list[Path]:
     """Return the folders of the fits that a path names: a fit's folder or its fit.json, or a folder of such folders.
@@ -70,16 +88,16 @@ def fits_in(path: str | os.PathLike[str]) -> list[Path]:
     place = Path(path)
     if place.is_file():
         return [place.parent]
-    if (place / NAME).is_file():
+    if (place / FIT).is_file():
         return [place]
-    found = sorted(one.parent for one in place.glob(f"*/{NAME}")) if place.is_dir() else []
+    found = sorted(one.parent for one in place.glob(f"*/{FIT}")) if place.is_dir() else []
     if not found:
         got = "none" if place.is_dir() else "no such folder"
-        raise InputError.expected(f"fits in {place}", f"{NAME} of lfcal fit", got, "name the folder that a fit wrote")
+        raise InputError.expected(f"fits in {place}", f"{FIT} of lfcal fit", got, "name the folder that a fit wrote")
     return found
 
 
-def read_dated(folder: str | os.PathLike[str], label: str = "") -> Dated:
+def read_dated_fit(folder: str | os.PathLike[str], label: str = "") -> DatedFit:
     """Return the fit in a folder; ``label`` is what it is called, its folder's name by default.
 
     Raises
@@ -90,9 +108,9 @@ def read_dated(folder: str | os.PathLike[str], label: str = "") -> Dated:
         If they cannot be read.
     """
     place = Path(folder)
-    path = place / NAME
+    path = place / FIT
     data = parse_json(read_text(path), str(path))
-    if not isinstance(data, dict) or data.get("format") != FORMAT:
+    if not isinstance(data, dict) or data.get("format") != FIT_FORMAT:
         raise FileFormatError.expected(str(path), "what lfcal fit writes", "something else", "name a fit's folder")
     camera = _camera(place / CAMERA)
     try:
@@ -104,7 +122,7 @@ def read_dated(folder: str | os.PathLike[str], label: str = "") -> Dated:
         when, recorded = _when(data, path)
         # a region in the middle of the sensor where an older file does not say
         x, y = data.get("middle_um") or (0.0, 0.0)
-        return Dated(
+        return DatedFit(
             label or place.resolve().name,
             when,
             recorded,
@@ -141,3 +159,133 @@ def _when(data: Mapping[str, Any], path: Path) -> tuple[datetime, bool | None]:
             found = datetime.fromisoformat(said)
             return found.astimezone(UTC) if found.tzinfo else found.replace(tzinfo=UTC), recorded
     return datetime.fromtimestamp(path.stat().st_mtime, UTC), None
+
+
+@dataclass(frozen=True, slots=True)
+class MetricValue:
+    """A metric in one session; NaN where it is not known."""
+
+    value: float
+    merit: Merit
+
+
+@dataclass(frozen=True, slots=True)
+class MetricScale:
+    """What a metric's values are: title, unit, where they are good and bad."""
+
+    title: str
+    unit: str
+    good: float
+    bad: float
+
+
+@dataclass(frozen=True, eq=False)
+class DatedInspection:
+    """One inspection among others.
+
+    Attributes
+    ----------
+    label, when, dated
+        What it is called, when it was inspected (UTC), and whether that is said or is the file's own time.
+    verdict
+        In a sentence.
+    values, scales
+        Of each metric by its key.
+    faults
+        Share of the light of each fault by its title; None: nothing was compared with a camera.
+    period
+        Positions ``(ny, nx)`` of H; None where it is not said.
+    """
+
+    label: str
+    when: datetime
+    dated: bool
+    verdict: str
+    values: Mapping[str, MetricValue]
+    scales: Mapping[str, MetricScale]
+    faults: Mapping[str, float] | None
+    period: tuple[int, int] | None = None
+
+
+def read_inspection(path: str | os.PathLike[str], label: str) -> DatedInspection:
+    """Return what ``lfcal inspect`` wrote: a report's folder or its quality.json, or what ``--json`` printed.
+
+    Raises
+    ------
+    FileFormatError
+        If it is none, or damaged.
+    StorageError
+        If it cannot be read.
+    """
+    place = Path(path) / QUALITY if Path(path).is_dir() else Path(path)
+    data = parse_json(read_text(place), str(place), remedy="inspect H again")
+    if not isinstance(data, dict) or data.get("format") != QUALITY_FORMAT:
+        raise FileFormatError.expected(str(place), "what lfcal inspect writes", "something else", "name its report")
+    try:
+        said = data.get("inspected")
+        when = datetime.fromisoformat(said) if isinstance(said, str) else None
+        own = datetime.fromtimestamp(place.stat().st_mtime, UTC)
+        model = data.get("model")
+        faults = None
+        if isinstance(model, Mapping) and model["compared"]:
+            faults = {str(one["title"]): float(one["share"]) for one in model["faults"]}
+        return _inspection(label, own if when is None else when, when is not None, data, faults)
+    except (KeyError, TypeError, ValueError):
+        remedy = "inspect H again"
+        raise FileFormatError.expected(str(place), "what lfcal inspect writes", "a damaged file", remedy) from None
+
+
+def inspection_of(report: QualityReport, label: str, when: datetime) -> DatedInspection:
+    """Return an inspection that was just made of a file that is as old as ``when``."""
+    return _inspection(label, when, False, report.to_dict(), None)
+
+
+def _inspection(
+    label: str, when: datetime, dated: bool, data: Mapping[str, Any], faults: dict[str, float] | None
+) -> DatedInspection:
+    values, scales = {}, {}
+    for one in data["metrics"]:
+        key = str(one["key"])
+        value = math.nan if one["value"] is None else float(one["value"])
+        merit: Merit = one["merit"]
+        if merit not in RANK:
+            raise ValueError(merit)
+        values[key] = MetricValue(value, merit)
+        scales[key] = MetricScale(str(one["title"]), str(one["unit"]), float(one["good"]), float(one["bad"]))
+    when = when if when.tzinfo is not None else when.replace(tzinfo=UTC)
+    shape = data.get("shape")
+    period = (int(shape[1]), int(shape[2])) if isinstance(shape, list | tuple) and len(shape) == 5 else None
+    return DatedInspection(label, when.astimezone(UTC), dated, str(data["verdict"]), values, scales, faults, period)
+
+
+def inspections_in(path: Path) -> list[Path]:
+    """Return what a path names: a file, or the quality.json of a report's folder, or of a folder of such folders.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    if path.is_file():
+        return [path]
+    found = [path / QUALITY] if (path / QUALITY).is_file() else []
+    if not found and path.is_dir():
+        found = sorted(path.glob(f"*/{QUALITY}"))
+    if not found:
+        got = "none" if path.is_dir() else "no such folder"
+        raise InputError.expected(
+            f"inspections in {path}",
+            f"{QUALITY} of lfcal inspect --report, or an H file",
+            got,
+            "name the report's folder",
+        )
+    return found
+
+
+def labels_of(places: Sequence[Path]) -> list[str]:
+    """Return short names that tell them apart: that of the file, or of the folders above it."""
+    for above in range(1, 8):
+        told = ["/".join(place.parts[-above:]) for place in places]
+        if len(set(told)) == len(told):
+            return [label.removesuffix(f"/{QUALITY}") for label in told]
+    return [str(place) for place in places]

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.conftest import Run
-from tests.judge.test_fit_trend import months, write_fit
+from tests.judge.test_trend import months, write_fit
 
 Lfcal = Callable[..., Run]
 

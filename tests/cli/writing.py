@@ -20,7 +20,7 @@ from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Sensor
 from lfcal.psf import PSFMatrix, save
 from tests.acquire.rigs import small_plan
 from tests.fit.common import few_patterns
-from tests.judge.test_fit_trend import write_fit
+from tests.judge.test_trend import write_fit
 from tests.lattice.white_frames import draw_white
 
 HANG_S = 600

@@ -13,7 +13,7 @@ from lfcal_gui.pages.quality.trend_panel import TrendPanel
 from lfcal_gui.saving import ask_target
 
 if TYPE_CHECKING:
-    from lfcal.judge.quality import QualityTrend
+    from lfcal.judge import Trend
 
 __all__ = ["Trending"]
 
@@ -31,7 +31,7 @@ class Trending:
 
     def __init__(self, panel: TrendPanel, context: Context) -> None:
         self._panel, self._context = panel, context
-        self.found: QualityTrend | None = None
+        self.found: Trend | None = None
         panel.choose_asked.connect(self.choose)
         panel.picture_asked.connect(self.save_picture)
         panel.row_chosen.connect(self._row_chosen)
@@ -46,7 +46,7 @@ class Trending:
         self._context.jobs.drop("quality trend")
         self._context.jobs.load("quality trend", lambda: trend_in(Path(folder)), self._read, self._panel.show_message)
 
-    def _read(self, found: QualityTrend) -> None:
+    def _read(self, found: Trend) -> None:
         self.found = found
         self.show()
 
@@ -61,7 +61,7 @@ class Trending:
 
     def save_picture(self, path: str = "") -> None:
         """Draw all courses into a file; without one it is asked for."""
-        from lfcal.judge.quality import draw_quality_trend
+        from lfcal.judge import draw_trend
 
         found = self.found
         if found is None:
@@ -70,6 +70,6 @@ class Trending:
         if path:  # it appears whole or not at all
             self._context.jobs.compute(
                 "quality trend picture",
-                lambda: draw_quality_trend(found, path),
+                lambda: draw_trend(found, path),
                 lambda _: self._context.message.emit(f"picture written: {path}"),
             )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lfcal.base import InputError, format_dates, format_number, format_slope
 
 if TYPE_CHECKING:
-    from lfcal.judge.quality import Course, QualityTrend, Value
+    from lfcal.judge import Course, CoursePoint, Trend
 
 __all__ = ["TREND_COLUMNS", "TrendCurve", "courses_of", "curve_of", "merits_of", "rows_of", "trend_in", "trend_words"]
 
@@ -34,58 +34,58 @@ class TrendCurve:
     bad: float
 
 
-def trend_in(folder: Path) -> QualityTrend:
+def trend_in(folder: Path) -> Trend:
     """Read the inspections in a folder of reports; raises `LfcalError` where there are not two to be compared."""
-    from lfcal.judge.quality import inspections_in, labels_of, quality_trend, read_judged
+    from lfcal.judge import inspections_in, labels_of, read_inspection, trend
 
     places = inspections_in(folder)
     if len(places) < 2:
         words = "name the folder that holds the folders of the reports"
         raise InputError.expected(f"inspections in {folder}", "two or more", len(places), words)
-    return quality_trend([read_judged(place, label) for place, label in zip(places, labels_of(places), strict=True)])
+    return trend([read_inspection(place, label) for place, label in zip(places, labels_of(places), strict=True)])
 
 
-def courses_of(found: QualityTrend) -> tuple[Course, ...]:
+def courses_of(found: Trend) -> tuple[Course, ...]:
     """Return what is shown: faults, then metrics, what got worse first."""
-    return tuple(one for one in (*found.faults, *found.metrics) if any(one.values))
+    return tuple(one for one in found.courses if any(one.points))
 
 
-def rows_of(found: QualityTrend) -> list[tuple[str, ...]]:
+def rows_of(found: Trend) -> list[tuple[str, ...]]:
     """Return the rows of the table."""
     rows: list[tuple[str, ...]] = []
     for one in courses_of(found):
-        known = [value for value in one.values[:-1] if value is not None]
+        known = [value for value in one.points[:-1] if value is not None]
         change = "worse" if one.worse else "better" if one.better else ""
         rows.append((_title(one), _told(known[-1] if known else None), _told(one.newest), _slope(one), change))
     return rows
 
 
 def _title(course: Course) -> str:
-    return f"{course.scale.title} ({course.scale.unit})" if course.scale.unit else course.scale.title
+    return f"{course.title} ({course.unit})" if course.unit else course.title
 
 
 def _slope(course: Course) -> str:
     """Return the slope in words, nothing where no value has changed."""
-    known = {value.value for value in course.values if value is not None}
+    known = {value.value for value in course.points if value is not None}
     return format_slope(course.per_month, course.span_s) if len(known) > 1 else ""
 
 
-def _told(value: Value | None) -> str:
+def _told(value: CoursePoint | None) -> str:
     if value is None:
         return "–"
     return f"{format_number(value.value)} {value.merit}" if math.isfinite(value.value) else value.merit
 
 
-def merits_of(found: QualityTrend) -> list[str]:
+def merits_of(found: Trend) -> list[str]:
     """Return the merit that colours each row: that of the newest value."""
     return ["unknown" if one.newest is None else one.newest.merit for one in courses_of(found)]
 
 
-def trend_words(found: QualityTrend) -> tuple[str, str]:
+def trend_words(found: Trend) -> tuple[str, str]:
     """Return what got worse, and which sessions were compared, with what the numbers do not say."""
-    from lfcal.judge.quality import TOO_SHORT
+    from lfcal.judge import TOO_SHORT
 
-    names = ", ".join(one.scale.title for one in found.worse)
+    names = ", ".join(one.title for one in found.worse)
     first, newest = found.sessions[0], found.sessions[-1]
     about = f"{len(found.sessions)} sessions, {format_dates(first.when, newest.when)}"
     newest_words = f"{newest.label}: {newest.verdict}"
@@ -94,11 +94,11 @@ def trend_words(found: QualityTrend) -> tuple[str, str]:
     return words, ". ".join(part.rstrip(".") for part in (about, newest_words, *notes)) + "."
 
 
-def curve_of(found: QualityTrend, row: int) -> TrendCurve:
+def curve_of(found: Trend, row: int) -> TrendCurve:
     """Return the course of a row over the sessions in which it is known."""
     one = courses_of(found)[row]
     start = found.sessions[0].when
     days = [(session.when - start).total_seconds() / DAY_S for session in found.sessions]
-    known = [(day, value.value) for day, value in zip(days, one.values, strict=True) if value is not None]
+    known = [(day, value.value) for day, value in zip(days, one.points, strict=True) if value is not None]
     x, y = np.array(known, np.float64).T
-    return TrendCurve(_title(one), x, y, float(one.scale.good), float(one.scale.bad))
+    return TrendCurve(_title(one), x, y, float(one.good), float(one.bad))
