@@ -97,7 +97,7 @@ def pair(
     by_number
         Planes belong together by their numbers, whatever their depths.
     by_index
-        Planes and positions belong together by their numbers, wherever they are on the sensor.
+        Planes and positions belong together by their numbers, wherever they are on the sensor; the shapes are equal.
 
     Raises
     ------
@@ -108,6 +108,9 @@ def pair(
     for matrix, which in ((first, "first"), (second, "second")):
         if matrix.dtype.kind == "c":
             raise InputError.expected(_called(matrix, which), "real numbers", "complex ones", "give intensities")
+    if by_index and first.shape != second.shape:
+        remedy = "give an H of the same positions and cutout"
+        raise InputError.expected(_called(second, "second"), f"shape {first.shape}", second.shape, remedy)
     for name, own, other in (
         ("period (y, x)", first.period, second.period),
         ("pixels per sensor pixel", first.pixel_scale, second.pixel_scale),

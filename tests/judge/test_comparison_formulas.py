@@ -101,3 +101,9 @@ def test_what_cannot_be_compared(other: NDArray[np.generic], words: str) -> None
     with pytest.raises(InputError, match=words) as error:
         compare(spots(), other)
     assert "\n" not in str(error.value)
+
+
+def test_by_their_numbers_shapes_must_be_equal() -> None:
+    assert compare(spots(), spots((2, 3, 4, 21, 21))).pair.cutout == (21, 21)
+    with pytest.raises(InputError, match="expected shape"):
+        compare(spots(), spots((2, 3, 4, 21, 21)), by_index=True)

@@ -161,7 +161,7 @@ def test_bad_input_writes_nothing(H: PSFMatrix, quality: QualityReport, tmp_path
     (tmp_path / "file").write_text("x")
     with pytest.raises(StorageError, match="expected a folder"):
         report(H, tmp_path / "file", quality=quality)
-    with pytest.raises(InputError, match="reference: expected shape"):
+    with pytest.raises(InputError, match="second H: expected shape"):
         report(H, tmp_path / "out", quality=quality, reference=np.ones((1, 2, 2, 5, 5)))
     with pytest.raises(InputError, match="quality: expected"):
         report(np.ones((1, 4, 6, 31, 33)), tmp_path / "out", quality=quality)

@@ -85,9 +85,6 @@ def iter_report(
         raise InputError.expected("quality", f"that of H {H.shape}", quality.shape, "inspect this H")
     comparison: Comparison | None = None
     if other is not None:
-        if other.shape != H.shape:
-            remedy = "give an H of the same positions and cutout"
-            raise InputError.expected("reference", f"shape {H.shape}", other.shape, remedy)
         comparison = yield from iter_compare(H, other, by_index=True, workers=workers)
     if quality is None:
         quality = yield from iter_inspect(H, controls=controls, workers=workers)
