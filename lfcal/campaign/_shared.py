@@ -5,7 +5,7 @@ from __future__ import annotations
 from lfcal.campaign.point_assembly import iter_assemble_points, target_facts
 from lfcal.campaign.point_fit import MOST, hole_words, iter_fit_points, iter_write_points, point_outputs
 from lfcal.campaign.points import Points, iter_points_of
-from lfcal.campaign.regions import first_begun, is_regions, parts_beside, region_sessions, save_parts
+from lfcal.campaign.regions import first_begun, is_regions, region_sessions, save_parts, temporary_parts
 from lfcal.campaign.turned_frames import find_turned_frames, seen_patterns
 
 __all__ = [
@@ -19,10 +19,10 @@ __all__ = [
     "iter_fit_points",
     "iter_points_of",
     "iter_write_points",
-    "parts_beside",
     "point_outputs",
     "region_sessions",
     "save_parts",
     "seen_patterns",
     "target_facts",
+    "temporary_parts",
 ]

@@ -139,8 +139,8 @@ class AdaptiveStep:
         Positions recorded so far.
     expected_error
         Relative error (L2) of H that the unknowns' own standard deviations make.
-    left_out
-        Error from patterns kept aside: a value, or a limit.
+    held_out_error
+        Error from held-out patterns: a value, or a limit.
     chi2, complete
         Of the fit; whether the model suffices.
     groups
@@ -151,7 +151,7 @@ class AdaptiveStep:
 
     positions: int
     expected_error: float
-    left_out: ModelError
+    held_out_error: ModelError
     chi2: float
     complete: bool
     groups: tuple[str, ...]
@@ -160,11 +160,13 @@ class AdaptiveStep:
     def __str__(self) -> str:
         """Return the error against the positions, in a line."""
         said = f"{self.positions} positions: error of H {format_share(self.expected_error)} expected"
-        return f"{said}, {self.left_out} at positions kept aside" + ("" if self.complete else "; model incomplete")
+        return f"{said}, {self.held_out_error} at positions kept aside" + (
+            "" if self.complete else "; model incomplete"
+        )
 
     def reaches(self, error: float) -> bool:
         """Return whether the error of H is at most ``error``: expected, and no pattern kept aside contradicts."""
-        known = self.left_out.known and self.left_out.value - 2 * self.left_out.sigma > error
+        known = self.held_out_error.known and self.held_out_error.value - 2 * self.held_out_error.sigma > error
         return self.complete and self.expected_error <= error and not known
 
 
@@ -453,7 +455,7 @@ def _gained_nothing(steps: Sequence[AdaptiveStep]) -> bool:
     """Return whether the last patterns neither lowered the left-out error nor brought another group of unknowns."""
     if len(steps) < 2:
         return False
-    before, now = steps[-2].left_out, steps[-1].left_out
+    before, now = steps[-2].held_out_error, steps[-1].held_out_error
     same = steps[-2].groups == steps[-1].groups
     return same and now.known and before.known and now.value > GAINED * before.value
 

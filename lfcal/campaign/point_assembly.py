@@ -101,7 +101,7 @@ class PointFrames(SourceView):
                 f"none of {len(points)}",
                 "plan with the pose that was measured, or fit: it takes points where they are",
             )
-        self.left = int((~keep).sum())
+        self.unused = int((~keep).sum())
         self.points, self._index, self._off = points.only(keep), index[keep], off[keep]
         scan = points.plan.scan
         places = np.floor(np.array(scan.anchor) + 0.5) + self._index[:, 1:]
@@ -114,7 +114,7 @@ class PointFrames(SourceView):
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
         """Return what is known of the frames; which samples are saturated each point's own mask says."""
-        known = replace(known, saturation=None, bit_depth=None, points_left_out=self.left)
+        known = replace(known, saturation=None, bit_depth=None, points_left_out=self.unused)
         return replace(known, target=None, target_frames=None)
 
     def __len__(self) -> int:
@@ -187,7 +187,7 @@ def target_facts(points: Points) -> dict[str, Any]:
         "crosstalk": max(points.plan.crosstalk) * _brighter(points),
         "brightness_spread": float(1.4826 * np.median(np.abs(usual - 1))),
         "pose_rms_px": float(np.median([one.fit.rms_px for one in found])),
-        "stage_px": _beside(points),
+        "stage_px": _stage_error_px(points),
         "doubtful": float(((confidence < DOUBTFUL).sum() + wrong) / len(confidence)),
         "missing": max(sum(len(m.holes) for m in one.mistakes if m.kind.startswith("missing")) for one in found),
         "pose": plain(found[0].fit.pose),
@@ -209,8 +209,8 @@ def _brighter(points: Points) -> float:
     return most
 
 
-def _beside(points: Points) -> float:
-    """Return how far frames lie beside their plan, but for what all of a plane share (rms, pixels)."""
+def _stage_error_px(points: Points) -> float:
+    """Return the position error of frames against their plan (rms, pixels), without what all of a plane share."""
     scan = points.plan.scan
     away: dict[int, list[tuple[float, float]]] = {}
     for k, one in points.found.items():
@@ -228,7 +228,7 @@ class AssembledPoints(NamedTuple):
 
     report: AssemblyReport
     points: Points
-    left: int
+    unused: int
     facts: dict[str, Any]
 
 
@@ -256,9 +256,9 @@ def iter_assemble_points(
     """
     points = yield from iter_points_of(view, plan)
     single = PointFrames(view, points)
-    facts = target_facts(points) | {"left_out": single.left}
+    facts = target_facts(points) | {"left_out": single.unused}
     how = settings or AssemblySettings()
     if single.resampled and not how.interpolation:
         how = replace(how, interpolation="fourier")
     work = iter_assemble_plan(single, plan.scan, out, how, provenance={"target": facts})
-    return AssembledPoints((yield from work), points, single.left, facts)
+    return AssembledPoints((yield from work), points, single.unused, facts)

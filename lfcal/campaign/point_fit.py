@@ -64,13 +64,13 @@ from lfcal.simulate.effects import Effect, FiniteSource
 __all__ = [
     "HOLE",
     "MOST",
-    "OwnOptics",
+    "PointOptics",
     "fit_points",
+    "hole_is_determined",
     "hole_words",
-    "is_told",
-    "iter_called_for",
     "iter_fit_points",
-    "iter_with_own_light",
+    "iter_hole_is_needed",
+    "iter_with_point_light",
     "iter_write_points",
     "point_outputs",
     "without_hole",
@@ -80,8 +80,8 @@ F8 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class OwnOptics:
-    """What points have that is known of each by itself.
+class PointOptics:
+    """What is known of each point separately: its cutout, its depth, and the size of its hole.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class OwnOptics:
     farther_um
         How much farther away than the plane each hole is ``(n,)`` (µm).
     hole_um
-        Diameter of the holes, where no unknown says another (µm).
+        Diameter of the holes, unless it is an unknown (µm).
     parts_um
         How much farther away the middle of each part of the field is (µm).
     """
@@ -101,8 +101,8 @@ class OwnOptics:
     parts_um: F8
 
     @classmethod
-    def of(cls, points: Points, measured: Regional) -> OwnOptics:
-        """Return what is known of ``measured`` points; ``points`` are those that they are made of, in any order."""
+    def of(cls, points: Points, measured: Regional) -> PointOptics:
+        """Return what is known of ``measured`` points, which are made of ``points`` in any order."""
         scan, middles = points.plan.scan, np.zeros((len(measured), 2), np.intp)
         for plan, own, _ in measured.parts():
             middles[own] = np.floor(np.array(plan.anchor) + 0.5).astype(np.intp) + measured.index[own, 1:]
@@ -138,10 +138,10 @@ def _plane(pixels: F8, values: F8, at: F8) -> F8:
     return there
 
 
-def iter_with_own_light(
-    problem: Problem, own: OwnOptics, u: F8, offsets_px: F8, sampling: Sampling, note: str
+def iter_with_point_light(
+    problem: Problem, own: PointOptics, u: F8, offsets_px: F8, sampling: Sampling, note: str
 ) -> Work[Problem]:
-    """Return the problem with what each point's pattern has to itself at a vector; yields progress in points.
+    """Return the problem with the light of each point's own optics at a vector; yields progress in points.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def iter_with_own_light(
     sampling
         How finely.
     note
-        What progress is told of.
+        Text of the progress.
     """
     measured = problem.measured
     assert isinstance(measured, Regional)  # points are those of parts of the field
@@ -162,7 +162,7 @@ def iter_with_own_light(
     setup, offsets = problem.vector.setup_at(u), offsets_px + measured.places_px
     holes = _Holes.of(setup, own)
     light = np.zeros(measured.patterns.shape, np.float32)
-    blur = np.zeros_like(light) if holes.told else None
+    blur = np.zeros_like(light) if holes.fitted else None
     farther: F8 = own.farther_um + own.beyond(measured, setup)
     places = [(plan, setup.of_region(k), setup.regions[k].farther_um, own_of) for plan, own_of, k in plain.parts()]
     tasks = [(plan, at, away, j) for plan, at, away, which in places for j in which.tolist()]
@@ -196,22 +196,22 @@ def _at_depth(setup: Setup, farther_um: float) -> Setup:
 
 @dataclass(frozen=True, slots=True)
 class _Holes:
-    """Diameter of the holes, another by which its rate is told, and whether it is an unknown.
+    """Diameter of the holes, another one that gives its rate, and whether it is an unknown.
 
     Light changes with the square of the diameter, and little beyond that: one other size gives the rate.
     """
 
     um: float
     other_um: float
-    told: bool
+    fitted: bool
 
     @classmethod
-    def of(cls, setup: Setup, own: OwnOptics) -> _Holes:
+    def of(cls, setup: Setup, own: PointOptics) -> _Holes:
         if setup.hole_um is None:
-            return cls(own.hole_um, 0.0, told=False)
+            return cls(own.hole_um, 0.0, fitted=False)
         least = setup.camera.step_um(0.0)
         # to the point source, which takes one run; a smaller hole hardly differs from that
-        return cls(setup.hole_um, 0.0 if setup.hole_um > 0.5 * least else least, told=True)
+        return cls(setup.hole_um, 0.0 if setup.hole_um > 0.5 * least else least, fitted=True)
 
     def put(self, setup: Setup, um: float | None = None) -> Setup:
         """Return a setup with holes of this diameter, or another."""
@@ -222,24 +222,24 @@ class _Holes:
 HOLE = "hole"
 """Group of unknowns (`lfcal.fit.groups.light.Holes`)."""
 
-CALLED_FOR = 0.1
-"""Share of what is left beyond noise of patterns that were never fitted that another size must take away."""
+NEEDED_SHARE = 0.1
+"""Share of the residual beyond noise, of patterns that were never fitted, that another size must explain."""
 
 VAGUE = 0.5
-"""Standard deviation of the squared diameter, over that of the description, from which on it is not told."""
+"""Standard deviation of the squared diameter, over that of the description, above which it is undetermined."""
 
 SAME = 0.02
 """Change of the squared diameter, relative, that needs no other light of the holes."""
 
 SHOWN = 3.0
-"""Standard deviations by which a squared diameter must differ from the description's to be told for all that."""
+"""Standard deviations by which a squared diameter must differ from the description's to be determined all the same."""
 
 
-def iter_called_for(finished: Finished) -> Work[bool]:
-    """Return whether the points call for holes of another size than described; yields progress in derivatives.
+def iter_hole_is_needed(finished: Finished) -> Work[bool]:
+    """Return whether the size of the holes is needed as an unknown; yields progress in derivatives.
 
-    They do where chi² says that the model does not suffice, and another size lowers what is left of patterns that
-    were never fitted.
+    It is where chi² says that the model does not suffice, and another size lowers the residual of patterns that were
+    never fitted.
     """
     problem, point, groups, columns, _ = finished
     own = problem.vector.of_groups([HOLE]).tolist()
@@ -251,11 +251,11 @@ def iter_called_for(finished: Finished) -> Work[bool]:
     selection = GroupSelection(problem, point, Columns(shared, columns.displacements))
     gain, enough = gain_of(selection, groups, (HOLE,))
     beyond = max(0.0, selection.left(groups) - selection.samples)
-    return gain > max(enough, CALLED_FOR * beyond)
+    return gain > max(enough, NEEDED_SHARE * beyond)
 
 
-def is_told(finished: Finished) -> bool:
-    """Return whether the points tell the size of the holes, which is among the groups that were fitted.
+def hole_is_determined(finished: Finished) -> bool:
+    """Return whether the points determine the size of the holes, which is among the groups that were fitted.
 
     The image of a hole that is far smaller than the finest detail of a pattern blurs nothing.
     """
@@ -297,7 +297,7 @@ def hole_words(fit: Fit, *, asked: bool = True) -> str:
     fit
         Of points.
     asked
-        Whether the size was asked for by name: that it is not told is no news else.
+        Whether the size was requested by name; else an undetermined size is not mentioned.
     """
     if asked and HOLE in fit.unhelpful:
         stays = _described(fit.setup.hole_um or 0.0)
@@ -313,7 +313,7 @@ def _described(hole_um: float) -> str:
     return f"{hole_um:.4g} µm" if hole_um else "points"
 
 
-def not_told(fit: Fit) -> Fit:
+def with_undetermined_hole(fit: Fit) -> Fit:
     """Return the fit with the size of the holes among what was asked for and did not help."""
     return replace(fit, unhelpful=(*fit.unhelpful, HOLE))
 
@@ -324,17 +324,17 @@ MOST = 72
 OTHERS = ("region_places", "region_depths", "stage_scale", "stage_zero", "source")
 """Groups of scans: a target's points have one lattice and one plane, each its own displacement, sources are holes."""
 
-OWN = ("pitch", "plane_tilt")
+ALWAYS_FITTED = ("pitch", "plane_tilt")
 """Groups that are always found: over the field a small error of either shows."""
 
-BESIDE_PX, BRIGHTNESS = 0.5, 0.05
-"""How far a chief ray lies beside what light alone tells, and how well that tells a hole's brightness, beforehand."""
+DEVIATION_PX, BRIGHTNESS = 0.5, 0.05
+"""Prior standard deviations: of a chief ray from the centroid of the light (pixels), and of a hole's brightness."""
 
 ROUNDS = 4
 """Of the fit that places the points."""
 
 RESIZED = 2
-"""How often the light of holes is computed anew at most, where another size was found than it was computed for."""
+"""How often the light of holes is computed again at most, where another size was found than it was computed for."""
 
 
 def iter_fit_points(
@@ -380,25 +380,27 @@ def iter_fit_points(
     core, candidates = groups_of(unknowns)
     # the source is a hole
     asked = not isinstance(unknowns, str) and (HOLE in core or "source" in core)
-    core = tuple(name for name in dict.fromkeys((*core, *OWN, *((HOLE,) if asked else ()))) if name not in OTHERS)
+    core = tuple(
+        name for name in dict.fromkeys((*core, *ALWAYS_FITTED, *((HOLE,) if asked else ()))) if name not in OTHERS
+    )
     candidates = tuple(name for name in candidates if name not in (*core, *OTHERS))
     check_light(measured)
     check_described(measured)
     scan = points.plan.scan
     began = tuple(starting_effects(scan) if effects is None else effects)
     points, began = _with_hole(points, began)
-    own = OwnOptics.of(points, measured)
+    own = PointOptics.of(points, measured)
     hole = points.plan.target.hole_um
     setup = Setup(scan.camera, began, (0.0,) * scan.shape[0], regions=own.regions, hole_um=hole)
     problem = problem_of(measured, setup, tuple(dict.fromkeys((*core, *candidates, HOLE))), workers)
     problem, start = yield from _placed(problem, own, core, workers)
-    local = Local(np.zeros((len(measured), 2)), BESIDE_PX, BRIGHTNESS)
+    local = Local(np.zeros((len(measured), 2)), DEVIATION_PX, BRIGHTNESS)
     finished = yield from iter_retrieved(problem, core, candidates, stage=stage, start=start, local=local)
     finished = yield from _settled(finished, points, asked=asked or bool(candidates))
     problem, point, groups = finished[:3]
     fits = yield from iter_summarised(*finished, candidates)
     if asked and HOLE not in groups:
-        fits = tuple(not_told(fit) for fit in fits)
+        fits = tuple(with_undetermined_hole(fit) for fit in fits)
     names = [measured.regions[k].name for _, _, k in problem.measured.parts()]
     # planes of H are where they were planned, however the target is tilted
     depths = problem.vector.setup_at(point.u).depth_errors_um
@@ -420,7 +422,7 @@ def _with_hole(points: Points, effects: tuple[Effect, ...]) -> tuple[Points, tup
 
 
 def _placed(
-    problem: Problem, own: OwnOptics, core: Sequence[str], workers: int | None
+    problem: Problem, own: PointOptics, core: Sequence[str], workers: int | None
 ) -> Work[tuple[Problem, NDArray[np.float64]]]:
     """Return the problem with points where a first fit has them, and the vector it ended at.
 
@@ -430,8 +432,8 @@ def _placed(
     count = len(problem.measured)
     still = np.zeros((count, 2))
     begin = np.zeros(len(problem.vector))
-    problem = yield from iter_with_own_light(problem, own, begin, still, Fineness.coarse, "points as described")
-    point = problem.point(begin, Local(still, BESIDE_PX, BRIGHTNESS), Fineness.coarse)
+    problem = yield from iter_with_point_light(problem, own, begin, still, Fineness.coarse, "points as described")
+    point = problem.point(begin, Local(still, DEVIATION_PX, BRIGHTNESS), Fineness.coarse)
     which = problem.vector.of_groups(core).tolist()
     point, columns = yield from descend(problem, point, which, "places of the points", most=ROUNDS, enough=5e-3)
     point = nuisance_steps(problem, point, columns, np.ones(count, np.bool_))
@@ -444,7 +446,7 @@ def _placed(
         noise=old.noise / np.c_[(1 + lamps[:, 0, 0]) ** 2, 1 + lamps[:, 0, 0]],
     )
     placed = Problem(measured, problem.vector, workers)
-    placed = yield from iter_with_own_light(placed, own, point.u, still, Fineness.coarse, "points where they are")
+    placed = yield from iter_with_point_light(placed, own, point.u, still, Fineness.coarse, "points where they are")
     return placed, point.u
 
 
@@ -454,26 +456,26 @@ def _settled(finished: Finished, points: Points, *, asked: bool) -> Work[Finishe
     Whether the size of the holes is among it was ``asked``; else the points may call for it.
     """
     assert isinstance(finished[0].measured, Regional)
-    own = OwnOptics.of(points, finished[0].measured)
-    finished = yield from _with_own_as_found(finished, own)
-    if HOLE in finished[2] and not is_told(finished):
-        return (yield from _with_own_as_found(without_hole(finished), own))
-    if not asked and (yield from iter_called_for(finished)):
+    own = PointOptics.of(points, finished[0].measured)
+    finished = yield from _with_light_as_found(finished, own)
+    if HOLE in finished[2] and not hole_is_determined(finished):
+        return (yield from _with_light_as_found(without_hole(finished), own))
+    if not asked and (yield from iter_hole_is_needed(finished)):
         problem, point, groups, columns, outliers = finished
-        finished = yield from _with_own_as_found((problem, point, (*groups, HOLE), columns, outliers), own)
+        finished = yield from _with_light_as_found((problem, point, (*groups, HOLE), columns, outliers), own)
     # their light changes with the square of the diameter only nearly
     for _ in range(RESIZED):
         if not moved_far(finished):
             break
-        finished = yield from _with_own_as_found(finished, own)
+        finished = yield from _with_light_as_found(finished, own)
     return finished
 
 
-def _with_own_as_found(finished: Finished, own: OwnOptics) -> Work[Finished]:
-    """Return the best point near another, what each pattern has to itself computed there."""
+def _with_light_as_found(finished: Finished, own: PointOptics) -> Work[Finished]:
+    """Return the best point near another, with the light of each point's own optics computed there."""
     problem, point, groups, columns, outliers = finished
     local, lamps = point.local, point.levels.lamps
-    problem = yield from iter_with_own_light(
+    problem = yield from iter_with_point_light(
         problem, own, point.u, local.offsets_px, Fineness.fine, "points of the camera as found"
     )
     point = problem.point(point.u, local, Fineness.finest, lamps=lamps)
@@ -538,9 +540,9 @@ def _iter_h(
     """Write H of a region, or of several."""
     if isinstance(scan, ScanPlan):
         return (yield from iter_write_model(fit.fit_at(scan), out, provenance=known, workers=workers))
-    from lfcal.campaign.regions import parts_beside, save_parts  # here: a fit of one region loads no devices
+    from lfcal.campaign.regions import save_parts, temporary_parts  # here: a fit of one region loads no devices
 
-    with parts_beside(out, scan.names) as parts:
+    with temporary_parts(out, scan.names) as parts:
         for k, name in enumerate(scan.names):
             here = fit.fit_at(scan.plan(k))
             yield from iter_write_model(here, parts[name], provenance=known, workers=workers)

@@ -28,8 +28,8 @@ DIM = 0.2
 SURE = 0.3
 """Least confidence in a label."""
 
-BESIDE_PX = 0.5
-"""Middle of the light beside the lattice from which on a pattern is not of one hole alone; or six times the rms."""
+MOST_DEVIATION_PX = 0.5
+"""Largest offset of the light's centroid from the lattice (pixels), or six times the rms: more is not one hole's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,12 +179,12 @@ def _usable(found: FoundPoints, plan: TargetPlan) -> NDArray[np.intp]:
     middles = np.floor(found.pixels + 0.5)
     usable = ((middles >= half) & (middles <= np.array(plan.scan.camera.sensor.shape) - 1 - half)).all(1)
     usable &= (found.light > DIM * np.median(found.light)) & (found.confidence > SURE)
-    usable &= np.linalg.norm(found.deviation, axis=1) < max(BESIDE_PX, 6 * found.fit.rms_px)
+    usable &= np.linalg.norm(found.deviation, axis=1) < max(MOST_DEVIATION_PX, 6 * found.fit.rms_px)
     return np.flatnonzero(usable)
 
 
-LEFT_OUT = 5
-"""One point of so many is kept aside."""
+HELD_OUT_EVERY = 5
+"""Number of points of which one is held out."""
 
 SAME_PX = 0.05
 """Positions of one hole nearer than this are repeats."""
@@ -250,7 +250,7 @@ def measured_points(
         cut.noise,
         own.residuals,
         cut.valid,
-        np.arange(len(own)) % LEFT_OUT == 0,
+        np.arange(len(own)) % HELD_OUT_EVERY == 0,
         regions=regions,
         region=number.astype(np.intp),
     )
@@ -268,7 +268,7 @@ def measured_modulo(source: FrameSource, points: Points, *, most: int | None = N
     cut, own = _cut(source, points, chosen), points.only(chosen)
     anchor = np.floor(np.array(scan.anchor) + 0.5).astype(np.intp)
     index = np.c_[own.z, (own.middles - anchor) % np.array(scan.period)].astype(np.intp)
-    aside = np.arange(len(own)) % LEFT_OUT == 0
+    aside = np.arange(len(own)) % HELD_OUT_EVERY == 0
     return Measured(scan, index, cut.patterns, cut.noise, np.zeros((len(own), 2)), cut.valid, aside)
 
 

@@ -24,10 +24,10 @@ __all__ = [
     "first_begun",
     "is_regions",
     "iter_record_regions",
-    "parts_beside",
     "read_regions",
     "region_sessions",
     "save_parts",
+    "temporary_parts",
 ]
 
 REGIONS_FILE = "regions.json"
@@ -162,8 +162,8 @@ def region_sessions(folder: Path) -> Iterator[tuple[str, Path]]:
 
 
 @contextmanager
-def parts_beside(out: Path, names: Sequence[str]) -> Iterator[dict[str, Path]]:
-    """Give a file for H of each region, in a folder beside ``out`` that is removed in the end."""
+def temporary_parts(out: Path, names: Sequence[str]) -> Iterator[dict[str, Path]]:
+    """Give a path for H of each region, in a folder next to ``out`` that is removed at the end."""
     with storage_errors(out), TemporaryDirectory(prefix=f".{out.name}.regions-", dir=out.parent) as place:
         yield {name: Path(place) / f"{name}.h5" for name in names}
 

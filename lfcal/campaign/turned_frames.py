@@ -27,8 +27,8 @@ EXPLAINED = 0.2
 BETTER = 0.5
 """Share of what is unexplained as the frames lie that may be left in an orientation that is named."""
 
-AS_WELL = 1.25
-"""Times as much as the best that orientations leave which explain patterns as well."""
+EQUALLY_GOOD = 1.25
+"""Largest residual, relative to the best orientation's, of an orientation that explains patterns equally well."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,19 +48,19 @@ class TurnedFrames:
     ----------
     turns
         What makes the frames upright; several where they explain the patterns equally well.
-    left, as_is
+    residual, as_is
         Shares of the light (squared) that the camera leaves unexplained so, and as the frames lie.
     """
 
     turns: tuple[Orientation, ...]
-    left: float
+    residual: float
     as_is: float
 
     @property
     def words(self) -> str:
         """How the frames lie, with the evidence."""
         ways = " or ".join(turn.words for turn in self.turns)
-        left = f"{100 * self.left:.0f} % of the light unexplained so, {100 * self.as_is:.0f} % as they lie"
+        left = f"{100 * self.residual:.0f} % of the light unexplained so, {100 * self.as_is:.0f} % as they lie"
         return f"{ways} against the camera ({left})"
 
     @property
@@ -125,7 +125,7 @@ def find_turned_frames(seen: Sequence[SeenPattern], plan: ScanPlan) -> TurnedFra
     best = min(left.values())
     if best > EXPLAINED or best > BETTER * left[AS_IS]:
         return None
-    turns = sorted((name for name in left if left[name] <= AS_WELL * best), key=lambda name: left[name])
+    turns = sorted((name for name in left if left[name] <= EQUALLY_GOOD * best), key=lambda name: left[name])
     return TurnedFrames(tuple(ORIENTATIONS[name] for name in turns), best, left[AS_IS])
 
 

@@ -69,13 +69,13 @@ def forecast_regions(
 def finish_regions(out: Path, assemble: Path | None, pack: bool, quiet: bool) -> dict[str, Any]:
     """Assemble H of every region into one file, and pack the recordings, as asked for; return what came of it."""
     from lfcal.acquire import iter_assemble_session, iter_finish
-    from lfcal.campaign import parts_beside, read_regions, region_sessions, save_parts
+    from lfcal.campaign import read_regions, region_sessions, save_parts, temporary_parts
     from lfcal.psf import AssemblySettings, open_psf
 
     result: dict[str, Any] = {}
     if assemble is not None:
         settings = AssemblySettings(strict=True)
-        with parts_beside(assemble, read_regions(out).names) as parts:
+        with temporary_parts(assemble, read_regions(out).names) as parts:
             for name, folder in region_sessions(out):
                 run_work(iter_assemble_session(folder, parts[name], settings=settings), quiet=quiet).matrix.close()
             save_parts(parts, assemble, dtype="rounded")

@@ -46,8 +46,8 @@ def adapted_facts(found: Adapted) -> dict[str, Any]:
         {
             "positions": step.positions,
             "expected_error": step.expected_error,
-            "left_out_error": step.left_out.value if step.left_out.known else None,
-            "left_out_limit": step.left_out.limit,
+            "left_out_error": step.held_out_error.value if step.held_out_error.known else None,
+            "left_out_limit": step.held_out_error.limit,
             "chi2": step.chi2,
             "complete": step.complete,
             "groups": step.groups,

@@ -52,8 +52,8 @@ def assembled_points(
         made = run_work(iter_assemble_points(view, plan, out, settings), quiet=quiet)
     if not quiet:
         tell_points(made.points)
-        if made.left:
-            report(left_words(made.left, len(made.points), plan))
+        if made.unused:
+            report(left_words(made.unused, len(made.points), plan))
     return made.report, made.facts
 
 

@@ -38,12 +38,12 @@ def make_regions(plan: RegionPlan, out: Path, made: Made, given: dict[str, bool]
     InputError
         If one of the options ``given`` is of one region.
     """
-    from lfcal.campaign import parts_beside, save_parts
+    from lfcal.campaign import save_parts, temporary_parts
 
     named = [name for name, there in given.items() if there]
     if named:
         raise InputError(f"{named[0]}: is of one region; leave it out with a plan of several")
-    with parts_beside(out, plan.names) as parts:
+    with temporary_parts(out, plan.names) as parts:
         told = {}
         for k, name in enumerate(plan.names):
             facts = made(plan.plan(k), name, parts[name])

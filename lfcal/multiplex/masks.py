@@ -180,7 +180,9 @@ def mask_at_distance(pattern: ArrayLike, shift_px: float, *, view_width: float =
     values = np.asarray(pattern, float)
     good = values.ndim == 2 and values.size and np.isfinite(values).all() and values.min() >= 0 and values.max() <= 1
     if not good:
-        raise InputError.expected("mask", "rows and columns of transmissions from 0 to 1", _told(values), "correct it")
+        raise InputError.expected(
+            "mask", "rows and columns of transmissions from 0 to 1", _range_words(values), "correct it"
+        )
     if values.size > MAX_SAMPLES:
         raise InputError.expected("mask", f"up to {MAX_SAMPLES} pixels", values.size, "choose a smaller one")
     check_number("shift of the shadow (px per view)", shift_px, at_least=-MAX_SHIFT_PX, at_most=MAX_SHIFT_PX)
@@ -228,7 +230,7 @@ def cell_overlap(distance: ArrayLike, blur: float) -> Array:
     return np.asarray((upper - lower) / blur)
 
 
-def _told(values: Array) -> str:
+def _range_words(values: Array) -> str:
     if values.ndim != 2 or not values.size or not np.isfinite(values).all():
         return f"shape {values.shape}"
     return f"{values.min():.3g} … {values.max():.3g}"

@@ -15,7 +15,7 @@ from lfcal.base import FileFormatError, LfcalError
 from lfcal.base.h5 import H5File
 from lfcal.napari._lazy import Index, Lazy
 from lfcal.psf import FORMAT, open_psf, pixel_um, regions_of, voxel_um
-from lfcal.reconstruct import DATASET, VOLUME_FORMAT, open_ome_zarr, told_of
+from lfcal.reconstruct import DATASET, VOLUME_FORMAT, open_ome_zarr, zarr_contents
 
 if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix
@@ -79,7 +79,7 @@ def _kind_of(source: Path) -> Callable[[Path], list[Layer]] | None:
     if (source / NAME).is_file():
         return _session
     if source.suffix.lower() == ".zarr":
-        return _ome_zarr if told_of(source)[2] else None
+        return _ome_zarr if zarr_contents(source)[2] else None
     if source.suffix.lower() in (".h5", ".hdf5") and source.is_file():
         with H5File(source) as file:
             return {FORMAT: _matrices, VOLUME_FORMAT: _volume}.get(file.attributes().text("format", ""))

@@ -15,8 +15,8 @@ from lfcal.reconstruct.volumes import (
     check_suffix,
     check_zarr,
     open_ome_zarr,
-    told_of,
     write_volumes,
+    zarr_contents,
 )
 
 __all__ = [
@@ -41,7 +41,7 @@ __all__ = [
     "points",
     "room_for_projections",
     "run_memory",
-    "told_of",
     "usual_margin",
     "write_volumes",
+    "zarr_contents",
 ]

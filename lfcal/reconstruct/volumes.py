@@ -50,8 +50,8 @@ __all__ = [
     "load_volume",
     "open_ome_zarr",
     "save_volume",
-    "told_of",
     "write_volumes",
+    "zarr_contents",
 ]
 
 
@@ -83,8 +83,8 @@ class VolumeFacts:
 VERSION = "0.4"
 """Of the layout."""
 
-OWN = "lfcal"
-"""Attribute of the folder with what the layout has no word for: the depth of every plane, and how it was made."""
+LFCAL_KEY = "lfcal"
+"""Attribute of the folder for what the layout does not define: the depth of every plane, and how it was made."""
 
 LEVEL = "0"
 """Name of the array, the only resolution there is."""
@@ -176,7 +176,7 @@ def _attributes(target: Path, facts: VolumeFacts) -> dict[str, Any]:
         "axes": axes,
         "datasets": [{"path": LEVEL, "coordinateTransformations": placed}],
     }
-    return {"multiscales": [image], OWN: own}
+    return {"multiscales": [image], LFCAL_KEY: own}
 
 
 @contextmanager
@@ -191,8 +191,8 @@ def _understood(source: Path, wanted: str, remedy: str) -> Iterator[None]:
         raise FileFormatError.expected(str(source), wanted, reason, remedy) from error
 
 
-def told_of(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
-    """Return the array of the finest resolution (nothing of it is read), the image's words, and lfcal's own.
+def zarr_contents(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
+    """Return the array of the finest resolution (not read), the metadata of the image, and those of lfcal.
 
     Raises
     ------
@@ -212,19 +212,19 @@ def told_of(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
     names = [str(axis.get("name")) if isinstance(axis, Mapping) else str(axis) for axis in image.get("axes", ())]
     if names and len(names) != len(shape):
         raise FileFormatError.expected(str(source), f"{len(shape)} axes", len(names), "copy it again")
-    own = said.get(OWN)
+    own = said.get(LFCAL_KEY)
     return array, image, dict(own) if isinstance(own, Mapping) else {}
 
 
 def open_ome_zarr(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
-    """Return array, image's words and lfcal's own as `told_of`, where the pieces may hold what the array says it has.
+    """Return the same as `zarr_contents`, after a check that the pieces may hold what the array declares.
 
     Raises
     ------
     FileFormatError
         If the array is larger than its pieces can be: it would be empty room.
     """
-    array, image, own = told_of(source)
+    array, image, own = zarr_contents(source)
     nbytes = math.prod(array.shape) * np.dtype(array.dtype).itemsize
     with storage_errors(source):
         held = sum(path.stat().st_size for path in source.rglob("*") if path.is_file())

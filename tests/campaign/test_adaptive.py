@@ -158,7 +158,7 @@ def test_a_model_that_does_not_suffice_ends_it(whole: Whole) -> None:
 def test_patterns_gain_something_or_not(errors: tuple[float, ...], groups: str, nothing: bool) -> None:
     """By the last two steps, whatever came before."""
     steps = [
-        SimpleNamespace(left_out=ModelError(error**2, 1e-9, 0.0, 5), groups=(group,))
+        SimpleNamespace(held_out_error=ModelError(error**2, 1e-9, 0.0, 5), groups=(group,))
         for error, group in zip(errors, groups, strict=True)
     ]
     assert _gained_nothing(steps) is nothing  # type: ignore[arg-type]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lfcal.base.progress import drain
-from lfcal.campaign.point_fit import OwnOptics, _placed
+from lfcal.campaign.point_fit import PointOptics, _placed
 from lfcal.campaign.points import measured_modulo, measured_points, points_of
 from lfcal.fit.fit import problem_of
 from lfcal.fit.measured import Measured
@@ -54,7 +54,7 @@ def test_points_of_other_brightness_keep_what_their_noise_means() -> None:
     bright = np.array([0.8, 1.0, 1.3, 0.9], np.float32)
     # a brighter lamp: more light, its photons' variance with it
     seen = replace(drawn, patterns=drawn.patterns * bright[:, None, None], noise=drawn.noise.copy())
-    own = OwnOptics.of(points, seen)
+    own = PointOptics.of(points, seen)
     setup = Setup(SCAN.camera, starting_effects(SCAN), (0.0,), regions=own.regions)
     placed, _ = drain(_placed(problem_of(seen, setup, ("iris",), 1), own, ("iris",), 1))
     new: Measured = placed.measured

@@ -13,12 +13,12 @@ from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
 from lfcal.campaign.point_fit import (
     HOLE,
-    OwnOptics,
+    PointOptics,
     fit_points,
+    hole_is_determined,
     hole_words,
-    is_told,
-    iter_called_for,
-    iter_with_own_light,
+    iter_hole_is_needed,
+    iter_with_point_light,
     without_hole,
 )
 from lfcal.campaign.points import Points, measured_points, points_of
@@ -56,12 +56,12 @@ def points(view: FrameSource) -> Points:
 def problem_with(view: FrameSource, points: Points, described: float, really: float, noise: float) -> Problem:
     """Return the problem of points described with holes of one size, in whose patterns they have another."""
     measured = measured_points(view, points, (1, 2), most=4)
-    own = replace(OwnOptics.of(points, measured), hole_um=described)
+    own = replace(PointOptics.of(points, measured), hole_um=described)
     setup = Setup(SCAN.camera, EFFECTS, (0.0,), regions=own.regions, hole_um=described)
     problem = problem_of(measured, setup, ("iris", HOLE), 1)
     still = np.zeros((len(measured), 2))
     true = problem_of(measured, replace(setup, hole_um=really), ("iris", HOLE), 1)
-    work = iter_with_own_light(true, own, np.zeros(len(true.vector)), still, Fineness.coarse, "true")
+    work = iter_with_point_light(true, own, np.zeros(len(true.vector)), still, Fineness.coarse, "true")
     light = drain(work).model(np.zeros(len(true.vector)), still, Fineness.coarse).reshape(measured.patterns.shape)
     rng, sigma = np.random.default_rng(0), noise * float(light.max())
     recorded = replace(
@@ -71,7 +71,7 @@ def problem_with(view: FrameSource, points: Points, described: float, really: fl
         valid=np.ones(light.shape, np.bool_),
     )
     begun = problem.with_measured(recorded)
-    return drain(iter_with_own_light(begun, own, np.zeros(len(begun.vector)), still, Fineness.coarse, "described"))
+    return drain(iter_with_point_light(begun, own, np.zeros(len(begun.vector)), still, Fineness.coarse, "described"))
 
 
 def fitted(problem: Problem, groups: tuple[str, ...]) -> tuple[Problem, Point, tuple[str, ...], Any, tuple[()]]:
@@ -115,25 +115,25 @@ def test_light_changes_with_the_square_of_the_diameter(view: FrameSource, points
 def test_holes_larger_than_described_are_found(view: FrameSource, points: Points) -> None:
     problem = problem_with(view, points, DESCRIBED, REAL, 1e-3)
     held = fitted(problem, ("iris",))
-    assert drain(iter_called_for(held)), "chi² of the fit calls for it"
+    assert drain(iter_hole_is_needed(held)), "chi² of the fit calls for it"
     found = fitted(problem, ("iris", HOLE))
     assert hole_of(*found[:2]) == pytest.approx(REAL, rel=0.04)
-    assert is_told(found)
+    assert hole_is_determined(found)
     assert problem.cost(found[1], held[1]) < 0.95 * problem.cost(held[1])
 
 
 def test_holes_as_described_are_not_called_for(view: FrameSource, points: Points) -> None:
     problem = problem_with(view, points, DESCRIBED, DESCRIBED, 1e-3)
-    assert not drain(iter_called_for(fitted(problem, ("iris",))))
+    assert not drain(iter_hole_is_needed(fitted(problem, ("iris",))))
     found = fitted(problem, ("iris", HOLE))
-    assert is_told(found) and hole_of(*found[:2]) == pytest.approx(DESCRIBED, rel=0.04)
+    assert hole_is_determined(found) and hole_of(*found[:2]) == pytest.approx(DESCRIBED, rel=0.04)
 
 
 @pytest.mark.long
 def test_holes_far_smaller_than_the_light_s_details_are_not_told(view: FrameSource, points: Points) -> None:
     problem = problem_with(view, points, 2.0, 2.8, 0.02)
     found = fitted(problem, ("iris", HOLE))
-    assert not is_told(found)
+    assert not hole_is_determined(found)
     problem, point, groups, _, _ = without_hole(found)
     assert groups == ("iris",) and hole_of(problem, point) == 2.0
 
@@ -142,9 +142,9 @@ def test_holes_far_smaller_than_the_light_s_details_are_not_told(view: FrameSour
 def test_noise_stated_too_low_makes_no_hole_plain(view: FrameSource, points: Points) -> None:
     """What the model leaves, by chi², counts as noise."""
     problem = problem_with(view, points, 8.0, 8.0, 0.02)
-    assert not is_told(fitted(problem, ("iris", HOLE)))
+    assert not hole_is_determined(fitted(problem, ("iris", HOLE)))
     sure = problem.with_measured(replace(problem.measured, noise=problem.measured.noise / 400))
-    assert not is_told(fitted(sure, ("iris", HOLE)))
+    assert not hole_is_determined(fitted(sure, ("iris", HOLE)))
 
 
 def test_what_is_told_of_the_holes() -> None:
@@ -198,7 +198,7 @@ def test_holes_forty_percent_larger_than_described_cost_nothing_once_they_are_fo
     def error(*, called_for: bool) -> tuple[float, Any]:
         with pytest.MonkeyPatch.context() as patch:
             if not called_for:
-                patch.setattr(point_fit, "iter_called_for", lambda _: _no())
+                patch.setattr(point_fit, "iter_hole_is_needed", lambda _: _no())
             fit = fit_points(seen, points, ("geometry", "focal_lengths", "iris"), parts=(2, 2), most=24, workers=1)
         own = fit.fit_at(SCAN)
         return error_of(predicted(own.ideal_places, own.planned, at), right), fit.first

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lfcal.base.progress import drain
-from lfcal.campaign.point_fit import OwnOptics, _Holes, _with_hole, iter_with_own_light
+from lfcal.campaign.point_fit import PointOptics, _Holes, _with_hole, iter_with_point_light
 from lfcal.campaign.points import Points, measured_points, points_of
 from lfcal.fit.field import Regional
 from lfcal.fit.fit import problem_of
@@ -35,20 +35,20 @@ def points(view: FrameSource) -> Points:
     return points_of(view, plan_of([(0.0, 0.0)], array_of(pose=TILTED)))
 
 
-def problem_at(measured: Regional, own: OwnOptics) -> Problem:
+def problem_at(measured: Regional, own: PointOptics) -> Problem:
     return problem_of(measured, Setup(SCAN.camera, EFFECTS, (0.0,), regions=own.regions), ("iris", "plane_tilt"), 1)
 
 
-def with_own(problem: Problem, own: OwnOptics) -> np.ndarray:
+def with_own(problem: Problem, own: PointOptics) -> np.ndarray:
     still = np.zeros((len(problem.measured), 2))
-    found = drain(iter_with_own_light(problem, own, np.zeros(len(problem.vector)), still, Fineness.coarse, "points"))
+    found = drain(iter_with_point_light(problem, own, np.zeros(len(problem.vector)), still, Fineness.coarse, "points"))
     return found.model(np.zeros(len(problem.vector)), still, Fineness.coarse)
 
 
 @pytest.mark.long
 def test_a_pattern_is_that_of_its_own_place_depth_and_hole(view: FrameSource, points: Points) -> None:
     measured = measured_points(view, points, (1, 2), most=4)
-    own = replace(OwnOptics.of(points, measured), hole_um=60.0)
+    own = replace(PointOptics.of(points, measured), hole_um=60.0)
     # the target is tilted to the right: what lies there is farther away
     assert own.parts_um[1] > own.parts_um[0] + 300
     assert np.corrcoef(own.farther_um, own.middles[:, 1])[0, 1] > 0.99
@@ -66,7 +66,7 @@ def test_a_pattern_is_that_of_its_own_place_depth_and_hole(view: FrameSource, po
 def test_what_points_have_to_themselves_is_held_while_the_unknowns_move(view: FrameSource, points: Points) -> None:
     measured = measured_points(view, points, (1, 2), most=4)
     beside = np.random.default_rng(0).normal(0, 1e-5, measured.patterns.shape).astype(np.float32)
-    own = OwnOptics.of(points, measured)
+    own = PointOptics.of(points, measured)
     plain, held = problem_at(measured, own), problem_at(replace(measured, beside=beside), own)
     still = np.zeros((len(measured), 2))
     for u in (np.zeros(len(plain.vector)), np.full(len(plain.vector), 0.3)):
@@ -85,7 +85,7 @@ def test_the_size_of_a_source_among_the_effects_is_that_of_the_holes(points: Poi
 
 def test_holes_of_no_size_are_points(points: Points) -> None:
     setup = Setup(SCAN.camera, EFFECTS, (0.0,))
-    holes = _Holes(60.0, 0.0, told=True)
+    holes = _Holes(60.0, 0.0, fitted=True)
     assert holes.put(setup).effects == (*EFFECTS, FiniteSource(60.0))
     assert holes.put(setup, 35.0).effects == (*EFFECTS, FiniteSource(35.0))
     assert holes.put(setup, 0.0) is setup

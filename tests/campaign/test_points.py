@@ -122,7 +122,7 @@ def test_single_frames_of_points_are_positions_of_the_scan(view: FrameSource, po
             assert np.ravel_multi_index(tuple(index[k, 1:]), SCAN.period) == nearest
     assert np.abs(off[(index >= 0).all(1)]).max() <= 0.5
     single = PointFrames(view, points, 0.5)
-    assert len(single) + single.left == len(points) and len(single) > 5
+    assert len(single) + single.unused == len(points) and len(single) > 5
     for k in (0, len(single) - 1):
         info = single.info(k)
         # the position's cutout is the point's

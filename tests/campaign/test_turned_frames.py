@@ -48,7 +48,7 @@ def test_patterns_tell_the_orientation(scan: Scan, name: str) -> None:
         assert found is None
         return
     assert found is not None and found.turns[0].name == name
-    assert found.left < 0.2 and found.as_is > 2 * found.left
+    assert found.residual < 0.2 and found.as_is > 2 * found.residual
     assert ORIENTATIONS[name].words in found.words and ORIENTATIONS[name].option in found.options
 
 

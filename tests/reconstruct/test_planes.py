@@ -77,7 +77,7 @@ def test_fit_is_the_deviance_by_its_definition(weighted, held, masked, monkeypat
     mask = rng.random(data.shape) < 0.6 if masked else None
     weights = rng.random(data.shape) if weighted else None
     out = rng.random(data.shape) < 0.2 if held else None
-    measured = Measurement.of(data, dtype=np.float64, weights=weights, left_out=out)
+    measured = Measurement.of(data, dtype=np.float64, weights=weights, held_out=out)
     trust = (1.0 if weights is None else weights) * (1.0 if mask is None else mask) * np.ones_like(data)
     m = np.maximum(model, 1e-3)
     terms = m - data + np.where(data > 0, data * np.log(np.where(data > 0, data, 1) / m), 0)
@@ -87,10 +87,10 @@ def test_fit_is_the_deviance_by_its_definition(weighted, held, masked, monkeypat
     norm = np.sqrt((kept * data**2).sum())
     assert found.residual == pytest.approx(np.sqrt((kept * (data - model) ** 2).sum()) / norm, rel=1e-12)
     if out is not None:
-        assert found.left_out == pytest.approx(-(trust * out * terms).sum(), rel=1e-12)
-        assert found.left_out_error > 0
+        assert found.held_out == pytest.approx(-(trust * out * terms).sum(), rel=1e-12)
+        assert found.held_out_error > 0
     else:
-        assert np.isnan(found.left_out)
+        assert np.isnan(found.held_out)
 
 
 def test_as_many_planes_at_once_as_memory_allows(monkeypatch):

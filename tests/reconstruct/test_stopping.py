@@ -16,7 +16,7 @@ from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, iter_reconst
 from lfcal.reconstruct.solvers.measurement import Measurement
 from lfcal.reconstruct.solvers.records import SolverWork
 from lfcal.reconstruct.solvers.solver import COMMON, Solver, SolverRun
-from lfcal.reconstruct.solvers.stopping import SHARE, left_out_pixels, misfit
+from lfcal.reconstruct.solvers.stopping import SHARE, held_out_pixels, misfit
 from tests.reconstruct.oracles import dense, lenslet_psf
 
 SHAPE = (100, 95)
@@ -32,9 +32,9 @@ def noisy():
 
 
 def test_pixels_left_out_are_few_and_the_same_each_time():
-    mask = left_out_pixels((300, 200))
+    mask = held_out_pixels((300, 200))
     assert mask.mean() == pytest.approx(SHARE, rel=0.1)
-    assert np.array_equal(mask, left_out_pixels((300, 200)))
+    assert np.array_equal(mask, held_out_pixels((300, 200)))
     rows, columns = (mask[:, k::15].mean() for k in range(2)), (mask[k::15].mean() for k in range(2))
     assert all(0.5 * SHARE < share < 1.6 * SHARE for share in (*rows, *columns)), "no view is spared"
 
@@ -54,11 +54,11 @@ def test_what_is_left_out_is_not_fitted_and_is_foretold():
         m = A @ g + b
         told.append(-(weights * held * (f * np.log(f / m) - f + m)).sum())
         g = g / (A.T @ w) * (A.T @ (w * f / m))
-    run = SolverRun(3, weights=weights.reshape(9, 8), background=b, left_out=held.reshape(9, 8))
+    run = SolverRun(3, weights=weights.reshape(9, 8), background=b, held_out=held.reshape(9, 8))
     for subsets in (None, (np.ones((3, 2), bool),)):
         work = iter_run(P, f.reshape(9, 8), run, EmOptions(subsets=subsets))
         records = list(work)
-        np.testing.assert_allclose([r.left_out for r in records], told, rtol=1e-9)
+        np.testing.assert_allclose([r.held_out for r in records], told, rtol=1e-9)
         np.testing.assert_allclose(records[-1].state.volume.ravel(), g, rtol=1e-9)
     spoilt = np.where(held, 1e9, f).reshape(9, 8)
     *_, last = iter_run(P, spoilt, run, EmOptions())
@@ -98,7 +98,7 @@ def test_a_method_that_follows_the_noise_is_stopped(noisy):
     auto = reconstruct(P, image, SolverChoice("phase-space", 60, 2.0, auto=True))
     assert len(auto.history) < 40 and not long.stopped
     assert nrmse(auto.volume, truth) < 0.9 * nrmse(long.volume, truth)
-    assert all(np.isfinite(r.left_out) for r in auto.history) and all(np.isnan(r.left_out) for r in long.history)
+    assert all(np.isfinite(r.held_out) for r in auto.history) and all(np.isnan(r.held_out) for r in long.history)
 
 
 def test_notes_and_tolerance_are_kept(noisy):
@@ -124,7 +124,7 @@ def test_solvers_of_others_are_judged_by_their_volumes(noisy, monkeypatch):
     P, _, image = noisy
 
     def iterate(P: Projector, image: object, run: SolverRun) -> SolverWork:
-        assert run.left_out is None and np.count_nonzero(run.weights == 0) == left_out_pixels(SHAPE).sum()
+        assert run.held_out is None and np.count_nonzero(run.weights == 0) == held_out_pixels(SHAPE).sum()
         return SOLVERS.get("phase-space").iterate(P, image, run)
 
     theirs = Solver("theirs", "of others", iterate)
@@ -187,7 +187,7 @@ def test_a_run_for_measuring_goes_on_as_long_again(noisy):
     """By the records themselves: it ends at twice the iteration whose left-out pixels were predicted best so far."""
     P, _, image = noisy
     found = reconstruct(P, image, SolverChoice("rl-nesterov", 100, 2.0, auto=True, goal="measure"))
-    scores = [record.left_out for record in found.history]
+    scores = [record.held_out for record in found.history]
     last = found.state.iteration
     # the score in a record is that of the estimate before it; the estimate before the first has none
     best = 1 + int(np.argmax(scores[1 : last + 1]))

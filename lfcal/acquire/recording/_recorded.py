@@ -118,7 +118,7 @@ def opened(path: Path, made: Made, identity: str) -> Iterator[tuple[RecordingFil
         elif got.attributes.get("session") != identity:
             fault = "one of another session"
     except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
-        fault = _told(" ".join(str(error).split()).removeprefix(f"{path}: "))
+        fault = _in_sentence(" ".join(str(error).split()).removeprefix(f"{path}: "))
         size = path.stat().st_size if path.is_file() else 0
         file = recovered(path, made) if size else None
         if file is not None:
@@ -134,8 +134,8 @@ def opened(path: Path, made: Made, identity: str) -> Iterator[tuple[RecordingFil
             file.close()
 
 
-def _told(error: str) -> str:
-    """Return what was found in place of what: the sentence stands within another that says what to do."""
+def _in_sentence(error: str) -> str:
+    """Return what was found in place of what, for a sentence that says what to do."""
     found = re.fullmatch(r"(?:[^:]*: )?expected (.+?), got (.+?)(?:; .*)?", error)
     return f"{found[2]} in place of {found[1]}" if found else error
 

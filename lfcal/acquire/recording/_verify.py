@@ -37,7 +37,7 @@ class State(IntEnum):
     LOST = 4
 
 
-_SAID = {
+_STATE_WORDS = {
     State.FRAME_DAMAGED: "frame damaged",
     State.RECORD_DAMAGED: "record damaged",
     State.LOST: "lost",
@@ -225,7 +225,7 @@ class _Checked:
         for slot in np.flatnonzero(self.states > State.NEVER_TAKEN).tolist():
             z, y, x = (int(k) for k in np.unravel_index(self.slots.flat[slot], shape))
             kind = Kind(int(self.slots.kinds[slot])).name.lower()
-            yield DamagedFrame(self.file, slot, kind, Position(z, y, x), _SAID[State(self.states[slot])])
+            yield DamagedFrame(self.file, slot, kind, Position(z, y, x), _STATE_WORDS[State(self.states[slot])])
 
 
 def _report(folder: Path, session: SessionFile, checked: list[_Checked]) -> SessionReport:

@@ -326,8 +326,8 @@ GROWTH_OFF, SPREAD_OFF, SPREAD_NOTED = 0.05, 1 / 3, 0.06
 
 The first depends on the working distance of the lens too, the others on how the source fills the aperture.
 """
-STANDS = 0.2
-"""A depth axis that moves less than this part of what it should is said not to move."""
+STILL = 0.2
+"""Share of the expected movement below which a depth axis is reported not to move."""
 ALIKE, APART_PX = 0.98, 2.0
 """Correlation of two planes that are one, where the pattern's edge should have moved so far (pixels)."""
 
@@ -425,7 +425,7 @@ def check_depth(fit: DepthFit, plan: ScanPlan) -> tuple[str, ...]:
     if off > (GROWTH_OFF if fit.by == "growth" else SPREAD_OFF) + 3 * fit.error:
         got = f"{fit.scale:.3f} times that by {by} grows"
         remedy = f"correct the scale of axis {axis}, or the camera's working distance, or record with --no-check-stage"
-        if abs(fit.scale) < STANDS + 3 * fit.error:
+        if abs(fit.scale) < STILL + 3 * fit.error:
             got, remedy = "the image of one plane in both", f"axis {axis} does not move: check its drive"
         elif fit.scale < 0:
             remedy = "it runs the wrong way: set the other sense in the plan"

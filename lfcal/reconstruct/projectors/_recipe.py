@@ -8,10 +8,10 @@ from typing import NamedTuple
 from lfcal.base import InputError
 from lfcal.reconstruct.projectors._tiles import TilePlan
 
-__all__ = ["BESIDE", "Tiles", "read_recipe", "recipe_of"]
+__all__ = ["SEPARATOR", "Tiles", "read_recipe", "recipe_of"]
 
-BESIDE = "+"
-"""Between the recipes of regions."""
+SEPARATOR = "+"
+"""Separates the recipes of regions."""
 
 
 class Tiles(NamedTuple):

@@ -83,7 +83,7 @@ class Reduced:
         if spacing == 1:
             return ReducedOperand(trim(plane), None, 1.0, 0.0)
         found = reduce_plane(plane, spacing, self.tolerance, self.workers)
-        rest = self._beside(spacing).prepare(found.rest)
+        rest = self._entries_engine(spacing).prepare(found.rest)
         return ReducedOperand(trim(found.patterns), rest, spacing, float(found.error.max()))
 
     def _quickest(self, plane: Array) -> float:
@@ -94,7 +94,7 @@ class Reduced:
 
     def operand_bytes(self, operand: ReducedOperand) -> int:
         """Return the bytes of patterns and entries."""
-        rest = 0 if operand.rest is None else self._beside(operand.spacing).operand_bytes(operand.rest)
+        rest = 0 if operand.rest is None else self._entries_engine(operand.spacing).operand_bytes(operand.rest)
         return self.whole.operand_bytes(operand.patterns) + rest
 
     # -- the pair --------------------------------------------------------------------------------------
@@ -108,7 +108,7 @@ class Reduced:
             nodes, between = self._nodes(operand)
             sources = nodes.collected(self.wide.pack(self._widened(plane), self.dtype))
             total += self._cropped(between.image_of(operand.patterns, sources))
-            total += self._beside(operand.spacing).forward([(operand.rest, plane)])
+            total += self._entries_engine(operand.spacing).forward([(operand.rest, plane)])
         return total if self.whole.mask is None else total * self.whole.mask
 
     def adjoint(self, image: Array, operands: Iterable[ReducedOperand]) -> Iterator[Array]:
@@ -121,7 +121,7 @@ class Reduced:
             nodes, between = self._nodes(operand)
             values = between.cells_of(operand.patterns, self._widened(masked))
             plane = self._cropped(self.wide.unpack(nodes.spread(values, self.wide.cells)))
-            (rest,) = self._beside(operand.spacing).adjoint(image, [operand.rest])
+            (rest,) = self._entries_engine(operand.spacing).adjoint(image, [operand.rest])
             yield plane + rest
 
     # -- steps -----------------------------------------------------------------------------------------
@@ -129,8 +129,8 @@ class Reduced:
         nodes = Nodes.of(self.grid.period, operand.spacing)
         return nodes, Direct(self.wide, self.dtype, self.workers, self.phases, nodes)
 
-    def _beside(self, spacing: float) -> Sparse:
-        """Return the engine of the entries beside nodes: their cutouts are wider."""
+    def _entries_engine(self, spacing: float) -> Sparse:
+        """Return the engine of the entries that nodes do not explain: their cutouts are wider."""
         cutout = Nodes.of(self.grid.period, spacing).widened(self.grid.cutout)
         return Sparse(replace(self.grid, cutout=cutout), self.dtype, self.workers, self.phases)
 

@@ -190,14 +190,14 @@ def _add(pattern: NDArray[Any], share: float, onto: NDArray[Any]) -> None:
 
 
 @njit(error_model="numpy")
-def left_over(
+def residual_entries(
     pattern: NDArray[Any],
     nodes: NDArray[Any],
     corners: Corners,
     tolerance: float,
     rest: NDArray[Any],
 ) -> tuple[int, float]:
-    """Fill ``rest`` with what ``pattern`` is beside its nodes, the smallest entries left out.
+    """Fill ``rest`` with the residual of ``pattern`` from its nodes, without the smallest entries.
 
     Parameters
     ----------
@@ -295,7 +295,7 @@ class Reduction:
         out = np.empty_like(rest)
         for y, x in np.ndindex(*rest.shape[:2]):
             # beside nothing there is minus what is interpolated
-            left_over(nothing, flat, _corners(self.nodes, y, x), 0.0, out[y, x])
+            residual_entries(nothing, flat, _corners(self.nodes, y, x), 0.0, out[y, x])
         return rest - out
 
 
@@ -314,7 +314,7 @@ def reduce_plane(plane: Array, spacing: float, tolerance: float, workers: int | 
         kept = 0
         for y in range(start, stop):
             for x in range(plane.shape[1]):
-                found = left_over(plane[y, x], flat, _corners(nodes, y, x), tolerance, rest[y, x])
+                found = residual_entries(plane[y, x], flat, _corners(nodes, y, x), tolerance, rest[y, x])
                 kept, error[y, x] = kept + found[0], found[1]
         return kept
 
@@ -352,7 +352,7 @@ def sampled_share(
         places = [divmod(int(k), nodes.shape[1]) for k in corners.which]
         about = np.stack([pattern(int(nodes.y.at[j]), int(nodes.x.at[i])) for j, i in places])
         rest = np.empty(nodes.widened((own.shape[0], own.shape[1])), own.dtype)
-        kept += left_over(own, about, corners._replace(which=np.arange(len(about))), tolerance, rest)[0]
+        kept += residual_entries(own, about, corners._replace(which=np.arange(len(about))), tolerance, rest)[0]
         entries += own.size
     return kept / entries
 

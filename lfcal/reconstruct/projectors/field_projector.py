@@ -22,7 +22,7 @@ from lfcal.base import Clock, InputError, Work, format_bytes, free_memory, worke
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct.projectors._engine import Cost, DeviceUse
 from lfcal.reconstruct.projectors._planes import PlaneReader
-from lfcal.reconstruct.projectors._recipe import BESIDE
+from lfcal.reconstruct.projectors._recipe import SEPARATOR
 from lfcal.reconstruct.projectors.device import ArrayDevice, find_device
 from lfcal.reconstruct.projectors.forecast import ProjectionForecast
 from lfcal.reconstruct.projectors.grid import Grid, anchor_pixel
@@ -273,7 +273,7 @@ class FieldProjector(Projector):
                 places.append((H, at, window, own))
         places.sort(key=lambda place: -_pixels(place[2]))
         kept = sum(0 if weight is None else weight.nbytes for *_, weight in places)
-        room = max(0, self._limit - kept - self._beside(len(places)))
+        room = max(0, self._limit - kept - self._blending_bytes(len(places)))
         try:
             return self._built(places, anchors[0], method, room // len(places))
         except InputError:
@@ -281,7 +281,9 @@ class FieldProjector(Projector):
                 raise
         # each takes all the room, one after the other: planes cannot be kept
         parts = self._built(places, anchors[0], method, room)
-        least = _together([p.projector.forecast().chosen for p in parts], kept, self._beside(len(parts))).memory_bytes
+        least = _together(
+            [p.projector.forecast().chosen for p in parts], kept, self._blending_bytes(len(parts))
+        ).memory_bytes
         if least > self._limit:
             raise InputError.expected(
                 f"memory limit for the projection of {len(parts)} regions",
@@ -294,7 +296,7 @@ class FieldProjector(Projector):
     def _built(self, places: Sequence[_Place], first: tuple[int, ...], method: str, share: int) -> list[_Part]:
         """Return the projectors of regions, each within ``share`` bytes."""
         parts: list[_Part] = []
-        recipes = method.split(BESIDE)
+        recipes = method.split(SEPARATOR)
         if len(recipes) not in (1, len(places)):
             wanted = f"one, or one for each of {len(places)} regions"
             raise InputError.expected("projection method", wanted, len(recipes), "give one")
@@ -315,7 +317,7 @@ class FieldProjector(Projector):
             parts.append(_Part(own, window, weight))
         return parts
 
-    def _beside(self, parts: int) -> int:
+    def _blending_bytes(self, parts: int) -> int:
         """Return the bytes of a projection that one region alone does not need: a weighted plane, and a sum."""
         return 0 if parts == 1 else 3 * self._grid.pixels * self.dtype.itemsize
 
@@ -331,11 +333,11 @@ class FieldProjector(Projector):
         if len(each) == 1:
             return each[0]
         weights = sum(0 if part.weight is None else part.weight.nbytes for part in self._parts)
-        beside = self._beside(len(each))
-        chosen = _together([one.chosen for one in each], weights, beside)
+        blending = self._blending_bytes(len(each))
+        chosen = _together([one.chosen for one in each], weights, blending)
         names = [{option.method: option for option in one.options} for one in each]
         common = [name for name in names[0] if all(name in own for own in names)]
-        options = [_together([own[name] for own in names], weights, beside) for name in common]
+        options = [_together([own[name] for own in names], weights, blending) for name in common]
         options = [chosen if option.method == chosen.method else option for option in options]
         there = [one.device for one in each if one.device is not None]
         device = None
@@ -357,7 +359,7 @@ class FieldProjector(Projector):
     @property
     def recipe(self) -> str:
         """The methods of the regions with their tiles: with it as ``method`` another one computes the same bits."""
-        return BESIDE.join(part.projector.recipe for part in self._parts)
+        return SEPARATOR.join(part.projector.recipe for part in self._parts)
 
     @property
     def rounding(self) -> float:
@@ -468,8 +470,8 @@ def _pixels(window: tuple[slice, slice]) -> int:
     return int(np.prod([s.stop - s.start for s in window]))
 
 
-def _together(costs: Sequence[Cost], weights: int, beside: int) -> Cost:
-    """Return the cost of projections one after the other; ``weights`` are kept, ``beside`` is taken in each."""
+def _together(costs: Sequence[Cost], weights: int, blending: int) -> Cost:
+    """Return the cost of projections one after the other; ``weights`` are kept, ``blending`` is taken in each."""
     resident = all(cost.resident for cost in costs)
     kept = [cost.operand_bytes for cost in costs if cost.resident]
     # where some planes are prepared anew each time, those that are kept still take their room
@@ -480,7 +482,7 @@ def _together(costs: Sequence[Cost], weights: int, beside: int) -> Cost:
         sum(cost.forward_s for cost in costs),
         sum(cost.adjoint_s for cost in costs),
         sum(cost.operand_bytes for cost in costs) + weights,
-        max(cost.scratch_bytes for cost in costs) + beside + more,
+        max(cost.scratch_bytes for cost in costs) + blending + more,
         max(cost.prepare_bytes for cost in costs),
         resident,
     )

@@ -38,8 +38,8 @@ __all__ = ["EmOptions", "EmUpdates", "IsraSettings", "RichardsonLucySettings", "
 ACCELERATIONS = ("none", "biggs-andrews", "nesterov")
 """Ways to extrapolate."""
 
-LEAST_LEFT = 0.1
-"""Share of a voxel that extrapolation leaves. Zero would be final: multiplicative updates cannot raise it again."""
+SMALLEST_FACTOR = 0.1
+"""Smallest factor that extrapolation applies to a voxel. Zero would be final: updates cannot raise it again."""
 
 
 def check_acceleration(name: str) -> None:
@@ -53,7 +53,7 @@ def extrapolate(state: SolverState, name: str) -> tuple[NDArray[Any], float]:
 
     ``biggs-andrews`` takes the step from two successive updates (Biggs & Andrews 1997, equation 10), ``nesterov``
     from the iteration number (Beck & Teboulle 2009, equation 4.2). A state without memory is returned as it is.
-    A voxel keeps at least `LEAST_LEFT` of its value.
+    A voxel keeps at least `SMALLEST_FACTOR` of its value.
     """
     if name == "none" or not state.arrays:
         return state.volume, 0.0
@@ -78,7 +78,7 @@ def extrapolate(state: SolverState, name: str) -> tuple[NDArray[Any], float]:
             np.subtract(now, then, out=plane)
             plane *= plane.dtype.type(step)
             plane += now
-            np.maximum(plane, now * plane.dtype.type(LEAST_LEFT), out=plane)
+            np.maximum(plane, now * plane.dtype.type(SMALLEST_FACTOR), out=plane)
 
     for_each_chunk(some, len(ahead), plane_threads(len(ahead), ahead[0].nbytes))
     return ahead, step
@@ -336,7 +336,7 @@ def iter_em(
             residual=fit.residual,
             likelihood=fit.likelihood,
             change=change,
-            left_out=(fit.left_out, fit.left_out_error),
+            held_out=(fit.held_out, fit.held_out_error),
         )
         history.append(without_state(record))  # the history would else hold a volume per iteration
         yield record
@@ -442,13 +442,13 @@ def _iterate(
     Where a stretched update has lowered the likelihood, the pass begins between ``previous``, the volume before that
     update, and ``volume``: where the likelihood is highest.
     """
-    square, likelihood, foretold, error, norm = 0.0, 0.0, 0.0, 0.0, float(np.linalg.norm(data.weighted(data.image)))
+    square, likelihood, held_out, error, norm = 0.0, 0.0, 0.0, 0.0, float(np.linalg.norm(data.weighted(data.image)))
     start, turned_back = volume, False
     for part in parts:
         model, floor, fit = _compared(part, volume, data)
         likelihood += fit.likelihood
-        foretold += fit.left_out
-        error += fit.left_out_error**2
+        held_out += fit.held_out
+        error += fit.held_out_error**2
         # subsets are disjoint: their squares add up to that of the whole image, each at its own estimate.
         own = data.image if part.mask is None else data.image * part.mask
         square += (fit.residual * float(np.linalg.norm(data.weighted(own)))) ** 2
@@ -463,7 +463,7 @@ def _iterate(
     if options.smoothing is not None:
         volume = options.smoothing.apply(volume)
     residual = fit.residual if len(parts) == 1 else (square**0.5 / norm if norm > 0 else 0.0)
-    return _Pass(start, volume, GoodnessOfFit(residual, likelihood, foretold, error**0.5), turned_back)
+    return _Pass(start, volume, GoodnessOfFit(residual, likelihood, held_out, error**0.5), turned_back)
 
 
 def _compared(part: _Part, volume: NDArray[Any], data: Measurement) -> tuple[NDArray[Any], float, GoodnessOfFit]:

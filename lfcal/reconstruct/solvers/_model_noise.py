@@ -68,7 +68,7 @@ class ModelNoise:
         noise = P.noise
         if noise is None:
             return None
-        return cls(P, sieve, noise, 1.0 if run.noise is None else run.noise[0], run.left_out is None)
+        return cls(P, sieve, noise, 1.0 if run.noise is None else run.noise[0], run.held_out is None)
 
     def variance(self, volume: NDArray[Any]) -> NDArray[Any]:
         """Return the variance ``(Y, X)`` that the noise of H gives to the image of ``volume`` ``(nz, Y, X)``."""

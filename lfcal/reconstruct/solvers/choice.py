@@ -14,10 +14,10 @@ from lfcal.base import MAX_SAMPLE, InputError, Registry, check_choice, check_num
 from lfcal.reconstruct.margin import cropped, widened, widened_start
 from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.resample import drift_note
-from lfcal.reconstruct.solvers.measurement import check_counts, foretold
+from lfcal.reconstruct.solvers.measurement import check_counts, held_out_fit
 from lfcal.reconstruct.solvers.records import Reconstruction, SolverProgress, SolverState, SolverWork
 from lfcal.reconstruct.solvers.solver import Solver, SolverRun
-from lfcal.reconstruct.solvers.stopping import GOALS, STOPS, iter_until_best, iter_until_noise, left_out_pixels, misfit
+from lfcal.reconstruct.solvers.stopping import GOALS, STOPS, held_out_pixels, iter_until_best, iter_until_noise, misfit
 
 __all__ = ["SOLVERS", "SolverChoice", "find_solvers", "iter_reconstruct", "iter_solve", "reconstruct"]
 
@@ -304,8 +304,8 @@ def iter_solve(
 
 def _iter_auto(P: Projector, image: ArrayLike, run: SolverRun, solver: Solver, goal: str) -> SolverWork:
     """Return a run that stops by pixels it leaves out."""
-    held_out = replace(run, left_out=left_out_pixels(P.image_shape))
-    if "left_out" in solver.honours:
+    held_out = replace(run, held_out=held_out_pixels(P.image_shape))
+    if "held_out" in solver.honours:
         found = held_out.measure(P, image)
         work = solver.iterate(P, image, replace(held_out, measured=found))
         return iter_until_best(work, found.notes, settles=solver.settles, goal=goal)
@@ -314,7 +314,9 @@ def _iter_auto(P: Projector, image: ArrayLike, run: SolverRun, solver: Solver, g
     held = np.zeros(P.image_shape) if data.held is None else data.held
 
     def score(state: SolverState) -> tuple[float, float]:
-        return foretold(np.square(P.forward(state.volume) + data.background - data.image, dtype=np.float64) / 2, held)
+        return held_out_fit(
+            np.square(P.forward(state.volume) + data.background - data.image, dtype=np.float64) / 2, held
+        )
 
     work = solver.iterate(P, image, replace(run, weights=data.ones()))
     return iter_until_best(work, data.notes, score, settles=solver.settles, goal=goal)

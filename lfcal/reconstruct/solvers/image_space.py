@@ -63,7 +63,7 @@ SOLVER = Solver(
     "isra",
     "least squares without negative values (ISRA)",
     partial(iter_run, options=EmOptions("isra")),
-    COMMON | {"initial", "left_out"},
+    COMMON | {"initial", "held_out"},
     rank=90,
     volumes=(4, 4),
 )

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from lfcal.base import MAX_SAMPLE, InputError, check_number, format_count, in_order
 
-__all__ = ["GoodnessOfFit", "Measurement", "NothingMeasured", "check_counts", "foretold", "no_light"]
+__all__ = ["GoodnessOfFit", "Measurement", "NothingMeasured", "check_counts", "held_out_fit", "no_light"]
 
 
 BAND = 1 << 17
@@ -49,8 +49,8 @@ class GoodnessOfFit:
 
     residual: float
     likelihood: float
-    left_out: float = float("nan")
-    left_out_error: float = float("nan")
+    held_out: float = float("nan")
+    held_out_error: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ class Measurement:
         background: ArrayLike = 0.0,
         read_noise: float = 0.0,
         signed: bool = False,
-        left_out: ArrayLike | None = None,
+        held_out: ArrayLike | None = None,
     ) -> Measurement:
         """Return the measurement of ``image``.
 
@@ -109,8 +109,8 @@ class Measurement:
             approximation of Snyder et al. 1995.
         signed
             Keep negative values (least squares); else they count as zero, and a note says how many.
-        left_out
-            Mask ``(Y, X)`` of pixels that get weight 0 and tell how well what was fitted to the others foretells them.
+        held_out
+            Mask ``(Y, X)`` of pixels that get weight 0; the fit to the others is judged by its prediction of them.
 
         Raises
         ------
@@ -139,7 +139,7 @@ class Measurement:
         if bad.any():
             trust = np.where(bad, 0, 1 if trust is None else trust).astype(dtype)
             data[bad] = 0
-        _check_told(data, counted & ~bad, notes)
+        _check_light(data, counted & ~bad, notes)
         if read_noise > 0:
             data += np.asarray(read_noise**2, dtype)
             floor = floor + np.asarray(read_noise**2, dtype)
@@ -149,8 +149,8 @@ class Measurement:
             notes.append(f"{below} negative pixels were taken as 0; a background or read noise would keep them")
             np.maximum(data, 0, out=data)
         held = None
-        if left_out is not None:
-            mask = _fitting("pixels left out", left_out, data.shape, dtype)
+        if held_out is not None:
+            mask = _fitting("pixels left out", held_out, data.shape, dtype)
             held = mask if trust is None else mask * trust
             trust = (1 - mask) if trust is None else (1 - mask) * trust
         return cls(data, trust, floor, tuple(notes), held)
@@ -179,7 +179,7 @@ class Measurement:
         if self.held is None:
             return GoodnessOfFit(residual, -deviance)
         terms, weights = (np.concatenate([one[k] for one in found]) for k in (3, 4))
-        return GoodnessOfFit(residual, -deviance, *foretold(terms, weights))
+        return GoodnessOfFit(residual, -deviance, *held_out_fit(terms, weights))
 
     def _band(
         self, model: NDArray[Any], mask: NDArray[Any] | None, least: float, band: slice
@@ -212,12 +212,12 @@ class Measurement:
         return square, miss, total(terms), terms[chosen], held[chosen].astype(np.float64)
 
 
-def foretold(terms: NDArray[np.float64], held: NDArray[Any]) -> tuple[float, float]:
-    """Return how well left-out pixels are foretold, and the standard deviation that noise alone gives to that.
+def held_out_fit(terms: NDArray[np.float64], held: NDArray[Any]) -> tuple[float, float]:
+    """Return how well held-out pixels are predicted, and the standard deviation of this score by noise alone.
 
-    ``terms`` are half the deviance of each pixel, ``held`` the weights of those that are left out. Where the
-    model is right terms are spread as half of chi squared, whatever the gain: its median tells the scale, and what the
-    model lacks in few pixels does not count as noise.
+    ``terms`` are half the deviance of each pixel, ``held`` the weights of those that are held out. Where the model is
+    right, terms are distributed as half of chi squared, whatever the gain: the median gives the scale, and errors of
+    the model in few pixels do not count as noise.
     """
     chosen = held > 0
     weights, values = held[chosen].astype(np.float64), terms[chosen]
@@ -225,7 +225,7 @@ def foretold(terms: NDArray[np.float64], held: NDArray[Any]) -> tuple[float, flo
     return -float((weights * values).sum()), scale * float(np.sqrt((weights**2).sum() / 2))
 
 
-def _check_told(data: NDArray[Any], counted: NDArray[np.bool_], notes: list[str]) -> None:
+def _check_light(data: NDArray[Any], counted: NDArray[np.bool_], notes: list[str]) -> None:
     """Raise `NothingMeasured` unless a pixel that is ``counted`` has light; ``notes`` say what became of the others."""
     brightest = float(np.max(data, where=counted, initial=0))
     largest = max(brightest, -float(np.min(data, where=counted, initial=0)))

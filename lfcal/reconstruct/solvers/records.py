@@ -73,11 +73,10 @@ class SolverProgress(Progress):
         Poisson log-likelihood of that estimate less its largest possible value (0: a perfect fit).
     change
         Norm of the change of the volume over the norm of the volume.
-    left_out
-        Poisson log-likelihood of the pixels left out to judge the fit by, less its largest possible value; NaN where
-        none are.
-    left_out_error
-        Standard deviation that the noise of these pixels gives to it.
+    held_out
+        Poisson log-likelihood of the held-out pixels, less its largest possible value; NaN where there are none.
+    held_out_error
+        Standard deviation of this score by the noise of these pixels.
     state
         The state after the iteration; None in the history a solver returns.
 
@@ -97,8 +96,8 @@ class SolverProgress(Progress):
     residual: float = float("nan")
     likelihood: float = float("nan")
     change: float = float("nan")
-    left_out: float = float("nan")
-    left_out_error: float = float("nan")
+    held_out: float = float("nan")
+    held_out_error: float = float("nan")
     state: SolverState | None = field(default=None, repr=False, compare=False)
 
 
@@ -153,7 +152,7 @@ def progress_of(
     residual: float,
     likelihood: float,
     change: float,
-    left_out: tuple[float, float] = (float("nan"), float("nan")),
+    held_out: tuple[float, float] = (float("nan"), float("nan")),
 ) -> SolverProgress:
     """Return the record of the iteration that ended in ``state``; ``total`` iterations are planned."""
     return SolverProgress(
@@ -166,8 +165,8 @@ def progress_of(
         residual=residual,
         likelihood=likelihood,
         change=change,
-        left_out=left_out[0],
-        left_out_error=left_out[1],
+        held_out=held_out[0],
+        held_out_error=held_out[1],
         state=state,
     )
 

@@ -20,7 +20,7 @@ Q = ParamSpec("Q")
 S = TypeVar("S")
 
 Solving = Callable[[Projector, ArrayLike, S], SolverWork]
-Called = Callable[Concatenate[Projector, ArrayLike, Q], SolverWork]
+SolverFunction = Callable[Concatenate[Projector, ArrayLike, Q], SolverWork]
 
 OPTIONS: dict[str, Any] = {
     "background": 0.0,
@@ -32,14 +32,14 @@ OPTIONS: dict[str, Any] = {
     "weights": None,
     "initial": None,
     "resume": None,
-    "left_out": None,
+    "held_out": None,
 }
 """Options a solver may honour, with the value each has where it is not given."""
 
 COMMON = frozenset({"background", "saturation", "tolerance", "weights", "resume"})
 """Options that every solver of lfcal honours."""
 
-EM = COMMON | {"read_noise", "initial", "left_out"}
+EM = COMMON | {"read_noise", "initial", "held_out"}
 """Options of every variant of Richardson-Lucy."""
 
 
@@ -73,7 +73,7 @@ class SolverSettings:
         image: ArrayLike,
         *,
         read_noise: float = 0.0,
-        left_out: ArrayLike | None = None,
+        held_out: ArrayLike | None = None,
         signed: bool = False,
     ) -> Measurement:
         """Return ``image`` ``(Y, X)`` with its weights and background; the rest is as for `Measurement.of`."""
@@ -84,22 +84,22 @@ class SolverSettings:
             saturation=self.saturation,
             background=self.background,
             read_noise=read_noise,
-            left_out=left_out,
+            held_out=held_out,
             signed=signed,
         )
 
 
-def with_settings(settings: Callable[Q, S]) -> Callable[[Solving[S]], Called[Q]]:
+def with_settings(settings: Callable[Q, S]) -> Callable[[Solving[S]], SolverFunction[Q]]:
     """Let a solver take the fields of its settings as arguments, so that they are listed once, in their class."""
 
-    def taken(solver: Solving[S]) -> Called[Q]:
+    def taken(solver: Solving[S]) -> SolverFunction[Q]:
         def iterate(P: Projector, image: ArrayLike, *args: Q.args, **kwargs: Q.kwargs) -> SolverWork:
             return solver(P, image, settings(*args, **kwargs))
 
         own = signature(solver)
         first = list(own.parameters.values())[:2]
         whole = own.replace(parameters=[*first, *signature(settings).parameters.values()])
-        made: Called[Q] = in_place_of(solver, iterate, whole)
+        made: SolverFunction[Q] = in_place_of(solver, iterate, whole)
         return made
 
     return taken
@@ -117,8 +117,8 @@ class SolverRun(SolverSettings):
         As in `SolverChoice`.
     initial
         Start ``(nz, Y, X)``.
-    left_out
-        Mask ``(Y, X)`` of pixels that are not fitted; `SolverProgress.left_out` tells how well they are foretold.
+    held_out
+        Mask ``(Y, X)`` of pixels that are not fitted; `SolverProgress.held_out` is how well they are predicted.
     measured
         What `measure` returns where it is known already.
     noise
@@ -141,7 +141,7 @@ class SolverRun(SolverSettings):
     strength: float | None = None
     subsets: int | None = None
     initial: ArrayLike | None = None
-    left_out: ArrayLike | None = None
+    held_out: ArrayLike | None = None
     measured: Measurement | None = field(default=None, repr=False, compare=False)
     noise: tuple[float, float] | None = None
 
@@ -149,7 +149,7 @@ class SolverRun(SolverSettings):
         """Return ``image`` ``(Y, X)`` with its weights, background and noise; ``signed``: negative pixels stay."""
         if self.measured is not None and not signed:
             return self.measured
-        return self.measurement(P, image, read_noise=self.read_noise, left_out=self.left_out, signed=signed)
+        return self.measurement(P, image, read_noise=self.read_noise, held_out=self.held_out, signed=signed)
 
 
 def _one(subsets: int | None) -> int:

@@ -34,7 +34,7 @@ from lfcal.reconstruct.solvers.records import (
     without_state,
 )
 
-__all__ = ["GOALS", "MOST_ITERATIONS", "STOPS", "iter_until_best", "iter_until_noise", "left_out_pixels", "misfit"]
+__all__ = ["GOALS", "MOST_ITERATIONS", "STOPS", "held_out_pixels", "iter_until_best", "iter_until_noise", "misfit"]
 
 MOST_ITERATIONS = 100
 """Iterations of a run that stops by itself, where nothing else is said."""
@@ -57,8 +57,8 @@ PATIENCE = 3
 Score = Callable[[SolverState], tuple[float, float]]
 
 
-def left_out_pixels(shape: tuple[int, int], seed: int = 0) -> NDArray[np.bool_]:
-    """Return a mask ``(Y, X)`` of the pixels that judge a fit: some by chance, the same each time."""
+def held_out_pixels(shape: tuple[int, int], seed: int = 0) -> NDArray[np.bool_]:
+    """Return a mask ``(Y, X)`` of the held-out pixels: a random choice, the same each time."""
     return np.random.default_rng(seed).random(shape) < SHARE
 
 
@@ -134,7 +134,7 @@ def iter_until_best(
             history.append(without_state(record))
             yield record
             if score is None:
-                estimate, found = before, (record.left_out, record.left_out_error)
+                estimate, found = before, (record.held_out, record.held_out_error)
             else:
                 estimate, found = record.state, score(_state_of(record))
             before = record.state

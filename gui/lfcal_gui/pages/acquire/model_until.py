@@ -75,7 +75,7 @@ def error_curve(steps: Sequence[AdaptiveStep], goal: Goal) -> ErrorCurve:
     """Return what to draw of the fits that are done."""
     aside, below, above = [], [], []
     for step in steps:
-        left = step.left_out
+        left = step.held_out_error
         aside.append(100 * (left.value if left.known else left.limit))
         below.append(200 * left.sigma if left.known else math.nan)
         above.append(200 * left.sigma if left.known else 0.0)
