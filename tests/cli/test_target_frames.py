@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import pytest
 
+from lfcal.targets import TargetPlan
 from tests.campaign.points import frames_of_drawn, plan_of
 from tests.cli.conftest import Run
 
@@ -78,3 +80,17 @@ def test_frames_that_do_not_belong_to_the_plan_are_refused(lfcal: Lfcal, recorde
     for command in ("assemble", "fit"):
         run = lfcal(command, recorded / "frames", "--plan", other, "-o", tmp_path / "out")
         assert run.code == 2 and "3 by its plan" in run.err and "Traceback" not in run.err
+
+
+def test_a_fit_begins_with_the_camera_that_is_named(
+    lfcal: Lfcal, recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    camera = plan_of([(0.0, 0.0)]).scan.camera
+    other = replace(camera, lattice=replace(camera.lattice, gap_um=camera.lattice.gap_um + 1))
+    (tmp_path / "other.json").write_text(other.to_json())
+    begun: list[TargetPlan] = []
+    monkeypatch.setattr("lfcal.cli._fit_target.fit_target", lambda _, plan, *__, **___: begun.append(plan))
+    for options in ((), ("--camera", tmp_path / "other.json")):
+        run = lfcal("fit", recorded / "frames", *options, "-o", tmp_path / "out")
+        assert run.code == 0, run.err
+    assert [plan.scan.camera for plan in begun] == [camera, other]
