@@ -2,7 +2,7 @@
 
 A part of the field is computed with the optics of its middle: derivatives by all unknowns need one set of tables a
 part. What a point's pattern has beside that hardly changes while the unknowns move, so it is computed now and then
-and held in between (`Measured.beside`): at the end it is that of the camera as found.
+and held in between (`Measured.extra_light`): at the end it is that of the camera as found.
 
 The diameter of the holes is an unknown that all points share. The fit is written as a camera with its effects, H of
 regions of the field, and the numbers.
@@ -158,7 +158,7 @@ def iter_with_point_light(
     """
     measured = problem.measured
     assert isinstance(measured, Regional)  # points are those of parts of the field
-    plain = replace(measured, beside=None)
+    plain = replace(measured, extra_light=None)
     setup, offsets = problem.vector.setup_at(u), offsets_px + measured.places_px
     holes = _Holes.of(setup, own)
     light = np.zeros(measured.patterns.shape, np.float32)
@@ -186,7 +186,7 @@ def iter_with_point_light(
             for_each_chunk(lambda a, b, at=first: some(at + a, at + b), last - first, problem.workers)  # type: ignore[misc]
             yield clock.at(last)
     base = problem.with_measured(plain).model(u, offsets_px, sampling).reshape(light.shape)
-    return problem.with_measured(replace(measured, beside=light - base, blur=blur, blurred_um=holes.um))
+    return problem.with_measured(replace(measured, extra_light=light - base, blur=blur, blurred_um=holes.um))
 
 
 def _at_depth(setup: Setup, farther_um: float) -> Setup:
@@ -482,7 +482,7 @@ def _with_light_as_found(finished: Finished, own: PointOptics) -> Work[Finished]
     which = problem.vector.of_groups(groups).tolist()
     known = columns if columns.shared[which].any((1, 2)).all() else None
     point, found = yield from descend(problem, point, which, "settled", most=2, columns=known, enough=1e-4)
-    columns = found.beside(columns, which)
+    columns = found.with_others(columns, which)
     return problem, nuisance_steps(problem, point, columns, problem.measured.held_out), groups, columns, outliers
 
 

@@ -42,16 +42,16 @@ WIDER, WIDER_UNASKED = 8.0, 3.0
 of what was not asked for."""
 
 WIDENING_COUNTED = 1.2
-"""How many times larger it would be, for what is held to count in it."""
+"""How many times larger it would be, for what is fixed to count in it."""
 
 MOST_NAMED = 3
 """Parameters that are named of what one unknown would change."""
 
 LARGEST_SIGMA = 10.0
-"""Standard deviation, in scales, from which on what is held is not told at all: it is named and no more."""
+"""Standard deviation, in scales, above which a fixed unknown is not determined at all: it is named and no more."""
 
 FEWEST, MOST_SAMPLED = 3, 8
-"""Patterns by which unknowns that nobody asked for are held against those that were found: a quarter of all, within."""
+"""Fewest and most patterns that unknowns which were not asked for are compared by: a quarter of all, within these."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +83,8 @@ class Degeneracies:
     def variances(self, own: F8, grown: float = 1.0) -> F8:
         """Return the variances of the unknowns whose ``own`` covariance ``(k, k)`` is that with all else held.
 
-        Of an unknown h that is held at 0 and told as d ± s, the mean square is d² + s². Noise is ``grown`` times as
-        large as stated.
+        Of an unknown h that is fixed at 0 and estimated as d ± s, the mean square is d² + s². Noise is ``grown``
+        times as large as stated.
         """
         found: F8 = np.maximum(grown**2 * np.diag(own + self.spread) + np.square(self.shift), 0.0)
         return found
@@ -182,16 +182,16 @@ def degeneracies(
     spread = np.linalg.pinv(inner / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size)
     sigmas = np.sqrt(np.maximum(np.diag(spread), 1e-300))
     found: list[tuple[float, str]] = []
-    told: list[int] = []
+    counted: list[int] = []
     for k in held.tolist():
-        # by how much each parameter moves for a step of it, and how well it is told beside them
+        # by how much each parameter moves for a step of it, and how well it is determined besides them
         moves = spread @ data[which, k]
         left = float(data[k, k] - data[k, which] @ moves)
         if left <= 1e-9 * data[k, k]:
             left = 1e-9 * float(data[k, k])
         wider = np.sqrt(1.0 + np.square(moves / sigmas) / left)
         if (wider.max() > WIDENING_COUNTED or unknowns[k].group in assumed) and left > LARGEST_SIGMA**-2:
-            told.append(k)
+            counted.append(k)
         order = [int(j) for j in np.argsort(-wider) if wider[j] > named][:MOST_NAMED]
         if not order:
             continue
@@ -204,7 +204,7 @@ def degeneracies(
         value = f"{own.value(float(u[k])):.6g} {own.unit}".rstrip()
         found.append((float(wider[order[0]]), f"{own.name}, held at {value}, with {', '.join(parts)}"))
     words = tuple(words for _, words in sorted(found, reverse=True))
-    return Degeneracies(words, *_allowed(which, np.array(told, np.intp), data, slope, spread), tuple(told))
+    return Degeneracies(words, *_allowed(which, np.array(counted, np.intp), data, slope, spread), tuple(counted))
 
 
 def _allowed(which: NDArray[np.intp], held: NDArray[np.intp], data: F8, slope: F8, spread: F8) -> tuple[F8, F8]:
@@ -212,9 +212,9 @@ def _allowed(which: NDArray[np.intp], held: NDArray[np.intp], data: F8, slope: F
     if not len(held):
         return np.zeros_like(spread), np.zeros(len(which))
     moves = spread @ data[np.ix_(which, held)]
-    told = data[np.ix_(held, held)] - data[np.ix_(held, which)] @ moves
-    size = np.sqrt(np.maximum(np.diag(told), 1e-300))
-    errors = np.linalg.pinv(told / np.outer(size, size), rcond=1e-9, hermitian=True) / np.outer(size, size)
+    precision = data[np.ix_(held, held)] - data[np.ix_(held, which)] @ moves
+    size = np.sqrt(np.maximum(np.diag(precision), 1e-300))
+    errors = np.linalg.pinv(precision / np.outer(size, size), rcond=1e-9, hermitian=True) / np.outer(size, size)
     off = errors @ (slope[held] - moves.T @ slope[which])
     # those found go back by what they took of it
     return moves @ errors @ moves.T, -moves @ off
@@ -223,7 +223,7 @@ def _allowed(which: NDArray[np.intp], held: NDArray[np.intp], data: F8, slope: F
 # -- the numbers -------------------------------------------------------------------------------------------------------
 
 UNIDENTIFIED_SIGMA = 1.0
-"""Standard deviation, in scales of the unknowns, from which on a combination is not told: less would not show."""
+"""Standard deviation, in scales of the unknowns, above which a combination is not identified."""
 
 LEAST_COMPONENT = 0.3
 """Share of a combination from which on an unknown is named."""
@@ -254,11 +254,11 @@ def summarised(
     groups: Sequence[str],
     tried: Sequence[str],
     outliers: tuple[Outlier, ...],
-    beside: Degeneracies | None = None,
+    untried: Degeneracies | None = None,
 ) -> tuple[Fit, ...]:
     """Return the fit at a point, as it is in each region of the field, with the last derivatives that were computed.
 
-    ``beside`` is what else, that was not tried, may have changed in the place of what was found.
+    ``untried`` is what else, that was not tried, may have changed in the place of what was found.
     """
     vector = problem.vector
     which = vector.of_groups(groups)
@@ -269,8 +269,8 @@ def summarised(
     grown = math.sqrt(max(1.0, chi2.lit)) if not chi2.complete else 1.0
     alone = grown * np.sqrt(np.maximum(np.diag(spread)[: len(which)], 0.0))
     held = degeneracies_of(problem, point, columns, which)
-    if beside is not None:
-        held = held.with_others(beside)
+    if untried is not None:
+        held = held.with_others(untried)
     sigmas = np.sqrt(held.variances(spread[: len(which), : len(which)], grown))
     parameters = {
         one.name: Parameter(

@@ -129,10 +129,10 @@ def outliers_of(problem: Problem, point: Point) -> tuple[NDArray[np.bool_], tupl
 
 
 ROUNDS = 4
-"""How often groups are looked for."""
+"""Rounds in which groups are selected."""
 
-FAR = 0.1
-"""Share of the left-out patterns' misfit that a group must take away in the first of them."""
+LEAST_GAIN = 0.1
+"""Share of the held-out patterns' misfit that a group must remove in the first round."""
 
 Finished = tuple[Problem, Point, tuple[str, ...], Columns, tuple[Outlier, ...]]
 
@@ -237,10 +237,10 @@ def iter_summarised(
     candidates: Sequence[str],
 ) -> Work[tuple[Fit, ...]]:
     """Return the fit of what `iter_retrieved` found, as it is in each region; ``candidates`` are the groups tried."""
-    beside: Degeneracies | None = None
+    untried: Degeneracies | None = None
     if not candidates:
-        beside = yield from iter_degeneracies(problem, point, columns, groups)
-    return summarised(problem, point, columns, groups=groups, tried=candidates, outliers=outliers, beside=beside)
+        untried = yield from iter_degeneracies(problem, point, columns, groups)
+    return summarised(problem, point, columns, groups=groups, tried=candidates, outliers=outliers, untried=untried)
 
 
 def iter_retrieved(
@@ -329,7 +329,7 @@ def _approached(
             every = vector.of_groups([*groups, *tried]).tolist()
             displaced = point.local.stage_px > 0
             columns = yield from problem.columns(point, every, f"groups, round {turn + 1}", displaced=displaced)
-            groups = choose(problem, point, columns, groups, tried, least=0.0 if turn else FAR)
+            groups = choose(problem, point, columns, groups, tried, least=0.0 if turn else LEAST_GAIN)
         if turn and groups == before:
             break
         which = vector.of_groups(groups).tolist()
@@ -380,7 +380,7 @@ def _finished(
         problem, point, which, "finest", most=3, columns=columns, enough=1e-4, record_round=record_round
     )
     # derivatives by what was tried are those of the round before
-    columns = found.beside(columns, which)
+    columns = found.with_others(columns, which)
     return problem, nuisance_steps(problem, point, columns, problem.measured.held_out), groups, columns, outliers
 
 

@@ -26,7 +26,7 @@ F8 = NDArray[np.float64]
 AT_ONCE = 200e6
 """Bytes of derivatives that are held at a time."""
 
-VAGUE = 10.0
+PRIOR_SIGMA = 10.0
 """Standard deviation in scales that every unknown has beforehand: before the first patterns nothing is infinite."""
 
 
@@ -141,7 +141,7 @@ def iter_information(
         sums.add(z, columns, point, gains[z], _noise(plan))
         yield clock.at(len(index) + done)
     precision, _ = vector.prior()
-    prior = np.diag(precision + VAGUE**-2)
+    prior = np.diag(precision + PRIOR_SIGMA**-2)
     return Information(index, vector.unknowns, matrices, sums.wanted, prior, sums.pattern_error)
 
 

@@ -46,14 +46,14 @@ class Measured:
         Which pixels ``(n, nt, ns)`` carry a measurement.
     held_out
         Which patterns ``(n,)`` are never fitted: they tell how good the fit is.
-    beside
+    extra_light
         Light ``(n, nt, ns)`` of unit gain that each pattern has beside what its plan's optics predict, held while the
         unknowns move: what is its own, and too dear for every derivative. None: none.
     blur
         Light ``(n, nt, ns)`` of unit gain that each pattern has more per µm² of the squared diameter of a target's
         holes (`lfcal.fit.setup.Setup.hole_um`). None: no such size is told.
     blurred_um
-        Diameter of the holes whose light ``beside`` holds (µm).
+        Diameter of the holes whose light ``extra_light`` holds (µm).
 
     Examples
     --------
@@ -72,7 +72,7 @@ class Measured:
     places_px: NDArray[np.float64]
     valid: NDArray[np.bool_]
     held_out: NDArray[np.bool_]
-    beside: NDArray[np.float32] | None = None
+    extra_light: NDArray[np.float32] | None = None
     blur: NDArray[np.float32] | None = None
     blurred_um: float = 0.0
 
@@ -87,7 +87,7 @@ class Measured:
             "valid": (n, *cutout),
             "held_out": (n,),
         }
-        wanted |= {name: (n, *cutout) for name in ("beside", "blur") if getattr(self, name) is not None}
+        wanted |= {name: (n, *cutout) for name in ("extra_light", "blur") if getattr(self, name) is not None}
         for name, shape in wanted.items():
             if getattr(self, name).shape != shape:
                 raise InputError.expected(
@@ -138,15 +138,15 @@ class Measured:
 
     def _some(self, keep: NDArray[np.bool_]) -> dict[str, Any]:
         """Return what belongs to single patterns, of those that are kept."""
-        own = [name for name in ("beside", "blur") if getattr(self, name) is not None]
+        own = [name for name in ("extra_light", "blur") if getattr(self, name) is not None]
         names = ["index", "patterns", "noise", "places_px", "valid", "held_out", *own]
         return {name: getattr(self, name)[keep] for name in names} | {"blurred_um": self.blurred_um}
 
     def more_light(self, hole_um: float | None) -> NDArray[np.float32] | None:
         """Return the light ``(n, nt, ns)`` beside what is computed, of holes of such a diameter (µm); None: none."""
-        if self.beside is None or self.blur is None or hole_um is None:
-            return self.beside
-        return self.beside + np.float32(hole_um**2 - self.blurred_um**2) * self.blur
+        if self.extra_light is None or self.blur is None or hole_um is None:
+            return self.extra_light
+        return self.extra_light + np.float32(hole_um**2 - self.blurred_um**2) * self.blur
 
 
 def measured_of(

@@ -31,7 +31,7 @@ class Columns:
     shared: F4
     displacements: F4 | None = None
 
-    def beside(self, others: Columns, which: Sequence[int]) -> Columns:
+    def with_others(self, others: Columns, which: Sequence[int]) -> Columns:
         """Return these derivatives by the unknowns ``which``, and by all other unknowns those of ``others``."""
         shared = others.shared.copy()
         shared[list(which)] = self.shared[list(which)]

@@ -36,10 +36,10 @@ __all__ = ["Filler", "StoredFit", "read_fit"]
 
 F4 = NDArray[np.float32]
 
-COMPARED = 8
+POSITIONS_COMPARED = 8
 """Recorded positions of a plane at which a fit is held against what is there."""
 
-FAR = 0.25
+LARGEST_DISTANCE = 0.25
 """Relative distance (L2, beyond noise) from which on recorded patterns are not those of the fit."""
 
 OTHER_LIGHT = 0.05
@@ -201,7 +201,9 @@ class Filler:
         if not len(there):
             return
         some = there[
-            spread_out(np.c_[np.zeros(len(there), np.intp), there], min(COMPARED, len(there)), self._plan.period)
+            spread_out(
+                np.c_[np.zeros(len(there), np.intp), there], min(POSITIONS_COMPARED, len(there)), self._plan.period
+            )
         ]
         light = self._fit.gains[z] * model.patterns(some, np.zeros((len(some), 2))).astype(np.float64)
         data = values[some[:, 0], some[:, 1]].astype(np.float64)
@@ -212,7 +214,7 @@ class Filler:
         if facts.noise is not None and np.isfinite(noise := facts.noise[some[:, 0], some[:, 1]]).all():
             left -= float((noise[:, 0, None, None] + noise[:, 1, None, None] * np.maximum(light, 0)).sum())
         far = math.sqrt(max(0.0, left) / float(np.square(data0).sum()))
-        if scale <= 0 or far > FAR:
+        if scale <= 0 or far > LARGEST_DISTANCE:
             raise InputError.expected(
                 f"{self._fit.folder}",
                 f"the fit of the camera that recorded plane {z}",

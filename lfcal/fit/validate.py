@@ -27,7 +27,7 @@ PART = 1 / 3
 WORSE = 1.5
 """How much larger the error at the edges must be."""
 
-SURE = 3.0
+SIGNIFICANCE = 3.0
 """Standard deviations by which it must be."""
 
 WIDE = 0.2
@@ -101,8 +101,10 @@ class Validation:
     def worse(self, *, periodic: bool) -> bool:
         """Return whether the error at the edges is clearly larger than in the middle."""
         inner, outer = self.error(self.middle, periodic=periodic), self.error(self.edges, periodic=periodic)
-        sure = outer.squared - inner.squared > SURE * math.hypot(outer.squared_sigma, inner.squared_sigma)
-        return self.wide and sure and outer.squared > WORSE**2 * max(0.0, inner.squared)
+        significant = outer.squared - inner.squared > SIGNIFICANCE * math.hypot(
+            outer.squared_sigma, inner.squared_sigma
+        )
+        return self.wide and significant and outer.squared > WORSE**2 * max(0.0, inner.squared)
 
     @property
     def verdict(self) -> str:

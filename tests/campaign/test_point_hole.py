@@ -107,7 +107,7 @@ def test_light_changes_with_the_square_of_the_diameter(view: FrameSource, points
     )
     away = np.linalg.norm(more[j] - (large - small)) / np.linalg.norm(large - small)
     assert away < 0.15
-    assert measured.more_light(None) is measured.beside
+    assert measured.more_light(None) is measured.extra_light
     assert np.array_equal(measured.of(np.arange(len(measured)) > 0).blur, measured.blur[1:])
 
 

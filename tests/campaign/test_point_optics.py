@@ -67,14 +67,14 @@ def test_what_points_have_to_themselves_is_held_while_the_unknowns_move(view: Fr
     measured = measured_points(view, points, (1, 2), most=4)
     beside = np.random.default_rng(0).normal(0, 1e-5, measured.patterns.shape).astype(np.float32)
     own = PointOptics.of(points, measured)
-    plain, held = problem_at(measured, own), problem_at(replace(measured, beside=beside), own)
+    plain, held = problem_at(measured, own), problem_at(replace(measured, extra_light=beside), own)
     still = np.zeros((len(measured), 2))
     for u in (np.zeros(len(plain.vector)), np.full(len(plain.vector), 0.3)):
         less = held.model(u, still, Fineness.coarse) - plain.model(u, still, Fineness.coarse)
         np.testing.assert_allclose(less, beside.reshape(less.shape), atol=1e-8)
     keep = np.arange(len(measured)) > 0
-    assert np.array_equal(held.measured.of(keep).beside, beside[keep])
-    assert np.array_equal(replace(measured, beside=beside).of_region(1).beside, beside[measured.region == 1])
+    assert np.array_equal(held.measured.of(keep).extra_light, beside[keep])
+    assert np.array_equal(replace(measured, extra_light=beside).of_region(1).extra_light, beside[measured.region == 1])
 
 
 def test_the_size_of_a_source_among_the_effects_is_that_of_the_holes(points: Points) -> None:

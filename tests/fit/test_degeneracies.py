@@ -89,7 +89,7 @@ def test_an_assumed_lens_law_counts_however_little_it_changes() -> None:
 
 def test_derivatives_of_a_round_keep_those_by_all_else() -> None:
     before = Columns(np.ones((3, 2, 4), np.float32))
-    now = Columns(np.full((3, 2, 4), 2.0, np.float32)).beside(before, [1])
+    now = Columns(np.full((3, 2, 4), 2.0, np.float32)).with_others(before, [1])
     assert now.shared[:, 0, 0].tolist() == [1.0, 2.0, 1.0]
 
 
@@ -135,7 +135,9 @@ def test_a_planes_distance_is_named_beside_the_depth_in_a_specimen() -> None:
     at = asked.point(np.zeros(len(asked.vector)), Local(np.zeros((4, 2))), Fineness.coarse)
     beside = drain(iter_degeneracies(asked, at, Columns(columns.shared[own]), asked_for))
     assert any(one.startswith("distance_um, held at 0 µm, with specimen_depth_um (± ") for one in beside.words)
-    (fit,) = summarised(asked, at, Columns(columns.shared[own]), groups=asked_for, tried=(), outliers=(), beside=beside)
+    (fit,) = summarised(
+        asked, at, Columns(columns.shared[own]), groups=asked_for, tried=(), outliers=(), untried=beside
+    )
     wide, sure = fit.parameters["specimen_depth_um"], fit.parameters["gap_um"]
     assert wide.sigma > 8 * wide.sigma_held and sure.sigma < 2 * sure.sigma_held
 

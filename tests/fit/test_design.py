@@ -20,7 +20,7 @@ from lfcal.fit import Fit, fit_camera
 from lfcal.fit.design import Chosen, PositionDesign, choose, draw_design, next_positions
 from lfcal.fit.earlier import Earlier, read_earlier
 from lfcal.fit.files import effects_text, fit_dict, json_text, measured_camera
-from lfcal.fit.information import VAGUE, Expected, Information, iter_information
+from lfcal.fit.information import PRIOR_SIGMA, Expected, Information, iter_information
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.parameters import Unknown
 from lfcal.fit.spread import spread_out
@@ -118,7 +118,7 @@ def test_what_patterns_tell_is_that_of_dense_least_squares() -> None:
     constant = sensor.read_noise_e**2 + 0.04 * sensor.dark_current_e_s + sensor.electrons_per_count**2 / 12
     columns = k + 4 + 3 * 6
     whole = np.zeros((columns, columns))
-    whole[:k, :k] = np.eye(k) / VAGUE**2
+    whole[:k, :k] = np.eye(k) / PRIOR_SIGMA**2
     for p, z in enumerate(index[:, 0]):
         jacobian = np.zeros((light.shape[1], columns))
         jacobian[:, :k] = gain[p] * by[:, p].T
