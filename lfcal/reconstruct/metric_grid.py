@@ -45,6 +45,15 @@ class MetricGrid:
     rows, columns
         For each plane the share of each of its rows that falls into each row of the grid ``(Y, y)``, and the same for
         columns.
+
+    Examples
+    --------
+    Voxels of the second plane are 10 % wider, and so is what it shows.
+
+    >>> from lfcal.reconstruct import MetricGrid
+    >>> grid = MetricGrid.of([(10.0, 10.0), (11.0, 11.0)], shape=(60, 80), axis=(29.5, 39.5))
+    >>> grid.voxel_um, grid.shape
+    (10.0, (66, 88))
     """
 
     voxel_um: float

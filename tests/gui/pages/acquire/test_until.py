@@ -58,7 +58,7 @@ def test_the_curve_has_values_and_limits_in_per_cent() -> None:
     curve = error_curve(steps, Goal(0.003, most=40))
     assert curve.positions == (6, 12) and curve.stated == pytest.approx((1.0, 0.4)) and curve.wanted == 0.3
     # a limit has no interval; a value has two standard deviations: 2 % ± 2 x 0.1 %
-    assert math.isnan(curve.below[0]) and curve.aside[0] == pytest.approx(100 * steps[0].left_out.limit)
+    assert math.isnan(curve.below[0]) and curve.aside[0] == pytest.approx(100 * steps[0].held_out_error.limit)
     assert (curve.aside[1], curve.below[1], curve.above[1]) == pytest.approx((2.0, 0.2, 0.2))
     assert curve.words == "12 positions: 0.4 % stated, 2 % at positions kept aside"
     assert error_curve([], Goal(0.003)).words == ""
