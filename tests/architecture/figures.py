@@ -6,7 +6,7 @@ import ast
 from collections import Counter, defaultdict
 
 from tests.architecture.sources import FILES, MODULES, PACKAGES, face_of, is_package, name_of, text_of, tree_of
-from tests.architecture.test_frame_way import files_entered, values_carried
+from tests.architecture.test_frame_way import files_entered, units_of_planes, values_carried
 from tests.architecture.test_house import package_of, past_the_face, sees, written
 
 __all__ = ["figures"]
@@ -33,7 +33,7 @@ def figures() -> dict[str, str]:
         "past the face": str(sum(len(past_the_face(path)) for path in FILES)),
         "names on faces": f"{public} public, {sum(map(len, faces.values())) - public} for other packages alone",
         "modules with one client, not private": f"{len(alone)}: {dict(Counter(alone.values()).most_common())}",
-        "units of planes": str([module for module in MODULES if module.endswith("_units")]),
+        "units of planes of H": str(units_of_planes()),
         "files entered by a frame on its way to H": counted(files_entered()),
         "values carried along": counted(values_carried()),
         "private modules": f"{sum(private(module) for module in MODULES)} of {len(MODULES)}",

@@ -1,4 +1,4 @@
-"""The files that one frame passes on its way from `iter_assemble_plan` to H, counted while it is assembled."""
+"""The one way to H: the files that a frame passes, what is carried along, and no other way beside it."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from lfcal.frames import ArraySource
 from lfcal.psf import AssemblySettings, iter_assemble_plan, make
 from lfcal.psf.assembly import AssembledPlanes
 from lfcal.psf.store import MatrixGroup
-from tests.architecture.sources import ROOT
+from tests.architecture.sources import MODULES, ROOT, text_of
 
-__all__ = ["files_entered", "values_carried"]
+__all__ = ["files_entered", "units_of_planes", "values_carried"]
 
 
 def files_entered() -> list[str]:
@@ -61,6 +61,16 @@ def files_entered() -> list[str]:
 def values_carried() -> list[str]:
     """Return what is handed on from `iter_assemble_plan` to what writes H."""
     return list(inspect.signature(make.iter_make).parameters)
+
+
+def units_of_planes() -> list[str]:
+    """Return the modules of units that write planes of H themselves: `lfcal.psf.make` does that for all sources."""
+    units = {module: path for module, path in MODULES.items() if module.endswith("_units")}
+    return [module for module, path in units.items() if "PSFWriter" in text_of(path)]
+
+
+def test_planes_of_h_are_made_in_units_in_one_place() -> None:
+    assert units_of_planes() == []
 
 
 def test_a_frame_passes_few_files_and_little_is_carried_along() -> None:
