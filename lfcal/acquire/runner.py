@@ -42,12 +42,12 @@ from lfcal.camera import ScanPlan
 from lfcal.devices import CameraError, Point, Rig, Roi, StageError, WrongFrame
 from lfcal.frames import Position
 
-__all__ = ["Known", "Observer", "Outcome", "Runner", "known_around"]
+__all__ = ["Observer", "Outcome", "RecordedNeighbour", "Runner", "recorded_neighbours"]
 
 ENOUGH = 512
 
 
-class Known(NamedTuple):
+class RecordedNeighbour(NamedTuple):
     """A position that was recorded: its frame ``(rows, columns)``, saturated pixels, and exposure (s)."""
 
     position: Position
@@ -56,7 +56,7 @@ class Known(NamedTuple):
     exposure_s: float
 
 
-def known_around(folder: Path, todo: NDArray[np.bool_]) -> list[Known]:
+def recorded_neighbours(folder: Path, todo: NDArray[np.bool_]) -> list[RecordedNeighbour]:
     """Return the trusted frames next to the positions of ``todo`` ``(nz, ny, nx)``, some hundreds at most.
 
     Frames that cannot be read are left out: there is less to compare with, and nothing else.
@@ -65,7 +65,7 @@ def known_around(folder: Path, todo: NDArray[np.bool_]) -> list[Known]:
     for axis in (1, 2):
         for step in (-1, 1):
             near |= np.roll(near, step, axis)
-    known: list[Known] = []
+    known: list[RecordedNeighbour] = []
     with suppress(LfcalError), RecordingSource(folder, skip_damaged=True) as source:
         suspect = {position for position, _ in source.suspects()}
         for k in range(len(source)):
@@ -74,7 +74,7 @@ def known_around(folder: Path, todo: NDArray[np.bool_]) -> list[Known]:
                 with suppress(LfcalError):
                     record = source.record(k)
                     exposure, saturated = float(record["exposure_s"]), int(record["saturated"])
-                    known.append(Known(info.position, source.read(k), saturated, exposure))
+                    known.append(RecordedNeighbour(info.position, source.read(k), saturated, exposure))
             if len(known) == ENOUGH:
                 break
     return known
@@ -388,7 +388,7 @@ class Runner:
         trouble: Callable[[], str] = lambda: "",
         elapsed_s: float = 0.0,
         recorded: Mapping[int, Position] | None = None,
-        known: Sequence[Known] = (),
+        known: Sequence[RecordedNeighbour] = (),
         whole_frames: bool = False,
     ) -> None:
         self._rig, self._plan, self._options, self._schedule = rig, plan, options, schedule

@@ -31,7 +31,7 @@ from lfcal.acquire.recording import (
     iter_verify,
     recording_bytes,
 )
-from lfcal.acquire.runner import Known, Observer, Outcome, Runner, known_around
+from lfcal.acquire.runner import Observer, Outcome, RecordedNeighbour, Runner, recorded_neighbours
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session_file import Devices, Run, SessionFile, frame_dtype
 from lfcal.acquire.setup import iter_stage_check
@@ -455,13 +455,13 @@ def _note(folder: Path, file: SessionFile, how: str, done: int, seconds: float, 
     return file
 
 
-def _known(folder: Path, file: SessionFile, schedule: Schedule, todo: NDArray[np.bool_]) -> list[Known]:
+def _known(folder: Path, file: SessionFile, schedule: Schedule, todo: NDArray[np.bool_]) -> list[RecordedNeighbour]:
     """Return frames of earlier runs around the positions that are still to do; whole frames have no neighbours."""
     if file.target is not None:
         return []
     positions = np.zeros(file.positions, np.bool_)
     positions[schedule.flat[todo & (schedule.kinds == Kind.POSITION)]] = True
-    return known_around(folder, positions.reshape(file.grid))
+    return recorded_neighbours(folder, positions.reshape(file.grid))
 
 
 def _now() -> str:

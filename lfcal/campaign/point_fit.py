@@ -104,8 +104,8 @@ class PointOptics:
     def of(cls, points: Points, measured: Regional) -> PointOptics:
         """Return what is known of ``measured`` points, which are made of ``points`` in any order."""
         scan, middles = points.plan.scan, np.zeros((len(measured), 2), np.intp)
-        for plan, own, _ in measured.parts():
-            middles[own] = np.floor(np.array(plan.anchor) + 0.5).astype(np.intp) + measured.index[own, 1:]
+        for plan, part, _ in measured.parts():
+            middles[part] = np.floor(np.array(plan.anchor) + 0.5).astype(np.intp) + measured.index[part, 1:]
         depths = np.array(scan.depths_um)
         farther = points.away_um - depths[points.z]
         known = {
@@ -139,7 +139,7 @@ def _plane(pixels: F8, values: F8, at: F8) -> F8:
 
 
 def iter_with_point_light(
-    problem: Problem, own: PointOptics, u: F8, offsets_px: F8, sampling: Sampling, note: str
+    problem: Problem, optics: PointOptics, u: F8, offsets_px: F8, sampling: Sampling, note: str
 ) -> Work[Problem]:
     """Return the problem with the light of each point's own optics at a vector; yields progress in points.
 
@@ -147,7 +147,7 @@ def iter_with_point_light(
     ----------
     problem
         Of points.
-    own
+    optics
         What each has to itself.
     u, offsets_px
         Where it is computed: the unknowns, and each point's displacement.
@@ -160,10 +160,10 @@ def iter_with_point_light(
     assert isinstance(measured, Regional)  # points are those of parts of the field
     plain = replace(measured, extra_light=None)
     setup, offsets = problem.vector.setup_at(u), offsets_px + measured.places_px
-    holes = _Holes.of(setup, own)
+    holes = _Holes.of(setup, optics)
     light = np.zeros(measured.patterns.shape, np.float32)
     blur = np.zeros_like(light) if holes.fitted else None
-    farther: F8 = own.farther_um + own.beyond(measured, setup)
+    farther: F8 = optics.farther_um + optics.beyond(measured, setup)
     places = [(plan, setup.of_region(k), setup.regions[k].farther_um, own_of) for plan, own_of, k in plain.parts()]
     tasks = [(plan, at, away, j) for plan, at, away, which in places for j in which.tolist()]
     clock = Clock(note, len(tasks))
@@ -206,9 +206,9 @@ class _Holes:
     fitted: bool
 
     @classmethod
-    def of(cls, setup: Setup, own: PointOptics) -> _Holes:
+    def of(cls, setup: Setup, optics: PointOptics) -> _Holes:
         if setup.hole_um is None:
-            return cls(own.hole_um, 0.0, fitted=False)
+            return cls(optics.hole_um, 0.0, fitted=False)
         least = setup.camera.step_um(0.0)
         # to the point source, which takes one run; a smaller hole hardly differs from that
         return cls(setup.hole_um, 0.0 if setup.hole_um > 0.5 * least else least, fitted=True)
@@ -242,12 +242,12 @@ def iter_hole_is_needed(finished: Finished) -> Work[bool]:
     never fitted.
     """
     problem, point, groups, columns, _ = finished
-    own = problem.vector.of_groups([HOLE]).tolist()
-    if not own or chi_square(point, problem.fitted, len(problem.vector.of_groups(groups))).complete:
+    hole = problem.vector.of_groups([HOLE]).tolist()
+    if not hole or chi_square(point, problem.fitted, len(problem.vector.of_groups(groups))).complete:
         return False
-    found = yield from problem.columns(point, own, "size of the holes", displaced=False)
+    found = yield from problem.columns(point, hole, "size of the holes", displaced=False)
     shared = columns.shared.copy()
-    shared[own] = found.shared[own]
+    shared[hole] = found.shared[hole]
     selection = GroupSelection(problem, point, Columns(shared, columns.displacements))
     gain, enough = gain_of(selection, groups, (HOLE,))
     beyond = max(0.0, selection.left(groups) - selection.samples)
@@ -389,11 +389,11 @@ def iter_fit_points(
     scan = points.plan.scan
     began = tuple(starting_effects(scan) if effects is None else effects)
     points, began = _with_hole(points, began)
-    own = PointOptics.of(points, measured)
+    optics = PointOptics.of(points, measured)
     hole = points.plan.target.hole_um
-    setup = Setup(scan.camera, began, (0.0,) * scan.shape[0], regions=own.regions, hole_um=hole)
+    setup = Setup(scan.camera, began, (0.0,) * scan.shape[0], regions=optics.regions, hole_um=hole)
     problem = problem_of(measured, setup, tuple(dict.fromkeys((*core, *candidates, HOLE))), workers)
-    problem, start = yield from _placed(problem, own, core, workers)
+    problem, start = yield from _placed(problem, optics, core, workers)
     local = Local(np.zeros((len(measured), 2)), DEVIATION_PX, BRIGHTNESS)
     finished = yield from iter_retrieved(problem, core, candidates, stage=stage, start=start, local=local)
     finished = yield from _settled(finished, points, asked=asked or bool(candidates))
@@ -422,7 +422,7 @@ def _with_hole(points: Points, effects: tuple[Effect, ...]) -> tuple[Points, tup
 
 
 def _placed(
-    problem: Problem, own: PointOptics, core: Sequence[str], workers: int | None
+    problem: Problem, optics: PointOptics, core: Sequence[str], workers: int | None
 ) -> Work[tuple[Problem, NDArray[np.float64]]]:
     """Return the problem with points where a first fit has them, and the vector it ended at.
 
@@ -432,7 +432,7 @@ def _placed(
     count = len(problem.measured)
     still = np.zeros((count, 2))
     begin = np.zeros(len(problem.vector))
-    problem = yield from iter_with_point_light(problem, own, begin, still, Fineness.coarse, "points as described")
+    problem = yield from iter_with_point_light(problem, optics, begin, still, Fineness.coarse, "points as described")
     point = problem.point(begin, Local(still, DEVIATION_PX, BRIGHTNESS), Fineness.coarse)
     which = problem.vector.of_groups(core).tolist()
     point, columns = yield from descend(problem, point, which, "places of the points", most=ROUNDS, enough=5e-3)
@@ -446,7 +446,7 @@ def _placed(
         noise=old.noise / np.c_[(1 + lamps[:, 0, 0]) ** 2, 1 + lamps[:, 0, 0]],
     )
     placed = Problem(measured, problem.vector, workers)
-    placed = yield from iter_with_point_light(placed, own, point.u, still, Fineness.coarse, "points where they are")
+    placed = yield from iter_with_point_light(placed, optics, point.u, still, Fineness.coarse, "points where they are")
     return placed, point.u
 
 
@@ -456,27 +456,27 @@ def _settled(finished: Finished, points: Points, *, asked: bool) -> Work[Finishe
     Whether the size of the holes is among it was ``asked``; else the points may call for it.
     """
     assert isinstance(finished[0].measured, Regional)
-    own = PointOptics.of(points, finished[0].measured)
-    finished = yield from _with_light_as_found(finished, own)
+    optics = PointOptics.of(points, finished[0].measured)
+    finished = yield from _with_light_as_found(finished, optics)
     if HOLE in finished[2] and not hole_is_determined(finished):
-        return (yield from _with_light_as_found(without_hole(finished), own))
+        return (yield from _with_light_as_found(without_hole(finished), optics))
     if not asked and (yield from iter_hole_is_needed(finished)):
         problem, point, groups, columns, outliers = finished
-        finished = yield from _with_light_as_found((problem, point, (*groups, HOLE), columns, outliers), own)
+        finished = yield from _with_light_as_found((problem, point, (*groups, HOLE), columns, outliers), optics)
     # their light changes with the square of the diameter only nearly
     for _ in range(RESIZED):
         if not moved_far(finished):
             break
-        finished = yield from _with_light_as_found(finished, own)
+        finished = yield from _with_light_as_found(finished, optics)
     return finished
 
 
-def _with_light_as_found(finished: Finished, own: PointOptics) -> Work[Finished]:
+def _with_light_as_found(finished: Finished, optics: PointOptics) -> Work[Finished]:
     """Return the best point near another, with the light of each point's own optics computed there."""
     problem, point, groups, columns, outliers = finished
     local, lamps = point.local, point.levels.lamps
     problem = yield from iter_with_point_light(
-        problem, own, point.u, local.offsets_px, Fineness.fine, "points of the camera as found"
+        problem, optics, point.u, local.offsets_px, Fineness.fine, "points of the camera as found"
     )
     point = problem.point(point.u, local, Fineness.finest, lamps=lamps)
     which = problem.vector.of_groups(groups).tolist()
