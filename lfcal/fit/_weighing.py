@@ -16,7 +16,7 @@ __all__ = ["BEND", "PatternLevels", "Response", "Weighed", "levels_of", "weighed
 BEND = 4.0
 """Residual (sigmas) from which on it counts linearly, after Huber: noise alone hardly ever reaches it."""
 
-WILD = 25.0
+OUTLIER_SIGMAS = 25.0
 """Residual (sigmas) from which on a pixel among others is no measurement."""
 
 F4 = NDArray[np.float32]
@@ -108,10 +108,12 @@ class Weighed:
         return found
 
     @property
-    def wild(self) -> NDArray[np.bool_]:
+    def outlying(self) -> NDArray[np.bool_]:
         """Which pixels are no measurement: far off where the others of the pattern are not."""
         size = np.abs(self.residual)
-        found: NDArray[np.bool_] = size > np.maximum(WILD, 6 * np.sqrt(np.square(size).mean(1, keepdims=True)))
+        found: NDArray[np.bool_] = size > np.maximum(
+            OUTLIER_SIGMAS, 6 * np.sqrt(np.square(size).mean(1, keepdims=True))
+        )
         return found
 
     def of(self, keep: NDArray[np.bool_]) -> Weighed:

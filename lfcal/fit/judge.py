@@ -116,9 +116,9 @@ class ModelError:
 def chi_square(point: Point, keep: NDArray[np.bool_], unknowns: int) -> ChiSquare:
     """Return chi² of the patterns ``keep``, of which ``unknowns`` were found."""
     seen = point.seen.of(keep)
-    good = (seen.inverse > 0) & ~seen.wild
+    good = (seen.inverse > 0) & ~seen.outlying
     size = np.abs(seen.residual[good], dtype=np.float64)
-    # as the loss has it: single wild pixels are no model error
+    # as the loss has it: single outlying pixels are no model error
     loss = np.where(size <= 4.0, size * size, 4.0 * (2 * size - 4.0))
     weight = seen.bright[good].astype(np.float64)
     total = float(weight.sum())
@@ -184,7 +184,7 @@ def held_out_error(
     back = point.levels.backgrounds[planes, None]
     response = point.local.response
     noise = variance(part, light.astype(np.float32), doubtful=False, error=response.rms).astype(np.float64)
-    good = valid & ~point.seen.wild[aside]
+    good = valid & ~point.seen.outlying[aside]
     noise = np.where(good, noise, 0.0)
     own = np.where(good, light - _ideal(problem, point, columns, aside), 0.0)
     left = np.where(good, data - light - back, 0.0).astype(np.float64)

@@ -140,7 +140,7 @@ def response_of(problem: Problem, point: Point) -> Response:
     light = point.model * point.levels.factors(problem.planes)[:, None]
     back = point.levels.backgrounds[problem.planes, None]
     noise = variance(measured, light.astype(np.float32), doubtful=False, error=0.0).astype(np.float64)
-    good = valid & ~point.seen.wild
+    good = valid & ~point.seen.outlying
     # the best gain of a pixel by one pattern is r / m, of weight m² / v
     lacking = np.where(good, (data - light - back) * light / noise, 0.0)
     weight = np.where(good, np.square(light) / noise, 0.0)

@@ -122,7 +122,7 @@ def test_a_hot_pixel_is_no_fault_of_the_model() -> None:
     hot[:, 5, 7] += 5000
     spoilt = one.with_measured(replace(one.measured, patterns=hot))
     at = point(spoilt)
-    assert at.seen.wild.sum() == COUNT and chi_square(at, spoilt.fitted, 4).complete
+    assert at.seen.outlying.sum() == COUNT and chi_square(at, spoilt.fitted, 4).complete
     assert stated(spoilt, at).squared == pytest.approx(stated(one, point(one)).squared, abs=3e-4)
 
 
