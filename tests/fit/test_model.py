@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.staging import scene_for
+from tests.cli.test_fit_units import two_planes
 from tests.fit.common import setup_of, small_plan, some_index, vector_of
 from tests.simulate.common import difference
 
@@ -96,3 +98,13 @@ def test_the_light_beyond_the_shadow_is_all_there(depth: float, cutout: int, lea
     found = predict(setup, plan, at, np.zeros((1, 2)), Fineness.finest)[0]
     response = PlaneResponse(plan, 0, setup.effects, level="reference", sampling=Sampling(8.0 if depth == 0 else 12.0))
     assert difference(found, response.rows([3], [5])[0, 0]) < least
+
+
+def test_a_plane_made_alone_reports_its_own_rows() -> None:
+    fit = two_planes()
+    planes, ny = fit.planes(), fit.planned.period[0]
+    zeros = partial(np.zeros, planes.header.shape[1:], np.float32)
+    for alone, stage, first, total in ((True, "model plane 1", 0, ny), (False, "model", ny, 2 * ny)):
+        records = list(planes.iter_plane(1, zeros, 1, alone=alone))
+        assert [one.done for one in records] == list(range(first, first + ny + 1))
+        assert {(one.stage, one.total) for one in records} == {(stage, total)}

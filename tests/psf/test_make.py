@@ -198,3 +198,20 @@ def test_frames_are_assembled_in_units_where_it_is_said_which_they_are(tmp_path:
     how |= {"run": THREADS, "reopening": Reopening("", {"frames": "sevens"})}
     assemble(frames, (1, 2, 2), Cutout((5, 5), anchor=(7, 8)), tmp_path / "two.h5", **how).matrix.close()
     assert contents(tmp_path / "one.h5") == contents(tmp_path / "two.h5") and missing == [(1, 1)] * 2
+
+
+@pytest.mark.parametrize("run", [None, THREADS])
+def test_what_is_known_after_the_last_plane_is_kept(tmp_path: Path, run: RunChoice | None) -> None:
+    class Counting(Numbered):
+        def late_provenance(self) -> Mapping[str, Any]:
+            return {"planes made": len(self.memory)}
+
+    here = (0, 1, 2)
+    drain(iter_write(Counting(here=here), tmp_path / "H.h5", run=run))
+    drain(iter_write_regions({"a": (Counting(), Stored()), "b": (Counting(), Stored())}, tmp_path / "field.h5"))
+    found = [drain(iter_make(Counting())).provenance]
+    for path, region in (("H.h5", ""), ("field.h5", ""), ("field.h5", "b")):
+        with open_psf(tmp_path / path, region=region) as H:
+            found.append(H.provenance)
+    assert [one["planes made"] for one in found] == [3] * 4
+    assert all(one["simulated"]["by"] == "test" for one in found)
