@@ -189,7 +189,7 @@ def _ranked(inspection: Inspection) -> list[tuple[str, float | None]]:
     """Return what is named, the costliest first: findings, and metrics that nothing stands for."""
     from lfcal.judge.inspection import worst_first
 
-    found: list[tuple[float, str, float | None]] = [(-worst_first(f)[0], f.name, f.cost) for f in inspection.findings]
+    found: list[tuple[float, str, float | None]] = [(-worst_first(f)[0], f.name, f.cost) for f in inspection.faults]
     found += [(m.cost, m.key, m.cost) for m in inspection.alarms]
     return [(name, cost) for _, name, cost in sorted(found, key=lambda one: -one[0])]
 

@@ -8,7 +8,7 @@ from lfcal.acquire.errors import AcquisitionStopped, SuspectFrame
 from lfcal.acquire.finish import iter_assemble_session, iter_finish
 from lfcal.acquire.frame_plan import FramePlan
 from lfcal.acquire.live_coverage import CoverageState, LiveCoverage
-from lfcal.acquire.live_quality import Alarm, LiveQuality, QualityState
+from lfcal.acquire.live_quality import LiveQuality, QualityState
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import LiveFrame, Preview
 from lfcal.acquire.recording import (
@@ -35,7 +35,6 @@ from lfcal.devices import open_rig
 
 __all__ = [
     "AcquisitionStopped",
-    "Alarm",
     "Bound",
     "CheckFrame",
     "Control",

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.live_quality import LIMITS, Alarm
+from lfcal.acquire.live_quality import alarm
 from lfcal.acquire.recording import Kind, Note
 from lfcal.acquire.schedule import ScheduledFrame
+from lfcal.base import Finding
 
 if TYPE_CHECKING:
     from lfcal.targets import TargetPlan
@@ -51,7 +52,7 @@ class CoverageState:
     light: NDArray[np.float64]
     saturated: NDArray[np.int64]
     lamp: NDArray[np.float64]
-    alarms: tuple[Alarm, ...]
+    alarms: tuple[Finding, ...]
 
     @property
     def coverage(self) -> float:
@@ -142,12 +143,11 @@ class LiveCoverage:
         )
 
 
-def _alarms(light: NDArray[np.float64], saturated: NDArray[np.int64], lamp: NDArray[np.float64]) -> list[Alarm]:
-    found: list[Alarm] = []
+def _alarms(light: NDArray[np.float64], saturated: NDArray[np.int64], lamp: NDArray[np.float64]) -> list[Finding]:
+    found: list[Finding] = []
 
-    def look(what: str, value: float, advice: str) -> None:
-        if value > LIMITS[what]:
-            found.append(Alarm(what, value, LIMITS[what], advice))
+    def look(kind: str, size: float, words: str) -> None:
+        found.extend(alarm(kind, size, words))
 
     look("saturated", float((saturated > 0).sum()), "saturated pixels: expose shorter, or bracket")
     seen = light[np.isfinite(light)]

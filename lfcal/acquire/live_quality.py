@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from lfcal.acquire._references import HotPixels, References, light_where
 from lfcal.acquire.recording import Kind, Note
 from lfcal.acquire.schedule import ScheduledFrame
-from lfcal.base import position_at
+from lfcal.base import Finding, position_at
 from lfcal.camera import ScanPlan
 
-__all__ = ["Alarm", "LiveQuality", "QualityState"]
+__all__ = ["LIMITS", "LiveQuality", "QualityState", "alarm"]
 
 LIMITS = {
     "position": 0.3,
@@ -30,6 +30,16 @@ LIMITS = {
     "saturated": 0.0,
     "follow": 0.5,
 }
+"""Limits of findings on recorded frames, by kind.
+
+``position`` (px rms), ``drift`` and ``scatter`` (of the light of the reference frames, px and px rms), ``lamp``
+(relative change), ``dark`` (change of the level without light, share of the range), ``hot`` (pixels that became hot),
+``dim`` (share of positions), ``saturated`` (positions), ``follow`` (px the image moves in the cutout per step).
+"""
+
+SUBJECT = {"lamp": "light", "dim": "light", "dark": "sensor", "hot": "sensor", "saturated": "sensor"}
+"""Subjects of the kinds that do not concern the stage."""
+
 FEW = 16
 FEW_CENTROIDS = 8
 FIRST = 200
@@ -37,34 +47,13 @@ UNSURE = 0.25
 """Part of a change of light by a move of the source that may be wrong."""
 
 
-@dataclass(frozen=True, slots=True)
-class Alarm:
-    """A finding on recorded frames that may call for a stop.
-
-    Attributes
-    ----------
-    what
-        ``"position"`` (px rms), ``"drift"`` and ``"scatter"`` (of the light of the reference frames, px and px rms),
-        ``"lamp"`` (relative change), ``"dark"`` (change of the level without light, share of the range), ``"hot"``
-        (pixels that became hot), ``"dim"`` (share of positions), ``"saturated"`` (positions), ``"follow"`` (px the
-        image moves in the cutout per step).
-    value, limit
-        Numbers in that unit.
-    advice
-        What it may be and what to do.
-
-    Examples
-    --------
-    >>> from lfcal.acquire import Alarm
-    >>> alarm = Alarm("the lamp fell", value=0.91, limit=0.95, advice="let it warm up")
-    >>> print(f"{alarm.what}: {alarm.value:.0%} of the first light; {alarm.advice}")
-    the lamp fell: 91% of the first light; let it warm up
-    """
-
-    what: str
-    value: float
-    limit: float
-    advice: str
+def alarm(kind: str, size: float, words: str) -> list[Finding]:
+    """Return a finding where ``size`` is beyond the limit of its kind; ``words`` are what it is, and the remedy."""
+    if not size > LIMITS[kind]:
+        return []
+    what, _, remedy = words.partition(": ")
+    subject = SUBJECT.get(kind, "stage")
+    return [Finding(kind=kind, what=what, subject=subject, size=size, limit=LIMITS[kind], remedy=remedy)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +81,7 @@ class QualityState:
         Movement of the image within the cutout per step: ``((row per y, row per x), (column per y, column
         per x))``; ideally 0. -2 on the diagonal says that an axis runs the wrong way.
     alarms
-        What is out of bounds.
+        Findings on recorded frames that may call for a stop, by the kinds of `LIMITS`.
     """
 
     done: int
@@ -103,7 +92,7 @@ class QualityState:
     lamp: NDArray[np.float64]
     places_px: NDArray[np.float64]
     follow_px: NDArray[np.float64]
-    alarms: tuple[Alarm, ...]
+    alarms: tuple[Finding, ...]
 
 
 class LiveQuality:
@@ -252,16 +241,15 @@ class LiveQuality:
         solution, *_ = np.linalg.lstsq(self._normal, self._right, rcond=1e-9)
         return np.asarray(solution[1:].T)
 
-    def _alarms(self, references: NDArray[np.float64], follow: NDArray[np.float64]) -> tuple[Alarm, ...]:
+    def _alarms(self, references: NDArray[np.float64], follow: NDArray[np.float64]) -> tuple[Finding, ...]:
         # a few frames say nothing: no alarm from noise
         seen = np.isfinite(self._energy)
         if seen.sum() < FEW:
             return ()
-        alarms = []
+        alarms: list[Finding] = []
 
-        def look(what: str, value: float, advice: str) -> None:
-            if value > LIMITS[what]:
-                alarms.append(Alarm(what, value, LIMITS[what], advice))
+        def look(kind: str, size: float, words: str) -> None:
+            alarms.extend(alarm(kind, size, words))
 
         rms = float(np.sqrt(np.nanmean(np.square(self._residual))))
         look("position", rms, "the stage misses its targets: check load, speed and tolerance")

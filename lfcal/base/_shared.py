@@ -49,6 +49,7 @@ from lfcal.base.files import (
     sweep_scratch,
     write_tiff,
 )
+from lfcal.base.finding import RANK, SUBJECTS, Finding, Merit, by_subject, listed, verdict_of, worst_merit
 from lfcal.base.npy import map_npy, npy_header
 from lfcal.base.page import (
     add_html_section,
@@ -109,9 +110,13 @@ __all__ = [
     "MAX_EXPANSION",
     "MAX_SAMPLE",
     "OPEN_FLAGS",
+    "RANK",
+    "SUBJECTS",
     "WORKERS",
     "Cancelled",
+    "Finding",
     "LfcalError",
+    "Merit",
     "Position",
     "Region",
     "Registry",
@@ -122,6 +127,7 @@ __all__ = [
     "add_html_section",
     "as_sensor_frame",
     "bounded_threads",
+    "by_subject",
     "centre",
     "check_choice",
     "check_commas",
@@ -166,6 +172,7 @@ __all__ = [
     "in_place_of",
     "is_alive",
     "lazy_face",
+    "listed",
     "lock",
     "map_npy",
     "memory_in_use",
@@ -197,8 +204,10 @@ __all__ = [
     "sync_data",
     "sync_folder",
     "total_memory",
+    "verdict_of",
     "whole",
     "worker_count",
+    "worst_merit",
     "write_at",
     "write_tiff",
 ]

@@ -179,7 +179,7 @@ def target_facts(points: Points) -> dict[str, Any]:
     """
     found = list(points.found.values())
     confidence = np.concatenate([one.confidence for one in found])
-    wrong = sum(len(m.holes) for one in found for m in one.mistakes if m.kind == "displaced")
+    wrong = sum(len(m.positions) for one in found for m in one.mistakes if m.kind == "displaced")
     usual = np.concatenate([one.light / np.median(one.light) for one in found])
     return {
         "points": len(points),
@@ -189,12 +189,12 @@ def target_facts(points: Points) -> dict[str, Any]:
         "pose_rms_px": float(np.median([one.fit.rms_px for one in found])),
         "stage_px": _stage_error_px(points),
         "doubtful": float(((confidence < DOUBTFUL).sum() + wrong) / len(confidence)),
-        "missing": max(sum(len(m.holes) for m in one.mistakes if m.kind.startswith("missing")) for one in found),
+        "missing": max(sum(len(m.positions) for m in one.mistakes if m.kind.startswith("missing")) for one in found),
         "pose": plain(found[0].fit.pose),
         "pose_sigma": plain(found[0].fit.sigma),
         "scale": list(found[0].fit.scale),
         "distortion": found[0].fit.bend,
-        "mistakes": [{"kind": m.kind, "says": m.says, "frames": n} for m, n in points.mistakes[:MOST]],
+        "mistakes": [{"kind": m.kind, "says": m.detail, "frames": n} for m, n in points.mistakes[:MOST]],
     }
 
 

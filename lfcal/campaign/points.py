@@ -12,11 +12,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Clock, InputError, Work, check_number, check_tuple, drained
+from lfcal.base import Clock, Finding, InputError, Work, check_number, check_tuple, drained
 from lfcal.camera import ScanPlan, half_extent_px
 from lfcal.fit import FieldRegion, Measured, Regional
 from lfcal.frames import FrameSource, Noise
-from lfcal.targets import FoundPoints, Mistake, TargetPlan, find_points, frames_of
+from lfcal.targets import FoundPoints, TargetPlan, find_points, frames_of
 
 __all__ = ["Points", "iter_points_of", "measured_modulo", "measured_points", "points_of", "tiles_of"]
 
@@ -103,13 +103,13 @@ class Points:
         return out
 
     @property
-    def mistakes(self) -> tuple[tuple[Mistake, int], ...]:
+    def mistakes(self) -> tuple[tuple[Finding, int], ...]:
         """What is not as described, each with the number of frames that show it; the most frequent first."""
-        counts: dict[tuple[str, tuple[tuple[int, int], ...]], tuple[Mistake, int]] = {}
+        counts: dict[tuple[str, tuple[tuple[int, ...], ...]], tuple[Finding, int]] = {}
         for found in self.found.values():
             for one in found.mistakes:
-                first, count = counts.get((one.kind, one.holes), (one, 0))
-                counts[one.kind, one.holes] = first, count + 1
+                first, count = counts.get((one.kind, one.positions), (one, 0))
+                counts[one.kind, one.positions] = first, count + 1
         return tuple(sorted(counts.values(), key=lambda pair: -pair[1]))
 
 

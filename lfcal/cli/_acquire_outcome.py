@@ -94,7 +94,7 @@ def show_outcome(result: dict[str, Any], outcome: Outcome, out: Path, json: bool
         if outcome.damaged:
             typer.echo(f"  {outcome.damaged} damaged frames were found; those recorded now replace them")
         for alarm in result["alarms"]:
-            typer.echo(f"  {alarm.what}: {alarm.value:.3g} (limit {alarm.limit:g}): {alarm.advice}")
+            typer.echo(f"  {alarm.line}")
         if "suspects" in result:
             _show_suspects(result["suspects"], result["redo"])
         if "H" in result:

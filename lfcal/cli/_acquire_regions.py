@@ -41,7 +41,7 @@ def record_regions(
     work = iter_record_regions(out, plan, rig, options, resume=resume, control=control, observers=watching)
     outcome = run_work(reported_holds(work, control), quiet=quiet)
     alarms = [
-        replace(alarm, advice=f"{alarm.advice} (region {plan.names[k]})")
+        replace(alarm, remedy=f"{alarm.remedy} (region {plan.names[k]})")
         for k, quality in seen.items()
         for alarm in quality.state().alarms
     ]

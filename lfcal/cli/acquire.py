@@ -317,9 +317,9 @@ def _watched(work: Work[R], quality: LiveQuality | LiveCoverage) -> Work[R]:
         if time.monotonic() > look:
             look = time.monotonic() + ALARM_EVERY_S
             for alarm in quality.state().alarms:
-                if alarm.what not in reported:
-                    reported.add(alarm.what)
-                    report(f"{alarm.what}: {alarm.value:.3g} (limit {alarm.limit:g}): {alarm.advice}")
+                if alarm.kind not in reported:
+                    reported.add(alarm.kind)
+                    report(alarm.line)
         yield record
 
 

@@ -184,12 +184,9 @@ def _write(
     quiet: bool,
 ) -> Path:
     from lfcal.cli._console import run_work
-    from lfcal.judge import told
     from lfcal.judge.report import iter_report
 
-    work = iter_report(
-        H, folder, reference=reference, quality=found.quality, workers=workers, beside=told(found), every=every
-    )
+    work = iter_report(H, folder, reference=reference, workers=workers, inspection=found, every=every)
     return run_work(work, quiet=quiet)
 
 
@@ -202,7 +199,7 @@ def _show(
     every: bool,
 ) -> None:
     """Print verdict, metrics, apertures and the comparison."""
-    from lfcal.base import format_seconds
+    from lfcal.base import by_subject, format_seconds
     from lfcal.cli._console import print_table
     from lfcal.judge.quality import counted_words, merit_word
     from lfcal.judge.report import limits, value_text
@@ -214,6 +211,10 @@ def _show(
         typer.echo(f"made from frames that were turned upright: {turned}")
     colours = {"good": typer.colors.GREEN, "fair": typer.colors.YELLOW, "bad": typer.colors.RED}
     typer.secho(found.verdict, fg=colours.get(found.merit), bold=True)
+    subjects = by_subject(found.findings)
+    if len(subjects) > 1:
+        words = (f"{subject}: {', '.join(one.what for one in group)}" for subject, group in subjects.items())
+        typer.echo(f"by subject: {'; '.join(words)}")
     _show_faults(found)
     listed_metrics = [m for m in quality.metrics if every or (m.applies and m.merit != "good")]
     if listed_metrics:
@@ -258,12 +259,12 @@ def _show_faults(found: Inspection) -> None:
     from lfcal.judge import compared_words, cost_words
 
     typer.echo(compared_words(found))
-    if found.findings:
+    if found.faults:
         print_table(
             ["fault", "what", "of the light", "reconstruction error, noise → with it"],
-            [[f.title, f.detail, format_share(min(f.share, 1.0)), cost_words(found, f)] for f in found.findings],
+            [[f.title, f.detail, format_share(min(f.share, 1.0)), cost_words(found, f)] for f in found.faults],
         )
-        for one in found.findings:
+        for one in found.faults:
             typer.echo(f"{one.title}: {one.fault.advice}")
     gone = [m.spec.title.lower() for m in found.quality.metrics if m.merit in ("bad", "fair") and found.withdrawn(m)]
     if gone:

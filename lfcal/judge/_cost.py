@@ -13,7 +13,7 @@ from lfcal.base import Clock, InputError, Work
 from lfcal.judge._patch import Patch, patch_of
 from lfcal.judge._scenes import SceneTrial
 from lfcal.judge.evidence import Evidence
-from lfcal.judge.finding import Finding
+from lfcal.judge.finding import FoundFault
 from lfcal.simulate.engines import EnergyError
 
 __all__ = ["Costs", "iter_costs"]
@@ -53,7 +53,7 @@ SHOWN = 0.3
 
 @dataclass(frozen=True)
 class Costs:
-    """What findings cost.
+    """What faults cost.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Costs:
     whole: bool = False
 
 
-def iter_costs(evidence: Evidence, findings: Sequence[Finding], many: int | None = None) -> Work[Costs]:
+def iter_costs(evidence: Evidence, faults: Sequence[FoundFault], many: int | None = None) -> Work[Costs]:
     """Measure the error of a reconstruction that each finding makes beyond the noise of H.
 
     A patch of neighbouring positions of up to three planes is computed as the camera should show it, as large as
@@ -85,38 +85,38 @@ def iter_costs(evidence: Evidence, findings: Sequence[Finding], many: int | None
     ----------
     evidence
         What was compared, without the faults.
-    findings
+    faults
         What was found.
     many
         Positions of a smaller patch, whose image is smaller too; None: as many as allowed. Never a matter of time:
         costs are the same on every machine.
     """
-    clock = Clock("measuring what faults cost", len(findings) + 2)
+    clock = Clock("measuring what faults cost", len(faults) + 2)
     yield clock.at(0)
-    if not findings:
+    if not faults:
         return Costs(None, None, ())
-    order = sorted(range(len(findings)), key=lambda k: -findings[k].share)
+    order = sorted(range(len(faults)), key=lambda k: -faults[k].share)
     try:
-        worst = [findings[k] for k in order]
-        trial = _Trial.at(evidence, worst, _planes(evidence, findings), many)
+        worst = [faults[k] for k in order]
+        trial = _Trial.at(evidence, worst, _planes(evidence, faults), many)
         yield clock.at(1)
         as_it_is = trial.error(trial.patch.recorded)
-        costs: list[float | None] = [None] * len(findings)
+        costs: list[float | None] = [None] * len(faults)
         for done, k in enumerate(order):
             yield clock.at(2 + done)
-            if findings[k].wider > 1:
-                costs[k] = _wider(evidence, findings[k], many)
+            if faults[k].wider > 1:
+                costs[k] = _wider(evidence, faults[k], many)
                 continue
-            own, factor = trial, trial.factor(findings[k])
+            own, factor = trial, trial.factor(faults[k])
             if factor > 1 / SHOWN:
-                own = _own_trial(evidence, findings[k], many)
-                factor = own.factor(findings[k])
-            costs[k] = own.cost(findings[k], factor)
+                own = _own_trial(evidence, faults[k], many)
+                factor = own.factor(faults[k])
+            costs[k] = own.cost(faults[k], factor)
     except (InputError, EnergyError):  # a camera that is computed for the patterns but not for a patch
-        return Costs(None, None, (None,) * len(findings))
+        return Costs(None, None, (None,) * len(faults))
     if trial.sample is None:
-        costs = _consistent(costs, findings, _beyond(as_it_is, trial.clean))
-    yield clock.at(len(findings) + 2)
+        costs = _consistent(costs, faults, _beyond(as_it_is, trial.clean))
+    yield clock.at(len(faults) + 2)
     return Costs(trial.clean, as_it_is, tuple(costs), trial.sample is None)
 
 
@@ -125,14 +125,14 @@ def _beyond(error: float, clean: float) -> float:
     return math.sqrt(max(0.0, error**2 - clean**2))
 
 
-def _consistent(costs: Sequence[float | None], findings: Sequence[Finding], all_of_it: float) -> list[float | None]:
+def _consistent(costs: Sequence[float | None], faults: Sequence[FoundFault], all_of_it: float) -> list[float | None]:
     """Return costs whose squares add to no more than that of ``all_of_it``, the cost of H as it is.
 
     What is missing from that goes to faults of which patterns are a sample: single frames, of which some were
     compared, and what scatters. What larger cutouts show is not in H as it is.
     """
-    here = [k for k, one in enumerate(findings) if one.wider == 1 and costs[k] is not None]
-    sampled = [k for k in here if findings[k].extent is not None or findings[k].scatters]
+    here = [k for k, one in enumerate(faults) if one.wider == 1 and costs[k] is not None]
+    sampled = [k for k in here if faults[k].extent is not None or faults[k].scatters]
 
     def power(which: Sequence[int]) -> float:
         return sum((costs[k] or 0.0) ** 2 for k in which)
@@ -150,11 +150,11 @@ def _consistent(costs: Sequence[float | None], findings: Sequence[Finding], all_
     return out
 
 
-def _own_trial(evidence: Evidence, finding: Finding, many: int | None) -> _Trial:
+def _own_trial(evidence: Evidence, finding: FoundFault, many: int | None) -> _Trial:
     return _Trial.at(evidence, (finding,), _planes(evidence, (finding,)), many, finding.wider)
 
 
-def _wider(evidence: Evidence, finding: Finding, many: int | None) -> float | None:
+def _wider(evidence: Evidence, finding: FoundFault, many: int | None) -> float | None:
     """Return what a fault costs that only larger cutouts show; None where the sensor has no room for them."""
     try:
         own = _own_trial(evidence, finding, many)
@@ -175,11 +175,11 @@ class _Trial:
 
     @classmethod
     def at(
-        cls, evidence: Evidence, findings: Sequence[Finding], planes: list[int], many: int | None, wider: float = 1.0
+        cls, evidence: Evidence, faults: Sequence[FoundFault], planes: list[int], many: int | None, wider: float = 1.0
     ) -> _Trial:
-        """Return the trial about the first of the findings."""
+        """Return the trial about the first of the faults."""
         side = LARGE_PX if many is None else SIDE_PX
-        place, period = _place(evidence, findings[0]), evidence.plan.period
+        place, period = _place(evidence, faults[0]), evidence.plan.period
         many = min(MOST if many is None else many, max(FEWEST, MOST_SAMPLES // _samples(evidence, wider)))
         # all of the period of fewer planes: a part of it is less like the whole
         while len(planes) > 1 and many < len(planes) * period[0] * period[1]:
@@ -206,7 +206,7 @@ class _Trial:
         """Return the error of a reconstruction with patterns of this light and H's noise."""
         return self.scene.error((light + self.patch.noise).reshape(*self.shape, *light.shape[1:]))
 
-    def factor(self, finding: Finding) -> float:
+    def factor(self, finding: FoundFault) -> float:
         """Return how much stronger a fault is all over H than in this patch, as a ratio of powers."""
         if finding.put_in is None:
             return 1.0
@@ -218,13 +218,13 @@ class _Trial:
         own = _power(self.patch, finding)
         return _power(self.sample, finding) / own if own > 0 else np.inf
 
-    def cost(self, finding: Finding, factor: float) -> float | None:
+    def cost(self, finding: FoundFault, factor: float) -> float | None:
         if finding.put_in is None or not np.isfinite(factor):
             return None
         return math.sqrt(factor) * _beyond(self.error(finding.put_in(self.patch)), self.clean)
 
 
-def _power(patch: Patch, finding: Finding) -> float:
+def _power(patch: Patch, finding: FoundFault) -> float:
     assert finding.put_in is not None
     change = np.square(finding.put_in(patch) - patch.light).sum(dtype=np.float64)
     return float(change / max(1e-300, np.square(patch.light).sum(dtype=np.float64)))
@@ -235,13 +235,13 @@ def _within(positions: NDArray[np.intp], index: NDArray[np.intp]) -> list[tuple[
     return [p for p in map(tuple, positions.tolist()) if p in inside]
 
 
-def _planes(evidence: Evidence, findings: Sequence[Finding]) -> list[int]:
-    """Return the planes that findings concern most, then others spread over H."""
+def _planes(evidence: Evidence, faults: Sequence[FoundFault]) -> list[int]:
+    """Return the planes that faults concern most, then others spread over H."""
     nz = evidence.plan.shape[0]
     if nz <= PLANES:
         return list(range(nz))
     votes = np.zeros(nz)
-    for one in findings:
+    for one in faults:
         own, counts = np.unique(one.positions[:, 0], return_counts=True)
         votes[own] += one.share * counts / max(1, counts.sum())
     wanted = [int(z) for z in np.argsort(-votes, kind="stable")[: PLANES - 1] if votes[z] > 0]
@@ -251,7 +251,7 @@ def _planes(evidence: Evidence, findings: Sequence[Finding]) -> list[int]:
     return wanted
 
 
-def _place(evidence: Evidence, finding: Finding) -> tuple[int, int]:
+def _place(evidence: Evidence, finding: FoundFault) -> tuple[int, int]:
     """Return the position (y, x) about which a finding shows most."""
     ny, nx = evidence.plan.period
     if finding.extent is not None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from lfcal.base import Finding, by_subject, verdict_of
 from lfcal.judge.compared import iter_evidence
 from lfcal.judge.comparison import Comparison, compare, iter_compare
 from lfcal.judge.evidence import Evidence, Unlike
 from lfcal.judge.explained import Disagreement, Explanation
-from lfcal.judge.finding import FAULTS, Fault, Finding, Picture
+from lfcal.judge.finding import FAULTS, Fault, FoundFault, Picture
 from lfcal.judge.inspection import Inspection, iter_inspection
 from lfcal.judge.quality import QualityReport, inspect, iter_inspect
 from lfcal.judge.report import iter_report, report
@@ -20,10 +21,12 @@ __all__ = [
     "Explanation",
     "Fault",
     "Finding",
+    "FoundFault",
     "Inspection",
     "Picture",
     "QualityReport",
     "Unlike",
+    "by_subject",
     "compare",
     "inspect",
     "iter_compare",
@@ -33,4 +36,5 @@ __all__ = [
     "iter_report",
     "iter_search",
     "report",
+    "verdict_of",
 ]

@@ -13,10 +13,10 @@ from lfcal.judge._cost import Costs
 from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
 from lfcal.judge.faults import only_recorded
-from lfcal.judge.finding import Fault, Finding, PutIn
+from lfcal.judge.finding import Fault, FoundFault, PutIn
 from lfcal.judge.quality import Metric, QualityReport
 
-__all__ = ["FRAMES", "as_findings", "with_costs"]
+__all__ = ["FRAMES", "as_faults", "with_costs"]
 
 FRAMES = ("missing", "duplicates", "suspect", "misplaced")
 """Keys of metrics that name single frames: what is wrong with these is in H."""
@@ -54,16 +54,16 @@ class _Told(Fault):
 
     key: str
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield nothing: it has been found."""
         del evidence
         return ()
 
 
-def as_findings(metrics: Iterable[Metric], evidence: Evidence) -> Iterator[tuple[str, Finding]]:
+def as_faults(metrics: Iterable[Metric], evidence: Evidence) -> Iterator[tuple[str, FoundFault]]:
     """Yield keys of metrics, and what puts their faults into patterns without one, where that is known."""
     for one in metrics:
-        found = Finding(_Told(one.key), "", 0.0, 0.0)
+        found = FoundFault(_Told(one.key), "", 0.0, 0.0)
         if one.key in FRAMES and len(one.positions):
             share = len(one.positions) / int(np.prod(evidence.plan.shape[:3]))
             put_in = only_recorded(one.positions)
@@ -106,7 +106,7 @@ def _cut_to(cutout: tuple[int, int]) -> PutIn:
 
 
 def with_costs(
-    quality: QualityReport, told: Sequence[str], costs: Costs, findings: Sequence[float | None]
+    quality: QualityReport, told: Sequence[str], costs: Costs, faults: Sequence[float | None]
 ) -> QualityReport:
     """Return the metrics with the costs that were measured.
 
@@ -117,12 +117,12 @@ def with_costs(
     told
         Keys of those that costs were measured of.
     costs
-        What was measured: of ``findings``, and then of those.
-    findings
+        What was measured: of ``faults``, and then of those.
+    faults
         What the faults that have a name cost.
     """
-    own = dict(zip(told, costs.costs[len(findings) :], strict=True))
-    rest = _unnamed(costs, findings)
+    own = dict(zip(told, costs.costs[len(faults) :], strict=True))
+    rest = _unnamed(costs, faults)
     metrics = []
     for one in quality.metrics:
         cost = own.get(one.key)
@@ -134,9 +134,9 @@ def with_costs(
     return replace(quality, metrics=tuple(metrics))
 
 
-def _unnamed(costs: Costs, findings: Sequence[float | None]) -> float | None:
+def _unnamed(costs: Costs, faults: Sequence[float | None]) -> float | None:
     """Return what H costs beyond its noise and the faults that have a name; None where that is not known."""
-    if costs.clean is None or costs.as_it_is is None or not costs.whole or None in findings:
+    if costs.clean is None or costs.as_it_is is None or not costs.whole or None in faults:
         return None
-    named = sum(cost**2 for cost in findings if cost is not None)
+    named = sum(cost**2 for cost in faults if cost is not None)
     return math.sqrt(max(0.0, costs.as_it_is**2 - costs.clean**2 - named))

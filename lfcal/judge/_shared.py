@@ -14,7 +14,7 @@ from lfcal.judge.dated import (
 from lfcal.judge.inspection import is_bad, is_fair
 from lfcal.judge.pairing import Pair, pair
 from lfcal.judge.region_loss import draw_region_loss, iter_region_loss
-from lfcal.judge.telling import compared_words, cost_words, told
+from lfcal.judge.telling import compared_words, cost_words
 from lfcal.judge.trend import TOO_SHORT, Course, CoursePoint, Trend, draw_trend, trend
 
 __all__ = [
@@ -38,6 +38,5 @@ __all__ = [
     "pair",
     "read_dated_fit",
     "read_inspection",
-    "told",
     "trend",
 ]

@@ -10,10 +10,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from lfcal.base import FileFormatError, InputError, parse_json, read_text
+from lfcal.base import RANK, FileFormatError, InputError, Merit, parse_json, read_text
 from lfcal.camera import Camera
 from lfcal.fit import FORMAT as FIT_FORMAT
-from lfcal.judge.quality import RANK, Merit, QualityReport
+from lfcal.judge.quality import QualityReport
 
 __all__ = [
     "DatedFit",

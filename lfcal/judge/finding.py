@@ -1,4 +1,4 @@
-"""What a fault is, and what is found of it."""
+"""What a fault is, how it is found, and what it does to patterns."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lfcal.judge.evidence import Evidence
 if TYPE_CHECKING:
     from lfcal.judge._patch import Patch
 
-__all__ = ["FAULTS", "Fault", "Finding", "Picture", "PutIn", "Repair", "adding"]
+__all__ = ["FAULTS", "Fault", "FoundFault", "Picture", "PutIn", "Repair", "adding"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -54,10 +54,10 @@ class Picture:
     Examples
     --------
     >>> import numpy as np
-    >>> from lfcal.judge import FAULTS, Finding, Picture
+    >>> from lfcal.judge import FAULTS, FoundFault, Picture
     >>> light = np.array([1.0, 1.0, 0.9, 0.8])
     >>> curve = Picture(light, "", "light of the source over the scan", ("position",), across=np.arange(4.0))
-    >>> found = Finding(FAULTS.get("lamp"), "light fell by 20 %", sigmas=9.0, share=0.1, picture=curve)
+    >>> found = FoundFault(FAULTS.get("lamp"), "light fell by 20 %", sigmas=9.0, share=0.1, picture=curve)
     >>> print(found.picture.title, found.picture.values.tolist())
     light of the source over the scan [1.0, 1.0, 0.9, 0.8]
     """
@@ -71,7 +71,7 @@ class Picture:
 
 
 @dataclass(frozen=True, eq=False)
-class Finding:
+class FoundFault:
     """A fault that was found.
 
     Attributes
@@ -112,8 +112,8 @@ class Finding:
 
     Examples
     --------
-    >>> from lfcal.judge import FAULTS, Finding
-    >>> found = Finding(FAULTS.get("hot_line"), "column 40 has 60 counts more", sigmas=8.0, share=0.02)
+    >>> from lfcal.judge import FAULTS, FoundFault
+    >>> found = FoundFault(FAULTS.get("hot_line"), "column 40 has 60 counts more", sigmas=8.0, share=0.02)
     >>> print(f"{found.title}: {found.detail}; by chance in {1 - found.confidence:.0e}")
     hot line of the sensor: column 40 has 60 counts more; by chance in 1e-11
     """
@@ -158,6 +158,8 @@ class Fault:
     ----------
     name, title, advice
         Name in JSON; for people; what to do about it.
+    subject
+        What it concerns, one of `lfcal.base.SUBJECTS`.
     settles
         Keys of model-free metrics that measure the same less surely: what this finds stands for them.
     explains
@@ -180,6 +182,7 @@ class Fault:
 
     name: ClassVar[str]
     title: ClassVar[str]
+    subject: ClassVar[str] = "other"
     advice: ClassVar[str]
     settles: ClassVar[tuple[str, ...]] = ()
     explains: ClassVar[tuple[str, ...]] = ()
@@ -187,7 +190,7 @@ class Fault:
     rank: ClassVar[int]
     strong_rank: ClassVar[int | None] = None
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield what is found of it."""
         raise NotImplementedError
 

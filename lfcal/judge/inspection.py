@@ -8,29 +8,28 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 
-from lfcal.base import Work, format_count, format_seconds, format_share
+from lfcal.base import (
+    RANK,
+    Finding,
+    Merit,
+    Work,
+    by_subject,
+    format_count,
+    format_seconds,
+    format_share,
+    listed,
+    verdict_of,
+    worst_merit,
+)
 from lfcal.fit import Setup
 from lfcal.judge._cost import iter_costs
-from lfcal.judge._metric_costs import FRAMES, as_findings, with_costs
+from lfcal.judge._metric_costs import FRAMES, as_faults, with_costs
 from lfcal.judge._suspects import suspects
 from lfcal.judge.compared import PATTERNS, iter_evidence
 from lfcal.judge.evidence import Evidence, Unlike
 from lfcal.judge.explained import EXPLAINED, Disagreement, iter_explained, iter_rearranged
-from lfcal.judge.finding import Finding
-from lfcal.judge.quality import (
-    BAD,
-    FAIR,
-    RANK,
-    Merit,
-    Metric,
-    QualityProblem,
-    QualityReport,
-    counted,
-    judged_sentence,
-    listed,
-    problems_of,
-    where,
-)
+from lfcal.judge.finding import FoundFault
+from lfcal.judge.quality import BAD, FAIR, Metric, QualityReport, counted, findings_of, where
 from lfcal.judge.search import iter_search
 from lfcal.psf import PSFMatrix
 
@@ -81,7 +80,7 @@ class Inspection:
     ----------
     quality
         The metrics that need no model.
-    findings
+    faults
         Faults that were found, the costliest first.
     compared
         Patterns that were compared with the camera; 0: none.
@@ -114,7 +113,7 @@ class Inspection:
     """
 
     quality: QualityReport
-    findings: tuple[Finding, ...]
+    faults: tuple[FoundFault, ...]
     compared: int
     misfit: float
     why_not: str
@@ -124,9 +123,9 @@ class Inspection:
     disagreement: Disagreement | None = None
     unfinished: str = ""
 
-    def settled(self, metric: Metric) -> Finding | None:
+    def settled(self, metric: Metric) -> FoundFault | None:
         """Return the fault that stands for a metric, or None."""
-        return next((one for one in self.findings if metric.key in one.fault.settles), None)
+        return next((one for one in self.faults if metric.key in one.fault.settles), None)
 
     def withdrawn(self, metric: Metric) -> bool:
         """Return whether the comparison measured what a metric suspects, and found next to nothing of it."""
@@ -156,42 +155,54 @@ class Inspection:
     @property
     def merit(self) -> Merit:
         """The merit of H: unknown where its camera does not explain it, or the comparison is not finished."""
-        worst: Merit = min((one.merit for one in self.problems), key=RANK.__getitem__, default="good")
+        worst = worst_merit(self.findings)
         doubt = self.disagreement is not None or bool(self.unfinished)
         if self.disagreement is not None and self.disagreement.certain:
             return "bad"
         if worst == "bad" or not doubt:
-            known = bool(self.compared or self.problems or counted(self.quality.metrics)["good"])
+            known = bool(self.compared or self.findings or counted(self.quality.metrics)["good"])
             return worst if known else "unknown"
         return "unknown"
 
     @property
-    def problems(self) -> tuple[QualityProblem, ...]:
+    def findings(self) -> tuple[Finding, ...]:
         """What is wrong with H, the worst first: faults that matter, and metrics that none of them explains."""
-        found = [self._problem(one) for one in self.findings if is_bad(one) or is_fair(one) or _single(one)]
-        found += problems_of(self._left, self.quality.shape)
+        found = [self._finding(one) for one in self.faults if is_bad(one) or is_fair(one) or _single(one)]
+        found += findings_of(self._left, self.quality.shape)
         return tuple(sorted(found, key=lambda one: RANK[one.merit]))
 
-    def _problem(self, finding: Finding) -> QualityProblem:
+    def _finding(self, fault: FoundFault) -> Finding:
         frames = math.prod(self.quality.shape[:3])
-        if finding.cost is None:
-            cost = f"not measured; it changes {format_share(min(finding.share, 1.0))} of the light"
+        if fault.cost is None:
+            cost = f"not measured; it changes {format_share(min(fault.share, 1.0))} of the light"
         else:
             noise = "" if self.clean is None else f", to {self.clean:.3f} by noise alone"
-            cost = f"{finding.cost:.3f} (NRMSE{noise})"
-        merit: Merit = "bad" if is_bad(finding) else "fair" if is_fair(finding) else "good"
-        places = where(finding.positions.tolist(), frames) or "all positions"
-        repeat = len(finding.positions) if finding.redo and finding.extent is not None else 0
-        return QualityProblem(finding.title, finding.detail, places, cost, finding.fault.advice, merit, repeat)
+            cost = f"{fault.cost:.3f} (NRMSE{noise})"
+        return Finding(
+            kind=fault.name,
+            what=fault.title,
+            subject=fault.fault.subject,
+            detail=fault.detail,
+            where=where(fault.positions.tolist(), frames) or "all positions",
+            positions=tuple(map(tuple, fault.positions.tolist())),
+            size=fault.share if fault.cost is None else fault.cost,
+            limit=FAIR_SHARE if fault.cost is None else FAIR,
+            sigma=fault.sigmas,
+            cost=fault.cost,
+            cost_words=cost,
+            remedy=fault.fault.advice,
+            merit="bad" if is_bad(fault) else "fair" if is_fair(fault) else "good",
+            repeat=len(fault.positions) if fault.redo and fault.extent is not None else 0,
+        )
 
     @property
     def verdict(self) -> str:
         """What is wrong with H, where, what it costs, what to do, and what remains then."""
-        disagreement, problems = self.disagreement, self.problems
+        disagreement, findings = self.disagreement, self.findings
         if disagreement is not None and disagreement.certain:
             return f"This PSF should not be used as it is: {disagreement.sentence} {disagreement.advice}{self._besides}"
         if self.merit != "unknown":
-            words = judged_sentence(problems, self._rest)
+            words = verdict_of(findings, self._rest)
             # what is doubtful is said, whatever else is wrong
             return words if disagreement is None or self._rest in words else f"{words} Besides, it is {self._rest}."
         if disagreement is None and not self.unfinished:
@@ -201,7 +212,7 @@ class Inspection:
     @property
     def _besides(self) -> str:
         """What metrics and patterns show besides a doubt."""
-        names = [one.title for one in self.problems if one.merit in ("bad", "fair")]
+        names = [one.what for one in self.findings if one.merit in ("bad", "fair")]
         return f" Besides, it shows {listed(names, 3)}." if names else ""
 
     @property
@@ -213,7 +224,7 @@ class Inspection:
             return f"not shown to be good: {self.disagreement.sentence} {self.disagreement.advice}".removesuffix(".")
         if self.unfinished:
             return f"not fully judged: {self.unfinished}; it is {by} alone"
-        if self.compared or self.findings:
+        if self.compared or self.faults:
             return f"{by}, and {self._shown}"
         return f"{by}; it was not compared with a camera ({self.why_not})"
 
@@ -221,9 +232,9 @@ class Inspection:
     def _shown(self) -> str:
         """What was found in patterns besides what is named: nothing, or faults that are there and do not matter."""
         source = f"{self.compared} patterns compared with the camera show" if self.compared else "its patterns show"
-        found = [one for one in self.findings if not (is_bad(one) or is_fair(one) or _single(one))]
+        found = [one for one in self.faults if not (is_bad(one) or is_fair(one) or _single(one))]
         if not found:
-            return f"{source} no {'other ' if self.findings else ''}fault"
+            return f"{source} no {'other ' if self.faults else ''}fault"
         measured = all(one.cost is not None for one in found)
         which = "cost a reconstruction next to nothing" if measured else "are too small to matter"
         which = which.replace("cost ", "costs ").replace("are ", "is ") if len(found) == 1 else which
@@ -234,7 +245,7 @@ class Inspection:
         """Return positions (z, y, x) to record again with the reasons, in scan order."""
         others = [m.key for m in self.quality.metrics if self.withdrawn(m) or self.settled(m) is not None]
         reasons = {place: [words] for place, words in self.quality.redo(others)}
-        for one in self.findings:
+        for one in self.faults:
             # a single frame is soon taken again, whatever it costs
             if one.redo and len(one.positions) and (one.extent is not None or is_bad(one) or is_fair(one)):
                 for place in map(tuple, one.positions.tolist()):
@@ -266,7 +277,7 @@ class Inspection:
                     "pixels": one.pixels.tolist(),
                     "redo": one.redo,
                 }
-                for one in self.findings
+                for one in self.faults
             ],
             "withdrawn": [m.key for m in self.quality.metrics if m.merit in ("bad", "fair") and self.withdrawn(m)],
         }
@@ -276,28 +287,29 @@ class Inspection:
         return {
             "merit": self.merit,
             "verdict": self.verdict,
-            "problems": [asdict(one) for one in self.problems],
+            "findings": [asdict(one) for one in self.findings],
+            "subjects": {subject: worst_merit(found) for subject, found in by_subject(self.findings).items()},
             "redo": [list(place) for place, _ in self.redo()],
         }
 
 
-def _single(finding: Finding) -> bool:
+def _single(finding: FoundFault) -> bool:
     """Return whether a fault is of single frames that are soon recorded again, whatever it costs."""
     return finding.redo and finding.extent is not None and len(finding.positions) > 0
 
 
-def is_bad(finding: Finding) -> bool:
+def is_bad(finding: FoundFault) -> bool:
     """Return whether an H with this fault should not be used: by what it costs, else by what it changes."""
     return finding.share >= BAD_SHARE if finding.cost is None else finding.cost >= BAD
 
 
-def is_fair(finding: Finding) -> bool:
+def is_fair(finding: FoundFault) -> bool:
     """Return whether an H with this fault is worth a look: by what it costs, else by what it changes."""
     return finding.share >= FAIR_SHARE if finding.cost is None else finding.cost >= FAIR
 
 
-def worst_first(finding: Finding) -> tuple[float, float]:
-    """Return what findings are sorted by: less what they cost, else what they change."""
+def worst_first(finding: FoundFault) -> tuple[float, float]:
+    """Return what faults are sorted by: less what they cost, else what they change."""
     # without a cost by the share of the limit that the changed light is
     cost = finding.share * BAD / BAD_SHARE if finding.cost is None else finding.cost
     return -cost, -finding.share
@@ -388,12 +400,12 @@ def _iter_stages(matrix: PSFMatrix, kept: list[Inspection], setup: Setup | None,
     quality = _confirmed(quality)
     whole = Inspection(quality, found, len(evidence), cleaned.misfit, "", 0.0)
     kept.append(whole)
-    told = dict(as_findings(whole.doubts, cleaned))
+    told = dict(as_faults(whole.doubts, cleaned))
     costs = yield from iter_costs(cleaned, (*found, *told.values()))
     quality = with_costs(quality, tuple(told), costs, costs.costs[: len(found)])
     found = tuple(replace(one, cost=cost) for one, cost in zip(found, costs.costs, strict=False))
     ranked = tuple(sorted(found, key=worst_first))
-    kept.append(replace(whole, quality=quality, findings=ranked, clean=costs.clean, as_it_is=costs.as_it_is))
+    kept.append(replace(whole, quality=quality, faults=ranked, clean=costs.clean, as_it_is=costs.as_it_is))
 
 
 def _disagreeing(quality: QualityReport, disagreement: Disagreement) -> Inspection:
@@ -414,14 +426,14 @@ def _iter_unlike(matrix: PSFMatrix, quality: QualityReport, unlike: Unlike, fitt
 
 
 def _iter_unexplained(
-    quality: QualityReport, evidence: Evidence, found: Sequence[Finding], disagreement: Disagreement
+    quality: QualityReport, evidence: Evidence, found: Sequence[FoundFault], disagreement: Disagreement
 ) -> Work[Inspection]:
     """Return what is said where the camera leaves too much unexplained, or something else explains more."""
     # what an unsuitable model leaves looks like any fault, and what was taken out for it is in H
     sure = () if disagreement.certain else tuple(one for one in found if not one.fault.needs_camera)
     costs = yield from iter_costs(evidence, sure)
     sure = tuple(replace(one, cost=cost) for one, cost in zip(sure, costs.costs, strict=True))
-    return replace(_disagreeing(quality, disagreement), findings=sure, clean=costs.clean, as_it_is=costs.as_it_is)
+    return replace(_disagreeing(quality, disagreement), faults=sure, clean=costs.clean, as_it_is=costs.as_it_is)
 
 
 def _confirmed(quality: QualityReport) -> QualityReport:
@@ -433,7 +445,7 @@ def _confirmed(quality: QualityReport) -> QualityReport:
     return replace(quality, metrics=tuple(sorted(metrics, key=lambda m: RANK[m.merit])))
 
 
-def _unexplained(evidence: Evidence, cleaned: Evidence, found: Sequence[Finding]) -> float | None:
+def _unexplained(evidence: Evidence, cleaned: Evidence, found: Sequence[FoundFault]) -> float | None:
     """Return the share of the light that the camera does not explain; None where it does."""
     if cleaned.misfit > EXPLAINED:
         return cleaned.misfit
@@ -441,6 +453,6 @@ def _unexplained(evidence: Evidence, cleaned: Evidence, found: Sequence[Finding]
     return evidence.misfit if evidence.misfit > EXPLAINED and len(kinds) > KINDS else None
 
 
-def _doubtful(cleaned: Evidence, found: Sequence[Finding]) -> bool:
+def _doubtful(cleaned: Evidence, found: Sequence[FoundFault]) -> bool:
     """Return whether other depths may not be what is wrong: a wrong gap moves all planes, and blurs them besides."""
     return cleaned.misfit > LEFT and any(one.name in DEPTHS for one in found)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import Clock, Work
 from lfcal.judge.evidence import Evidence
-from lfcal.judge.finding import FAULTS, Fault, Finding
+from lfcal.judge.finding import FAULTS, Fault, FoundFault
 
 __all__ = ["iter_search"]
 
@@ -16,7 +16,7 @@ STRONG, MOST, SURELY = 0.04, 0.5, 6.0
 standard deviations that it must lie above none."""
 
 
-def iter_search(evidence: Evidence) -> Work[tuple[tuple[Finding, ...], Evidence]]:
+def iter_search(evidence: Evidence) -> Work[tuple[tuple[FoundFault, ...], Evidence]]:
     """Look for every fault; return what was found, and the evidence without it.
 
     Examples
@@ -29,12 +29,12 @@ def iter_search(evidence: Evidence) -> Work[tuple[tuple[Finding, ...], Evidence]
     >>> for x in range(33):
     ...     values[:, :, x, :, 40 - x] += 200.0
     >>> evidence = drain(iter_evidence(PSFMatrix(values, **own), patterns=24))
-    >>> findings, rest = drain(iter_search(evidence))
-    >>> for one in findings:
+    >>> faults, rest = drain(iter_search(evidence))
+    >>> for one in faults:
     ...     print(f"{one.title}: {one.detail}")
     hot line of the sensor: column 40 of the scanned part: 200 counts too many
     """
-    found: list[Finding] = []
+    found: list[FoundFault] = []
     explained: set[str] = set()
     whole: set[str] = set()
     looks = _looks()
@@ -66,7 +66,7 @@ def _looks() -> list[tuple[Fault, bool]]:
     return [(fault, strong) for _, _, fault, strong in sorted(both, key=lambda one: one[:2])]
 
 
-def _without(evidence: Evidence, finding: Finding) -> Evidence:
+def _without(evidence: Evidence, finding: FoundFault) -> Evidence:
     if finding.repair is None and not finding.blinds and finding.masked is None and finding.extent is None:
         return evidence
     data = evidence.data if finding.repair is None else finding.repair(evidence.index, evidence.data)

@@ -1,4 +1,4 @@
-"""An inspection for people: its faults with pictures, as a report takes them."""
+"""An inspection for people: costs and comparisons in words, and pictures of faults."""
 
 from __future__ import annotations
 
@@ -8,47 +8,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lfcal.base import LINES, draw_image, figure, format_share
-from lfcal.judge.finding import Finding, Picture
+from lfcal.base import LINES, draw_image, figure
+from lfcal.judge.finding import FoundFault, Picture
 from lfcal.judge.inspection import Inspection
-from lfcal.judge.report import Beside, ToldFault
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["compared_words", "cost_words", "draw_picture", "drawn", "told"]
+__all__ = ["compared_words", "cost_words", "draw_picture", "drawn"]
 
 
-def told(inspection: Inspection) -> Beside:
-    """Return what an inspection adds to the report of its metrics, pictures drawn."""
-    quality = inspection.quality
-    faults = tuple(
-        ToldFault(
-            one.title,
-            one.detail,
-            format_share(min(one.share, 1.0)),
-            cost_words(inspection, one),
-            one.fault.advice,
-            b"" if one.picture is None else drawn(one.picture),
-            "" if one.picture is None else f"{one.title}: {one.picture.title}.",
-        )
-        for one in inspection.findings
-    )
-    settled = {m.key: one.title for m in quality.metrics if (one := inspection.settled(m)) is not None}
-    return Beside(
-        inspection.verdict,
-        inspection.merit,
-        compared_words(inspection),
-        faults,
-        settled,
-        frozenset(m.key for m in quality.metrics if inspection.withdrawn(m)),
-        tuple(inspection.redo()),
-        inspection.to_dict(),
-        inspection.judged(),
-    )
-
-
-def cost_words(inspection: Inspection, finding: Finding) -> str:
+def cost_words(inspection: Inspection, finding: FoundFault) -> str:
     """Return what a fault makes of the error of a reconstruction: from that of the noise to that with the fault."""
     if finding.cost is None or inspection.clean is None:
         return "not measured"
@@ -69,13 +39,13 @@ def compared_words(inspection: Inspection) -> str:
     """Return how much was compared with the camera, or why nothing was."""
     if not inspection.compared:
         weaker = "the metrics below are weaker than a comparison"
-        if inspection.findings:
+        if inspection.faults:
             weaker = f"the patterns alone show these faults; {weaker}"
         if inspection.disagreement is not None:
             return f"the camera disagrees: {inspection.why_not}; {weaker}"
         return f"not compared with a camera: {inspection.why_not}; {weaker}"
     beside = f"{inspection.compared} patterns compared with the camera"
-    if not inspection.findings:
+    if not inspection.faults:
         return f"{beside}: no fault found"
     scene = scene_words(inspection)
     return f"{beside}: these faults stand out" + (f"; {scene}" if scene else "")

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import COLOURS, LINES, InputError, check_number, figure, plain, save_figure
+from lfcal.base import COLOURS, LINES, RANK, InputError, Merit, check_number, figure, plain, save_figure
 from lfcal.judge.dated import DatedFit, DatedInspection, MetricValue
-from lfcal.judge.quality import RANK, Merit
 
 __all__ = ["TOO_SHORT", "Course", "CoursePoint", "Jump", "Trend", "draw_trend", "trend"]
 

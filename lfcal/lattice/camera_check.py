@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError
+from lfcal.base import Finding, InputError
 from lfcal.camera import Camera, LensletLattice
 from lfcal.lattice.fit import LatticeFit, fit_lattice
 from lfcal.lattice.lens_types import LensTypes, classify_lens_types, expected_blur
@@ -54,6 +54,24 @@ class CameraCheck:
     fit: LatticeFit | None
     camera: Camera | None
     types: LensTypes | None = None
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What of the camera is not what the white image shows."""
+        return tuple(
+            Finding(
+                kind=line.label,
+                what=line.label,
+                subject="optics",
+                detail=f"{line.measured} where {line.expected} is described",
+                size=math.nan if line.edge_px is None else line.edge_px,
+                limit=FIT_PX,
+                remedy="Correct the description, or take the measured camera.",
+                merit="bad" if line.verdict == WRONG else "fair",
+            )
+            for line in self.lines
+            if line.verdict in (WRONG, DIFFERS)
+        )
 
     @property
     def verdict(self) -> str:

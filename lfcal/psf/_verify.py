@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Clock, FileFormatError, InputError, StorageError, Work, drained
+from lfcal.base import Clock, FileFormatError, Finding, InputError, StorageError, Work, drained, format_count
 from lfcal.base.h5 import H5Data, H5File
 from lfcal.frames import Position
 from lfcal.psf._chunk_codec import parallel_read
@@ -86,6 +86,24 @@ class MatrixCheck:
     def ok(self) -> bool:
         """Whether everything that could be checked is as it was written, and as the format says."""
         return not self.damaged and not self.deviations
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What is wrong with the file."""
+        remedy = "Copy the file again, or make it again from its frames."
+        planes = [f"{one}" for one in self.damaged]
+        found = [Finding(kind="damaged", what="damaged plane", subject="file", detail=d, remedy=remedy) for d in planes]
+        found += [
+            Finding(kind="deviation", what="deviation from the format", subject="file", detail=line, remedy=remedy)
+            for line in self.deviations
+        ]
+        if self.missing:
+            detail = format_count(self.missing, "position", "positions")
+            remedy = "Record these positions, or fill them."
+            found.append(
+                Finding(kind="missing", what="missing positions", subject="frames", detail=detail, remedy=remedy)
+            )
+        return tuple(found)
 
 
 def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> Work[MatrixCheck]:

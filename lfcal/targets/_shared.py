@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from lfcal.targets.frames import frames_of, open_target_frames, read_target_plan
 from lfcal.targets.images import whole_at
-from lfcal.targets.mistakes import Mistake
 from lfcal.targets.offsets import covered_by
 from lfcal.targets.phases import Phases, nearest_positions
 from lfcal.targets.plan import region_points
@@ -14,7 +13,6 @@ from lfcal.targets.subsets import group_order, subset_patterns
 from lfcal.targets.target import proposed_hole
 
 __all__ = [
-    "Mistake",
     "Phases",
     "covered_by",
     "frames_of",

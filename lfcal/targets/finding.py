@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from lfcal.base import InputError
+from lfcal.base import Finding, InputError
 from lfcal.camera import Camera, half_extent_px
+from lfcal.targets._mistakes import mistakes_of
 from lfcal.targets._pose_fit import PoseFit, fit_pose
 from lfcal.targets._spots import Spots, find_spots
 from lfcal.targets.images import HoleImages, hole_images
-from lfcal.targets.mistakes import Mistake, mistakes_of
 from lfcal.targets.target import Target
 
 __all__ = ["FoundPoints", "find_points"]
@@ -306,7 +306,7 @@ class FoundPoints:
     away_um: Array
     shift: Array
     fit: PoseFit
-    mistakes: tuple[Mistake, ...]
+    mistakes: tuple[Finding, ...]
     dark: float
     moved_px: tuple[float, float] = (0.0, 0.0)
 

@@ -428,7 +428,7 @@ def told(folder: Path, rig: Rig) -> tuple[list[str], dict[tuple[int, int, int], 
     frames = frames_of(folder)
     assert outcome.how == "complete" and len(frames) == outcome.acknowledged == len(ONLY)
     suspects = read_suspects(folder).reasons
-    return [*outcome.notes, *suspects, *(alarm.what for alarm in quality.state().alarms)], frames
+    return [*outcome.notes, *suspects, *(alarm.kind for alarm in quality.state().alarms)], frames
 
 
 @pytest.fixture(scope="module")

@@ -56,5 +56,5 @@ def test_frames_of_earlier_runs_are_counted_once() -> None:
 
 def test_saturation_is_told(tmp_path: Path) -> None:
     state = watched(tmp_path / "s", small_target(), light=3.0).state()
-    assert [alarm.what for alarm in state.alarms] == ["saturated"]
+    assert [alarm.kind for alarm in state.alarms] == ["saturated"]
     assert (state.saturated > 0).any()

@@ -70,7 +70,7 @@ def test_the_lamp_is_followed_over_several_recordings(tmp_path: Path) -> None:
 )
 def test_a_wrong_sign_shows_within_three_rows(tmp_path: Path, axes: StageAxes, where: tuple[int, int]) -> None:
     state = watched(tmp_path, PLAN, rig_for(PLAN, axes=axes), count=60)
-    assert {alarm.what for alarm in state.alarms} >= {"follow"}
+    assert {alarm.kind for alarm in state.alarms} >= {"follow"}
     assert abs(state.follow_px[where]) > 0.5
 
 
@@ -86,22 +86,22 @@ def test_a_lamp_that_fades_and_one_that_fails_are_told(tmp_path: Path) -> None:
 
     rig.camera.device._renderer = Fading()  # type: ignore[attr-defined]
     state = watched(tmp_path, PLAN, rig, count=200, reference_every=25)
-    assert "lamp" in {alarm.what for alarm in state.alarms}
+    assert "lamp" in {alarm.kind for alarm in state.alarms}
 
 
 def test_saturation_is_told_with_its_positions(tmp_path: Path) -> None:
     rig = rig_for(PLAN)
     rig.camera._renderer._rate *= 4  # type: ignore[attr-defined]
     state = watched(tmp_path, PLAN, rig, count=40)
-    alarm = next(a for a in state.alarms if a.what == "saturated")
-    assert alarm.value == (state.saturated > 0).sum()
+    alarm = next(a for a in state.alarms if a.kind == "saturated")
+    assert alarm.size == (state.saturated > 0).sum()
     assert "bracket" in alarm.advice
 
 
 def test_a_sloppy_stage_is_told(tmp_path: Path) -> None:
     rig = rig_for(PLAN, model=StageModel(ringing_um=12.0, ringing_s=0.2))
     state = watched(tmp_path, PLAN, rig, count=40, tolerance_um=(40.0, 40.0, 40.0))
-    assert "position" in {alarm.what for alarm in state.alarms}
+    assert "position" in {alarm.kind for alarm in state.alarms}
 
 
 class _Ramp:
@@ -121,9 +121,9 @@ def test_a_lamp_that_fades_slowly_is_told_with_references_and_without(tmp_path: 
     rig = rig_for(PLAN)
     rig.camera.device._renderer = _Ramp(rig.camera._renderer, PLAN.n_positions)  # type: ignore[attr-defined]
     state = watched(tmp_path, PLAN, rig, reference_every=reference_every)
-    lamp = next(alarm for alarm in state.alarms if alarm.what == "lamp")
+    lamp = next(alarm for alarm in state.alarms if alarm.kind == "lamp")
     # without references, what is lost over one of the two planes
-    assert lamp.value == pytest.approx(0.3 if reference_every else 0.17, abs=0.03)
+    assert lamp.size == pytest.approx(0.3 if reference_every else 0.17, abs=0.03)
 
 
 @pytest.mark.parametrize("plan", [PLAN, replace(PLAN, order="raster")])
@@ -145,14 +145,14 @@ def test_a_level_that_creeps_is_told(tmp_path: Path) -> None:
 
     rig.camera.device.grab = warmer  # type: ignore[attr-defined]
     state = watched(tmp_path, PLAN, rig, reference_every=50)
-    assert {alarm.what for alarm in state.alarms} == {"dark"}
+    assert {alarm.kind for alarm in state.alarms} == {"dark"}
 
 
 STEP = PLAN.step_um(0)[0]
 
 
 def named(state: QualityState) -> set[str]:
-    return {alarm.what for alarm in state.alarms}
+    return {alarm.kind for alarm in state.alarms}
 
 
 def drifting(pixels: float) -> Any:
@@ -167,7 +167,7 @@ def test_a_stage_that_drifts_is_told_from_a_lamp_that_does(tmp_path: Path, pixel
     state = watched(tmp_path, PLAN, rig, reference_every=25)
     assert named(state) == {"drift"}
     moves = rig.stage.device._moves  # type: ignore[attr-defined]
-    assert state.alarms[0].value == pytest.approx(abs(pixels) * moves / PLAN.n_positions, rel=0.2)
+    assert state.alarms[0].size == pytest.approx(abs(pixels) * moves / PLAN.n_positions, rel=0.2)
 
 
 def test_a_stage_and_a_lamp_that_drift_are_both_told(tmp_path: Path) -> None:
@@ -185,7 +185,7 @@ def test_a_stage_that_scatters_is_told_from_one_that_drifts(tmp_path: Path) -> N
 
     state = watched(tmp_path, PLAN, deceived_rig(PLAN, scattered), reference_every=25, on_suspect="flag")
     assert "scatter" in named(state) and not named(state) & {"drift", "lamp"}
-    assert state.alarms[0].value == pytest.approx(0.5, rel=0.5)
+    assert state.alarms[0].size == pytest.approx(0.5, rel=0.5)
 
 
 def heated(rig: Any, pixels: list[tuple[int, int]], after: int) -> None:
@@ -216,4 +216,4 @@ def test_pixels_that_become_hot_are_named(tmp_path: Path) -> None:
     rig = rig_for(PLAN)
     heated(rig, [(40, 45), (54, 60)], 250)
     state = watched(tmp_path, PLAN, rig, reference_every=25, on_suspect="flag", darks=2)
-    assert named(state) == {"hot"} and state.alarms[0].value == 2
+    assert named(state) == {"hot"} and state.alarms[0].size == 2

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.base import Finding
 from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
 from lfcal.campaign.point_assembly import PointFrames, shown_positions, target_facts
 from lfcal.campaign.points import Points, measured_modulo, measured_points, points_of, tiles_of
 from lfcal.frames.source import FrameSource
 from lfcal.psf.picked import iter_pick
-from lfcal.targets.mistakes import Mistake
 from lfcal.targets.phases import Phases
 from lfcal.targets.sampling import coarsest_pixel_um, may_resample, resampling_words
 from tests.campaign.points import SCAN, array_of, frames_of_drawn, moved, plan_of, view_of
@@ -181,7 +181,9 @@ def test_what_is_wrong_with_a_target_is_told_by_its_frames() -> None:
 
 
 def test_what_most_frames_show_is_said_first(points: Points) -> None:
-    once, often = Mistake("missing", "seen once", ((1, 1),)), Mistake("bright", "seen often", ((2, 2),))
+    once, often = (
+        Finding(kind=kind, what=kind, positions=(hole,)) for kind, hole in (("missing", (1, 1)), ("bright", (2, 2)))
+    )
     a, b, *_ = points.found
     seen = {a: replace(points.found[a], mistakes=(once, often)), b: replace(points.found[b], mistakes=(often,))}
     assert replace(points, found=seen).mistakes == ((often, 2), (once, 1))

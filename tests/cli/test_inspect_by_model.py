@@ -91,7 +91,7 @@ def test_metrics_that_do_not_apply_are_counted_not_listed(lfcal: Lfcal, place: P
     assert isinstance(told, dict) and isinstance(all_told, dict)
     left_out = told["counts"]["not_applicable"]
     assert left_out > 0 and len(all_told["metrics"]) - len(told["metrics"]) == left_out
-    assert told["problems"][0]["title"] and told["problems"][0]["advice"]
+    assert told["findings"][0]["what"] and told["findings"][0]["remedy"]
 
 
 def test_a_fit_that_is_none_or_not_used_is_refused(lfcal: Lfcal, place: Path) -> None:

@@ -174,7 +174,7 @@ def _inspection(found: Any, panel: Any) -> None:
     """Hold the tables against this inspection, and the words beside them against the row that is chosen."""
     assert panel.verdict.text() == found.verdict
     metrics = listed_metrics(found, every=panel.every.isChecked())
-    assert panel.table.rowCount() == len(metrics) and panel.faults.rowCount() == len(found.findings)
+    assert panel.table.rowCount() == len(metrics) and panel.faults.rowCount() == len(found.faults)
     chosen = [
         (kind, table.number_of(index.row()))
         for kind, table in (("fault", panel.faults), ("metric", panel.table))
@@ -182,7 +182,7 @@ def _inspection(found: Any, panel: Any) -> None:
     ]
     assert len(chosen) <= 1, f"{chosen} are chosen at once"
     for kind, number in chosen:
-        title = found.findings[number].title if kind == "fault" else metrics[number].spec.title
+        title = found.faults[number].title if kind == "fault" else metrics[number].spec.title
         assert title.lower() in panel.words.toPlainText().lower(), f"{title} is chosen, {panel.words.toPlainText()}"
 
 

@@ -18,7 +18,7 @@ from lfcal.base.figures import figure
 from lfcal.base.files import replace_whole
 from lfcal.base.progress import drain
 from lfcal.base.units import format_share
-from lfcal.judge import FAULTS, Evidence, Fault, Finding, iter_search
+from lfcal.judge import FAULTS, Evidence, Fault, FoundFault, iter_search
 from lfcal.judge.quality import METRICS
 from lfcal.judge.telling import draw_picture
 from tests.judge.common import clean, evidence_of
@@ -35,7 +35,7 @@ PAGE, IMAGES = "faults.md", "images/faults"
 
 
 # -- what is found -----------------------------------------------------------------------------------------
-def found_of(name: str) -> tuple[Finding, Evidence]:
+def found_of(name: str) -> tuple[FoundFault, Evidence]:
     """Return what is found of a fault that was put in, and the patterns that it was found in."""
     evidence = evidence_of(INJECTIONS[name].made())
     found, _ = drain(iter_search(evidence))
@@ -61,13 +61,13 @@ def parts(fault: Fault) -> tuple[str, ...]:
     )
 
 
-def numbers(found: Finding) -> str:
+def numbers(found: FoundFault) -> str:
     """Return what was found of it."""
     share = format_share(min(found.share, 1.0))
     return f"**Found:** {found.detail}; {share} of the light, {min(found.sigmas, 999):.0f} sigma."
 
 
-def chapter(fault: Fault, found: Finding) -> str:
+def chapter(fault: Fault, found: FoundFault) -> str:
     """Return a fault's chapter."""
     title, name, put, how, remedy, *metrics = parts(fault)
     picture = f"![{fault.title}]({IMAGES}/{fault.name}.png)"
@@ -90,7 +90,7 @@ def document(chapters: list[str]) -> str:
 
 
 @contextmanager
-def _drawn(found: Finding, evidence: Evidence) -> Iterator[Figure]:
+def _drawn(found: FoundFault, evidence: Evidence) -> Iterator[Figure]:
     """Draw a pattern without the fault, the same with it, and what shows it."""
     k = _shown(found, evidence)
     place = tuple(int(v) for v in evidence.index[k])
@@ -111,7 +111,7 @@ def _drawn(found: Finding, evidence: Evidence) -> Iterator[Figure]:
         yield fig
 
 
-def _shown(found: Finding, evidence: Evidence) -> int:
+def _shown(found: FoundFault, evidence: Evidence) -> int:
     """Return which pattern shows a fault most: one that it concerns, and that is changed most of all."""
     away = np.array(
         [np.abs(data - clean()[tuple(place)]).sum() for data, place in zip(evidence.data, evidence.index, strict=True)]

@@ -12,7 +12,7 @@ from benchmarks._fault_recordings import CAMERAS, PEAK, Recording
 from benchmarks._fault_sensor import compressed
 from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan
-from lfcal.judge import Evidence, Finding, iter_evidence, iter_search
+from lfcal.judge import Evidence, FoundFault, iter_evidence, iter_search
 from lfcal.psf import PSFMatrix
 
 __all__ = [
@@ -118,7 +118,7 @@ def _compared(patterns: int) -> NDArray[np.intp]:
     return evidence_of(clean(), patterns).index
 
 
-def faults_of(values: Values, patterns: int | None = None) -> dict[str, Finding]:
+def faults_of(values: Values, patterns: int | None = None) -> dict[str, FoundFault]:
     """Return the faults that are found, by name; every picture says what it shows, in which unit."""
     found, _ = drain(iter_search(evidence_of(values, patterns)))
     for one in found:

@@ -13,7 +13,7 @@ from benchmarks._fault_costs import TrueCost
 from benchmarks._fault_list import FAULTS
 from benchmarks._fault_recordings import CAMERAS, Recording
 from lfcal.base.progress import drain
-from lfcal.judge import Evidence, Finding, iter_inspection, iter_search
+from lfcal.judge import Evidence, FoundFault, iter_inspection, iter_search
 from lfcal.judge._cost import FEWEST, Costs, iter_costs
 from lfcal.judge.quality import inspect
 from tests.judge.common import (
@@ -95,7 +95,7 @@ KINDS: dict[str, Callable[[], Values]] = {
 
 
 @cache
-def in_faded() -> tuple[Finding, Evidence]:
+def in_faded() -> tuple[FoundFault, Evidence]:
     """Return what is found where the lamp fades, and the evidence without it."""
     (one,), cleaned = drain(iter_search(evidence_of(faded(0.2))))
     return one, cleaned
@@ -107,7 +107,7 @@ def true_cost(name: str) -> float:
     return truth().cost(KINDS[name]())
 
 
-def costs_of(values: Values) -> tuple[tuple[Finding, ...], Costs]:
+def costs_of(values: Values) -> tuple[tuple[FoundFault, ...], Costs]:
     found, cleaned = drain(iter_search(evidence_of(values)))
     return found, drain(iter_costs(cleaned, found, None))
 
@@ -136,7 +136,7 @@ def test_costs_are_those_of_a_large_reconstruction(name: str) -> None:
 def test_offsets_cost_what_they_cost_on_all_of_the_cutout(camera: str, name: str, strength: float) -> None:
     own = Recording(CAMERAS[camera]())
     values = next(one for one in FAULTS if one.name == name).put_in(own, strength)
-    found = drain(iter_inspection(own.matrix(values), inspect(own.matrix(values), workers=1), patterns=60)).findings
+    found = drain(iter_inspection(own.matrix(values), inspect(own.matrix(values), workers=1), patterns=60)).faults
     told = next(one.cost for one in found if one.name == "line_offsets")
     true = TrueCost(own.light(), own.clean()).cost(values)
     assert told is not None and true / 1.9 < told < 1.9 * true, (told, true)
@@ -178,7 +178,7 @@ def test_frames_that_were_not_looked_at_cost_what_those_do_that_were() -> None:
     """Three rows in two planes run the other way: 192 patterns, of which 48 are compared for being odd."""
     values = clean()
     values[:, 1:7:2] = values[:, 1:7:2, ::-1].copy()
-    one = next(one for one in inspected(matrix(values)).findings if one.name == "strangers")
+    one = next(one for one in inspected(matrix(values)).faults if one.name == "strangers")
     true = truth().cost(values)
     assert one.extent == pytest.approx(192 / (2 * 19 * 33), rel=0.3)
     assert one.cost is not None and true / 1.5 < one.cost < 1.5 * true

@@ -105,8 +105,8 @@ def test_costs_are_within_a_factor_2_of_a_dense_reconstruction(name: str, streng
     found = inspected(r.matrix(fault.put_in(r, strength)), SOME)
     true = np.sqrt(error_of(name, strength) ** 2 - error_of("", 0) ** 2)
     assert found.clean is not None and found.as_it_is is not None
-    costs = np.array([one.cost for one in found.findings], float)
-    named = np.array([one.name in fault.named for one in found.findings])
+    costs = np.array([one.cost for one in found.faults], float)
+    named = np.array([one.name in fault.named for one in found.faults])
     told = np.sqrt(np.square(costs[named]).sum())
     assert named.any() and true / 2 < told < 2 * true, (told, true)
     assert np.hypot(found.clean, np.sqrt(np.square(costs).sum())) == pytest.approx(found.as_it_is, rel=0.35)
@@ -118,5 +118,5 @@ def test_few_saturated_values_cost_next_to_nothing() -> None:
     fault = next(one for one in FAULTS if one.name == "few saturated values")
     true = np.sqrt(max(0.0, error_of(fault.name, 120) ** 2 - error_of("", 0) ** 2))
     found = inspected(r.matrix(fault.put_in(r, 120)), SOME)
-    told = max((one.cost or 0.0 for one in found.findings), default=0.0)
+    told = max((one.cost or 0.0 for one in found.faults), default=0.0)
     assert max(told, true) < 0.05 and not found.bad

@@ -97,7 +97,7 @@ def test_what_was_done_to_the_patterns_is_named_with_figures(case: str) -> None:
     assert "of the light unexplained as described" in found.verdict
     explanation = found.disagreement and found.disagreement.explanation
     assert explanation is not None and explanation.after < EXPLAINED < explanation.before
-    assert not found.compared and not found.findings, "no fault is named for what is none"
+    assert not found.compared and not found.faults, "no fault is named for what is none"
 
 
 def camera_of(H: PSFMatrix) -> Behind:
@@ -127,7 +127,7 @@ def test_a_pupil_that_is_blocked_in_a_part_is_never_good() -> None:
     values = recorded_by(plan().camera, Blocked(radius=3.0))
     found = inspected(one_plane(values))
     assert found.merit == "bad" and "pupil" in found.verdict
-    costs = [one.cost for one in found.findings if one.name == "pupil"]
+    costs = [one.cost for one in found.faults if one.name == "pupil"]
     assert costs and costs[0] is not None and costs[0] > FAIR
 
 
@@ -215,7 +215,7 @@ def test_what_was_found_before_the_limit_is_kept(monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(inspection, "iter_costs", never)
     found = inspected(one_plane(values))
-    assert found.compared and found.findings and found.unfinished and found.merit in ("bad", "unknown")
+    assert found.compared and found.faults and found.unfinished and found.merit in ("bad", "unknown")
 
 
 def test_iter_explained_says_nothing_of_a_camera_that_is_right() -> None:

@@ -33,7 +33,7 @@ def inspected_hot() -> Inspection:
 
 def test_a_clean_recording_is_good() -> None:
     found = inspected(matrix(clean()))
-    assert found.compared == common.PATTERNS and not found.findings and not found.bad
+    assert found.compared == common.PATTERNS and not found.faults and not found.bad
     assert found.verdict.startswith("This PSF can be used; worth a look: cut off. "), "of a small cutout"
     assert "show no fault" in found.verdict and "Assemble again with a larger cutout" in found.verdict
 
@@ -41,10 +41,10 @@ def test_a_clean_recording_is_good() -> None:
 @pytest.mark.long
 def test_a_fault_stands_for_the_metrics_that_it_looks_like() -> None:
     found = inspected_hot()
-    assert found.bad and found.findings[0].name == "hot_line"
+    assert found.bad and found.faults[0].name == "hot_line"
     assert found.verdict.startswith("This PSF should not be used as it is: hot line of the sensor")
     step = found.quality["stage_gain"]
-    assert found.settled(step) is found.findings[0] and step not in found.alarms
+    assert found.settled(step) is found.faults[0] and step not in found.alarms
     assert found.quality.redo() and not found.redo(), "no frame is recorded again for a line of the sensor"
 
 
@@ -60,7 +60,7 @@ def test_a_camera_that_does_not_explain_the_patterns_names_no_fault() -> None:
     lattice = replace(camera.lattice, gap_um=1.06 * camera.lattice.gap_um)
     other = PSFMatrix(clean(), depths=plan().depths_um, camera=replace(camera, lattice=lattice), anchor=plan().anchor)
     found = inspected(other, FEWEST)
-    assert not found.findings and not found.compared and "lfcal fit" in found.verdict
+    assert not found.faults and not found.compared and "lfcal fit" in found.verdict
     assert found.merit != "good" and "the gap of lenslets and sensor is about -5.7 %" in found.verdict
 
 
@@ -92,7 +92,7 @@ def test_any_light_or_none_ends_in_words(scale: float) -> None:
     """Warnings are errors in tests: nothing is divided by no light."""
     found = inspected(matrix((scale * clean()).astype(np.float32)))
     if scale > 0:
-        assert found.compared and not found.findings
+        assert found.compared and not found.faults
     else:
         assert "no light" in found.why_not or "little in common" in found.why_not
 

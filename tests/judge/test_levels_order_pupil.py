@@ -81,7 +81,7 @@ def test_a_lens_type_out_of_focus_is_measured() -> None:
 @pytest.mark.long
 def test_two_frames_far_apart_that_were_swapped_are_both_listed() -> None:
     found = inspected(matrix(put_in("far positions swapped", 1)))
-    strangers = next(one for one in found.findings if one.name == "strangers")
+    strangers = next(one for one in found.faults if one.name == "strangers")
     assert len(strangers.positions) == 2 and len(found.redo()) >= 2
     assert {tuple(place) for place in strangers.positions.tolist()} <= {place for place, _ in found.redo()}
 
@@ -89,4 +89,4 @@ def test_two_frames_far_apart_that_were_swapped_are_both_listed() -> None:
 @pytest.mark.long
 def test_rows_that_were_swapped_are_no_displaced_frames() -> None:
     found = inspected(matrix(put_in("rows swapped", 3)), FEWEST)
-    assert found.findings[0].name == "strangers" and found.bad
+    assert found.faults[0].name == "strangers" and found.bad

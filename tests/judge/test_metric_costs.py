@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from lfcal.base.progress import drain
-from lfcal.judge import FAULTS, Finding, iter_search
+from lfcal.judge import FAULTS, FoundFault, iter_search
 from lfcal.judge._cost import Costs, _consistent, iter_costs
-from lfcal.judge._metric_costs import as_findings, with_costs
+from lfcal.judge._metric_costs import as_faults, with_costs
 from lfcal.judge.inspection import FAIR, Inspection
 from lfcal.judge.quality import QualityReport, inspect
 from lfcal.judge.quality.metric import Metric, Reading, judge
@@ -34,7 +34,7 @@ def test_they_are_measured_where_it_is_known_what_they_do(quality: QualityReport
     bad = replace(quality, metrics=tuple(alarms.get(m.key, m) for m in quality.metrics))
     found, cleaned = drain(iter_search(evidence_of(clean())))
     assert not found
-    told = dict(as_findings(alarms.values(), cleaned))
+    told = dict(as_faults(alarms.values(), cleaned))
     assert set(told) == {"snr", "truncation", "step"}
     costs = drain(iter_costs(cleaned, tuple(told.values()), None))
     assert costs.clean is not None and costs.whole
@@ -67,7 +67,7 @@ def test_none_costs_more_than_what_h_costs_beside_its_named_faults(quality: Qual
 def test_light_beyond_the_cutouts_costs_what_larger_ones_show(quality: QualityReport) -> None:
     """Of a cutout that is a third of the shadow most is cut off."""
     found = evidence_of(np.ascontiguousarray(clean()[..., 12:-12, 12:-12]))
-    told = dict(as_findings([alarm(quality, "truncation")], found))
+    told = dict(as_faults([alarm(quality, "truncation")], found))
     (cost,) = drain(iter_costs(found, tuple(told.values()), None)).costs
     assert cost is not None and cost > 0.1 and plan().cutout == (41, 41)
 
@@ -87,7 +87,7 @@ def test_saturated_values_cost_the_light_above_the_top(many: int) -> None:
 
 def test_costs_never_add_to_more_than_h_as_it_is_costs() -> None:
     """What H costs besides goes to faults whose size a sample told."""
-    plain = Finding(FAULTS.get("lamp"), "", 9.0, 0.1)
+    plain = FoundFault(FAULTS.get("lamp"), "", 9.0, 0.1)
     frames, wide = replace(plain, extent=0.1), replace(plain, wider=1.5)
     both = (plain, replace(plain))
     assert _consistent((0.3, 0.4), both, 0.25) == pytest.approx([0.15, 0.2]), "in squares"

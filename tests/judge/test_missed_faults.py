@@ -90,7 +90,7 @@ def test_light_that_follows_the_pattern_is_told_with_its_power() -> None:
 @pytest.mark.long
 def test_light_that_follows_the_pattern_costs_what_it_costs_a_large_reconstruction() -> None:
     found = inspected(matrix(put_in("automatic exposure", 1.0)))
-    (one,) = found.findings
+    (one,) = found.faults
     assert one.name == "auto_exposure" and "power of -1.0" in one.detail
     assert one.cost is not None and 0.05 < one.cost < 0.19, "what it costs a large reconstruction is 0.094"
 
@@ -187,7 +187,7 @@ def test_a_dead_pixel_costs_the_same_whatever_its_noise(seed: int) -> None:
     image[36, 23] = 0.0
     values = noisy(scaled(light(), image), seed)
     true = (TrueCost(light(), noisy(light(), seed)) if seed else truth()).cost(values)
-    (one,) = inspected(matrix(values)).findings
+    (one,) = inspected(matrix(values)).faults
     assert one.pixels.tolist() == [[36, 23]] and one.cost is not None and true / 2 < one.cost < 2 * true
 
 
@@ -197,7 +197,7 @@ def test_a_dead_column_costs_what_it_costs_at_the_border_too() -> None:
     image = sensor(1.0)
     image[:, 23] = 0.0
     values = noisy(scaled(light(), image), 0)
-    (one,) = inspected(matrix(values)).findings
+    (one,) = inspected(matrix(values)).faults
     true = truth().cost(values)
     assert one.cost == pytest.approx(true, rel=0.15)
 
@@ -213,7 +213,7 @@ def test_lines_and_hot_pixels_cost_what_they_cost_at_the_border_too(camera: str,
     (fault,) = (one for one in FAULTS if one.name == name)
     values = fault.put_in(other, strength)
     true = TrueCost(other.light(), other.clean()).cost(values)
-    found = inspected(other.matrix(values)).findings[0]
+    found = inspected(other.matrix(values)).faults[0]
     assert found.cost is not None and true / 1.7 < found.cost < 1.7 * true
 
 

@@ -13,7 +13,7 @@ import pytest
 from benchmarks._fault_recordings import Recording
 from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan, preset
-from lfcal.judge import Evidence, Finding, iter_evidence, iter_inspection, iter_search
+from lfcal.judge import Evidence, FoundFault, iter_evidence, iter_inspection, iter_search
 from lfcal.judge.quality import QualityReport, inspect
 from lfcal.psf import PSFMatrix
 from tests.judge.common import FEWEST, SOME, Values, compressed
@@ -29,7 +29,7 @@ def microscope(pitch_px: float, depths: tuple[float, ...] = NEAR, cutout: int = 
     return Recording(ScanPlan.for_camera(camera, depths_um=depths, cutout=cutout))
 
 
-def findings(r: Recording, values: Values, provenance: Mapping[str, Any] | None = None) -> tuple[Finding, ...]:
+def findings(r: Recording, values: Values, provenance: Mapping[str, Any] | None = None) -> tuple[FoundFault, ...]:
     plan = r.plan
     H = PSFMatrix(values, depths=plan.depths_um, camera=plan.camera, anchor=plan.anchor, provenance=provenance)
     evidence = drain(iter_evidence(H, patterns=SOME))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
+from lfcal.judge.finding import Fault, FoundFault, Picture
+from lfcal.judge.inspection import Inspection
 from lfcal.judge.quality import QualityReport, inspect
 from lfcal.judge.report._pdf import PageBlock, blocks, iter_pages
 from lfcal.judge.report._pictures import pictures
-from lfcal.judge.report.beside import Beside, ToldFault
 from lfcal.psf import PSFMatrix
 from tests.judge.test_report import matrix
 
@@ -51,13 +53,19 @@ def test_every_metric_is_on_paper(H: PSFMatrix, quality: QualityReport, count: i
 
 
 def test_faults_come_with_picture_and_remedy(H: PSFMatrix, quality: QualityReport) -> None:
-    picture = pictures(H, quality, None, None)[0]().png
+    picture = Picture(np.eye(4), "%", "light", ("row (px)", "column (px)"))
+
+    class Named(Fault):
+        name, advice, rank = "named", "Do this.", 0
+
+        def __init__(self, k: int) -> None:
+            self.title, self.settles = f"fault {k}", (quality.metrics[0].key,) if k == 9 else ()  # type: ignore[misc]
+
     faults = tuple(
-        ToldFault(f"fault {k}", "so much", f"{k} %", "0.01 → 0.02", "Do this.", picture, "shown") for k in (9, 5, 2, 1)
+        FoundFault(Named(k), "so much", 9.0, k / 100, picture=picture, cost=0.2 + k / 100) for k in (9, 5, 2, 1)
     )
-    settled = {quality.metrics[0].key: "fault 9"}
-    beside = Beside("This PSF should not be used.", "bad", "all compared", faults, settled)
-    content = blocks(H, quality, [], beside)
+    inspection = Inspection(quality, faults, 60, 0.01, "", 1.0, clean=0.01)
+    content = blocks(H, quality, [], inspection)
     pages = texts(content)
     whole = " ".join(pages)
     assert pages[0].index("should not be used") < pages[0].index("1. fault 9: 9 % of the light")

@@ -44,7 +44,7 @@ def test_noise_that_was_cut_off_at_zero_is_told_by_its_dark_samples() -> None:
 def test_noise_that_was_cut_off_at_zero_costs_what_it_costs_a_large_reconstruction() -> None:
     values = put_in("clipped at zero", 1)
     found = inspected(matrix(values))
-    (one,) = found.findings
+    (one,) = found.faults
     true = truth().cost(values)
     assert one.cost is not None and true > 0.005 and true / 2 < one.cost < 2 * true
     assert not found.alarms
@@ -59,7 +59,7 @@ def test_signed_noise_and_a_background_are_not_cut_off() -> None:
 def test_a_strong_compression_costs_what_it_takes_away() -> None:
     values = put_in("JPEG", 30)
     found = inspected(matrix(values), FEWEST)
-    (one,) = found.findings
+    (one,) = found.faults
     true = truth().cost(values)
     assert one.name == "compression" and one.cost is not None
     assert true > 0.3 and true / 2 < one.cost < 2 * true
@@ -69,7 +69,7 @@ def test_a_strong_compression_costs_what_it_takes_away() -> None:
 def test_patterns_of_other_places_cost_no_more_than_all_of_h() -> None:
     values = put_in("planes swapped", 0.2)
     found = inspected(matrix(values))
-    strangers = next(one for one in found.findings if one.name == "strangers")
+    strangers = next(one for one in found.faults if one.name == "strangers")
     assert found.as_it_is is not None and found.clean is not None and strangers.cost is not None
     assert 0.1 < strangers.cost <= found.as_it_is - found.clean + 1e-9
     assert strangers.positions[:, 1].max() < 0.3 * plan().period[0]

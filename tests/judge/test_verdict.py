@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lfcal.base import Merit
 from lfcal.judge import Inspection
-from lfcal.judge.finding import FAULTS, Finding
+from lfcal.judge.finding import FAULTS, FoundFault
 from lfcal.judge.inspection import BAD, BAD_SHARE, FAIR, FAIR_SHARE
 from lfcal.judge.quality import QualityReport, inspect
-from lfcal.judge.quality.metric import Merit
-from lfcal.judge.telling import compared_words, told
+from lfcal.judge.telling import compared_words
 from tests.judge.common import clean, matrix
 
 BAND: dict[Merit, tuple[tuple[float, float], tuple[float, float]]] = {
@@ -30,12 +30,12 @@ def quality() -> QualityReport:
     return replace(found, metrics=tuple(metrics))
 
 
-def drawn(rng: np.random.Generator, merit: Merit) -> Finding:
+def drawn(rng: np.random.Generator, merit: Merit) -> FoundFault:
     faults = list(FAULTS)
     costs, shares = BAND[merit]
     cost = float(rng.uniform(*costs)) if rng.random() < 0.6 else None
     share = float(rng.uniform(*shares) if cost is None else rng.random())
-    return Finding(faults[rng.integers(len(faults))], "3 pixels", 12.0, share, cost=cost)
+    return FoundFault(faults[rng.integers(len(faults))], "3 pixels", 12.0, share, cost=cost)
 
 
 @pytest.mark.parametrize("seed", range(60))
@@ -58,7 +58,7 @@ def test_the_verdict_says_what_the_table_says(quality: QualityReport, seed: int)
     every = {*merits, *(m.merit for m in standing if m.merit != "unknown")}
     worst = next(merit for merit in ("bad", "fair", "good") if merit in every)
     start = {"bad": "This PSF should not be used", "fair": "This PSF can be used", "good": "This PSF is good"}[worst]
-    assert verdict.startswith(start) and found.merit == worst == told(found).merit
+    assert verdict.startswith(start) and found.merit == worst
     assert found.bad == (worst == "bad")
     # what decides is named, or counted among the others
     names = [f.title for f, merit in zip(findings, merits, strict=True) if merit == worst]
@@ -83,13 +83,13 @@ def test_the_verdict_says_what_the_table_says(quality: QualityReport, seed: int)
 def test_faults_that_cost_nothing_are_said_to_be_there(
     quality: QualityReport, cost: float | None, many: int, words: str
 ) -> None:
-    one = Finding(FAULTS.get("bad_pixels"), "2 pixels", 12.0, 0.001, cost=cost)
+    one = FoundFault(FAULTS.get("bad_pixels"), "2 pixels", 12.0, 0.001, cost=cost)
     found = Inspection(quality, (one,) * many, 60, 0.01, "", 1.0)
     assert words in found.verdict and "(bad pixels of the sensor" in found.verdict
 
 
 def test_patterns_alone_show_faults_too(quality: QualityReport) -> None:
-    one = Finding(FAULTS.get("saturated"), "values end", 12.0, 0.2, cost=0.01)
+    one = FoundFault(FAULTS.get("saturated"), "values end", 12.0, 0.2, cost=0.01)
     found = Inspection(quality, (one,), 0, 0.2, "its camera leaves 20 % of the light unexplained", 1.0)
     assert "its patterns show 1 fault that costs" in found.verdict and "saturated values" in found.verdict
     assert "the patterns alone show these faults" in compared_words(found)

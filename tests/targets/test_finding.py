@@ -103,19 +103,19 @@ def test_a_missing_row_is_named() -> None:
     for row in (3, 6):
         gone = tuple((row, c) for c in range(7))
         points = found(drawn(target, CAMERA, Z, without=gone), target)
-        assert [m.kind for m in points.mistakes] == ["missing row"] and points.mistakes[0].holes == gone
+        assert [m.kind for m in points.mistakes] == ["missing row"] and points.mistakes[0].positions == gone
         assert f"row {row} is missing" in str(points.mistakes[0])
         assert errors(points, target).max() < 0.1
     column = tuple((r, 4) for r in range(7))
     assert kinds(found(drawn(target, CAMERA, Z, without=column), target)) == {"missing column"}
     points = found(drawn(target, CAMERA, Z, without=((3, 3), (5, 1))), target)
-    assert [(m.kind, m.holes) for m in points.mistakes] == [("missing holes", ((3, 3), (5, 1)))]
+    assert [(m.kind, m.positions) for m in points.mistakes] == [("missing holes", ((3, 3), (5, 1)))]
 
 
 def test_two_bright_neighbours_are_named_together() -> None:
     target = array()
     points = found(drawn(target, CAMERA, Z, light={(2, 3): 2.9, (2, 4): 2.5}, spread=0.1), target)
-    assert [(m.kind, m.holes) for m in points.mistakes] == [("bright", ((2, 3), (2, 4)))]
+    assert [(m.kind, m.positions) for m in points.mistakes] == [("bright", ((2, 3), (2, 4)))]
     assert "neighbours" in str(points.mistakes[0])
     # their own light does not move the places of others
     assert errors(points, target).max() < 0.1
@@ -127,7 +127,7 @@ def test_dirt_ghosts_and_doubled_holes_cost_no_label() -> None:
     ghost = tuple(np.add(true[3, 1], (0.5 * 57, 0.45 * 57)).tolist())
     frame = drawn(target, CAMERA, Z, light={(5, 5): 0.3}, ghosts=(ghost,), aside={(2, 5): (3.0, -2.0)}, spread=0.1)
     points = found(frame, target)
-    named = {one.kind: one.holes for one in points.mistakes}
+    named = {one.kind: one.positions for one in points.mistakes}
     assert named["dim"] == ((5, 5),) and (2, 5) in named["displaced"]
     assert set(map(tuple, points.holes.tolist())) <= set(true)
     assert len(points) >= len(true) - 4

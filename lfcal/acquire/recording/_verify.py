@@ -18,7 +18,17 @@ from lfcal.acquire.recording._recorded import Slots, files_made, opened, restore
 from lfcal.acquire.recording.recording_file import RecordingFile, RecordingJournal
 from lfcal.acquire.recording.records import Kind, file_name
 from lfcal.acquire.session_file import SessionFile
-from lfcal.base import Clock, FileFormatError, Work, drained, replace_whole, require_space, worker_count
+from lfcal.base import (
+    Clock,
+    FileFormatError,
+    Finding,
+    Work,
+    drained,
+    format_count,
+    replace_whole,
+    require_space,
+    worker_count,
+)
 from lfcal.frames import Position
 
 __all__ = ["DamagedFrame", "SessionReport", "iter_repair", "iter_verify", "verify"]
@@ -103,6 +113,33 @@ class SessionReport:
     def ok(self) -> bool:
         """Whether nothing that was recorded is damaged, but for what was recorded again since."""
         return not self.lacking and not any(f.fault for f in self.files) and all(d.replaced for d in self.damaged)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What is wrong with the session; what was recorded again since is not."""
+        found = [
+            Finding(
+                kind="damaged",
+                what=f"damaged {one.kind} frame",
+                subject="frames",
+                detail=one.what,
+                where=f"{one.file}, slot {one.slot}",
+                positions=(tuple(one.position),) if one.kind == "position" else (),
+                remedy="Record this position again.",
+                repeat=int(one.kind == "position"),
+            )
+            for one in self.damaged
+            if not one.replaced
+        ]
+        found += [
+            Finding(kind="file", what="damaged file", subject="file", detail=one.fault, where=one.file)
+            for one in self.files
+            if one.fault
+        ]
+        if self.lacking:
+            detail = f"{format_count(self.lacking, 'position', 'positions')} acknowledged and without a record"
+            found.append(Finding(kind="lacking", what="missing records", subject="frames", detail=detail))
+        return tuple(found)
 
     @property
     def to_redo(self) -> tuple[Position, ...]:

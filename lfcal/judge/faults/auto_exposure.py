@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
 from lfcal.judge.faults._series import BETTER, FEW, SURE, robust, usual
-from lfcal.judge.finding import Fault, Finding, Picture, PutIn, adding
+from lfcal.judge.finding import Fault, FoundFault, Picture, PutIn, adding
 
 __all__ = ["FAULTS", "AutoExposure"]
 
@@ -29,11 +29,12 @@ class AutoExposure(Fault):
 
     name = "auto_exposure"
     title = "exposure that follows the pattern"
+    subject = "light"
     rank = 39
     advice = "Switch automatic exposure and gain off, and record again; or divide each frame by its exposure time."
     settles: ClassVar[tuple[str, ...]] = ("flicker", "lamp", "plane_energy")
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield the power of the patterns' peaks that their light goes by."""
         values, sigmas = evidence.column("gain")
         tops = evidence.model.max((1, 2)).astype(np.float64)
@@ -59,7 +60,7 @@ class AutoExposure(Fault):
             law /= planes @ np.array([np.median(law[own > 0]) for own in planes.T])
         law = np.where(seen, law / np.median(law[seen]), 1.0)
         order = np.argsort(peaks)
-        yield Finding(
+        yield FoundFault(
             self,
             f"the light of patterns goes by their peaks to the power of {power:+.2f} ± {error:.2f}",
             abs(power) / error,

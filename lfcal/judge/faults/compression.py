@@ -12,7 +12,7 @@ from scipy.fft import dctn
 
 from lfcal.judge.evidence import Evidence
 from lfcal.judge.faults._series import SURE
-from lfcal.judge.finding import Fault, Finding, Picture
+from lfcal.judge.finding import Fault, FoundFault, Picture
 
 __all__ = ["FAULTS", "Compression"]
 
@@ -63,6 +63,7 @@ class Compression(Fault):
     needs_camera = False
     rank = 7
     title = "lossy compression"
+    subject = "file"
     advice = "Record without compression: what it took away cannot be brought back."
     settles: ClassVar[tuple[str, ...]] = (
         "jitter",
@@ -78,7 +79,7 @@ class Compression(Fault):
     )
     explains: ClassVar[tuple[str, ...]] = ("not_linear", "bad_pixels", "jitter", "flicker")
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield by how much neighbours across blocks differ more than those within.
 
         Nothing where every frame was stored without loss, or was computed.
@@ -101,7 +102,7 @@ class Compression(Fault):
                 for other in OTHERS
             )
             if min(ratios) - 1 > CLEARLY * (max(others) - 1):
-                yield Finding(
+                yield FoundFault(
                     self,
                     f"neighbours across blocks of {BLOCK} x {BLOCK} pixels of the {what} differ "
                     f"{min(ratios):.2f} times as much as within",
@@ -112,7 +113,7 @@ class Compression(Fault):
                 return
         yield from self._rounded(evidence)
 
-    def _rounded(self, evidence: Evidence) -> Iterable[Finding]:
+    def _rounded(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield by how much more of the finest structure is gone in blocks of one place than in those beside it."""
         for what, corners in (("sensor", evidence.corners()), ("cutout", np.zeros((len(evidence), 2), np.intp))):
             gone, counts = _gone(evidence, corners)
@@ -124,7 +125,7 @@ class Compression(Fault):
             told = float(more[k] / np.sqrt(beside[k] * (1 - beside[k]) / counts[k] * (1 + 1 / len(BESIDE))))
             if more[k] < GONE or told < SURE:
                 continue
-            yield Finding(
+            yield FoundFault(
                 self,
                 f"{100 * gone[k]:.0f} % of the finest structure in blocks of {BLOCK} x {BLOCK} pixels of the {what} "
                 f"is gone, and {100 * beside[k]:.0f} % in those beside them",

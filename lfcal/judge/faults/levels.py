@@ -14,7 +14,7 @@ from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
 from lfcal.judge.faults._series import SURE, usual
 from lfcal.judge.faults.places import place_map
-from lfcal.judge.finding import Fault, Finding, Picture, PutIn, adding
+from lfcal.judge.finding import Fault, FoundFault, Picture, PutIn, adding
 
 __all__ = ["FAULTS", "BackgroundFault", "CutOff", "Saturated"]
 
@@ -64,18 +64,19 @@ class Saturated(Fault):
 
     name = "saturated"
     title = "saturated values"
+    subject = "sensor"
     rank = 5
     advice = "Shorten the exposure or dim the lamp, and record these positions again."
     settles: ClassVar[tuple[str, ...]] = ("saturation", "jitter", "flicker", "plane_energy")
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield the ceiling, where the camera has more light than that."""
         for band in BANDS:
             for one in self._within(evidence, band):
                 yield one
                 return
 
-    def _within(self, evidence: Evidence, band: float) -> Iterable[Finding]:
+    def _within(self, evidence: Evidence, band: float) -> Iterable[FoundFault]:
         """Yield a ceiling whose samples lie within a part of the highest value."""
         data = np.where(evidence.valid, evidence.data, -np.inf)
         top = float(data.max())
@@ -91,7 +92,7 @@ class Saturated(Fault):
         ceiling = float(np.median(data[at]))
         lost = np.where(at, light - evidence.data, 0).sum((1, 2), dtype=np.float64)
         some = np.flatnonzero(at.any((1, 2)))
-        yield Finding(
+        yield FoundFault(
             self,
             f"values end at {ceiling:.4g} in {len(some)} of {len(evidence)} patterns compared, "
             f"where the light makes up to {float(light[at].max()):.4g}",
@@ -123,11 +124,12 @@ class CutOff(Fault):
 
     name = "cut_off"
     title = "noise cut off at zero"
+    subject = "sensor"
     rank = 6
     advice = "Keep values signed when the dark frame is subtracted, or record with an offset, and assemble H again."
     settles: ClassVar[tuple[str, ...]] = ("clipped", "background", "leak", "snr")
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield where the noise of dark samples ends, by how many of them are exactly zero and what the others are."""
         peak = float(evidence.light.max())
         dark = evidence.data[evidence.valid & (evidence.light < DARK * peak)].astype(np.float64)
@@ -146,7 +148,7 @@ class CutOff(Fault):
         dim = evidence.valid & (evidence.light + min(level, 0.0) < DIM * noise)
         drawn = np.random.default_rng(0).standard_normal(evidence.data.shape, np.float32) * np.float32(noise)
         whole = np.where(dim, evidence.light + drawn, evidence.data - np.float32(level))
-        yield Finding(
+        yield FoundFault(
             self,
             f"{100 * zeros:.0f} % of dark samples are zero and none is negative: noise of {noise:.3g} counts about "
             f"{level:+.3g} was cut off",
@@ -178,11 +180,12 @@ class BackgroundFault(Fault):
 
     name = "background"
     title = "background under all patterns"
+    subject = "sensor"
     rank = 43
     advice = "Take a dark frame of the same exposure and temperature, and assemble H again."
     settles: ClassVar[tuple[str, ...]] = ("background", "leak", "truncation", "clipped")
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield the background in the middle of all patterns."""
         values, sigmas = evidence.column("background")
         most = usual(values, sigmas)
@@ -193,7 +196,7 @@ class BackgroundFault(Fault):
         share = abs(level) * evidence.light[0].size / max(total, 1e-300)
         if abs(level) < max(BRIGHT * peak, SURE * error) or share < MUCH:
             return
-        yield Finding(
+        yield FoundFault(
             self,
             f"{level:+.3g} counts under every sample, {100 * level / peak:+.2f} % of the brightest light",
             abs(level) / error,

@@ -13,7 +13,7 @@ from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
 from lfcal.judge.faults._series import ENOUGH, SURE, robust, scan_order, sharpest_step, usual
 from lfcal.judge.faults.places import late, only_recorded, place_map, share_of
-from lfcal.judge.finding import Fault, Finding, Picture, PutIn
+from lfcal.judge.finding import Fault, FoundFault, Picture, PutIn
 
 __all__ = ["FAULTS", "ExposureFault", "Flicker", "FocusDrift", "Lamp"]
 
@@ -69,11 +69,12 @@ class ExposureFault(Fault):
 
     name = "exposure"
     title = "single frames of another exposure"
+    subject = "light"
     rank = 40
     advice = "Record these positions again; switch automatic exposure off."
     settles: ClassVar[tuple[str, ...]] = ("flicker",)
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield frames whose light is far off that of all others."""
         gains, sigmas = _gains(evidence)
         most = usual(gains, sigmas)
@@ -86,7 +87,7 @@ class ExposureFault(Fault):
         worst = bad[np.argmax(np.abs(gains[bad]))]
         place = tuple(int(v) for v in evidence.index[worst])
         many = "1 frame" if bad.size == 1 else f"{bad.size} frames"
-        yield Finding(
+        yield FoundFault(
             self,
             f"{many} of {len(evidence)} compared, the worst at {place} with {1 + gains[worst]:.2f} times the light",
             float(abs(gains[worst]) / max(scatter, float(sigmas[worst]))),
@@ -104,11 +105,12 @@ class Lamp(Fault):
 
     name = "lamp"
     title = "lamp that changes during the scan"
+    subject = "light"
     rank = 41
     advice = "Let the lamp warm up, or record control frames that it is corrected by; scale H by the lamp's course."
     settles: ClassVar[tuple[str, ...]] = ("lamp", "plane_energy")
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield the trend over each plane's scan, and the sharpest step."""
         gains, sigmas = _gains(evidence)
         z = evidence.index[:, 0]
@@ -141,7 +143,7 @@ class Lamp(Fault):
             return (1 + trend * _within(evidence.plan, index))[:, None, None]
 
         order = scan_order(evidence.index)
-        yield Finding(
+        yield FoundFault(
             self,
             detail,
             float(told),
@@ -157,11 +159,12 @@ class Flicker(Fault):
 
     name = "flicker"
     title = "lamp that flickers"
+    subject = "light"
     rank = 42
     advice = "Stabilise the lamp's current, or expose for whole periods of the mains."
     settles: ClassVar[tuple[str, ...]] = ("flicker",)
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield the scatter of the light beyond its own error."""
         gains, sigmas = _gains(evidence)
         most = usual(gains, sigmas)
@@ -181,7 +184,7 @@ class Flicker(Fault):
         rms = float(np.sqrt(max(0.0, mean - chance**2)))
         if rms < WORTH or (scatter / chance - 1) * np.sqrt(len(order)) < SURE:
             return
-        yield Finding(
+        yield FoundFault(
             self,
             f"{100 * rms:.1f} % (rms) from frame to frame",
             float((scatter / chance - 1) * np.sqrt(len(order))),
@@ -202,10 +205,11 @@ class FocusDrift(Fault):
 
     name = "focus_drift"
     title = "focus that drifts during the scan"
+    subject = "light"
     rank = 52
     advice = "Let camera and stage come to temperature, and check that the focus is held; record the plane again."
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield the planes whose depth changes over the scan."""
         values, sigmas = evidence.column("depth")
         z = evidence.index[:, 0]
@@ -214,7 +218,7 @@ class FocusDrift(Fault):
             design = np.stack([np.ones(len(own)), _within(evidence.plan, evidence.index[own])], 1)
             found, errors, _ = robust(design, values[own], np.hypot(sigmas[own], 2e-4))
             if abs(found[1]) > SURE * errors[1] and abs(found[1]) > 0.005:
-                yield Finding(
+                yield FoundFault(
                     self,
                     f"plane {plane}: virtual depth changes by {100 * found[1]:+.2f} % over the scan",
                     float(abs(found[1]) / errors[1]),

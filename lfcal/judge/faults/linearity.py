@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lfcal.judge._modelled import correlation
 from lfcal.judge.evidence import Evidence
 from lfcal.judge.faults._series import SURE
-from lfcal.judge.finding import Fault, Finding, Picture
+from lfcal.judge.finding import Fault, FoundFault, Picture
 
 __all__ = ["FAULTS", "NotLinear"]
 
@@ -122,10 +122,11 @@ class NotLinear(Fault):
     strong_rank = 8
     rank = 9
     title = "values not proportional to the light"
+    subject = "sensor"
     advice = "Switch the camera's gamma and contrast off, or linearise the frames, and import them anew."
     settles: ClassVar[tuple[str, ...]] = ("background", "leak")
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield the law that values follow: that of two which explains them best."""
         peak = float(np.abs(evidence.data).max()) or 1.0
         bend, sigma = _told(evidence, _Power(peak))
@@ -139,7 +140,7 @@ class NotLinear(Fault):
         law, sigma, now = min(tried, key=lambda one: one[2].misfit)
         light = np.maximum(now.light, 0)
         change = np.abs(law.bent(light) - light).sum(dtype=np.float64)
-        yield Finding(
+        yield FoundFault(
             self,
             law.words(sigma),
             told,

@@ -16,7 +16,7 @@ from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
 from lfcal.judge.faults._series import SURE
 from lfcal.judge.faults.places import share_of
-from lfcal.judge.finding import Fault, Finding, Picture, PutIn, adding
+from lfcal.judge.finding import Fault, FoundFault, Picture, PutIn, adding
 
 __all__ = ["FAULTS", "DepthLabel", "GhostFault", "TypeLight"]
 
@@ -59,11 +59,12 @@ class DepthLabel(Fault):
 
     name = "depth_label"
     title = "planes at other depths than stated"
+    subject = "optics"
     rank = 50
     advice = "Correct the depths of these planes, or the distance of the stage's zero; nothing need be recorded anew."
     settles: ClassVar[tuple[str, ...]] = ("depth",)
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield the planes with the change of their virtual depths."""
         values, sigmas = evidence.column("depth")
         z, camera = evidence.index[:, 0], evidence.plan.camera
@@ -85,7 +86,7 @@ class DepthLabel(Fault):
                 worst, told = max(worst, abs(mean)), max(told, abs(mean) / error)
         if planes:
             more = f" and {len(words) - 3} more" if len(words) > 3 else ""
-            yield Finding(
+            yield FoundFault(
                 self,
                 "; ".join(words[:3]) + more,
                 told,
@@ -105,6 +106,7 @@ class GhostFault(Fault):
 
     name = "ghost"
     title = "ghost image"
+    subject = "optics"
     strong_rank = 8
     rank = 54
     advice = (
@@ -112,7 +114,7 @@ class GhostFault(Fault):
     )
     settles: ClassVar[tuple[str, ...]] = ("leak", "background", "truncation")
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield the displacement at which what is left looks most like the pattern."""
         left, light = evidence.left, evidence.light
         best: tuple[float, float, str, tuple[int, int], F8] | None = None
@@ -131,7 +133,7 @@ class GhostFault(Fault):
             share += float((now.left * copy).sum(dtype=np.float64)) / max(power, 1e-300)
         if share > BRIGHTEST or not _in_most(left, copy, share):
             return
-        yield Finding(
+        yield FoundFault(
             self,
             f"{100 * share:.1f} % of the light, {name}, {place[0]:+d} px down and {place[1]:+d} px across",
             sigmas,
@@ -193,10 +195,11 @@ class TypeLight(Fault):
 
     name = "type_light"
     title = "lens type of less light"
+    subject = "optics"
     rank = 56
     advice = "State the transmission of the lens types; check the white image, and the array for dirt or a coating."
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield the light of each lens type."""
         types = len(evidence.plan.camera.lattice.types)
         if types < 2:
@@ -216,7 +219,7 @@ class TypeLight(Fault):
         if not np.isfinite(errors[k]) or abs(gains[k]) < max(DIM, SURE * errors[k]):
             return
         focal = evidence.plan.camera.lattice.types[k].focal_length_um
-        yield Finding(
+        yield FoundFault(
             self,
             f"type {k} (focal length {focal:.0f} µm) passes {100 * (1 + gains[k]):.0f} % of the light of the others",
             float(abs(gains[k]) / errors[k]),

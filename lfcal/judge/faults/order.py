@@ -12,7 +12,7 @@ from lfcal.judge._modelled import correlation, plane_of
 from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
 from lfcal.judge.faults.places import place_map
-from lfcal.judge.finding import Fault, Finding, PutIn
+from lfcal.judge.finding import Fault, FoundFault, PutIn
 
 __all__ = ["FAULTS", "WrongOrder"]
 
@@ -91,6 +91,7 @@ class WrongOrder(Fault):
 
     name = "order"
     title = "patterns in another order"
+    subject = "frames"
     rank = 3
     needs_camera = False
     advice = (
@@ -133,7 +134,7 @@ class WrongOrder(Fault):
         "background",
     )
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield the planes with the order that their patterns are in."""
         period = evidence.plan.period
         orders = _orders(period)
@@ -155,7 +156,7 @@ class WrongOrder(Fault):
         if not turned:
             return
         words = "; ".join(f"plane {z}: {name}" for z, name in list(turned.items())[:3])
-        yield Finding(
+        yield FoundFault(
             self,
             words + (f"; and {len(turned) - 3} planes more" if len(turned) > 3 else ""),
             told,

@@ -16,7 +16,7 @@ from lfcal.judge._modelled import cut, plane_of
 from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
 from lfcal.judge.faults._series import SURE
-from lfcal.judge.finding import Fault, Finding, Picture, PutIn, adding
+from lfcal.judge.finding import Fault, FoundFault, Picture, PutIn, adding
 from lfcal.simulate.engines import EnergyError
 
 __all__ = ["FAULTS", "Pupil", "TypeFocus"]
@@ -64,6 +64,7 @@ class Pupil(Fault):
 
     name = "pupil"
     title = "pupil darker in a part"
+    subject = "optics"
     strong_rank = 8
     rank = 45
     advice = (
@@ -73,7 +74,7 @@ class Pupil(Fault):
     settles: ClassVar[tuple[str, ...]] = ("centring", "leak", "stage_gain", "pitch")
     explains: ClassVar[tuple[str, ...]] = ("ghost",)
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield how uneven the light is over the cutouts."""
         here = now = evidence
         lit = np.ones((evidence.plan.shape[0], *evidence.plan.cutout))
@@ -106,7 +107,7 @@ class Pupil(Fault):
         # from the middle of the light to that of what is missing
         down, across = ((lost * k).sum() / lost.sum() - (light * k).sum() / light.sum() for k in (y, x))
         side = np.degrees(np.arctan2(down, across))
-        yield Finding(
+        yield FoundFault(
             self,
             f"down to {100 * float(image.min()):.0f} % of the light {side:.0f}° from the right, downwards, "
             f"of the middle of the pattern; {100 * scatter:.0f} % (rms) over it",
@@ -166,6 +167,7 @@ class TypeFocus(Fault):
 
     name = "type_focus"
     title = "lens type out of focus"
+    subject = "optics"
     strong_rank = 8
     rank = 57
     advice = (
@@ -173,7 +175,7 @@ class TypeFocus(Fault):
     )
     settles: ClassVar[tuple[str, ...]] = ("depth",)
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield the type whose focal length explains most of what is left."""
         types = len(evidence.plan.camera.lattice.types)
         if evidence.misfit < LEFT or types < 2:
@@ -197,7 +199,7 @@ class TypeFocus(Fault):
         def put_in(patch: Patch) -> F4:
             return replace(patch, known=_with_focal(patch.known, kind, change)).moved()
 
-        yield Finding(
+        yield FoundFault(
             self,
             f"type {kind}: focal length {focal * (1 + change):.1f} µm instead of {focal:.1f} µm",
             abs(tried[kind][0]) / sigma,

@@ -13,7 +13,7 @@ from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
 from lfcal.judge.faults._series import BETTER, SURE, SeriesJump, robust, scan_order, sharpest_step, usual
 from lfcal.judge.faults.places import late, only_recorded, place_map, share_of
-from lfcal.judge.finding import Fault, Finding, PutIn
+from lfcal.judge.finding import Fault, FoundFault, PutIn
 
 __all__ = ["FAULTS", "BacklashFault", "FrameShift", "Jitter", "StageAxesFault", "Strangers"]
 
@@ -71,11 +71,12 @@ class StageAxesFault(Fault):
 
     name = "stage_axes"
     title = "steps or axes of the stage"
+    subject = "stage"
     rank = 30
     advice = "Calibrate the stage's step and angle against the camera (lfcal acquire calibrate), and record again."
     settles: ClassVar[tuple[str, ...]] = ("stage_gain", "drift")
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield what displacements do over the period."""
         down, across = (_fitted(evidence, name) for name in ("source_y", "source_x"))
         ny, nx = evidence.plan.period
@@ -95,7 +96,7 @@ class StageAxesFault(Fault):
         worst = max(abs(v) * size[key[1]] for key, v in seen.items())
         sigmas = max(abs(told[key][0]) / told[key][1] for key in seen)
         values, _ = evidence.column("source_x" if any(a == "x" for a, _ in seen) else "source_y")
-        yield Finding(
+        yield FoundFault(
             self,
             f"{_words(seen)}: sources up to {worst:.2f} px beside their places",
             float(sigmas),
@@ -141,17 +142,18 @@ class BacklashFault(Fault):
 
     name = "backlash"
     title = "play of the stage"
+    subject = "stage"
     rank = 31
     advice = "Scan every row from the same side (order raster), or approach each position from one side."
     settles: ClassVar[tuple[str, ...]] = ("backlash",)
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield the displacement of every other row."""
         for name, along in (("source_x", "the rows"), ("source_y", "the columns")):
             value, sigma = _fitted(evidence, name).terms["by_direction"]
             if abs(value) > SURE * sigma and abs(value) > WORTH_PX:
                 values, _ = evidence.column(name)
-                yield Finding(
+                yield FoundFault(
                     self,
                     f"every other row is displaced by {value:+.2f} ± {sigma:.3f} px along {along}",
                     abs(value) / sigma,
@@ -176,11 +178,12 @@ class Jitter(Fault):
 
     name = "jitter"
     title = "jitter of the stage"
+    subject = "stage"
     rank = 33
     advice = "Let the stage settle longer, and check its repeatability; record the positions again."
     settles: ClassVar[tuple[str, ...]] = ("jitter", "misplaced")
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield the scatter beyond the errors of the displacements themselves."""
         spread = []
         for name in ("source_y", "source_x"):
@@ -194,7 +197,7 @@ class Jitter(Fault):
             )
         rms, sigmas_out = float(np.hypot(*(s for s, _ in spread))), max(t for _, t in spread)
         if sigmas_out > SURE and rms > WORTH_PX:
-            yield Finding(
+            yield FoundFault(
                 self,
                 f"sources scatter by {rms:.2f} px (rms) about their places",
                 float(sigmas_out),
@@ -219,13 +222,14 @@ class FrameShift(Fault):
 
     name = "frame_shift"
     title = "frames displaced against the plan"
+    subject = "stage"
     rank = 28
     advice = (
         "Check the region of the sensor that was read out before and after; assemble with its first pixel (--origin)."
     )
     settles: ClassVar[tuple[str, ...]] = ("seam", "centring", "stage_gain", "pitch", "truncation")
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield the sharpest step of the cutouts' displacements in the order of the scan."""
         for name, along in (("window_y", "down"), ("window_x", "across")):
             values, sigmas = evidence.column(name)
@@ -234,7 +238,7 @@ class FrameShift(Fault):
                 yield from self._all(evidence, name, along)
                 continue
             after = evidence.index[step.after]
-            yield Finding(
+            yield FoundFault(
                 self,
                 f"{abs(step.size):.2f} px {along} from {tuple(int(v) for v in after[0])} on",
                 step.sigmas,
@@ -244,7 +248,7 @@ class FrameShift(Fault):
                 put_in=_shifted("yx".index(name[-1]), step.size, after[0]),
             )
 
-    def _all(self, evidence: Evidence, name: str, along: str) -> Iterable[Finding]:
+    def _all(self, evidence: Evidence, name: str, along: str) -> Iterable[FoundFault]:
         """Yield the displacement that all cutouts have."""
         values, sigmas = evidence.column(name)
         most = usual(values, np.hypot(sigmas, FLOOR_PX))
@@ -253,7 +257,7 @@ class FrameShift(Fault):
         middle, error = most.middle, most.error
         if abs(middle) < max(ANCHOR_PX, SURE * error):
             return
-        yield Finding(
+        yield FoundFault(
             self,
             f"{abs(middle):.2f} px {along} in all frames: the anchor is wrong, or frames are a part of the sensor",
             abs(middle) / error,
@@ -277,11 +281,12 @@ class Strangers(Fault):
 
     name = "strangers"
     title = "patterns of other positions"
+    subject = "stage"
     rank = 26
     advice = "Check the order of these frames, and record the positions again."
     settles: ClassVar[tuple[str, ...]] = ("misplaced",)
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield patterns whose sources are far from their places, and those unlike their model."""
         alike, gains = evidence.alike, evidence.values[:, 0]
         lit = gains > DARK * float(np.median(gains[np.isfinite(evidence.sigmas[:, 0])]))
@@ -298,7 +303,7 @@ class Strangers(Fault):
         told = max(float(np.abs(far[bad]).max()) / scatter, float(np.median(alike) - alike[bad].min()) / 0.02)
         some = "; ".join(_whose(evidence, int(k), far[k], unlike=bool(unlike[k])) for k in bad[:3])
         many = "1 pattern" if bad.size == 1 else f"{bad.size} patterns"
-        yield Finding(
+        yield FoundFault(
             self,
             f"{many} of {len(evidence)} compared: {some}{' and more' if bad.size > 3 else ''}",
             told,

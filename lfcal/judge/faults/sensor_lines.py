@@ -13,7 +13,7 @@ from scipy.ndimage import median_filter
 from lfcal.judge._sensor_map import Lines, SensorMap, sensor_map
 from lfcal.judge.evidence import Evidence
 from lfcal.judge.faults._series import SURE
-from lfcal.judge.finding import Fault, Finding, Picture, PutIn, Repair
+from lfcal.judge.finding import Fault, FoundFault, Picture, PutIn, Repair
 
 __all__ = ["FAULTS", "DeadLine", "HotLine", "LineOffsets"]
 
@@ -123,6 +123,7 @@ class DeadLine(Fault):
 
     name = "dead_line"
     title = "dead or dim line of the sensor"
+    subject = "sensor"
     rank = 10
     advice = "Add the line to the sensor's defect map, and assemble H again; nothing need be recorded anew."
     settles: ClassVar[tuple[str, ...]] = (
@@ -134,7 +135,7 @@ class DeadLine(Fault):
         "hot_pixels",
     )
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield what is found along rows and along columns."""
         if evidence.computed:
             return
@@ -155,7 +156,7 @@ class DeadLine(Fault):
             worst = int(bad[np.argmin(off[bad])])
             lost = -float(off[worst])
             gains = np.where(np.isin(np.arange(off.size), bad), np.maximum(1 + off, 0), 1.0)
-            yield Finding(
+            yield FoundFault(
                 self,
                 f"{_named(axis, bad)} of the scanned part: {100 * min(lost, 1):.0f} % of the light is missing",
                 float(-told[worst]),
@@ -173,6 +174,7 @@ class HotLine(Fault):
 
     name = "hot_line"
     title = "hot line of the sensor"
+    subject = "sensor"
     rank = 11
     advice = "Subtract a dark frame of the same exposure, or add the line to the defect map, and assemble H again."
     settles: ClassVar[tuple[str, ...]] = (
@@ -186,7 +188,7 @@ class HotLine(Fault):
         "truncation",
     )
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield what is found along rows and along columns."""
         total = sensor_map(evidence)
         peak = float(evidence.light.max())
@@ -200,7 +202,7 @@ class HotLine(Fault):
                 continue
             worst = int(bad[np.argmax(off[bad])])
             clean = np.where(np.isin(np.arange(off.size), bad), off, 0.0)
-            yield Finding(
+            yield FoundFault(
                 self,
                 f"{_named(axis, bad)} of the scanned part: {off[worst]:.3g} counts too many",
                 float(told[worst]),
@@ -217,11 +219,12 @@ class LineOffsets(Fault):
 
     name = "line_offsets"
     title = "rows or columns of the sensor with offsets of their own"
+    subject = "sensor"
     rank = 12
     advice = "Subtract a dark frame of the same exposure and temperature, and assemble H again."
     settles: ClassVar[tuple[str, ...]] = ("leak", "background", "flicker", "jitter", "misplaced", "truncation")
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield what is found along rows and along columns: both are one fault, and cost together."""
         total = sensor_map(evidence)
         peak = float(evidence.light.max())
@@ -231,7 +234,7 @@ class LineOffsets(Fault):
         worst = max(both, key=lambda one: one.rms)
         shape = total.weight.shape
         image = np.sum([_along(one.axis, one.likely, shape) for one in both], axis=0)
-        yield Finding(
+        yield FoundFault(
             self,
             "offsets of " + ", of ".join(f"{AXES[one.axis]}s scatter by {one.rms:.3g} counts (rms)" for one in both),
             max(one.sigmas for one in both),

@@ -14,7 +14,7 @@ from lfcal.judge._sensor_map import SensorMap, sensor_map
 from lfcal.judge.evidence import Evidence
 from lfcal.judge.faults._series import SURE
 from lfcal.judge.faults.sensor_lines import BRIGHT
-from lfcal.judge.finding import Fault, Finding, Picture, PutIn, Repair
+from lfcal.judge.finding import Fault, FoundFault, Picture, PutIn, Repair
 
 __all__ = ["FAULTS", "BadPixels", "MosaicFault"]
 
@@ -51,10 +51,11 @@ class BadPixels(Fault):
     name = "bad_pixels"
     rank = 20
     title = "bad pixels of the sensor"
+    subject = "sensor"
     advice = "Add them to the sensor's defect map, and assemble H again; nothing need be recorded anew."
     settles: ClassVar[tuple[str, ...]] = ("hot_pixels", "misplaced", "seam", "step", "leak")
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield the pixels that stand out of their neighbours and of their row and column."""
         if evidence.computed:
             return
@@ -86,7 +87,7 @@ class BadPixels(Fault):
         share = float(np.abs(hot[bad]).sum()) / max(counts, 1e-300) + float(lost[bad].sum())
         if share < LITTLE:
             return
-        yield Finding(
+        yield FoundFault(
             self,
             f"{'1 pixel' if len(pixels) == 1 else f'{len(pixels)} pixels'}: {some}{more}",
             worst,
@@ -173,10 +174,11 @@ class MosaicFault(Fault):
     name = "mosaic"
     rank = 14
     title = "colour mosaic left in"
+    subject = "sensor"
     advice = "Take one channel, or develop the frames: import them anew with the sensor's pattern."
     settles: ClassVar[tuple[str, ...]] = ("lamp", "flicker", "jitter", "stage_gain", "drift", "misplaced")
 
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
+    def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield how much the four pixels of two by two differ."""
         total = sensor_map(evidence)
         four = total.classes(2, 2)
@@ -195,7 +197,7 @@ class MosaicFault(Fault):
             found: F4 = (patterns / np.maximum(seen, 0.05)).astype(np.float32)
             return found
 
-        yield Finding(
+        yield FoundFault(
             self,
             f"pixels of two by two see {words} of the light",
             told,

@@ -9,7 +9,6 @@ from lfcal.judge.quality.catalogue import METRICS
 from lfcal.judge.quality.measure import PlaneMeasures
 from lfcal.judge.quality.metric import UNKNOWN, CostModel, Limits, Metric, MetricSpec, Reading
 from lfcal.judge.quality.report import QualityReport
-from lfcal.judge.quality.verdict import QualityProblem, judged_sentence
 
 __all__ = [
     "METRICS",
@@ -21,11 +20,9 @@ __all__ = [
     "MetricSpec",
     "Periodicity",
     "PlaneMeasures",
-    "QualityProblem",
     "QualityReport",
     "Reading",
     "inspect",
     "iter_inspect",
-    "judged_sentence",
     "periodicity",
 ]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import Clock, InputError, Work, drained
+from lfcal.base import RANK, Clock, InputError, Work, drained
 from lfcal.camera import Camera, Microscope
 from lfcal.judge.quality._expected import expected_sum
 from lfcal.judge.quality._lattice import wave_vectors
@@ -18,7 +18,7 @@ from lfcal.judge.quality._periodicity import Periodicity, periodicity
 from lfcal.judge.quality.across import MatrixMeasures
 from lfcal.judge.quality.catalogue import METRICS
 from lfcal.judge.quality.measure import PASSES, PlaneContext, PlaneMeasures, iter_measure
-from lfcal.judge.quality.metric import RANK, UNKNOWN, Metric, MetricSpec, Reading, judge
+from lfcal.judge.quality.metric import UNKNOWN, Metric, MetricSpec, Reading, judge
 from lfcal.judge.quality.report import QualityReport
 from lfcal.psf import PSFMatrix
 from lfcal.psf.aperture import Aperture, FNumber, Iris, joint_iris, working_f_number

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from lfcal.judge.quality._inspect import Controls, iter_inspect_plane, judged, straight
 from lfcal.judge.quality.measure import PASSES
-from lfcal.judge.quality.metric import RANK, Merit
 from lfcal.judge.quality.pattern_table import NOISELESS
 from lfcal.judge.quality.verdict import (
     BAD,
     FAIR,
     counted,
     counted_words,
-    listed,
+    findings_of,
     merit_of,
     merit_word,
-    problems_of,
     where,
 )
 
@@ -23,17 +21,14 @@ __all__ = [
     "FAIR",
     "NOISELESS",
     "PASSES",
-    "RANK",
     "Controls",
-    "Merit",
     "counted",
     "counted_words",
+    "findings_of",
     "iter_inspect_plane",
     "judged",
-    "listed",
     "merit_of",
     "merit_word",
-    "problems_of",
     "straight",
     "where",
 ]

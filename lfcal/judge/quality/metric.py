@@ -10,17 +10,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import format_number
+from lfcal.base import Merit, format_number
 from lfcal.judge.quality.across import MatrixMeasures
 from lfcal.judge.quality.measure import PlaneMeasures
 
-__all__ = ["RANK", "UNKNOWN", "CostModel", "Limits", "Merit", "Metric", "MetricSpec", "Reading", "judge"]
+__all__ = ["UNKNOWN", "CostModel", "Limits", "Metric", "MetricSpec", "Reading", "judge"]
 
-Merit = Literal["good", "fair", "bad", "unknown"]
 Plot = Literal["map", "planes", "sum", "table"]
-
-RANK: dict[Merit, int] = {"bad": 0, "fair": 1, "good": 2, "unknown": 3}
-"""Order of merits in a report."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,6 +140,8 @@ class MetricSpec:
     ----------
     key, title, unit
         Name in JSON, name for people, unit of the value (empty: a number).
+    subject
+        What it concerns, one of `lfcal.base.SUBJECTS`.
     meaning, advice
         What it says, and what to do when it is bad; one sentence or more each.
     limits, cost
@@ -190,6 +188,7 @@ class MetricSpec:
 
     key: str
     title: str
+    subject: str = "other"
     unit: str = ""
     meaning: str
     advice: str
@@ -307,6 +306,7 @@ class Metric:
         return {
             "key": self.key,
             "title": self.spec.title,
+            "subject": self.spec.subject,
             "value": self.value,
             "unit": self.spec.unit,
             "merit": self.merit,

@@ -9,10 +9,10 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import format_count, format_length, format_plane
+from lfcal.base import RANK, Finding, Merit, format_count, format_length, format_plane, verdict_of
 from lfcal.judge.quality._periodicity import Periodicity
-from lfcal.judge.quality.metric import RANK, Merit, Metric
-from lfcal.judge.quality.verdict import QualityProblem, counted, judged_sentence, merit_of, problems_of
+from lfcal.judge.quality.metric import Metric
+from lfcal.judge.quality.verdict import counted, findings_of, merit_of
 from lfcal.psf.aperture import Aperture, FNumber, Iris
 
 __all__ = ["QualityReport"]
@@ -106,18 +106,18 @@ class QualityReport:
         return math.sqrt(sum(m.cost**2 for m in self.metrics if m.merit != "unknown"))
 
     @property
-    def problems(self) -> tuple[QualityProblem, ...]:
+    def findings(self) -> tuple[Finding, ...]:
         """What is wrong with H, the worst first."""
-        return problems_of(self.metrics, self.shape)
+        return findings_of(self.metrics, self.shape)
 
     @property
     def verdict(self) -> str:
         """What is wrong with H, where, what it costs, what to do, and what remains then."""
         known = sum(m.merit == "good" for m in self.metrics)
-        if not known and not self.problems:
+        if not known and not self.findings:
             return "Nothing could be measured: it is not known whether this PSF is good."
         words = f"good by {format_count(known, 'metric', 'metrics')}; it was not compared with a camera"
-        return judged_sentence(self.problems, words)
+        return verdict_of(self.findings, words)
 
     def redo(self, without: Collection[str] = ()) -> list[tuple[tuple[int, int, int], str]]:
         """Return positions (z, y, x) to record again with the reasons, in scan order, but for metrics ``without``."""
@@ -138,7 +138,7 @@ class QualityReport:
             "merit": self.merit,
             "verdict": self.verdict,
             "cost": self.cost,
-            "problems": [asdict(one) for one in self.problems],
+            "findings": [asdict(one) for one in self.findings],
             "counts": counted(self.metrics),
             "metrics": [m.to_dict() for m in self.metrics if every or m.applies],
             "planes": [self._plane(z) for z in range(self.shape[0])],

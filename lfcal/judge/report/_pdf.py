@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lfcal import __version__
-from lfcal.base import COLOURS, figure, one_line
+from lfcal.base import COLOURS, figure, format_share, one_line
+from lfcal.judge.inspection import Inspection
 from lfcal.judge.quality import QualityReport, counted_words, merit_word
 from lfcal.judge.report._pictures import ReportPicture
-from lfcal.judge.report.beside import Beside
 from lfcal.judge.report.page import limits, redo_of, value_text
+from lfcal.judge.telling import compared_words, cost_words, drawn
 from lfcal.psf import PSFMatrix
 
 if TYPE_CHECKING:
@@ -110,7 +111,7 @@ def blocks(
     H: PSFMatrix,
     quality: QualityReport,
     pictures: Sequence[ReportPicture],
-    beside: Beside | None = None,
+    inspection: Inspection | None = None,
     *,
     every: bool = False,
 ) -> list[PageBlock]:
@@ -118,7 +119,7 @@ def blocks(
 
     With ``every`` metrics that do not apply are listed, too.
     """
-    merit = quality.merit if beside is None else beside.merit
+    judged = quality if inspection is None else inspection
     nz, ny, nx, nt, ns = quality.shape
     ends = quality.extent or "depths not stated"
     camera = f"; camera {H.camera.name}" if H.camera is not None else ""
@@ -126,14 +127,12 @@ def blocks(
     found = [
         PageBlock(one_line(Path(H.path).name) or "PSF matrix", 17, bold=True),
         PageBlock(f"PSF quality report, {datetime.now().astimezone():%Y-%m-%d %H:%M}", 9, colour=COLOURS["muted"]),
-        PageBlock(
-            quality.verdict if beside is None else beside.verdict, 13, True, COLOURS.get(merit, "#1f2937"), gap=0.2
-        ),
+        PageBlock(judged.verdict, 13, True, COLOURS.get(judged.merit, "#1f2937"), gap=0.2),
         PageBlock(facts, gap=0.06),
     ]
-    if beside is not None:
-        found += _faults(beside)
-    found += [*_actions(quality, beside), *_metrics(quality, beside, every)]
+    if inspection is not None:
+        found += _faults(inspection)
+    found += [*_actions(quality, inspection), *_metrics(quality, inspection, every)]
     return [*found, *_apertures(quality), *_drawn(pictures)]
 
 
@@ -141,23 +140,25 @@ def _heading(text: str) -> PageBlock:
     return PageBlock(text, 12, bold=True, gap=0.22, keep=True)
 
 
-def _faults(beside: Beside) -> Iterator[PageBlock]:
+def _faults(inspection: Inspection) -> Iterator[PageBlock]:
     yield _heading("Beside the camera's model")
-    yield PageBlock(f"{beside.words[:1].upper()}{beside.words[1:]}.")
-    for k, fault in enumerate(beside.faults):
-        costs = f"{fault.share} of the light; error of a reconstruction {fault.cost}"
-        yield PageBlock(f"{k + 1}. {fault.title}: {costs}", 10, bold=True, gap=0.14, keep=True)
+    words = compared_words(inspection)
+    yield PageBlock(f"{words[:1].upper()}{words[1:]}.")
+    for k, fault in enumerate(inspection.faults):
+        share, cost = format_share(min(fault.share, 1.0)), cost_words(inspection, fault)
+        head = f"{k + 1}. {fault.title}: {share} of the light; error of a reconstruction {cost}"
+        yield PageBlock(head, 10, bold=True, gap=0.14, keep=True)
         yield PageBlock(fault.detail, keep=True)
-        yield PageBlock(f"What to do: {fault.advice}", keep=bool(fault.picture))
-        if fault.picture:
+        yield PageBlock(f"What to do: {fault.fault.advice}", keep=fault.picture is not None)
+        if fault.picture is not None:
             # the three that matter most are seen at once; the others are smaller
-            yield PageBlock(picture=fault.picture, width=3.4 if k < 3 else 2.6)
+            yield PageBlock(picture=drawn(fault.picture), width=3.4 if k < 3 else 2.6)
 
 
-def _actions(quality: QualityReport, beside: Beside | None) -> Iterator[PageBlock]:
-    others = set() if beside is None else {*beside.settled, *beside.withdrawn}
-    named = [m for m in quality.metrics if m.merit in ("bad", "fair") and m.key not in others]
-    redo = redo_of(quality, beside)
+def _actions(quality: QualityReport, inspection: Inspection | None) -> Iterator[PageBlock]:
+    metrics = quality.metrics if inspection is None else inspection.doubts
+    named = [m for m in metrics if m.merit in ("bad", "fair")]
+    redo = redo_of(quality, inspection)
     if named or redo:
         yield _heading("What to do")
     for m in named:
@@ -173,19 +174,18 @@ AT = (0.0, 0.65, 2.55, 4.25, 4.95, 5.65)
 """Where the columns of the table of metrics begin (inches)."""
 
 
-def _metrics(quality: QualityReport, beside: Beside | None, every: bool) -> Iterator[PageBlock]:
+def _metrics(quality: QualityReport, inspection: Inspection | None, every: bool) -> Iterator[PageBlock]:
     yield _heading("Metrics")
     yield PageBlock(f"{counted_words(quality.metrics)}.", keep=True)
     yield PageBlock(
         cells=("merit", "metric", "value", "good", "bad", "cost or cause"), at=AT, size=8, bold=True, keep=True
     )
-    settled = {} if beside is None else beside.settled
-    gone = frozenset[str]() if beside is None else beside.withdrawn
     for m in (m for m in quality.metrics if every or m.applies):
-        cause = settled.get(m.key, "")
-        told = m.merit in ("bad", "fair")
-        last = f"see {cause}" if cause and told else "not confirmed" if m.key in gone and told else m.cost_text
-        tone = COLOURS["muted"] if told and (cause or m.key in gone) else COLOURS.get(m.merit, COLOURS["muted"])
+        named = inspection is not None and m.merit in ("bad", "fair")
+        cause = inspection.settled(m) if inspection is not None and named else None
+        gone = inspection is not None and named and inspection.withdrawn(m)
+        last = f"see {cause.title}" if cause is not None else "not confirmed" if gone else m.cost_text
+        tone = COLOURS["muted"] if cause is not None or gone else COLOURS.get(m.merit, COLOURS["muted"])
         cells = (merit_word(m), m.spec.title, value_text(m), *limits(m), last)
         yield PageBlock(cells=cells, at=AT, size=8, colour=tone, gap=0.02)
 

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from lfcal.base import LINES, draw_image, figure, format_plane, html_figure
 from lfcal.judge.comparison import Comparison
+from lfcal.judge.inspection import Inspection
 from lfcal.judge.quality import Metric, QualityReport
+from lfcal.judge.telling import drawn
 from lfcal.psf import PSFMatrix, depth_sum
 from lfcal.psf.aperture import KINDS, Aperture, expected_aperture
 
@@ -49,6 +51,15 @@ class ReportPicture:
     name: str
     caption: str
     png: bytes = field(repr=False)
+
+
+def fault_pictures(inspection: Inspection) -> list[ReportPicture]:
+    """Return the pictures that show faults."""
+    return [
+        ReportPicture("faults", one.title, f"{one.title}: {one.picture.title}.", drawn(one.picture))
+        for one in inspection.faults
+        if one.picture is not None
+    ]
 
 
 def figures(pictures: Sequence[ReportPicture], section: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from lfcal.judge.report.beside import Beside, ToldFault
 from lfcal.judge.report.page import limits, value_text
 from lfcal.judge.report.two import (
     COLUMNS,
@@ -16,8 +15,6 @@ from lfcal.judge.report.two import (
 
 __all__ = [
     "COLUMNS",
-    "Beside",
-    "ToldFault",
     "compared_report_files",
     "compared_words",
     "figure_rows",

@@ -15,6 +15,7 @@ from lfcal.base import (
     format_length,
     format_plane,
     format_seconds,
+    format_share,
     html_page,
     html_section,
     html_table,
@@ -22,9 +23,10 @@ from lfcal.base import (
     one_line,
 )
 from lfcal.judge.comparison import Comparison
+from lfcal.judge.inspection import Inspection
 from lfcal.judge.quality import Metric, QualityReport, counted_words, merit_of, merit_word
-from lfcal.judge.report._pictures import ReportPicture, figures
-from lfcal.judge.report.beside import Beside
+from lfcal.judge.report._pictures import ReportPicture, fault_pictures, figures
+from lfcal.judge.telling import compared_words, cost_words
 from lfcal.psf import PSFMatrix
 from lfcal.psf.aperture import KINDS, Aperture, with_error
 
@@ -43,7 +45,7 @@ def page(
     pictures: Sequence[ReportPicture],
     comparison: Comparison | None = None,
     reference: str = "",
-    beside: Beside | None = None,
+    inspection: Inspection | None = None,
     *,
     every: bool = False,
 ) -> str:
@@ -53,10 +55,10 @@ def page(
     """
     name = one_line(Path(H.path).name) or "PSF matrix"
     sections = [
-        _verdict(quality) if beside is None else _last_word(beside),
-        _facts(H, quality, redo_of(quality, beside)),
-        "" if beside is None else html_section("Beside the camera's model", _faults(beside)),
-        _actions(quality, beside),
+        _verdict(quality) if inspection is None else _last_word(inspection),
+        _facts(H, quality, redo_of(quality, inspection)),
+        "" if inspection is None else html_section("Beside the camera's model", _faults(inspection)),
+        _actions(quality, inspection),
         html_section("Metrics", _metrics(quality, every)),
         html_section("Aperture", _apertures(H, quality) + figures(pictures, "aperture")),
         html_section("H and its transpose", figures(pictures, "slices")),
@@ -90,29 +92,37 @@ def _verdict(quality: QualityReport) -> str:
     return f'<section class="verdict {quality.merit}">{html_text(quality.verdict)}<p>{more}</p></section>'
 
 
-def redo_of(quality: QualityReport, beside: Beside | None) -> Sequence[tuple[tuple[int, int, int], str]]:
+def redo_of(quality: QualityReport, inspection: Inspection | None) -> Sequence[tuple[tuple[int, int, int], str]]:
     """Return the positions to record again with the reasons, by all that is known."""
-    return quality.redo() if beside is None else beside.redo
+    return quality.redo() if inspection is None else inspection.redo()
 
 
-def _last_word(beside: Beside) -> str:
-    words = beside.words[0].upper() + beside.words[1:]
-    return f'<section class="verdict {beside.merit}">{html_text(beside.verdict)}<p>{html_text(words)}.</p></section>'
+def _last_word(inspection: Inspection) -> str:
+    words = _compared_sentence(inspection)
+    verdict = html_text(inspection.verdict)
+    return f'<section class="verdict {inspection.merit}">{verdict}<p>{html_text(words)}.</p></section>'
 
 
 ERROR = "error of a reconstruction (NRMSE), by noise → with the fault"
 """Head of the column of costs."""
 
 
-def _faults(beside: Beside) -> str:
+def _compared_sentence(inspection: Inspection) -> str:
+    words = compared_words(inspection)
+    return words[0].upper() + words[1:]
+
+
+def _faults(inspection: Inspection) -> str:
     """Return the faults that a comparison with the camera found, each with its picture."""
-    rows = [
-        [f'<b class="nb">{html_text(f.title)}</b>', *map(html_text, (f.detail, f.share, f.cost, f.advice))]
-        for f in beside.faults
-    ]
+    rows = []
+    for one in inspection.faults:
+        share, cost = format_share(min(one.share, 1.0)), cost_words(inspection, one)
+        rows.append(
+            [f'<b class="nb">{html_text(one.title)}</b>', *map(html_text, (one.detail, share, cost, one.fault.advice))]
+        )
     if not rows:
-        return f"<p>{html_text(beside.words[0].upper() + beside.words[1:])}.</p>"
-    shown = [ReportPicture("faults", f.title, f.caption, f.picture) for f in beside.faults if f.picture]
+        return f"<p>{html_text(_compared_sentence(inspection))}.</p>"
+    shown = fault_pictures(inspection)
     head = ["fault", "what", "of the light", ERROR, "what to do"]
     return html_table(head, rows, numeric=[2, 3]) + figures(shown, "faults")
 
@@ -134,16 +144,16 @@ def _facts(H: PSFMatrix, quality: QualityReport, redo: Sequence[object]) -> str:
     )
 
 
-def _actions(quality: QualityReport, beside: Beside | None) -> str:
+def _actions(quality: QualityReport, inspection: Inspection | None) -> str:
     """Return what to do about what is not good, costliest first; less what a fault stands for, or refutes."""
-    others = set() if beside is None else {*beside.settled, *beside.withdrawn}
+    metrics = quality.metrics if inspection is None else inspection.doubts
     items = [
         f'<li class="{m.merit}"><b class="advice">{html_text(m.spec.title)}</b>, {html_text(value_text(m))}: '
         f"{html_text(m.spec.advice)}</li>"
-        for m in quality.metrics
-        if m.merit in ("bad", "fair") and m.key not in others
+        for m in metrics
+        if m.merit in ("bad", "fair")
     ]
-    redo = redo_of(quality, beside)
+    redo = redo_of(quality, inspection)
     if not items and not redo:
         return ""
     body = f"<ol>{''.join(items)}</ol>" if items else ""

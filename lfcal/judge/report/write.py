@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 
 from lfcal.base import Clock, InputError, StorageError, Work, drained, one_line, plain, replace_whole
 from lfcal.judge.comparison import Comparison, iter_compare
+from lfcal.judge.inspection import Inspection
 from lfcal.judge.quality import Controls, QualityReport, iter_inspect
 from lfcal.judge.report._pdf import blocks, pdf
 from lfcal.judge.report._pictures import PICTURES, pictures
-from lfcal.judge.report.beside import Beside
 from lfcal.judge.report.page import page, redo_of
 from lfcal.psf import PSFMatrix
 
@@ -32,7 +32,7 @@ def iter_report(
     quality: QualityReport | None = None,
     controls: Controls | None = None,
     workers: int | None = None,
-    beside: Beside | None = None,
+    inspection: Inspection | None = None,
     every: bool = False,
 ) -> Work[Path]:
     """Inspect H; write page, pictures, ``report.pdf``, ``quality.json`` and ``redo.json`` into ``folder``.
@@ -53,8 +53,8 @@ def iter_report(
         Control frames by depth plane for the inspection, see `lfcal.judge.quality.iter_inspect`.
     workers
         Threads; every processor by default.
-    beside
-        What a comparison with the camera found: it has the last word.
+    inspection
+        The metrics together with what a comparison with the camera found, in place of ``quality``.
     every
         Whether metrics that do not apply are listed, too.
 
@@ -80,6 +80,8 @@ def iter_report(
     if target.exists() and not target.is_dir():
         raise StorageError.expected(str(target), "a folder for the report", "a file", "name a folder")
     H = _straight(matrix)
+    if inspection is not None:
+        quality = inspection.quality
     other = None if reference is None else _straight(reference)
     if quality is not None and quality.shape != H.shape:
         raise InputError.expected("quality", f"that of H {H.shape}", quality.shape, "inspect this H")
@@ -96,17 +98,18 @@ def iter_report(
         drawn.append(draw())
     yield clock.at(len(draws))
     paper = pdf(
-        blocks(H, quality, drawn, beside, every=every), f"{one_line(Path(H.path).name) or 'PSF matrix'}: PSF quality"
+        blocks(H, quality, drawn, inspection, every=every),
+        f"{one_line(Path(H.path).name) or 'PSF matrix'}: PSF quality",
     )
     yield clock.at(len(draws) + 1)
-    text = page(H, quality, drawn, comparison, other.path if other is not None else "", beside, every=every)
+    text = page(H, quality, drawn, comparison, other.path if other is not None else "", inspection, every=every)
     # the page comes last: where it exists, every file that it links to exists
     files = {p.name: p.png for p in drawn}
     result = quality.to_dict(every=every) | ({} if comparison is None else {"comparison": comparison.to_dict()})
-    if beside is not None:
-        result |= {"model": dict(beside.record), "merit": beside.merit, "verdict": beside.verdict} | dict(beside.judged)
+    if inspection is not None:
+        result |= {"model": inspection.to_dict()} | inspection.judged()
     result |= {"inspected": datetime.now(UTC).isoformat(timespec="seconds")}
-    redo = redo_list(quality, beside)
+    redo = redo_list(quality, inspection)
     files |= {PAPER: paper, "quality.json": _json(result), "redo.json": _json(redo), PAGE: text.encode()}
     for name, content in files.items():
         with replace_whole(target / name) as part:
@@ -144,7 +147,7 @@ def report_files(folder: Path) -> list[Path]:
     return [folder / name for name in (PAGE, PAPER, "quality.json", "redo.json", *PICTURES, *maps)]
 
 
-def redo_list(quality: QualityReport, beside: Beside | None = None) -> dict[str, Any]:
+def redo_list(quality: QualityReport, inspection: Inspection | None = None) -> dict[str, Any]:
     """Return the positions to record again as ``lfcal acquire --redo`` takes them.
 
     Examples
@@ -160,7 +163,7 @@ def redo_list(quality: QualityReport, beside: Beside | None = None) -> dict[str,
     >>> print(redo["positions"], redo["reasons"])
     [[0, 0, 1]] ['missing frames']
     """
-    redo = redo_of(quality, beside)
+    redo = redo_of(quality, inspection)
     return {
         "format": "lfcal-redo",
         "version": 1,

@@ -332,7 +332,7 @@ def record_picture(
         at = np.flatnonzero(np.isfinite(line))
         curves[key] = (np.asarray(at + 1.0, np.float64), line[at])
     there = seen if earlier is None or earlier.shape != seen.shape else seen | earlier
-    alarms = tuple(f"{a.what}: {a.value:.3g} (limit {a.limit:g}): {a.advice}" for a in quality.alarms)
+    alarms = tuple(one.line for one in quality.alarms)
     return RecordPicture(
         arrays[quantity][z],
         there[z],

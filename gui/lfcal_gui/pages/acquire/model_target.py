@@ -57,7 +57,7 @@ def coverage_picture(state: CoverageState, z: int) -> RecordPicture:
         "residual": (none, none),
         "saturated": (number, state.saturated[seen].astype(np.float64)),
     }
-    alarms = tuple(f"{a.what}: {a.value:.3g} (limit {a.limit:g}): {a.advice}" for a in state.alarms)
+    alarms = tuple(one.line for one in state.alarms)
     return RecordPicture(
         shown.astype(np.float64),
         shown > 0,

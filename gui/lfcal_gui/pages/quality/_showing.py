@@ -24,7 +24,7 @@ from lfcal_gui.pages.quality.model import (
 )
 
 if TYPE_CHECKING:
-    from lfcal.judge import Finding, Inspection
+    from lfcal.judge import FoundFault, Inspection
     from lfcal.judge.quality import Metric
 
 __all__ = ["Showing"]
@@ -39,7 +39,7 @@ class Showing:
     def __init__(self, panel: InspectPanel, context: Context) -> None:
         self._panel, self._context = panel, context
         self._found: Inspection | None = None
-        self._finding: Finding | None = None
+        self._finding: FoundFault | None = None
         self._metric: Metric | None = None
         self._metrics: tuple[Metric, ...] = ()
         self._z = 0
@@ -64,16 +64,16 @@ class Showing:
         self._metrics = ()
 
     @property
-    def chosen(self) -> Finding | Metric | None:
+    def chosen(self) -> FoundFault | Metric | None:
         """The fault or metric looked at."""
         return self._finding if self._finding is not None else self._metric
 
     # -- faults ----------------------------------------------------------------------------------------
     def _fault_chosen(self, row: int) -> None:
         found = self._found
-        if found is None or not 0 <= row < len(found.findings):
+        if found is None or not 0 <= row < len(found.faults):
             return
-        self._finding, self._metric = found.findings[row], None
+        self._finding, self._metric = found.faults[row], None
         if len(self._finding.positions):  # the plane that has most of them
             self._z = int(np.bincount(self._finding.positions[:, 0]).argmax())
             self._panel.evidence.set_planes(planes_of(found), self._z)
@@ -81,7 +81,7 @@ class Showing:
         self._show_picture(self._finding)
         self._show_map()
 
-    def _show_picture(self, finding: Finding) -> None:
+    def _show_picture(self, finding: FoundFault) -> None:
         evidence, picture = self._panel.evidence, finding.picture
         if picture is None:
             evidence.show_none(capital(finding.title), "There is no picture of this fault.")

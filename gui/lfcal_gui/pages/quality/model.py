@@ -15,7 +15,7 @@ from lfcal.base import InputError
 from lfcal_gui.models import Field, PageSettings
 
 if TYPE_CHECKING:
-    from lfcal.judge import Finding, Inspection
+    from lfcal.judge import FoundFault, Inspection
     from lfcal.judge.quality import Metric
 
 __all__ = [
@@ -140,7 +140,7 @@ class MetricRow:
 
 
 # -- faults ------------------------------------------------------------------------------------------------
-def weight_of(inspection: Inspection, finding: Finding) -> str:
+def weight_of(inspection: Inspection, finding: FoundFault) -> str:
     """Return how much a fault matters: what it makes of a reconstruction's error, else the light that it changes."""
     from lfcal.base import format_share
     from lfcal.judge import cost_words
@@ -150,14 +150,14 @@ def weight_of(inspection: Inspection, finding: Finding) -> str:
     return cost_words(inspection, finding)
 
 
-def merit_of(finding: Finding) -> str:
+def merit_of(finding: FoundFault) -> str:
     """Return the merit that a fault stands for; unknown: too small to matter."""
     from lfcal.judge import is_bad, is_fair
 
     return "bad" if is_bad(finding) else "fair" if is_fair(finding) else "unknown"
 
 
-def sure_of(finding: Finding) -> str:
+def sure_of(finding: FoundFault) -> str:
     """Return how sure a fault is, in per cent that never claim certainty."""
     percent = 100 * finding.confidence
     return "> 99.9 %" if percent > 99.9 else f"{percent:.1f} %"
@@ -167,11 +167,11 @@ def fault_rows(inspection: Inspection) -> tuple[FaultRow, ...]:
     """Return the faults in the inspection's order: what matters most comes first."""
     return tuple(
         FaultRow(one.title, one.detail, weight_of(inspection, one), sure_of(one), merit_of(one))
-        for one in inspection.findings
+        for one in inspection.faults
     )
 
 
-def fault_words(inspection: Inspection, finding: Finding) -> str:
+def fault_words(inspection: Inspection, finding: FoundFault) -> str:
     """Return what a fault is, what it costs and what to do, as rich text."""
     from lfcal.base import format_share
     from lfcal.judge import cost_words
@@ -192,7 +192,7 @@ def atlas_link(name: str) -> str:
     return f"<a href='fault:{name}'>See it in the fault atlas</a>"
 
 
-def place_words(finding: Finding) -> str:
+def place_words(finding: FoundFault) -> str:
     """Return how many positions and pixels a fault concerns."""
     many = len(finding.positions)
     where = f"{many} position{'s' * (many != 1)} concerned" if many else "All positions are concerned"
@@ -202,7 +202,7 @@ def place_words(finding: Finding) -> str:
     return f"{where}{more}{again}."
 
 
-def concerned(finding: Finding, shape: tuple[int, ...], z: int) -> NDArray[np.float32] | None:
+def concerned(finding: FoundFault, shape: tuple[int, ...], z: int) -> NDArray[np.float32] | None:
     """Return 1 where a fault concerns positions ``(ny, nx)`` of plane ``z``, else 0; None: it concerns them all."""
     if not len(finding.positions):
         return None

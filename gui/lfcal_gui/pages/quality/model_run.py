@@ -107,7 +107,7 @@ def iter_judge(asked: InspectionRequest, kept: InspectionRun) -> Work[None]:
         kept.depths, kept.report, kept.camera = np.array(matrix.known_depths), report, matrix.camera is not None
         found = yield from iter_inspection(matrix, report, setup=setup, seconds=asked.seconds)
         # what takes a fault out of patterns holds on to them
-        kept.inspection = replace(found, findings=tuple(replace(one, repair=None) for one in found.findings))
+        kept.inspection = replace(found, faults=tuple(replace(one, repair=None) for one in found.faults))
 
 
 def _setup_of(asked: InspectionRequest, matrix: PSFMatrix) -> Setup | None:
@@ -136,14 +136,11 @@ def judged(kept: InspectionRun, why_not: str) -> Inspection | None:
 
 def iter_write_report(psf: str, folder: str, inspection: Inspection | None) -> Work[Path]:
     """Write the report of the H in a file; what was found is not measured again."""
-    from lfcal.judge import told
     from lfcal.judge.report import iter_report
     from lfcal.psf import open_psf
 
     with open_psf(psf) as matrix:
-        quality = None if inspection is None else inspection.quality
-        beside = None if inspection is None else told(inspection)
-        page = yield from iter_report(matrix, Path(folder), quality=quality, beside=beside)
+        page = yield from iter_report(matrix, Path(folder), inspection=inspection)
         return page
 
 

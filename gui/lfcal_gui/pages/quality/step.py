@@ -16,7 +16,6 @@ def step(project: ProjectState, out: str = "") -> CommandStep:
     pairs = (("--seconds", f"{chosen.seconds:g}"), ("--fit", saved), ("--report", folder))
     python = f"""
 from lfcal.judge import iter_inspection
-from lfcal.judge.telling import told
 from lfcal.base.progress import drain
 from lfcal.psf import open_psf
 from lfcal.judge.quality import inspect
@@ -26,7 +25,7 @@ with open_psf({psf!r}) as H:
     quality = inspect(H)
     found = drain(iter_inspection(H, quality, seconds={chosen.seconds!r}))
     print(quality.merit, found.bad)
-    drain(iter_report(H, Path({folder!r}), quality=quality, beside=told(found)))
+    drain(iter_report(H, Path({folder!r}), inspection=found))
 """
     return CommandStep(("inspect", psf, *options_of(pairs)), python)
 

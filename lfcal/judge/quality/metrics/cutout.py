@@ -24,6 +24,7 @@ METRICS = (
     MetricSpec(
         key="truncation",
         title="Cut off",
+        subject="cutout",
         unit="% of plateau",
         limits=Limits(good=1.0, bad=5.0),
         cost=CostModel(at_bad=0.16, worst=1.0),
@@ -35,6 +36,7 @@ METRICS = (
     MetricSpec(
         key="centring",
         title="Centring",
+        subject="cutout",
         unit="px",
         limits=Limits(good=3.0, bad=8.0),
         cost=CostModel(at_bad=0.02, worst=0.3),

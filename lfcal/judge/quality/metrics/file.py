@@ -45,6 +45,7 @@ METRICS = (
     MetricSpec(
         key="identities",
         title="Identities",
+        subject="file",
         unit="of peak",
         limits=Limits(good=1e-6, bad=1e-4),
         cost=CostModel(at_bad=0.5, worst=2.0),

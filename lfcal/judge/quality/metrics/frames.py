@@ -48,6 +48,7 @@ METRICS = (
     MetricSpec(
         key="missing",
         title="Missing frames",
+        subject="frames",
         unit="frames",
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=1.3, worst=2.0, per_frame=True),
@@ -63,6 +64,7 @@ METRICS = (
     MetricSpec(
         key="duplicates",
         title="Duplicate frames",
+        subject="frames",
         unit="frames",
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=1.2, worst=2.0, per_frame=True),
@@ -77,6 +79,7 @@ METRICS = (
     MetricSpec(
         key="nonfinite",
         title="Not-a-number",
+        subject="frames",
         unit="pixels",
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=0.3, worst=3.0),
@@ -91,6 +94,7 @@ METRICS = (
     MetricSpec(
         key="step",
         title="Odd frames",
+        subject="frames",
         unit="x",
         limits=ODD,
         cost=CostModel(at_bad=0.01, worst=0.1),
@@ -104,6 +108,7 @@ METRICS = (
     MetricSpec(
         key="seam",
         title="Seam at the wrap",
+        subject="frames",
         unit="x",
         limits=Limits(good=1.5, bad=3.0),
         cost=CostModel(at_bad=0.1, worst=0.8),

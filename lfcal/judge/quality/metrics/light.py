@@ -51,6 +51,7 @@ METRICS = (
     MetricSpec(
         key="snr",
         title="Peak over noise",
+        subject="light",
         limits=Limits(good=100.0, bad=20.0, higher_is_better=True),
         cost=CostModel(at_bad=0.5, worst=1.0),
         plot="planes",
@@ -61,6 +62,7 @@ METRICS = (
     MetricSpec(
         key="background",
         title="Background",
+        subject="light",
         unit="% of energy",
         limits=Limits(good=0.5, bad=2.0),
         cost=CostModel(at_bad=0.046, worst=1.0),
@@ -72,6 +74,7 @@ METRICS = (
     MetricSpec(
         key="clipped",
         title="Clipped at zero",
+        subject="light",
         unit="% of dark pixels",
         limits=Limits(good=2.0, bad=15.0),
         cost=CostModel(at_bad=0.04, worst=0.2),
@@ -83,6 +86,7 @@ METRICS = (
     MetricSpec(
         key="leak",
         title="Stray light",
+        subject="light",
         unit="% of energy",
         limits=Limits(good=1.5, bad=4.0),
         cost=CostModel(at_bad=0.05, worst=0.8),
@@ -94,6 +98,7 @@ METRICS = (
     MetricSpec(
         key="flicker",
         title="Flicker",
+        subject="light",
         unit="% rms",
         limits=Limits(good=2.0, bad=5.0),
         cost=CostModel(at_bad=0.002, worst=0.2),
@@ -107,6 +112,7 @@ METRICS = (
     MetricSpec(
         key="lamp",
         title="Lamp drift",
+        subject="light",
         unit="% over the cell",
         limits=Limits(good=3.0, bad=8.0),
         cost=CostModel(at_bad=0.01, worst=0.3),

@@ -27,6 +27,7 @@ METRICS = (
     MetricSpec(
         key="noise",
         title="Noise against the sensor's",
+        subject="sensor",
         unit="x",
         limits=LIMITS,
         cost=CostModel(at_bad=0.02, worst=0.2),

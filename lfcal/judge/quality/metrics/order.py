@@ -33,6 +33,7 @@ METRICS = (
     MetricSpec(
         key="scan_order",
         title="Orientation of frames",
+        subject="frames",
         unit="planes off",
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=3.6, worst=3.6),
@@ -49,6 +50,7 @@ METRICS = (
     MetricSpec(
         key="misplaced",
         title="Misplaced frames",
+        subject="frames",
         unit="frames",
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=0.6, worst=2.0, per_frame=True),

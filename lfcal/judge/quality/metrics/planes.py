@@ -135,6 +135,7 @@ METRICS = (
     MetricSpec(
         key="planes_lit",
         title="Dark planes",
+        subject="planes",
         unit="planes",
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=0.55, worst=1.0),
@@ -148,6 +149,7 @@ METRICS = (
     MetricSpec(
         key="plane_copies",
         title="Copied planes",
+        subject="planes",
         unit="planes",
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=0.5, worst=1.0),
@@ -161,6 +163,7 @@ METRICS = (
     MetricSpec(
         key="plane_energy",
         title="Energy of planes",
+        subject="planes",
         unit="%",
         limits=Limits(good=5.0, bad=15.0),
         cost=CostModel(at_bad=0.02, worst=0.5),
@@ -172,6 +175,7 @@ METRICS = (
     MetricSpec(
         key="depth",
         title="Depth of planes",
+        subject="planes",
         unit="%",
         limits=Limits(good=3.0, bad=8.0),
         cost=CostModel(at_bad=0.1, worst=1.0),
@@ -184,6 +188,7 @@ METRICS = (
     MetricSpec(
         key="depth_order",
         title="Order of planes",
+        subject="planes",
         unit="planes off",
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=0.6, worst=2.0),

@@ -21,6 +21,7 @@ METRICS = (
     MetricSpec(
         key="repeatability",
         title="Repeatability",
+        subject="frames",
         unit="% rms",
         limits=Limits(good=5.0, bad=25.0),
         cost=CostModel(at_bad=0.2, worst=1.0),

@@ -80,6 +80,7 @@ METRICS = (
     MetricSpec(
         key="saturation",
         title="Saturated pixels",
+        subject="sensor",
         unit="pixels",
         limits=LIMITS,
         cost=CostModel(at_bad=0.03, worst=0.6),

@@ -26,6 +26,7 @@ METRICS = (
     MetricSpec(
         key="hot_pixels",
         title="Hot or dead pixels",
+        subject="sensor",
         unit="pixels",
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=0.010, worst=0.3),

@@ -43,6 +43,7 @@ METRICS = (
     MetricSpec(
         key="suspect",
         title="Suspect frames",
+        subject="frames",
         unit="frames",
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=1.2, worst=2.0, per_frame=True),

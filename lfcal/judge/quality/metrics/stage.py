@@ -42,6 +42,7 @@ METRICS = (
     MetricSpec(
         key="stage_gain",
         title="Stage step",
+        subject="stage",
         unit="px over the cell",
         limits=Limits(good=0.35, bad=1.0),
         cost=CostModel(at_bad=0.4, worst=3.5),
@@ -55,6 +56,7 @@ METRICS = (
     MetricSpec(
         key="position",
         title="Position error",
+        subject="stage",
         unit="px rms",
         limits=Limits(good=0.1, bad=0.3),
         cost=CostModel(at_bad=0.25, worst=1.5),
@@ -68,6 +70,7 @@ METRICS = (
     MetricSpec(
         key="jitter",
         title="Stage jitter",
+        subject="stage",
         unit="px rms",
         limits=Limits(good=0.15, bad=0.35),
         cost=CostModel(at_bad=0.17, worst=1.0),
@@ -81,6 +84,7 @@ METRICS = (
     MetricSpec(
         key="backlash",
         title="Backlash",
+        subject="stage",
         unit="px",
         limits=Limits(good=0.1, bad=0.3),
         cost=CostModel(at_bad=0.17, worst=1.0),
@@ -92,6 +96,7 @@ METRICS = (
     MetricSpec(
         key="drift",
         title="Drift",
+        subject="stage",
         unit="px over the cell",
         limits=Limits(good=0.5, bad=1.5),
         cost=CostModel(at_bad=0.2, worst=1.5),
@@ -104,6 +109,7 @@ METRICS = (
     MetricSpec(
         key="pitch",
         title="Lattice pitch",
+        subject="stage",
         unit="px over the cell",
         limits=Limits(good=0.5, bad=1.5),
         cost=CostModel(at_bad=0.1, worst=1.0),

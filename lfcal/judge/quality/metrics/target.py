@@ -47,6 +47,7 @@ def _metric(
     return MetricSpec(
         key=f"target_{key}",
         title=title,
+        subject="target",
         unit="px" if pixels else "%",
         limits=Limits(good=good, bad=bad),
         cost=CostModel(at_bad=at_bad, worst=worst),

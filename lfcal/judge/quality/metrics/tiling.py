@@ -33,6 +33,7 @@ METRICS = (
     MetricSpec(
         key="period",
         title="Period",
+        subject="optics",
         unit="px",
         limits=Limits(good=0.25, bad=0.5),
         cost=CostModel(at_bad=0.5, worst=2.0),
@@ -43,6 +44,7 @@ METRICS = (
     MetricSpec(
         key="tiling",
         title="Tiling over the field",
+        subject="optics",
         unit="%",
         limits=Limits(good=5.0, bad=15.0),
         cost=CostModel(at_bad=0.1, worst=1.0),

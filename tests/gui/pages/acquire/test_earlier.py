@@ -75,7 +75,7 @@ def test_all_runs_are_read_as_they_were_seen(tmp_path: Path, z: int) -> None:
     summed = earlier.sum_of(z)
     assert summed is not None and summed.ended and summed.words == ""
     np.testing.assert_allclose(summed.light, live.depth_sums[z], atol=1e-6)
-    assert {a.what for a in found.alarms} == {a.what for a in live.alarms}
+    assert {a.kind for a in found.alarms} == {a.kind for a in live.alarms}
 
 
 def test_a_position_recorded_again_counts_once(tmp_path: Path) -> None:

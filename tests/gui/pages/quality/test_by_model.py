@@ -98,15 +98,15 @@ def test_faults_come_first_with_what_shows_them(page: Page, qtbot: QtBot) -> Non
     assert inspect.verdict.text() == found.verdict and "hot line" in found.verdict
     assert "patterns compared with the camera" in inspect.summary.text()
     titles = [inspect.faults.item(k, 0).text() for k in range(inspect.faults.rowCount())]  # type: ignore[union-attr]
-    assert titles == [one.title for one in found.findings] and len(titles) >= 2, "in the order of the inspection"
+    assert titles == [one.title for one in found.faults] and len(titles) >= 2, "in the order of the inspection"
     hot = titles.index("hot line of the sensor")
     inspect.faults.selectRow(hot)
     assert "What to do" in inspect.words.toPlainText() and "counts" in inspect.words.toPlainText()
     assert evidence.pictures.currentWidget() is evidence.curve and evidence.map_card.isHidden()
     assert evidence.curve.plot.getAxis("left").labelText == "counts", "a unit on the axis"
-    exposed = next(k for k, one in enumerate(found.findings) if one.fault.title.startswith("single frames"))
+    exposed = next(k for k, one in enumerate(found.faults) if one.fault.title.startswith("single frames"))
     inspect.faults.selectRow(exposed)
-    finding = found.findings[exposed]
+    finding = found.faults[exposed]
     assert not evidence.map_card.isHidden() and evidence.map.image is not None
     here = finding.positions[finding.positions[:, 0] == 0, 1:]
     assert np.argwhere(evidence.map.image > 0).tolist() == sorted(map(list, here.tolist()))
@@ -140,7 +140,7 @@ def test_nothing_of_an_earlier_h_stays(page: Page, qtbot: QtBot, tmp_path: Path)
     page.context.project.update("open", psf=str(tmp_path / "other.h5"))
     assert page.inspection is None and page.empty is not None, "nothing of the first is shown beside the second"
     found = found_by(page, qtbot)
-    assert not found.findings and page.panel.inspect.faults.rowCount() == 0
+    assert not found.faults and page.panel.inspect.faults.rowCount() == 0
     assert "hot" not in page.panel.inspect.words.toPlainText().split("(")[0] and not page.redo_button.isEnabled()
 
 
@@ -248,7 +248,7 @@ def test_a_fault_leads_to_its_section_of_the_atlas(page: Page, qtbot: QtBot) -> 
     found, asked = found_by(page, qtbot), list[tuple[str, str]]()
     page.context.help_asked.connect(lambda *wanted: asked.append(wanted))
     inspect = page.panel.inspect
-    for row, finding in enumerate(found.findings):
+    for row, finding in enumerate(found.faults):
         inspect.faults.selectRow(row)
         link = re.search(r'href="(fault:\w+)"', inspect.words.toHtml())
         assert link is not None

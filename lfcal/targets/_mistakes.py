@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base import Finding
 from lfcal.camera import Camera
 from lfcal.targets._pose_fit import PoseFit
 from lfcal.targets._spots import Spots
 from lfcal.targets.images import HoleImages
 from lfcal.targets.target import Target
 
-__all__ = ["KINDS", "Mistake", "mistakes_of"]
+__all__ = ["KINDS", "mistakes_of"]
 
 Index = NDArray[np.intp]
 
@@ -32,32 +31,28 @@ PITCH = 0.01
 """A pitch is not called wrong for less: no magnification is known better."""
 
 
-@dataclass(frozen=True, slots=True)
-class Mistake:
-    """Something that is not as described.
+REMEDIES = {
+    "missing row": "Check the target's description and its light.",
+    "missing column": "Check the target's description and its light.",
+    "missing holes": "Clean the target, or leave these holes out.",
+    "bright": "Leave these holes out, or replace the target.",
+    "dim": "Clean the target.",
+    "displaced": "Clean the target, or leave these holes out.",
+    "pitch": "Measure the pitch and describe the target again.",
+}
+"""What to do about each kind."""
 
-    Attributes
-    ----------
-    kind
-        One of `KINDS`.
-    says
-        What it is, in a line.
-    holes
-        The holes (row, column) it is about.
-    """
 
-    kind: str
-    says: str
-    holes: tuple[tuple[int, int], ...] = ()
-
-    def __str__(self) -> str:
-        """Return the line."""
-        return self.says
+def _mistake(kind: str, detail: str, holes: tuple[tuple[int, int], ...] = ()) -> Finding:
+    """Return a finding on the holes (row, column) of a target."""
+    return Finding(
+        kind=kind, what=kind, subject="target", detail=detail, positions=holes, remedy=REMEDIES[kind], merit="fair"
+    )
 
 
 def mistakes_of(
     target: Target, fit: PoseFit, images: HoleImages, found: Index, spots: Spots, seen: tuple[Camera, float, float]
-) -> tuple[Mistake, ...]:
+) -> tuple[Finding, ...]:
     """Return what is not as described.
 
     Parameters
@@ -88,7 +83,7 @@ def mistakes_of(
     )
 
 
-def _missing(holes: Index, there: NDArray[np.bool_], shown: NDArray[np.bool_]) -> list[Mistake]:
+def _missing(holes: Index, there: NDArray[np.bool_], shown: NDArray[np.bool_]) -> list[Finding]:
     """Return rows, columns and single holes that should be seen and are not."""
     gone = there & ~shown
     out = []
@@ -97,15 +92,15 @@ def _missing(holes: Index, there: NDArray[np.bool_], shown: NDArray[np.bool_]) -
             own = there & (holes[:, axis] == k)
             if own.sum() > 1 and not (own & shown).any():
                 lost = _tuples(holes[own])
-                out.append(Mistake(f"missing {name}", f"{name} {k} is missing: {len(lost)} holes show no light", lost))
+                out.append(_mistake(f"missing {name}", f"{name} {k} is missing: {len(lost)} holes show no light", lost))
                 gone &= ~own
     if gone.any():
         lost = _tuples(holes[gone])
-        out.append(Mistake("missing holes", f"no light of {_words(lost)}", lost))
+        out.append(_mistake("missing holes", f"no light of {_words(lost)}", lost))
     return out
 
 
-def _uneven(holes: Index, light: NDArray[np.float64]) -> list[Mistake]:
+def _uneven(holes: Index, light: NDArray[np.float64]) -> list[Finding]:
     """Return holes that are much brighter or dimmer than the others; bright neighbours are told together."""
     share = light / np.median(light)
     out = []
@@ -121,27 +116,27 @@ def _uneven(holes: Index, light: NDArray[np.float64]) -> list[Mistake]:
         most = float(share[group].max())
         what = "neighbours" if len(own) > 1 else "a hole"
         says = f"{_words(own)}, {what}, up to {most:.1f} times as bright as others: their tails are too"
-        out.append(Mistake("bright", says, own))
+        out.append(_mistake("bright", says, own))
     dim = np.flatnonzero(share < DIM)
     if len(dim):
         own = _tuples(holes[dim])
         least = float(share[dim].min())
-        out.append(Mistake("dim", f"{_words(own)} at {least:.0%} of the light of others: dirt, or half closed", own))
+        out.append(_mistake("dim", f"{_words(own)} at {least:.0%} of the light of others: dirt, or half closed", own))
     return out
 
 
-def _displaced(holes: Index, away: NDArray[np.float64], fit: PoseFit) -> list[Mistake]:
+def _displaced(holes: Index, away: NDArray[np.float64], fit: PoseFit) -> list[Finding]:
     off = np.linalg.norm(away, axis=1)
     far = np.flatnonzero(off > max(BESIDE_PX, SURE * fit.rms_px))
     if not len(far):
         return []
     own = _tuples(holes[far])
     return [
-        Mistake("displaced", f"{_words(own)} up to {off[far].max():.1f} px beside the lattice: doubled or dirty", own)
+        _mistake("displaced", f"{_words(own)} up to {off[far].max():.1f} px beside the lattice: doubled or dirty", own)
     ]
 
 
-def _pitch(target: Target, fit: PoseFit, camera: Camera, step_um: float) -> list[Mistake]:
+def _pitch(target: Target, fit: PoseFit, camera: Camera, step_um: float) -> list[Finding]:
     """Return a pitch that is not the described one, where the distance as it is stated does not explain it."""
     del camera, step_um
     if target.kind == "point":
@@ -156,7 +151,7 @@ def _pitch(target: Target, fit: PoseFit, camera: Camera, step_um: float) -> list
         return []
     words = " and ".join(f"{name} {abs(s - 1):.1%} {'farther apart' if s > 1 else 'closer'}" for name, s in wrong)
     remedy = ", or the target is nearer or farther away" if len(wrong) == sum(several) else ""
-    return [Mistake("pitch", f"{words} than described: the pitch is another{remedy}")]
+    return [_mistake("pitch", f"{words} than described: the pitch is another{remedy}")]
 
 
 def _tuples(holes: Index) -> tuple[tuple[int, int], ...]:
