@@ -213,8 +213,8 @@ def _show(
     typer.secho(found.verdict, fg=colours.get(found.merit), bold=True)
     subjects = by_subject(found.findings)
     if len(subjects) > 1:
-        words = (f"{subject}: {', '.join(one.what for one in group)}" for subject, group in subjects.items())
-        typer.echo(f"by subject: {'; '.join(words)}")
+        groups = (f"{subject}: {', '.join(one.what for one in group)}" for subject, group in subjects.items())
+        typer.echo(f"by subject: {'; '.join(groups)}")
     _show_faults(found)
     listed_metrics = [m for m in quality.metrics if every or (m.applies and m.merit != "good")]
     if listed_metrics:

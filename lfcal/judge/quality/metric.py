@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Merit, format_number
+from lfcal.base import SUBJECTS, Merit, format_number
 from lfcal.judge.quality.across import MatrixMeasures
 from lfcal.judge.quality.measure import PlaneMeasures
 
@@ -213,6 +213,8 @@ class MetricSpec:
         for name in ("key", "title", "meaning", "advice"):
             if not getattr(self, name):
                 raise ValueError(f"metric {self.key!r}: {name} is empty")
+        if self.subject not in SUBJECTS:
+            raise ValueError(f"metric {self.key!r}: subject {self.subject!r} is none of {', '.join(SUBJECTS)}")
 
     @property
     def name(self) -> str:
