@@ -95,7 +95,7 @@ def test_saturation_is_told_with_its_positions(tmp_path: Path) -> None:
     state = watched(tmp_path, PLAN, rig, count=40)
     alarm = next(a for a in state.alarms if a.kind == "saturated")
     assert alarm.size == (state.saturated > 0).sum()
-    assert "bracket" in alarm.advice
+    assert "bracket" in alarm.remedy
 
 
 def test_a_sloppy_stage_is_told(tmp_path: Path) -> None:
