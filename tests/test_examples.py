@@ -69,7 +69,7 @@ DEAR = (
     "lfcal.psf.assembly",
     "lfcal.judge.report.write",
     "lfcal.simulate.accuracy._ladder",
-    "lfcal.fit.holds",
+    "lfcal.judge.checking",
     "lfcal.reconstruct.resolution",
 )
 """Those that take seconds."""

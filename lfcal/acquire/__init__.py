@@ -1,8 +1,8 @@
 """Recording a session so that nothing acknowledged is ever lost.
 
-- ``options``, ``schedule``, ``forecast``: everything a session will do, in order, and its cost
+- ``options``, ``schedule``, ``_forecast``: everything a session will do, in order, and its cost
 - ``session``, ``session_file``: a session is begun, resumed, recorded again in parts
-- ``runner``: the strict loop, on ``motion``, ``lighting`` and ``exposing``
+- ``runner``: the strict loop, on ``_motion``, ``lighting`` and ``_exposing``
 - ``guard``: the content of each frame is checked before it counts
 - ``suspending``: a session that holds while temperature or lamp are off, and continues automatically
 - ``control``, ``preview``, ``live_quality``, ``errors``: requests to a running session, and what it reports

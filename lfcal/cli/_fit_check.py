@@ -14,8 +14,9 @@ from lfcal.base import InputError
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
-    from lfcal.fit import Check, Compared, NewFrame
+    from lfcal.fit import Compared, NewFrame
     from lfcal.frames import CorrectionRecipe, FrameSource
+    from lfcal.judge import Check
     from lfcal.psf import PSFMatrix
 
 __all__ = ["CheckRequest", "check_h", "new_frame", "single_frames"]
@@ -62,7 +63,7 @@ def check_h(old: Path, sources: list[Path], asked: CheckRequest, *, json: bool) 
     """Hold new frames against an old H; print the answer, and return whether it holds."""
     from lfcal.cli._console import print_json, run_work
     from lfcal.cli._matrices import open_matrix
-    from lfcal.fit import iter_check
+    from lfcal.judge import iter_check
 
     with open_matrix(old) as opened:
         H = opened.T if opened.is_transposed else opened
@@ -80,8 +81,8 @@ def _frames(H: PSFMatrix, source: Path, asked: CheckRequest, stack: ExitStack, *
     """Return the frames of a file, a folder or a session, with what is known of where their sources are."""
     from lfcal.cli._orientation import upright
     from lfcal.cli._scan_frames import ScanFrames, find_plan
-    from lfcal.fit import plan_of
     from lfcal.frames import corrected_view, named_orientation, oriented
+    from lfcal.judge import plan_of
     from lfcal.psf import AUTO, CHECK
 
     own = plan_of(H)

@@ -150,7 +150,8 @@ def command(
 def _setup_of(folder: Path, H: PSFMatrix, seconds: float) -> Setup:
     """Return what a fit found of the camera; raises where it is of another scan, or would not be used."""
     from lfcal.base import InputError
-    from lfcal.fit import plan_of, read_fit
+    from lfcal.fit import read_fit
+    from lfcal.judge import plan_of
 
     if not seconds:
         raise InputError.expected("--fit", "time to compare with it", "--seconds 0", "leave one of them out")

@@ -3,24 +3,22 @@
 - ``setup``: camera, effects, depths and stage as they are supposed to be
 - ``parameters``: unknowns, their groups by registry, the vector of all of them; ``groups``: one concept a module
 - ``measured``: the patterns, their noise, which of them are held out; ``spread``: positions spread evenly
-- ``model``: what a setup predicts, and the planes of H that it makes; ``weighing``: residuals in units of their noise
+- ``model``: what a setup predicts, and the planes of H that it makes; ``_weighing``: residuals in units of their noise
 - ``normal``: normal equations; ``problem``: predictions and derivatives at a vector; ``solver``: Levenberg-Marquardt
 - ``select``: groups of unknowns that lower the error; ``nuisance``: stage, lamp and pixel response of single patterns
 - ``questions``: order of lens types, mirrored axes, sign of depth, another camera
 - ``fit``: all of it in order, with a record of each round and the outliers
-- ``judge``: chi² and the model's error; ``summary``: numbers, and degeneracies; ``result``: the fit
+- ``judge``: chi² and the model's error; ``_summary``: numbers, and degeneracies; ``result``: the fit
 - ``field``: one camera from several regions of the field, its wavefront over it; ``field_files``, ``field_report``:
   its files, and its page
 - ``design``: which positions to record next; ``information``: what patterns add; ``earlier``: a fit as a start
 - ``files``: camera, effects, numbers and H as files, and all of them in a folder; ``stored``: a fit read back, to fill
   positions that were never recorded
-- ``drawing``, ``page``, ``report``: a fit in pictures and as a page
-- ``residual_field``: what patterns show beyond the model, smooth over neighbours; ``hybrid``: model H with it, and the
+- ``drawing``, ``report``: a fit in pictures and as a page
+- ``_residual_field``: what patterns show beyond the model, smooth over neighbours; ``hybrid``: model H with it, and the
   uncertainty of every entry
 - ``validate``: points that no fit saw, predicted
-- ``locate``, ``frame_noise``, ``expected``, ``compared``, ``suspects``, ``followed``, ``holds``: whether an
-  old H still holds, from new frames
-- ``dated``, ``trend``: fits of a camera over months
+- ``locate``, ``_frame_noise``, ``compared``: the source of a new frame, its noise, and its difference from a pattern
 """
 
 from typing import TYPE_CHECKING

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from lfcal.fit.field import fit_field
 from lfcal.fit.fit import FitProgress, fit_camera, iter_fit_camera
-from lfcal.fit.holds import Check, check
 from lfcal.fit.locate import NewFrame
 from lfcal.fit.measured import Measured, measured_of
 from lfcal.fit.parameters import GROUPS, Group, Unknown
@@ -13,7 +12,6 @@ from lfcal.fit.setup import Setup
 
 __all__ = [
     "GROUPS",
-    "Check",
     "Fit",
     "FitProgress",
     "Group",
@@ -23,7 +21,6 @@ __all__ = [
     "Parameter",
     "Setup",
     "Unknown",
-    "check",
     "fit_camera",
     "fit_field",
     "iter_fit_camera",

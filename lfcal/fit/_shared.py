@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from lfcal.fit.compared import Compared
+from lfcal.fit._frame_noise import DARK, noises_of
+from lfcal.fit.compared import Compared, compared_with
 from lfcal.fit.design import PositionDesign, draw_design, iter_next_positions
 from lfcal.fit.drawing import leftover_of
 from lfcal.fit.earlier import Earlier, read_earlier
-from lfcal.fit.expected import Behind, behind, plan_of
 from lfcal.fit.field import FieldFit, FieldRegion, Regional, iter_fit_field
 from lfcal.fit.field_files import field_dict, field_outputs, iter_write_field
 from lfcal.fit.field_report import wavefront_table
@@ -27,20 +27,20 @@ from lfcal.fit.files import (
     write_text,
 )
 from lfcal.fit.fit import Finished, check_stage, groups_of, iter_retrieved, iter_summarised, problem_of
-from lfcal.fit.holds import iter_check
 from lfcal.fit.hybrid import HybridSummary
 from lfcal.fit.information import Expected
-from lfcal.fit.judge import ModelError, chi_square, covariance
+from lfcal.fit.judge import ChiSquare, ModelError, chi_square, covariance
+from lfcal.fit.locate import LocatedPattern, find_source
 from lfcal.fit.measured import HELD_OUT, QUICK_PATTERN, check_optics, of_quick_pattern
 from lfcal.fit.model import Fineness, PlaneModel, predict
 from lfcal.fit.normal import Columns, Local
 from lfcal.fit.nuisance import Spread, nuisance_steps
-from lfcal.fit.parameters import lacking
-from lfcal.fit.problem import ERRORS, Problem
+from lfcal.fit.parameters import ScanScales, Vector, lacking
+from lfcal.fit.problem import ERRORS, STEP, STEP_PX, Problem
 from lfcal.fit.questions import check_described, check_light
 from lfcal.fit.report import add_picture, iter_fit_report
 from lfcal.fit.select import GroupSelection, gain_of
-from lfcal.fit.setup import RegionPlace, starting_effects, with_given
+from lfcal.fit.setup import RegionPlace, described_effects, starting_effects, with_given
 from lfcal.fit.solver import descend
 from lfcal.fit.spread import spread_out
 from lfcal.fit.stored import Filler, read_fit
@@ -48,6 +48,7 @@ from lfcal.fit.validate import PointError, Validation, draw_validation, iter_val
 
 __all__ = [
     "CAMERA",
+    "DARK",
     "EFFECTS",
     "ERRORS",
     "FORMAT",
@@ -56,7 +57,9 @@ __all__ = [
     "NUMBERS",
     "QUICK_PATTERN",
     "REPORT",
-    "Behind",
+    "STEP",
+    "STEP_PX",
+    "ChiSquare",
     "Columns",
     "Compared",
     "Earlier",
@@ -69,6 +72,7 @@ __all__ = [
     "GroupSelection",
     "HybridSummary",
     "Local",
+    "LocatedPattern",
     "ModelError",
     "PlaneModel",
     "PointError",
@@ -76,26 +80,29 @@ __all__ = [
     "Problem",
     "RegionPlace",
     "Regional",
+    "ScanScales",
     "Spread",
     "Validation",
+    "Vector",
     "add_picture",
-    "behind",
     "check_described",
     "check_light",
     "check_optics",
     "check_stage",
     "chi_square",
+    "compared_with",
     "covariance",
     "descend",
+    "described_effects",
     "draw_design",
     "draw_validation",
     "field_dict",
     "field_outputs",
+    "find_source",
     "fit_dict",
     "fit_outputs",
     "gain_of",
     "groups_of",
-    "iter_check",
     "iter_fit_field",
     "iter_fit_report",
     "iter_next_positions",
@@ -109,9 +116,9 @@ __all__ = [
     "lacking",
     "leftover_of",
     "measured_camera",
+    "noises_of",
     "nuisance_steps",
     "of_quick_pattern",
-    "plan_of",
     "predict",
     "predicted_frame",
     "problem_of",

@@ -1,9 +1,18 @@
-"""Inspection by model: patterns beside those that their camera should give, and the faults that differences name.
+"""Whether data are good: findings, the verdict, the report, trends, and comparisons of two H.
 
-- ``evidence``: patterns beside their camera, each with its light, its source and its depth; ``compared``: which of them
-- ``faults``: what may have gone wrong, one family a module, found by name
-- ``cost``: what each adds to the error of a reconstruction, on a patch of H
-- ``search``: one fault after the other; ``inspection``: what was found beside the metrics that need no model
+Everything that says what is wrong gives a `lfcal.base.Finding`, whatever found it; findings have a subject, and
+`verdict_of` writes the verdict.
+
+- ``quality``: metrics that need no camera, found by name
+- ``inspection``: these together with the comparison with a camera
+- ``evidence``: patterns compared with their camera, each with its light, source and depth; ``compared``: which patterns
+- ``finding``: what a fault is; ``faults``: one family a module, found by name; ``search``: one fault after the other
+- ``_cost``: what each adds to the error of a reconstruction, on a patch of H
+- ``explained``: how the stated camera disagrees with H
+- ``report``: all of it as a page, on paper, and for programs
+- ``comparison``, ``pairing``, ``region_loss``: two H, and the regions of one
+- ``checking``, ``expected``: whether an old H still holds, from new frames
+- ``trend``, ``dated``: fits and inspections over months
 """
 
 from typing import TYPE_CHECKING

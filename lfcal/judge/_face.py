@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from lfcal.base import Finding, by_subject, verdict_of
+from lfcal.judge.checking import Check, check
 from lfcal.judge.compared import iter_evidence
 from lfcal.judge.comparison import Comparison, compare, iter_compare
 from lfcal.judge.evidence import Evidence, Unlike
@@ -15,6 +16,7 @@ from lfcal.judge.search import iter_search
 
 __all__ = [
     "FAULTS",
+    "Check",
     "Comparison",
     "Disagreement",
     "Evidence",
@@ -27,6 +29,7 @@ __all__ = [
     "QualityReport",
     "Unlike",
     "by_subject",
+    "check",
     "compare",
     "inspect",
     "iter_compare",

@@ -11,7 +11,8 @@ from scipy import fft as sf
 from scipy.ndimage import shift
 
 from lfcal.base import InputError
-from lfcal.fit import Behind, Fineness, PlaneModel, Setup
+from lfcal.fit import Fineness, PlaneModel, Setup
+from lfcal.judge.expected import Behind
 from lfcal.simulate.engines import EnergyError
 
 __all__ = [

@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.fit import Behind
 from lfcal.judge._modelled import cut, plane_of
 from lfcal.judge._scatter import noise_terms
 from lfcal.judge.evidence import Evidence
+from lfcal.judge.expected import Behind
 
 __all__ = ["Patch", "patch_of"]
 

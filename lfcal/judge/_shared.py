@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from lfcal.judge.checking import iter_check
 from lfcal.judge.dated import (
     DatedInspection,
     fits_in,
@@ -11,6 +12,7 @@ from lfcal.judge.dated import (
     read_dated_fit,
     read_inspection,
 )
+from lfcal.judge.expected import plan_of
 from lfcal.judge.inspection import is_bad, is_fair
 from lfcal.judge.pairing import Pair, pair
 from lfcal.judge.region_loss import draw_region_loss, iter_region_loss
@@ -33,9 +35,11 @@ __all__ = [
     "inspections_in",
     "is_bad",
     "is_fair",
+    "iter_check",
     "iter_region_loss",
     "labels_of",
     "pair",
+    "plan_of",
     "read_dated_fit",
     "read_inspection",
     "trend",

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import Clock, Work
-from lfcal.fit import Behind, spread_out
+from lfcal.fit import spread_out
 from lfcal.judge._modelled import modelled
+from lfcal.judge.expected import Behind
 from lfcal.psf import AS_IS, ORIENTATIONS, PSFMatrix
 
 __all__ = ["OrientationMatch", "few_positions", "iter_matches"]

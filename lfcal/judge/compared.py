@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import Clock, InputError, Work, check_number
-from lfcal.fit import QUICK_PATTERN, Behind, Setup, behind, of_quick_pattern, plan_of, spread_out
+from lfcal.fit import QUICK_PATTERN, Setup, of_quick_pattern, spread_out
 from lfcal.judge._modelled import Starts, correlation, depths_seen, modelled, parts, windows_seen
 from lfcal.judge._scatter import rounding_of
 from lfcal.judge.evidence import Evidence, Unlike, fitted
+from lfcal.judge.expected import Behind, behind, plan_of
 from lfcal.psf import PSFMatrix, copied_positions
 from lfcal.simulate.engines import EnergyError
 

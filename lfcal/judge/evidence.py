@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
-from lfcal.fit import Behind
 from lfcal.judge._modelled import Starts, correlation, modelled, parts
 from lfcal.judge._scatter import misfit, noise_of, start_of, variance_of
+from lfcal.judge.expected import Behind
 from lfcal.judge.quality import NOISELESS
 from lfcal.psf import PSFMatrix
 

@@ -16,11 +16,11 @@ from scipy.ndimage import uniform_filter
 
 from lfcal.base import Clock, InputError, Work, format_share
 from lfcal.camera import Camera, MainLens
-from lfcal.fit import Behind
 from lfcal.judge._modelled import best_alike, plane_of
 from lfcal.judge._turned import OrientationMatch, few_positions, iter_matches
 from lfcal.judge.compared import iter_fitted, patterns_of
 from lfcal.judge.evidence import Evidence
+from lfcal.judge.expected import Behind
 from lfcal.psf import AS_IS, ORIENTATIONS, PSFMatrix, origin_of
 from lfcal.psf.aperture import Iris
 from lfcal.simulate.engines import EnergyError

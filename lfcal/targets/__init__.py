@@ -12,8 +12,8 @@ the lenslet array. What is done with a target, and where:
 4. Simulate its frames: ``camera`` (`TargetCamera`).
    A target whose points are switched: ``display`` (planned on its pixels), ``subsets`` (which frames may be shown at
    once), ``coded`` (what each shows alone, from frames that show several).
-5. Find its holes in a frame: ``spots`` (points of light), ``finding`` (places of one lattice, and which hole each is),
-   ``pose_fit`` (pose, pitch, distortion), ``mistakes`` (what is not as described).
+5. Find its holes in a frame: ``_spots`` (points of light), ``finding`` (places of one lattice, and which hole each is),
+   ``_pose_fit`` (pose, pitch, distortion), ``_mistakes`` (what is not as described).
 
 A scan plan keeps its meaning: a `TargetPlan` holds one, whose positions it shows by other means. See docs/targets.md.
 """

@@ -435,3 +435,20 @@ def test_comments_begin_with_a_small_letter() -> None:
     start = re.compile(rf'^(?! *#|.*""")[^\n]*\n *# (?:{words}) [a-z]{{2,}}', re.MULTILINE)
     wrong = [f"{path.relative_to(ROOT)}: {found[0]}" for path in FILES for found in start.finditer(text_of(path))]
     assert not wrong
+
+
+def stale_overviews() -> dict[str, list[str]]:
+    """Return names of modules in the overviews of packages that there are not, by package."""
+    found: dict[str, list[str]] = {}
+    for path in FILES:
+        if path.name != "__init__.py" or path.parent.name in ("lfcal", "lfcal_gui", "pages"):
+            continue
+        lines = re.findall(r"^- (.*?): ", ast.get_docstring(tree_of(path)) or "", re.MULTILINE)
+        for name in (name for line in lines for name in re.findall(r"``(\w+)``", line)):
+            if not (path.parent / f"{name}.py").exists() and not (path.parent / name).is_dir():
+                found.setdefault(name_of(path), []).append(name)
+    return found
+
+
+def test_overviews_of_packages_name_modules_that_exist() -> None:
+    assert stale_overviews() == {}

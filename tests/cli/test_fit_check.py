@@ -15,7 +15,7 @@ import tifffile
 
 from lfcal.psf import PSFMatrix, save
 from tests.cli.conftest import Run
-from tests.fit.test_check import AT, changed, new_frame, plan_of, setup_of, values
+from tests.judge.test_check import AT, changed, new_frame, plan_of, setup_of, values
 
 Lfcal = Callable[..., Run]
 NOISE = ("--noise", "64,1")

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from lfcal.base.progress import drain
 from lfcal.camera import Camera
-from lfcal.fit.expected import Behind, behind
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.setup import Setup, described_effects
 from lfcal.judge import Evidence, Inspection, inspection, iter_evidence, iter_inspection
+from lfcal.judge.expected import Behind, behind
 from lfcal.judge.explained import EXPLAINED, iter_explained, iter_rearranged
 from lfcal.judge.inspection import FAIR
 from lfcal.judge.quality import inspect

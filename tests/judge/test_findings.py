@@ -12,6 +12,7 @@ import pytest
 from lfcal.acquire.live_quality import LIMITS, QualityState, alarm
 from lfcal.acquire.recording import SessionReport
 from lfcal.base import RANK, SUBJECTS, Finding, Merit, by_subject, verdict_of, worst_merit
+from lfcal.judge.checking import Check
 from lfcal.judge.finding import FAULTS
 from lfcal.judge.inspection import Inspection
 from lfcal.judge.quality import METRICS, QualityReport, inspect
@@ -35,6 +36,7 @@ def test_every_metric_and_fault_has_a_subject(source: object) -> None:
     [
         (Inspection, "findings"),
         (QualityReport, "findings"),
+        (Check, "findings"),
         (CameraCheck, "findings"),
         (MatrixCheck, "findings"),
         (SessionReport, "findings"),

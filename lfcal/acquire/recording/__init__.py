@@ -4,8 +4,8 @@
 - ``recording_file``: one recording file, written in place and read; ``store``: the files of one session;
   ``writer``: the writing thread
 - ``durable``: the lock of a session folder, and a check of the free space
-- ``recorded``: what belongs into a file and what of it is there, without its header or end too
-- ``verify``: what of a session is whole, damaged, or was never taken, and its repair
+- ``_recorded``: what belongs into a file and what of it is there, without its header or end too
+- ``_verify``: what of a session is whole, damaged, or was never taken, and its repair
 - ``source``: a recorded session as frames, of cutouts or of a whole target; ``opening``: either of them
 """
 

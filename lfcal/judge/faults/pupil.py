@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import InputError
-from lfcal.fit import Behind
 from lfcal.judge._modelled import cut, plane_of
 from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
+from lfcal.judge.expected import Behind
 from lfcal.judge.faults._series import SURE
 from lfcal.judge.finding import Fault, FoundFault, Picture, PutIn, adding
 from lfcal.simulate.engines import EnergyError

@@ -1,12 +1,12 @@
 """How good a PSF matrix is.
 
-- ``inspect``: reads every plane once and returns a `QualityReport`; ``report`` is what that is
+- ``_inspect``: reads every plane once and returns a `QualityReport`; ``report`` is what that is
 - ``metric``: what a metric is; ``metrics`` holds them, ``catalogue`` finds them
-- ``measure``: what metrics share of one plane, from ``dark``, ``pattern_table``, ``sums``, ``positions``, ``turned``,
-  ``steps``
+- ``measure``: what metrics share of one plane, from ``_dark``, ``pattern_table``, ``_sums``, ``_positions``,
+  ``_turned``, ``_steps``
 - ``across``: what they share of all planes
-- ``field``, ``lattice``, ``kernels``: parts, phases and compiled passes that these are made of
-- ``periodicity``: how true the tiling is, from control frames over the field
+- ``_field``, ``_lattice``, ``_kernels``: parts, phases and compiled passes that these are made of
+- ``_periodicity``: how true the tiling is, from control frames over the field
 """
 
 from typing import TYPE_CHECKING

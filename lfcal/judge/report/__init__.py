@@ -1,8 +1,7 @@
 """The quality report: one HTML page with its pictures, and lists that programs read.
 
 - ``write``: all of it into a folder
-- ``page``: the page as text, ``style`` its look
-- ``pictures``: every picture on it; ``parts``: what pages are made of; ``pdf``: the same on paper
+- ``page``: the page as text; ``_pictures``: every picture on it; ``_pdf``: the same on paper
 - ``two``: two H compared
 """
 

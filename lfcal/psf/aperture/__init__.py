@@ -1,19 +1,19 @@
 """The shape of the main lens's iris, read off a depth-plane sum.
 
 - ``shape``: the iris polygon with curved blades; the `Aperture` that a fit returns
-- ``arcs``: outlines made of arcs: irises, a stuck blade, a second rim
-- ``locate``: background, noise and rough outline of the lit patch; vignetting taken out
-- ``profile``: edge radius over angle, summed along rays so that it survives noise
-- ``ripple``: the plane waves of the lenslet lattice, fitted inside the lit patch and taken out
-- ``obstruction``: something dark inside
-- ``edge``: the edge's harmonics with their errors, those of leftover structure included, and their blur
-- ``compare``: least squares of every shape on the harmonics
-- ``verdict``: which shape it is, by likelihood ratios
+- ``_arcs``: outlines made of arcs: irises, a stuck blade, a second rim
+- ``_locate``: background, noise and rough outline of the lit patch; vignetting taken out
+- ``_profile``: edge radius over angle, summed along rays so that it survives noise
+- ``_ripple``: the plane waves of the lenslet lattice, fitted inside the lit patch and taken out
+- ``_obstruction``: something dark inside
+- ``_edge``: the edge's harmonics with their errors, those of leftover structure included, and their blur
+- ``_compare``: least squares of every shape on the harmonics
+- ``_verdict``: which shape it is, by likelihood ratios
 - ``fit``: `fit_aperture`, and when it refuses
 - ``iris``: one iris from all planes
 - ``expected``: the aperture that a camera's description lets expect
 - ``f_number``: working f-number from diameters over depth
-- ``synthetic``: depth-plane sums of a known iris
+- ``_synthetic``: depth-plane sums of a known iris
 """
 
 from typing import TYPE_CHECKING

@@ -2,9 +2,9 @@
 
 - ``choice``: all solvers by name; ``solver``: what one is; ``records``: what it reports
 - ``multiplicative`` (Richardson-Lucy alone, with a penalty, extrapolated), ``ordered_subsets`` (of pixels, of views),
-  ``sieve``, ``image_space``: the multiplicative ones; ``em`` is the iteration they share
+  ``sieve``, ``image_space``: the multiplicative ones; ``_em`` is the iteration they share
 - ``least_squares``: conjugate gradients, for linear problems
-- ``measurement``, ``penalty``, ``subsets``, ``smoothing``: what solvers are made of
+- ``measurement``, ``penalty``, ``_subsets``, ``smoothing``: what solvers are made of
 """
 
 from typing import TYPE_CHECKING

@@ -1,7 +1,7 @@
 """What accuracy costs, and which effects to simulate.
 
 - ``planner``: the effects a scene calls for; ``cost``, ``forecast``: seconds
-- ``sampling``: how finely an engine computes; ``ladder``: measured error against seconds
+- ``sampling``: how finely an engine computes; ``_ladder``: measured error against seconds
 """
 
 from typing import TYPE_CHECKING

@@ -19,7 +19,7 @@ entry point group ``lfcal.effects`` (``docs/adding_an_effect.md``).
 - ``microscope``: light as a vector field, specimens of another refractive index
 - ``pixels``: fill factor, response to angles, crosstalk
 - ``motion``: positioning error, backlash, drift, depth error
-- ``sensor``: stray light, colour filter, noise, quantisation, saturation; ``poisson``: its deviates
+- ``sensor``: stray light, colour filter, noise, quantisation, saturation; ``_poisson``: its deviates
 - ``magnitudes``: the magnitudes of an effect one by one, with units and sources
 - ``described``: effects in words and in files
 - ``registered``: all effects, found by registry

@@ -1,11 +1,11 @@
 """From one depth plane to its patterns: one engine a level of accuracy.
 
 - ``base``: what an engine provides, its sampling, and the energy it accounts for; ``choose`` picks one
-- ``geometric``: rays; ``wave``: waves per lenslet, summed without phase; ``microscope``: Debye integral, coherent;
+- ``_geometric``: rays; ``_wave``: waves per lenslet, summed without phase; ``microscope``: Debye integral, coherent;
   ``reference``: the coherent sum over the whole array
-- ``fields_sum``: fields that do not interfere, one engine each; ``objective``: what leaves a microscope's pupil
-- ``field``: the light in front of the array; ``masks``, ``polygon``: apertures; ``tables``: what a plane needs once
-- ``nodes``, ``quadrature``, ``radial``, ``debye``, ``zernike``: numerical parts
+- ``_fields_sum``: fields that do not interfere, one engine each
+- ``field``: the light in front of the array; ``masks``, ``_polygon``: apertures; ``tables``: what a plane needs once
+- ``_nodes``, ``_quadrature``, ``_radial``, ``_debye``, ``zernike``: numerical parts
 """
 
 from typing import TYPE_CHECKING

@@ -1,6 +1,6 @@
 """Accuracy: what it costs, place by place, and the rung that is put to use.
 
-- ``page``, ``panel``; ``chart``: error against cost with a point for each rung
+- ``page``, ``panel``; ``_chart``: error against cost with a point for each rung
 - ``model``: settings, measurements, words; ``model_use``: what a rung changes in the project
 """
 

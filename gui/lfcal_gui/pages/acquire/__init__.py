@@ -1,12 +1,12 @@
 """Acquire: set the devices up, record a session, see at once whether it is good.
 
 - ``page``: two tabs over one set of devices
-- ``setup_tab``, ``record_tab``: what each tab does; ``moves``: of the stage; ``measuring``: what
-  a few moves tell; ``after``: what is made of a session
-- ``folder_choice``, ``target_choice``: where it is recorded, and what is shown to the camera
-- ``panel``, ``setup_panel``, ``record_panel``, ``record_pictures``, ``error_view``, ``device_panel``,
+- ``setup_tab``, ``record_tab``: what each tab does; ``_moves``: of the stage; ``_measuring``: what
+  a few moves tell; ``_after``: what is made of a session
+- ``_folder_choice``, ``_target_choice``: where it is recorded, and what is shown to the camera
+- ``panel``, ``setup_panel``, ``record_panel``, ``_record_pictures``, ``_error_view``, ``_device_panel``,
   ``stage_panel``: their widgets
-- ``lab``, ``lab_panel``, ``model_lab``: large buttons for a dark lab
+- ``_lab``, ``_lab_panel``, ``model_lab``: large buttons for a dark lab
 - ``model``: settings; ``model_live``: the live view; ``model_findings``: what a few moves tell;
   ``model_stills``: white and dark frames;
   ``model_station``: the devices; ``model_recorder``: a recording as it grows; ``model_earlier``: what earlier runs

@@ -1,8 +1,8 @@
 """Fit: the optics from a few recorded positions, and what is made of them.
 
-- ``page``, ``panel``; ``results``: what is made of a fit; ``choices_panel``: what is fitted
-- ``found_tabs``: what a fit found, made when one has
-- ``patterns_view``, ``place_map``: measured, model and residual of a position, and where it is
+- ``page``, ``panel``; ``_results``: what is made of a fit; ``_choices_panel``: what is fitted
+- ``_found_tabs``: what a fit found, made when one has
+- ``patterns_view``, ``_place_map``: measured, model and residual of a position, and where it is
 - ``rounds_view``: how the fit converges
 - ``model``: settings, and what an H offers; ``model_run``: the fit as work; ``model_words``: rows and lines
 - ``model_use``: what a fitted camera changes in the project

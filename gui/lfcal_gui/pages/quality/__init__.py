@@ -1,8 +1,8 @@
 """Quality: is the PSF good, what is wrong if not, and what to record again.
 
 - ``page``, ``panel``; ``inspect_panel``: verdict, faults, metrics; ``evidence_view``: positions and pictures
-- ``showing``: which fault or metric is looked at
-- ``compare_panel``, ``comparing``: a second H beside the first; ``trend_panel``, ``trending``: reports over time
+- ``_showing``: which fault or metric is looked at
+- ``compare_panel``, ``_comparing``: a second H beside the first; ``trend_panel``, ``_trending``: reports over time
 - ``model``: settings, rows and words; ``model_run``, ``model_compare``, ``model_trend``: the work of each
 """
 

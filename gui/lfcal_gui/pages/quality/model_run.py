@@ -112,7 +112,8 @@ def iter_judge(asked: InspectionRequest, kept: InspectionRun) -> Work[None]:
 
 def _setup_of(asked: InspectionRequest, matrix: PSFMatrix) -> Setup | None:
     """Return the camera as a fit found it, None: as described; raises where a fit is of another scan."""
-    from lfcal.fit import plan_of, read_fit
+    from lfcal.fit import read_fit
+    from lfcal.judge import plan_of
 
     if not asked.folder or not asked.seconds:
         return asked.setup

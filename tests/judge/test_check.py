@@ -10,9 +10,10 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.camera import Camera, ScanPlan
-from lfcal.fit import NewFrame, Setup, check
+from lfcal.fit import NewFrame, Setup
 from lfcal.fit.locate import find_source
 from lfcal.fit.model import Fineness, predict
+from lfcal.judge import check
 from lfcal.psf import PSFMatrix
 from lfcal.psf.facts import Facts
 from lfcal.simulate.effects import ExactAngles

@@ -9,15 +9,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import Clock, InputError, Work, check_number, drained, format_share
-from lfcal.fit._followed import followed
-from lfcal.fit._frame_noise import DARK, noises_of
-from lfcal.fit._suspects import Left, Suspect, changes_of, held_against
-from lfcal.fit.compared import Compared, compared_with
-from lfcal.fit.expected import Behind, ExpectedPattern, behind
-from lfcal.fit.judge import ChiSquare, ModelError
-from lfcal.fit.locate import LocatedPattern, NewFrame, find_source
-from lfcal.fit.spread import spread_out
+from lfcal.base import Clock, Finding, InputError, Merit, Work, check_number, drained, format_share
+from lfcal.fit import (
+    DARK,
+    ChiSquare,
+    Compared,
+    LocatedPattern,
+    ModelError,
+    NewFrame,
+    compared_with,
+    find_source,
+    noises_of,
+    spread_out,
+)
+from lfcal.judge._camera_changes import FrameResiduals, Suspect, changes_of, explained_by, refined
+from lfcal.judge.expected import Behind, ExpectedPattern, behind
 from lfcal.psf import PSFMatrix
 
 __all__ = ["Check", "check", "iter_check"]
@@ -98,6 +104,42 @@ class Check:
             return None
         bound = math.sqrt(max(0.0, self.error.squared - self.stated**2) + 2 * self.error.squared_sigma)
         return None if max(bound, self.doubt) > VAGUE * self.limit else True
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What is wrong with H: frames that have nothing in common with it, and changes that explain the frames."""
+        merit: Merit = "bad" if self.holds is False else "fair"
+        found = [
+            Finding(
+                kind="strange",
+                what="frame that has nothing in common with H",
+                subject="frames",
+                detail=f"correlation {one.found.correlation:.2f}",
+                where=one.label,
+                remedy="Check that it is a frame of this camera and this scan.",
+                merit=merit,
+            )
+            for one in self.frames
+            if one.strange
+        ]
+        for one in self.explanations:
+            values = ", ".join(
+                f"{name} {by:+.3g} ± {sigma:.2g} {unit}".rstrip() for name, by, sigma, unit in one.values
+            )
+            found.append(
+                Finding(
+                    kind="changed",
+                    what=one.name,
+                    subject="optics",
+                    detail=values,
+                    size=one.error,
+                    limit=self.limit,
+                    sigma=one.error / one.sigma if one.sigma else math.nan,
+                    remedy="Fit the camera again, or record H again.",
+                    merit=merit,
+                )
+            )
+        return tuple(found)
 
     @property
     def explanations(self) -> tuple[Suspect, ...]:
@@ -189,7 +231,7 @@ check = drained(
     --------
     >>> from pathlib import Path
     >>> from lfcal.camera import ScanPlan
-    >>> from lfcal.fit import Check, check
+    >>> from lfcal.judge import Check, check
     >>> from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
     >>> from lfcal.psf import open_psf
     >>> plan = ScanPlan.from_json(Path("session/plan.json").read_text())
@@ -258,8 +300,8 @@ def _suspects(compared: Sequence[Compared], camera: Behind) -> tuple[Suspect, ..
         np.stack([getattr(one, name) for one in some]).reshape(n, -1) for name in ("values", "weight", "noise")
     )
     nuisance = np.concatenate([flat, np.ones_like(flat), moved], axis=1)
-    left = Left(values - flat[:, 0], flat[:, 0], noise, weight, nuisance)
-    return followed(held_against(changes, left), camera, index[chosen], offsets, changes, left)
+    left = FrameResiduals(values - flat[:, 0], flat[:, 0], noise, weight, nuisance)
+    return refined(explained_by(changes, left), camera, index[chosen], offsets, changes, left)
 
 
 def _judged(

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError
 from lfcal.camera import ScanPlan
-from lfcal.fit.model import Fineness, PlaneModel, predict
-from lfcal.fit.setup import Setup, described_effects
+from lfcal.fit import Fineness, PlaneModel, Setup, described_effects, predict
 from lfcal.psf import PSFMatrix
 from lfcal.simulate.effects import effect_from
 from lfcal.simulate.engines import EnergyError

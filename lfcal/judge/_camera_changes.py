@@ -1,0 +1,442 @@
+"""What has changed since H was made: changes of the camera that explain what new frames show beyond H.
+
+Derivatives hold for small changes alone; the best explanations are refined by further steps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import InputError
+from lfcal.fit import GROUPS, STEP, STEP_PX, Fineness, ScanScales, Unknown, Vector, predict
+from lfcal.judge.expected import Behind
+from lfcal.simulate.engines import EnergyError
+
+__all__ = ["Changes", "FrameResiduals", "Suspect", "changes_of", "explained_by", "refined"]
+
+F8 = NDArray[np.float64]
+
+APART = {
+    "gap_um": "gap of the array",
+    "rotation_rad": "array turned",
+    "offset_y_um": "array displaced",
+    "offset_x_um": "array displaced",
+}
+"""Unknowns of the array's own group, which change for reasons of their own."""
+
+OF_THE_SCAN = ("depths", "stage_scale", "stage_zero")
+"""Groups of unknowns that say nothing of one frame which others do not say."""
+
+SHOWS = 4.0
+"""Standard deviations of what noise alone does, beyond which a suspect is taken for one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Suspect:
+    """A change of the camera, and what of the frames it explains.
+
+    Attributes
+    ----------
+    name
+        What has changed.
+    values
+        By how much: of each unknown its change, its standard deviation and its unit.
+    error, sigma
+        The change of H that it makes (relative L2 of the light), and what noise alone would be taken for.
+    left
+        Error beyond noise that is left with it (relative L2).
+    gained
+        By how much it lowers the sum of squares in sigmas.
+    shows
+        Whether that is more than noise does.
+    """
+
+    name: str
+    values: tuple[tuple[str, float, float, str], ...]
+    error: float
+    sigma: float
+    left: float
+    gained: float
+    shows: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Changes:
+    """How patterns of unit gain change with each suspect.
+
+    Attributes
+    ----------
+    names
+        Of the suspect that each column belongs to.
+    unknowns, scales, units
+        What each column is by, how much of it a step of 1 is, and its unit.
+    columns
+        Derivatives ``(k, n, nt, ns)``.
+    start
+        The patterns ``(n, nt, ns)``.
+    vector, which
+        All unknowns, and the place among them of each column's.
+    """
+
+    names: tuple[str, ...]
+    unknowns: tuple[str, ...]
+    scales: tuple[float, ...]
+    units: tuple[str, ...]
+    columns: F8
+    start: F8
+    vector: Vector
+    which: tuple[int, ...]
+
+    def in_units_of(self, light: F8) -> Changes:
+        """Return the same for patterns ``(n, nt, ns)`` of another gain each."""
+        gains = (light * self.start).sum((1, 2)) / np.square(self.start).sum((1, 2))
+        return replace(self, columns=self.columns * gains[:, None, None], start=light)
+
+
+def changes_of(camera: Behind, index: NDArray[np.intp], offsets_px: F8) -> Changes:
+    """Return the derivatives of patterns by everything that a fit can find, by steps of each unknown."""
+    plan = camera.plan
+    groups = [group.name for group in GROUPS if group.name not in OF_THE_SCAN and not (group.late or group.held)]
+    vector = Vector(camera.setup, ScanScales.of(plan), groups)
+    titles = {group.name: group.title for group in GROUPS}
+    start = predict(camera.setup, plan, index, offsets_px, Fineness.coarse).astype(np.float64)
+    used, columns, which = [], [], []
+    for k, one in enumerate(vector.unknowns):
+        for step in (STEP, -STEP):
+            u = np.zeros(len(vector))
+            u[k] = step
+            if not np.isclose(vector.clipped(u)[k], step):
+                continue
+            try:
+                moved = predict(vector.setup_at(u), plan, index, offsets_px, Fineness.coarse)
+            except (InputError, EnergyError):
+                continue
+            used.append(one)
+            which.append(k)
+            columns.append((moved - start) / step)
+            break
+    names = tuple(APART.get(one.name, titles[one.group]) for one in used)
+    told = [_in_words(one, camera.setup.camera.sensor.pixel_um) for one in used]
+    unknowns, scales, units = (tuple(column) for column in zip(*told, strict=True))
+    return Changes(names, unknowns, scales, units, np.array(columns), start, vector, tuple(which))
+
+
+def _in_words(one: Unknown, pixel_um: float) -> tuple[str, float, str]:
+    """Return name, size of a step, and unit of a column; displacements are told in pixels."""
+    if one.name in ("offset_y_um", "offset_x_um"):
+        return one.name.removesuffix("_um"), one.scale / pixel_um, "px"
+    if one.squared:
+        return f"{one.name} squared", one.scale**2, f"{one.unit}²" if one.unit else ""
+    return one.name, one.scale, one.unit
+
+
+@dataclass(frozen=True, eq=False)
+class FrameResiduals:
+    """What frames show beside H.
+
+    Attributes
+    ----------
+    residual, light
+        Frames minus what H says, and the light that it says, each ``(n, m)``.
+    noise, weight
+        Variance, and 1/sigma of each sample (0: it carries no measurement).
+    nuisance
+        Of each frame, what may be otherwise without a change of H ``(n, j, m)``: gain, background, place of the source.
+    """
+
+    residual: F8
+    light: F8
+    noise: F8
+    weight: F8
+    nuisance: F8
+
+    def without_nuisance(self, columns: F8) -> F8:
+        """Return columns ``(k, n, m)`` in sigmas ``(k, n m)``, less what the nuisances make up for."""
+        out = np.empty(columns.shape)
+        for k in range(len(self.residual)):
+            q, _ = np.linalg.qr((self.nuisance[k] * self.weight[k]).T)
+            own = columns[:, k] * self.weight[k]
+            out[:, k] = own - (own @ q) @ q.T
+        return out.reshape(len(columns), -1)
+
+
+def explained_by(changes: Changes, left: FrameResiduals) -> tuple[Suspect, ...]:
+    """Return all suspects, the one that explains the frames best first; ``changes`` in the units of the frames."""
+    columns = left.without_nuisance(changes.columns.reshape(len(changes.names), len(left.residual), -1))
+    residual = left.without_nuisance(left.residual[None])[0]
+    found = []
+    for name in dict.fromkeys(changes.names):
+        own = [k for k, one in enumerate(changes.names) if one == name]
+        found.append(_one(changes, own, columns[own], residual, left))
+    return _sorted_suspects(found)
+
+
+def _sorted_suspects(found: Sequence[Suspect]) -> tuple[Suspect, ...]:
+    """Return suspects, the one that explains the frames best first; each unknown must gain something."""
+    return tuple(sorted(found, key=lambda one: 2 * len(one.values) - one.gained))
+
+
+def _is_significant(gained: float, unknowns: int) -> bool:
+    """Return whether a change of so many unknowns gains more than noise does."""
+    return gained > unknowns + SHOWS * math.sqrt(2.0 * unknowns) + SHOWS
+
+
+def _best_step(x: F8, residual: F8) -> tuple[F8, F8]:
+    """Return the step by columns ``(k, n)`` in sigmas that explains a residual ``(n,)`` best, and its covariance."""
+    size = np.sqrt(np.square(x).sum(1))
+    size[size == 0] = 1.0
+    scaled = x / size[:, None]
+    inverse = np.linalg.pinv(scaled @ scaled.T, rcond=1e-9, hermitian=True) / np.outer(size, size)
+    return inverse @ (x @ residual), inverse
+
+
+def _one(changes: Changes, own: list[int], x: F8, residual: F8, left: FrameResiduals) -> Suspect:
+    """Return what the columns ``own`` explain; ``x`` are these, and ``residual``, in sigmas without nuisances."""
+    good = left.weight.ravel() > 0
+    power = float(np.square(left.light.ravel()[good]).sum())
+    step, inverse = _best_step(x, residual)
+    gained = float(step @ (x @ residual))
+    # the change itself in samples, and what noise alone would be taken for
+    sigmas = np.where(good, 1.0 / np.where(good, left.weight.ravel(), 1.0), 0.0)
+    parts = x * sigmas
+    change = step @ parts
+    made = float(np.trace(inverse @ (parts @ parts.T)))
+    squares = float((np.square(residual * sigmas - change) - np.where(good, left.noise.ravel(), 0.0)).sum())
+    # where much is left, a step is as much less sure
+    grown = max(1.0, (float(residual @ residual) - gained) / max(1, int(good.sum())))
+    sigma = np.sqrt(np.maximum(np.diag(inverse), 0.0) * grown)
+    values = tuple(
+        (changes.unknowns[k], float(step[j]) * changes.scales[k], float(sigma[j]) * changes.scales[k], changes.units[k])
+        for j, k in enumerate(own)
+    )
+    return Suspect(
+        changes.names[own[0]],
+        values,
+        math.sqrt(float(change @ change) / power),
+        math.sqrt(made * grown / power),
+        math.sqrt(max(0.0, squares) / power),
+        gained / grown,
+        _is_significant(gained / grown, len(own)),
+    )
+
+
+# -- beyond the first step ---------------------------------------------------------------------------------
+FOLLOWED = 4
+"""Suspects that are followed: those that explain the frames best."""
+
+RIVAL = 0.3
+"""Share of what the best suspect gains that others must, for a further step could make them the best."""
+
+TURNS = 3
+"""Steps that are taken beyond the first."""
+
+ENOUGH = 1e-3
+"""Share of the sum of squares that a step must gain for another."""
+
+LONGEST = 5.0
+"""Longest step of an unknown, in its scales."""
+
+
+FARTHEST_PX = 0.4
+"""By how much a source is displaced in one step at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """Frames beside a changed camera.
+
+    Attributes
+    ----------
+    u
+        The suspect's unknowns, in scales.
+    offsets
+        Displacements of the sources ``(n, 2)`` (pixels).
+    left
+        What the frames show beside it, ``light`` with the change.
+    squares
+        Sum of squares in sigmas, without what nuisances make up for.
+    """
+
+    u: F8
+    offsets: F8
+    left: FrameResiduals
+    squares: float
+
+
+class _Frames:
+    """Frames, H's light there, and the camera by which that changes."""
+
+    def __init__(
+        self, camera: Behind, index: NDArray[np.intp], offsets: F8, changes: Changes, left: FrameResiduals
+    ) -> None:
+        self.camera, self.index, self.changes, self.start = camera, index, changes, left
+        self.offsets = offsets
+        self.base = self._unit(np.zeros(len(changes.vector)), offsets)
+        light = left.light.reshape(self.base.shape)
+        self.gains = (light * self.base).sum(1) / np.square(self.base).sum(1)
+        self.values = left.light + left.residual
+
+    def _unit(self, u: F8, offsets: F8) -> F8:
+        """Return the patterns of unit gain ``(n, m)``."""
+        setup = self.changes.vector.setup_at(u)
+        found = predict(setup, self.camera.plan, self.index, offsets, Fineness.coarse)
+        return found.reshape(len(self.index), -1).astype(np.float64)
+
+    def light(self, u: F8, offsets: F8) -> F8:
+        """Return H's light ``(n, m)`` with the change, and its sources displaced."""
+        found: F8 = self.start.light + self.gains[:, None] * (self._unit(u, offsets) - self.base)
+        return found
+
+    def at(self, u: F8, offsets: F8) -> _State:
+        """Return the frames beside a changed camera."""
+        light = self.light(u, offsets)
+        moved = np.empty((len(light), 2, light.shape[1]))
+        for axis in (0, 1):
+            by = np.zeros(2)
+            by[axis] = STEP_PX
+            moved[:, axis] = (self.light(u, offsets + by) - light) / STEP_PX
+        flat = light[:, None]
+        nuisance = np.concatenate([flat, np.ones_like(flat), moved], axis=1)
+        left = FrameResiduals(self.values - light, light, self.start.noise, self.start.weight, nuisance)
+        residual = left.without_nuisance(left.residual[None])[0]
+        return _State(u, offsets, left, float(residual @ residual))
+
+    def columns(self, state: _State, own: Sequence[int]) -> F8:
+        """Return the derivatives ``(k, n, m)`` of the light by the vector's unknowns ``own``."""
+        vector, found = self.changes.vector, []
+        for k in own:
+            step = STEP if np.isclose(vector.clipped(_moved(state.u, k, STEP))[k], state.u[k] + STEP) else -STEP
+            found.append((self.light(_moved(state.u, k, step), state.offsets) - state.left.light) / step)
+        return np.array(found)
+
+
+def _moved(u: F8, k: int, by: float) -> F8:
+    out = u.copy()
+    out[k] += by
+    return out
+
+
+def refined(
+    suspects: Sequence[Suspect],
+    camera: Behind,
+    index: NDArray[np.intp],
+    offsets_px: F8,
+    changes: Changes,
+    left: FrameResiduals,
+) -> tuple[Suspect, ...]:
+    """Return the suspects, those that explain the frames best with further steps, each by derivatives where it stands.
+
+    Parameters
+    ----------
+    suspects
+        As told by one step from H's own camera.
+    camera, index
+        Behind H, and the frames' positions of it ``(n, 3)``.
+    offsets_px
+        Where the frames' sources were found beside these ``(n, 2)``.
+    changes
+        By which the first step was told, in the units of the frames.
+    left
+        What the frames show beside H.
+    """
+    frames = _Frames(camera, index, offsets_px, changes, left)
+    most = max((one.gained for one in suspects), default=0.0)
+    told = [one for one in suspects if one.shows and one.gained > RIVAL * most][:FOLLOWED]
+    found = {one.name: _refined_one(one, frames) for one in told}
+    return _sorted_suspects([found.get(one.name, one) for one in suspects])
+
+
+def _refined_one(suspect: Suspect, frames: _Frames) -> Suspect:
+    """Return a suspect after further steps; as it is where there is no camera, or none is better."""
+    changes = frames.changes
+    own = [k for k, name in enumerate(changes.names) if name == suspect.name]
+    which = [changes.which[k] for k in own]
+    first = np.array([value / changes.scales[k] for (_, value, _, _), k in zip(suspect.values, own, strict=True)])
+    try:
+        begun = frames.at(np.zeros(len(changes.vector)), frames.offsets)
+        best, step = begun, first
+        for turn in range(1 + TURNS):
+            if turn:
+                step = _step(best, frames.columns(best, which))[0]
+            better = _stepped(frames, best, which, step)
+            if better is None:
+                break
+            best, before = better, best.squares
+            if turn and before - best.squares < ENOUGH * before:
+                break
+        if best is begun:
+            return suspect
+        return _told(suspect, frames, begun, best, which, own)
+    except (InputError, EnergyError):
+        return suspect
+
+
+def _stepped(frames: _Frames, state: _State, which: Sequence[int], step: F8) -> _State | None:
+    """Return the frames beside the camera a step on, or half or a quarter of it; None where none is better."""
+    for share in (1.0, 0.5, 0.25):
+        u = state.u.copy()
+        u[list(which)] += np.clip(share * step, -LONGEST, LONGEST)
+        u = frames.changes.vector.clipped(u)
+        change = frames.light(u, state.offsets) - state.left.light
+        try:
+            found = frames.at(u, state.offsets + _displaced(state.left, change))
+        except (InputError, EnergyError):
+            continue
+        if found.squares < state.squares:
+            return found
+    return None
+
+
+def _displaced(left: FrameResiduals, change: F8) -> F8:
+    """Return by how much each source lies elsewhere ``(n, 2)`` once the light has changed."""
+    found = np.empty((len(change), 2))
+    for k in range(len(change)):
+        made, *_ = np.linalg.lstsq(
+            (left.nuisance[k] * left.weight[k]).T, (left.residual[k] - change[k]) * left.weight[k], rcond=None
+        )
+        found[k] = np.clip(made[2:], -FARTHEST_PX, FARTHEST_PX)
+    return found
+
+
+def _step(state: _State, columns: F8) -> tuple[F8, F8, F8]:
+    """Return the best step, its covariance, and the columns in sigmas, without what nuisances make up for."""
+    x = state.left.without_nuisance(columns)
+    residual = state.left.without_nuisance(state.left.residual[None])[0]
+    return *_best_step(x, residual), x
+
+
+def _told(
+    suspect: Suspect, frames: _Frames, begun: _State, best: _State, which: Sequence[int], own: Sequence[int]
+) -> Suspect:
+    """Return what a suspect explains where it was followed to."""
+    changes, left = frames.changes, best.left
+    _, inverse, x = _step(best, frames.columns(best, which))
+    good = left.weight.ravel() > 0
+    sigmas = np.where(good, 1.0 / np.where(good, left.weight.ravel(), 1.0), 0.0)
+    power = float(np.square(left.light.ravel()[good]).sum())
+    grown = max(1.0, best.squares / max(1, int(good.sum())))
+    sigma = np.sqrt(np.maximum(np.diag(inverse), 0.0) * grown)
+    parts = x * sigmas
+    before, residual = (one.left.without_nuisance(one.left.residual[None])[0] * sigmas for one in (begun, best))
+    # what frames show beside H, and no longer with the change: sources in their best places either time
+    made = before - residual
+    squares = float((np.square(residual) - np.where(good, left.noise.ravel(), 0.0)).sum())
+    gained = (begun.squares - best.squares) / grown
+    values = tuple(
+        (name, float(best.u[k]) * changes.scales[j], float(s) * changes.scales[j], unit)
+        for (name, _, _, unit), k, j, s in zip(suspect.values, which, own, sigma, strict=True)
+    )
+    return replace(
+        suspect,
+        values=values,
+        error=math.sqrt(float(made @ made) / power),
+        sigma=math.sqrt(float(np.trace(inverse @ (parts @ parts.T))) * grown / power),
+        left=math.sqrt(max(0.0, squares) / power),
+        gained=gained,
+        shows=_is_significant(gained, len(own)),
+    )
