@@ -101,7 +101,16 @@ def worst_merit(findings: Iterable[Finding]) -> Merit:
 
 
 def by_subject(findings: Iterable[Finding]) -> dict[str, tuple[Finding, ...]]:
-    """Return findings by their subjects, in the order of `SUBJECTS`."""
+    """Return findings by their subjects, in the order of `SUBJECTS`.
+
+    Examples
+    --------
+    >>> from lfcal.judge import Finding, by_subject
+    >>> lamp = Finding(kind="lamp", what="lamp that fades", subject="light")
+    >>> jitter = Finding(kind="jitter", what="jitter of the stage", subject="stage")
+    >>> {subject: len(found) for subject, found in by_subject([lamp, jitter]).items()}
+    {'stage': 1, 'light': 1}
+    """
     found: dict[str, tuple[Finding, ...]] = {}
     for one in sorted(findings, key=lambda one: SUBJECTS.index(one.subject)):
         found[one.subject] = (*found.get(one.subject, ()), one)

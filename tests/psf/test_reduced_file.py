@@ -130,7 +130,7 @@ def test_inspection_and_comparison(tmp_path: Path) -> None:
         assert ours.keys() == theirs.keys()
         found = compare(small, H)
         assert 1 - 1e-4 < found.correlation < 1 and 0 < np.nanmax(found.error) < 2 * TOLERANCE
-        np.testing.assert_allclose(found.scale, 1, atol=TOLERANCE)
+        np.testing.assert_allclose(found.all.scale, 1, atol=TOLERANCE)
         assert found.max_shift_px < 0.05
 
 
