@@ -172,8 +172,8 @@ def _chi2_of(found: FieldFit, measured: Measured) -> float:
     import numpy as np
 
     from lfcal.fit.fit import problem_of
-    from lfcal.fit.judge import chi_square
     from lfcal.fit.model import Fineness
+    from lfcal.fit.model_error import chi_square
     from lfcal.fit.normal import Local
 
     problem = problem_of(measured, found.setup_at(measured.plan), ("iris",), 1)

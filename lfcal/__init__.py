@@ -2,16 +2,16 @@
 
 Ten names do most of what is done: ``read_camera`` or ``preset``, ``ScanPlan``, ``open_frames``, ``assemble`` or
 ``simulate_psf``, ``open_psf``, ``inspect``, ``fit_camera``, ``Projector``. The rest is in packages, in the order in
-which data pass through them:
+which data pass through them (which may import which is in ``tests/architecture/test_imports.py``):
 
 - ``base``: what every part stands on: axes, errors, files, progress, threads
 - ``camera``: what the optics are; presets; descriptions of other programs; the scan plan and its forecast
 - ``lattice``: the lenslet array found in a white image; views, refocusing
 - ``frames``: where frames come from and how they are cleaned
-- ``psf``: the matrix H: cutout, assembly, storage, transpose, aperture, quality metrics, export
+- ``psf``: the matrix H: cutout, assembly, storage, transpose, aperture, export
 - ``simulate``: the simulated camera: engines, effects, and what accuracy costs
 - ``fit``: the optics retrieved from measured patterns
-- ``judge``: what is wrong with a recorded H, and what it costs
+- ``judge``: whether H is good: metrics, faults, findings, the verdict, reports, trends, comparisons
 - ``devices``, ``acquire``: cameras and stages; the crash-safe recording
 - ``targets``, ``campaign``: many points in one frame; several regions, and sessions that end when H is known
 - ``reconstruct``: the projector pair and the solvers

@@ -8,7 +8,7 @@
 - ``select``: groups of unknowns that lower the error; ``nuisance``: stage, lamp and pixel response of single patterns
 - ``questions``: order of lens types, mirrored axes, sign of depth, another camera
 - ``fit``: all of it in order, with a record of each round and the outliers
-- ``judge``: chi² and the model's error; ``_summary``: numbers, and degeneracies; ``result``: the fit
+- ``model_error``: chi² and the model's error; ``_summary``: numbers, and degeneracies; ``result``: the fit
 - ``field``: one camera from several regions of the field, its wavefront over it; ``field_files``, ``field_report``:
   its files, and its page
 - ``design``: which positions to record next; ``information``: what patterns add; ``earlier``: a fit as a start

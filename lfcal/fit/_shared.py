@@ -29,10 +29,10 @@ from lfcal.fit.files import (
 from lfcal.fit.fit import Finished, check_stage, groups_of, iter_retrieved, iter_summarised, problem_of
 from lfcal.fit.hybrid import HybridSummary
 from lfcal.fit.information import Expected
-from lfcal.fit.judge import ChiSquare, ModelError, chi_square, covariance
 from lfcal.fit.locate import LocatedPattern, find_source
 from lfcal.fit.measured import HELD_OUT, QUICK_PATTERN, check_optics, of_quick_pattern
 from lfcal.fit.model import Fineness, PlaneModel, predict
+from lfcal.fit.model_error import ChiSquare, ModelError, chi_square, covariance
 from lfcal.fit.normal import Columns, Local
 from lfcal.fit.nuisance import Spread, nuisance_steps
 from lfcal.fit.parameters import ScanScales, Vector, lacking

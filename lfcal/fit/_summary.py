@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, Work
 from lfcal.fit._weighing import PatternLevels
-from lfcal.fit.judge import chi_square, covariance, eliminated, held_out_error
+from lfcal.fit.model_error import chi_square, covariance, eliminated, held_out_error
 from lfcal.fit.normal import Columns
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.parameters import GROUPS, Unknown, Vector

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import InputError
-from lfcal.fit.judge import ChiSquare, ModelError
 from lfcal.fit.locate import LocatedPattern, NewFrame, window_of
+from lfcal.fit.model_error import ChiSquare, ModelError
 
 __all__ = ["Compared", "Says", "compared_with"]
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from lfcal.base import InputError, Progress, Work, check_number, drained, format_share
 from lfcal.camera import Camera
 from lfcal.fit._summary import Degeneracies, iter_degeneracies, summarised
-from lfcal.fit.judge import chi_square
 from lfcal.fit.measured import Measured, measured_of
 from lfcal.fit.model import Fineness
+from lfcal.fit.model_error import chi_square
 from lfcal.fit.normal import Columns, Local
 from lfcal.fit.nuisance import Spread, nuisance_steps, response_of, spread_of
 from lfcal.fit.parameters import GROUPS, ScanScales, Vector, check_groups

@@ -18,9 +18,9 @@ from lfcal.base import Clock, InputError, Work, for_each_chunk, worker_count
 from lfcal.camera import ScanPlan
 from lfcal.fit._residual_field import PlaneResiduals, ResidualEstimate, iter_residual_estimate
 from lfcal.fit._weighing import PatternLevels
-from lfcal.fit.judge import ModelError
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, ModelPlanes, PlaneModel
+from lfcal.fit.model_error import ModelError
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.problem import ERRORS
 from lfcal.fit.setup import Setup

@@ -14,9 +14,9 @@ from lfcal.base import InputError, Position, Work, drained, plain
 from lfcal.camera import Camera, ScanPlan
 from lfcal.fit._weighing import PatternLevels
 from lfcal.fit.hybrid import HybridPlanes
-from lfcal.fit.judge import INCOMPLETE, ChiSquare, ModelError
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import ModelPlanes
+from lfcal.fit.model_error import INCOMPLETE, ChiSquare, ModelError
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import Setup
 from lfcal.psf import Header, PSFMatrix, iter_make

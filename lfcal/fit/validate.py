@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from lfcal.base import LINES, Clock, InputError, Work, drained, figure, save_figure
 from lfcal.fit.compared import Compared, compared_with
-from lfcal.fit.judge import ModelError
 from lfcal.fit.locate import LocatedPattern, NewFrame
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, PlaneModel
+from lfcal.fit.model_error import ModelError
 from lfcal.fit.result import Fit
 
 __all__ = ["PointError", "Validation", "draw_validation", "iter_validate", "predicted_frame", "validate"]

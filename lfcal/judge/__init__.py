@@ -1,12 +1,12 @@
 """Whether data are good: findings, the verdict, the report, trends, and comparisons of two H.
 
 Everything that says what is wrong gives a `lfcal.base.Finding`, whatever found it; findings have a subject, and
-`verdict_of` writes the verdict.
+`lfcal.base.verdict_of` writes the verdict.
 
 - ``quality``: metrics that need no camera, found by name
 - ``inspection``: these together with the comparison with a camera
-- ``evidence``: patterns compared with their camera, each with its light, source and depth; ``compared``: which patterns
-- ``finding``: what a fault is; ``faults``: one family a module, found by name; ``search``: one fault after the other
+- ``evidence``: patterns compared with their camera, each with its light, source and depth
+- ``fault``: what a fault is; ``faults``: one family a module, found by name; ``search``: one fault after the other
 - ``_cost``: what each adds to the error of a reconstruction, on a patch of H
 - ``explained``: how the stated camera disagrees with H
 - ``report``: all of it as a page, on paper, and for programs

@@ -13,7 +13,7 @@ from lfcal.base import Clock, InputError, Work
 from lfcal.judge._patch import Patch, patch_of
 from lfcal.judge._scenes import SceneTrial
 from lfcal.judge.evidence import Evidence
-from lfcal.judge.finding import FoundFault
+from lfcal.judge.fault import FoundFault
 from lfcal.simulate.engines import EnergyError
 
 __all__ = ["Costs", "iter_costs"]

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from lfcal.base import Finding, by_subject, verdict_of
 from lfcal.judge.checking import Check, check
-from lfcal.judge.compared import iter_evidence
 from lfcal.judge.comparison import Comparison, compare, iter_compare
-from lfcal.judge.evidence import Evidence, Unlike
+from lfcal.judge.evidence import Evidence, Unlike, iter_evidence
 from lfcal.judge.explained import Disagreement, Explanation
-from lfcal.judge.finding import FAULTS, Fault, FoundFault, Picture
+from lfcal.judge.fault import FAULTS, Fault, FoundFault, Picture
 from lfcal.judge.inspection import Inspection, iter_inspection
 from lfcal.judge.quality import QualityReport, inspect, iter_inspect
 from lfcal.judge.report import iter_report, report

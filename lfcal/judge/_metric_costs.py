@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from lfcal.judge._cost import Costs
 from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
+from lfcal.judge.fault import Fault, FoundFault, PutIn
 from lfcal.judge.faults import only_recorded
-from lfcal.judge.finding import Fault, FoundFault, PutIn
 from lfcal.judge.quality import Metric, QualityReport
 
 __all__ = ["FRAMES", "as_faults", "with_costs"]

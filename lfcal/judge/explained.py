@@ -18,8 +18,7 @@ from lfcal.base import Clock, InputError, Work, format_share
 from lfcal.camera import Camera, MainLens
 from lfcal.judge._modelled import best_alike, plane_of
 from lfcal.judge._turned import OrientationMatch, few_positions, iter_matches
-from lfcal.judge.compared import iter_fitted, patterns_of
-from lfcal.judge.evidence import Evidence
+from lfcal.judge.evidence import Evidence, iter_fitted, patterns_of
 from lfcal.judge.expected import Behind
 from lfcal.psf import AS_IS, ORIENTATIONS, PSFMatrix, origin_of
 from lfcal.psf.aperture import Iris

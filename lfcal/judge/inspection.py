@@ -25,10 +25,9 @@ from lfcal.fit import Setup
 from lfcal.judge._cost import iter_costs
 from lfcal.judge._metric_costs import FRAMES, as_faults, with_costs
 from lfcal.judge._suspects import suspects
-from lfcal.judge.compared import PATTERNS, iter_evidence
-from lfcal.judge.evidence import Evidence, Unlike
+from lfcal.judge.evidence import PATTERNS, Evidence, Unlike, iter_evidence
 from lfcal.judge.explained import EXPLAINED, Disagreement, iter_explained, iter_rearranged
-from lfcal.judge.finding import FoundFault
+from lfcal.judge.fault import FoundFault
 from lfcal.judge.quality import BAD, FAIR, Metric, QualityReport, counted, findings_of, where
 from lfcal.judge.search import iter_search
 from lfcal.psf import PSFMatrix

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import Clock, Work
 from lfcal.judge.evidence import Evidence
-from lfcal.judge.finding import FAULTS, Fault, FoundFault
+from lfcal.judge.fault import FAULTS, Fault, FoundFault
 
 __all__ = ["iter_search"]
 

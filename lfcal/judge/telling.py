@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lfcal.base import LINES, draw_image, figure
-from lfcal.judge.finding import FoundFault, Picture
+from lfcal.judge.fault import FoundFault, Picture
 from lfcal.judge.inspection import Inspection
 
 if TYPE_CHECKING:

@@ -26,7 +26,7 @@ from lfcal.campaign.adaptive import FEWEST, _gained_nothing, iter_session_patter
 from lfcal.devices.registry import open_rig
 from lfcal.devices.rig import Rig
 from lfcal.fit.design import CurvePoint, PositionDesign
-from lfcal.fit.judge import ModelError
+from lfcal.fit.model_error import ModelError
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import described_effects
 from lfcal.frames.source import Position

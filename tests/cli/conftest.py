@@ -65,7 +65,7 @@ def _shared_models() -> Iterator[None]:
 @pytest.fixture(autouse=True)
 def _fewest_patterns(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let inspections compare the fewest patterns: as many as there is time for would be others each time."""
-    monkeypatch.setattr("lfcal.judge.compared.MOST_SAMPLES", 0)
+    monkeypatch.setattr("lfcal.judge.evidence.MOST_SAMPLES", 0)
     monkeypatch.setattr("lfcal.judge._cost.MOST", FEWEST)
 
 

@@ -13,8 +13,8 @@ from lfcal.camera import ScanPlan
 from lfcal.fit import Fit, Measured, Setup, Unknown
 from lfcal.fit._summary import Degeneracies, degeneracies, iter_degeneracies, summarised
 from lfcal.fit.fit import addable, groups_of, problem_of
-from lfcal.fit.judge import covariance
 from lfcal.fit.model import Fineness, predict
+from lfcal.fit.model_error import covariance
 from lfcal.fit.normal import Columns, Local
 from lfcal.fit.problem import Problem
 from lfcal.fit.setup import starting_effects

@@ -17,8 +17,8 @@ from lfcal.fit import Fit, fit_camera, measured_of
 from lfcal.fit._residual_field import PlaneResiduals
 from lfcal.fit.files import iter_write_hybrid
 from lfcal.fit.hybrid import HybridSummary, _significant_nuisance
-from lfcal.fit.judge import ModelError
 from lfcal.fit.model import Fineness, predict
+from lfcal.fit.model_error import ModelError
 from lfcal.fit.nuisance import Spread
 from lfcal.psf import PSFMatrix, open_psf, save, verify
 from lfcal.psf.facts import Facts, Origin

@@ -12,8 +12,8 @@ from benchmarks._fit_cameras import Truth, random_truth, recorded
 from lfcal.camera import ScanPlan
 from lfcal.fit import Fit, Measured, fit_camera
 from lfcal.fit.fit import problem_of
-from lfcal.fit.judge import ModelError, chi_square, held_out_error
 from lfcal.fit.model import Fineness
+from lfcal.fit.model_error import ModelError, chi_square, held_out_error
 from lfcal.fit.normal import Columns, Local
 from lfcal.fit.nuisance import response_of
 from lfcal.fit.problem import Point, Problem

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from lfcal.fit.judge import INCOMPLETE, ChiSquare
+from lfcal.fit.model_error import INCOMPLETE, ChiSquare
 from tests.fit.test_validate import fit_of, plan_of
 
 

@@ -12,8 +12,8 @@ from lfcal.base.errors import InputError
 from lfcal.camera import Camera, ScanPlan
 from lfcal.fit import Fit, Measured, Setup
 from lfcal.fit._weighing import PatternLevels
-from lfcal.fit.judge import ChiSquare, ModelError
 from lfcal.fit.model import Fineness, predict
+from lfcal.fit.model_error import ChiSquare, ModelError
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import described_effects
 from lfcal.fit.validate import Validation, draw_validation, validate

@@ -13,7 +13,7 @@ from lfcal.acquire.live_quality import LIMITS, QualityState, alarm
 from lfcal.acquire.recording import SessionReport
 from lfcal.base import RANK, SUBJECTS, Finding, Merit, by_subject, verdict_of, worst_merit
 from lfcal.judge.checking import Check
-from lfcal.judge.finding import FAULTS
+from lfcal.judge.fault import FAULTS
 from lfcal.judge.inspection import Inspection
 from lfcal.judge.quality import METRICS, QualityReport, inspect
 from lfcal.lattice import CameraCheck

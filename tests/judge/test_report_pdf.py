@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfcal.judge.finding import Fault, FoundFault, Picture
+from lfcal.judge.fault import Fault, FoundFault, Picture
 from lfcal.judge.inspection import Inspection
 from lfcal.judge.quality import QualityReport, inspect
 from lfcal.judge.report._pdf import PageBlock, blocks, iter_pages

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lfcal.base.figures import figure
-from lfcal.judge.finding import Picture
+from lfcal.judge.fault import Picture
 from lfcal.judge.telling import draw_picture, drawn
 
 

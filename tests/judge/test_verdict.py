@@ -9,7 +9,7 @@ import pytest
 
 from lfcal.base import Merit
 from lfcal.judge import Inspection
-from lfcal.judge.finding import FAULTS, FoundFault
+from lfcal.judge.fault import FAULTS, FoundFault
 from lfcal.judge.inspection import BAD, BAD_SHARE, FAIR, FAIR_SHARE
 from lfcal.judge.quality import QualityReport, inspect
 from lfcal.judge.telling import compared_words

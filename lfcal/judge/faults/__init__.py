@@ -1,4 +1,4 @@
-"""Faults by name, one family a module; `lfcal.judge.finding.FAULTS` finds them."""
+"""Faults by name, one family a module; `lfcal.judge.fault.FAULTS` finds them."""
 
 from typing import TYPE_CHECKING
 

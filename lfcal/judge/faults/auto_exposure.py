@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
+from lfcal.judge.fault import Fault, FoundFault, Picture, PutIn, adding
 from lfcal.judge.faults._series import BETTER, FEW, SURE, robust, usual
-from lfcal.judge.finding import Fault, FoundFault, Picture, PutIn, adding
 
 __all__ = ["FAULTS", "AutoExposure"]
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.fft import dctn
 
 from lfcal.judge.evidence import Evidence
+from lfcal.judge.fault import Fault, FoundFault, Picture
 from lfcal.judge.faults._series import SURE
-from lfcal.judge.finding import Fault, FoundFault, Picture
 
 __all__ = ["FAULTS", "Compression"]
 

@@ -12,9 +12,9 @@ from scipy.special import ndtr, ndtri
 
 from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
+from lfcal.judge.fault import Fault, FoundFault, Picture, PutIn, adding
 from lfcal.judge.faults._series import SURE, usual
 from lfcal.judge.faults.places import place_map
-from lfcal.judge.finding import Fault, FoundFault, Picture, PutIn, adding
 
 __all__ = ["FAULTS", "BackgroundFault", "CutOff", "Saturated"]
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from lfcal.camera import ScanPlan
 from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
+from lfcal.judge.fault import Fault, FoundFault, Picture, PutIn
 from lfcal.judge.faults._series import ENOUGH, SURE, robust, scan_order, sharpest_step, usual
 from lfcal.judge.faults.places import late, only_recorded, place_map, share_of
-from lfcal.judge.finding import Fault, FoundFault, Picture, PutIn
 
 __all__ = ["FAULTS", "ExposureFault", "Flicker", "FocusDrift", "Lamp"]
 

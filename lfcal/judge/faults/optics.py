@@ -14,9 +14,9 @@ from lfcal.camera import LensletLattice, ScanPlan
 from lfcal.judge._modelled import NEAR_ARRAY
 from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
+from lfcal.judge.fault import Fault, FoundFault, Picture, PutIn, adding
 from lfcal.judge.faults._series import SURE
 from lfcal.judge.faults.places import share_of
-from lfcal.judge.finding import Fault, FoundFault, Picture, PutIn, adding
 
 __all__ = ["FAULTS", "DepthLabel", "GhostFault", "TypeLight"]
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from lfcal.judge._modelled import correlation, plane_of
 from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
+from lfcal.judge.fault import Fault, FoundFault, PutIn
 from lfcal.judge.faults.places import place_map
-from lfcal.judge.finding import Fault, FoundFault, PutIn
 
 __all__ = ["FAULTS", "WrongOrder"]
 

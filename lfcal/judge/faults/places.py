@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from lfcal.camera import ScanPlan
 from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import COLUMNS, Evidence
-from lfcal.judge.finding import Picture, PutIn
+from lfcal.judge.fault import Picture, PutIn
 
 __all__ = ["late", "only_recorded", "place_map", "share_of"]
 

@@ -15,8 +15,8 @@ from lfcal.judge._modelled import cut, plane_of
 from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
 from lfcal.judge.expected import Behind
+from lfcal.judge.fault import Fault, FoundFault, Picture, PutIn, adding
 from lfcal.judge.faults._series import SURE
-from lfcal.judge.finding import Fault, FoundFault, Picture, PutIn, adding
 from lfcal.simulate.engines import EnergyError
 
 __all__ = ["FAULTS", "Pupil", "TypeFocus"]

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from lfcal.judge._modelled import REACH_PX
 from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
+from lfcal.judge.fault import Fault, FoundFault, PutIn
 from lfcal.judge.faults._series import BETTER, SURE, SeriesJump, robust, scan_order, sharpest_step, usual
 from lfcal.judge.faults.places import late, only_recorded, place_map, share_of
-from lfcal.judge.finding import Fault, FoundFault, PutIn
 
 __all__ = ["FAULTS", "BacklashFault", "FrameShift", "Jitter", "StageAxesFault", "Strangers"]
 

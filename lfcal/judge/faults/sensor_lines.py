@@ -12,8 +12,8 @@ from scipy.ndimage import median_filter
 
 from lfcal.judge._sensor_map import Lines, SensorMap, sensor_map
 from lfcal.judge.evidence import Evidence
+from lfcal.judge.fault import Fault, FoundFault, Picture, PutIn, Repair
 from lfcal.judge.faults._series import SURE
-from lfcal.judge.finding import Fault, FoundFault, Picture, PutIn, Repair
 
 __all__ = ["FAULTS", "DeadLine", "HotLine", "LineOffsets"]
 

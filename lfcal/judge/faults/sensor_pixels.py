@@ -12,9 +12,9 @@ from scipy.ndimage import convolve, median_filter
 from lfcal.judge._patch import Patch
 from lfcal.judge._sensor_map import SensorMap, sensor_map
 from lfcal.judge.evidence import Evidence
+from lfcal.judge.fault import Fault, FoundFault, Picture, PutIn, Repair
 from lfcal.judge.faults._series import SURE
 from lfcal.judge.faults.sensor_lines import BRIGHT
-from lfcal.judge.finding import Fault, FoundFault, Picture, PutIn, Repair
 
 __all__ = ["FAULTS", "BadPixels", "MosaicFault"]
 

@@ -1,4 +1,4 @@
-"""The verdict on an H: all metrics, ranked, and the positions to record again."""
+"""The inspection of an H without a camera: all metrics, ranked, and the positions to record again."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from lfcal.judge.finding import FAULTS
+from lfcal.judge.fault import FAULTS
 from lfcal_gui.models.manual import ATLAS, manual_folder, section_of
 
 

@@ -1,8 +1,9 @@
 """The quality metrics, one module per family; each names its metrics in ``METRICS``.
 
 - ``order``, ``stage``: did frames and positions belong together, and did the stage go where it should?
-- ``frames``, ``planes``: missing, copied, odd, dark, misordered
-- ``cutout``, ``light``, ``saturation``, ``sensor``: the frames' values
+- ``frames``, ``planes``, ``repeats``, ``session``: missing, copied, odd, dark, misordered
+- ``cutout``, ``light``, ``noise``, ``saturation``, ``sensor``: the frames' values
+- ``target``: frames of many points
 - ``tiling``: does one cell stand for the field?
 - ``file``: does H hold what it says?
 

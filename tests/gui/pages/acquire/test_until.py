@@ -19,7 +19,7 @@ from lfcal.base.errors import InputError
 from lfcal.base.progress import Progress
 from lfcal.campaign import AdaptiveStep, Goal
 from lfcal.fit import Fit
-from lfcal.fit.judge import ModelError
+from lfcal.fit.model_error import ModelError
 from lfcal.fit.setup import described_effects
 from lfcal.psf import open_psf
 from lfcal.simulate.effects.described import Entry, entries_json

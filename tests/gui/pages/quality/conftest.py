@@ -14,6 +14,6 @@ from tests.fit.shared import shared_models
 def _fewest_patterns() -> Iterator[None]:
     """As many as there is time for would be others each time."""
     with shared_models(), pytest.MonkeyPatch.context() as patch:
-        patch.setattr("lfcal.judge.compared.MOST_SAMPLES", 0)
+        patch.setattr("lfcal.judge.evidence.MOST_SAMPLES", 0)
         patch.setattr("lfcal.judge._cost.MOST", FEWEST)
         yield

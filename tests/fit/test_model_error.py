@@ -13,8 +13,8 @@ from benchmarks._fit_cameras import Truth, random_truth, recorded
 from lfcal.base.progress import drain
 from lfcal.fit._summary import unidentified
 from lfcal.fit.fit import outliers_of, problem_of
-from lfcal.fit.judge import ModelError, chi_square, covariance, held_out_error
 from lfcal.fit.model import Fineness
+from lfcal.fit.model_error import ModelError, chi_square, covariance, held_out_error
 from lfcal.fit.normal import Columns, Local
 from lfcal.fit.nuisance import nuisance_steps, spread_of
 from lfcal.fit.problem import Point, Problem
