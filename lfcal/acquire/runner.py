@@ -273,7 +273,7 @@ class Attempts:
         if not changed:
             return NO_DOUBT
         known = f"(z, y, x) = {tuple(self._position(step))}, taken again, differs from its frame too"
-        return Doubt(changed.what, (known,))
+        return Doubt.of(changed.what, known)
 
     def _again(self, step: ScheduledFrame) -> _Judged:
         self._taker.mover.forget()

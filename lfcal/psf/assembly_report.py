@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lfcal.base import format_count
+from lfcal.base import Finding, format_count
 from lfcal.frames import AS_IS, ORIENTATIONS, LeftOut, Position
 from lfcal.psf.matrix import PSFMatrix
 
@@ -64,6 +64,23 @@ class AssemblyReport:
     spread: float | None = None
     left_out: tuple[LeftOut, ...] = ()
     orientation: str = AS_IS
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Damaged frames that were left out."""
+        return tuple(
+            Finding(
+                kind="left_out",
+                what="damaged frame left out",
+                subject="frames",
+                detail=one.reason,
+                where=one.label,
+                positions=() if one.position is None else (tuple(one.position),),
+                remedy="Record this position again.",
+                repeat=int(one.position is not None),
+            )
+            for one in self.left_out
+        )
 
     @classmethod
     def of(

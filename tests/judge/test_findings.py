@@ -9,8 +9,9 @@ from typing import get_args, get_type_hints
 import numpy as np
 import pytest
 
+from lfcal.acquire.guard.doubts import NO_DOUBT, Doubt
 from lfcal.acquire.live_quality import LIMITS, QualityState, alarm
-from lfcal.acquire.recording import SessionReport
+from lfcal.acquire.recording import SessionReport, Suspicion
 from lfcal.base import RANK, SUBJECTS, Finding, Merit, by_subject, verdict_of, worst_merit
 from lfcal.judge.checking import Check
 from lfcal.judge.fault import FAULTS
@@ -18,7 +19,7 @@ from lfcal.judge.inspection import Inspection
 from lfcal.judge.quality import METRICS, QualityReport, inspect
 from lfcal.lattice import CameraCheck
 from lfcal.lattice.camera_check import DIFFERS, FITS, WRONG, CheckLine
-from lfcal.psf import MatrixCheck, PSFMatrix
+from lfcal.psf import AssemblyReport, MatrixCheck, PSFMatrix
 from lfcal.targets.finding import FoundPoints
 
 
@@ -37,7 +38,9 @@ def test_every_metric_and_fault_has_a_subject(source: object) -> None:
         (Inspection, "findings"),
         (QualityReport, "findings"),
         (Check, "findings"),
+        (AssemblyReport, "findings"),
         (CameraCheck, "findings"),
+        (Doubt, "findings"),
         (MatrixCheck, "findings"),
         (SessionReport, "findings"),
         (QualityState, "alarms"),
@@ -118,3 +121,15 @@ def test_checks_of_files_find_what_is_damaged() -> None:
     ]
     session = SessionReport(Path("s"), (), (), ())
     assert not session.findings and [one.kind for one in replace(session, lacking=2).findings] == ["lacking"]
+
+
+def test_doubts_about_a_frame_are_findings_with_their_flags() -> None:
+    torn = Doubt.of(Suspicion.TORN, "rows: expected new content, got rows of (0, 0, 1); the camera mixes its buffers")
+    both = torn | Doubt.of(Suspicion.LIGHT, "light: expected 5, got 9; check the lamp") | NO_DOUBT
+    assert both and not NO_DOUBT and both.what == Suspicion.TORN | Suspicion.LIGHT and both.certain
+    assert [(one.kind, one.subject, one.merit) for one in both.findings] == [
+        ("torn", "frames", "bad"),
+        ("light", "light", "fair"),
+    ]
+    assert both.findings[1].remedy == "check the lamp" and both.text.startswith(torn.text)
+    assert torn.text.endswith("got rows of (0, 0, 1); the camera mixes its buffers")

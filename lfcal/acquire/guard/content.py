@@ -136,13 +136,13 @@ class Repeats:
                 if count and count_lit(part, floor, self._ceiling) >= FEW:
                     got = f"{100 * count / n:.0f} % of its rows as at (z, y, x) = {tuple(place.position)}"
                     why = f"frame: expected one exposure, got {got}; the camera mixes its buffers"
-                    return Doubt(Suspicion.TORN, (why,))
+                    return Doubt.of(Suspicion.TORN, why)
         return None
 
 
 def _repeated(position: Position) -> Doubt:
     got = f"that of (z, y, x) = {tuple(position)} again"
-    return Doubt(Suspicion.REPEATED, (f"frame: expected new content, got {got}; the camera repeats a buffer",))
+    return Doubt.of(Suspicion.REPEATED, f"frame: expected new content, got {got}; the camera repeats a buffer")
 
 
 LEVEL, ENERGY, ROW, COLUMN, PEAK = range(5)
@@ -253,7 +253,7 @@ class Neighbours:
         full = self._sensor.ceiling
         if now.saturated >= FEW_CLIPPED and self._expected[PEAK] < FAR_FROM_FULL * full:
             why = f"peak: expected about {self._expected[PEAK]:.4g} counts as around it, got {now.saturated} saturated"
-            doubt |= Doubt(Suspicion.CLIPPED, (f"{why} pixels; check lamp and exposure",))
+            doubt |= Doubt.of(Suspicion.CLIPPED, f"{why} pixels; check lamp and exposure")
         return doubt
 
     def accept(self, position: Position, now: MeasuredFrame, exposure_s: float, pitch: int) -> None:
@@ -300,18 +300,18 @@ def _compare(
     doubt = NO_DOUBT
     if abs(got_level - level) > max(limits[LEVEL] * sensor.ceiling, sigmas * now.level_sigma):
         why = f"dark level: expected about {level:.4g} counts, got {got_level:.4g}"
-        doubt |= Doubt(Suspicion.DARK_LEVEL, (f"{why}; check the camera's temperature, offset and stray light",))
+        doubt |= Doubt.of(Suspicion.DARK_LEVEL, f"{why}; check the camera's temperature, offset and stray light")
     if abs(got - light) > max(limits[ENERGY] * abs(light), noise):
         what = Suspicion.BLANK if got < DARK * light else Suspicion.LIGHT
         why = f"light: expected about {light:.4g} counts, got {got:.4g}"
-        doubt |= Doubt(what, (f"{why}; check lamp, shutter and exposure",))
+        doubt |= Doubt.of(what, f"{why}; check lamp, shutter and exposure")
     if now.lit and not doubt.what & Suspicion.BLANK:
         down, right = got_row - row, got_column - column
         noise = sigmas * now.place_sigma
         if abs(down) > max(limits[ROW], noise) or abs(right) > max(limits[COLUMN], noise):
             why = f"image: expected within {max(limits[ROW], limits[COLUMN], noise):.2g} px of its place, got "
             why += f"({down:.2f}, {right:.2f}) px (row, column) off it"
-            doubt |= Doubt(Suspicion.DISPLACED, (f"{why}; check the stage's steps and the camera's region",))
+            doubt |= Doubt.of(Suspicion.DISPLACED, f"{why}; check the stage's steps and the camera's region")
     return doubt
 
 
@@ -392,7 +392,7 @@ class ContentGuard:
             doubt |= self._repeats.kept(position, content.frame, now.noise, floor)
             doubt |= self._neighbours.look(position, now, content.actual_s[0], self._pitch(position))
             if not self._any and not now.lit:
-                doubt |= Doubt(Suspicion.BLANK, ("light: expected some in the first frame, got none; check the lamp",))
+                doubt |= Doubt.of(Suspicion.BLANK, "light: expected some in the first frame, got none; check the lamp")
         elif content.kind is Kind.REFERENCE and self._reference is not None:
             doubt |= same_place(now, self._reference, self.sensor, references=True)
         return CheckedFrame(now, doubt, samples)
@@ -429,4 +429,4 @@ def _exposure(content: Content) -> Doubt:
     if abs(worst - asked) <= allowed:
         return NO_DOUBT
     why = f"exposure: expected {1e3 * asked:.4g} ms as planned, got {1e3 * worst:.4g} ms"
-    return Doubt(Suspicion.EXPOSURE, (f"{why}; plan an exposure that the camera takes",))
+    return Doubt.of(Suspicion.EXPOSURE, f"{why}; plan an exposure that the camera takes")

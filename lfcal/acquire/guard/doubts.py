@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from lfcal.acquire.recording import Suspicion
+from lfcal.base import Finding
 
 __all__ = ["CERTAIN", "NO_DOUBT", "Doubt"]
 
@@ -12,32 +13,56 @@ CERTAIN = Suspicion.REPEATED | Suspicion.TORN | Suspicion.EXPOSURE
 """What a frame proves by itself; everything else is held against a known place before it counts."""
 
 
+SUBJECTS = {
+    Suspicion.BLANK: "light",
+    Suspicion.LIGHT: "light",
+    Suspicion.DISPLACED: "stage",
+    Suspicion.DARK_LEVEL: "sensor",
+    Suspicion.CLIPPED: "sensor",
+}
+"""Subjects of findings on a frame; the others concern the frame itself."""
+
+
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """What is suspected of a frame, and why: expected, got and the remedy, a clause each; false without suspicion."""
+    """Findings on the content of one frame, and the flags that are stored with it; false without any."""
 
     what: Suspicion = Suspicion.NONE
-    why: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+    @classmethod
+    def of(cls, what: Suspicion, why: str) -> Doubt:
+        """Return the doubt for one reason: what was expected and found, and after a semicolon the remedy."""
+        detail, _, remedy = why.rpartition("; ") if "; " in why else (why, "", "")
+        one = Finding(
+            kind=what.words.replace(" ", "_"),
+            what=what.words,
+            subject=SUBJECTS.get(what, "frames"),
+            detail=detail,
+            remedy=remedy,
+            merit="bad" if what & CERTAIN else "fair",
+        )
+        return cls(what, (one,))
 
     def __bool__(self) -> bool:
         """Return whether anything is suspected."""
-        return bool(self.why)
+        return bool(self.findings)
 
     def __or__(self, other: Doubt) -> Doubt:
         """Return both doubts as one."""
-        if not other.why:
+        if not other.findings:
             return self
-        return Doubt(self.what | other.what, self.why + other.why)
+        return Doubt(self.what | other.what, self.findings + other.findings)
 
     @property
     def certain(self) -> bool:
-        """Whether the frame proves it by itself."""
+        """Whether the frame proves it without another one."""
         return bool(self.what & CERTAIN)
 
     @property
     def text(self) -> str:
-        """All reasons in one line."""
-        return "; ".join(self.why)
+        """All reasons and remedies in one line."""
+        return "; ".join(part for one in self.findings for part in (one.detail, one.remedy) if part)
 
 
 NO_DOUBT = Doubt()
