@@ -452,3 +452,21 @@ def stale_overviews() -> dict[str, list[str]]:
 
 def test_overviews_of_packages_name_modules_that_exist() -> None:
     assert stale_overviews() == {}
+
+
+def headers_that_are_classes() -> list[str]:
+    """Return column heads of the window that are spelt like its classes of several words."""
+    classes = {n.name for path in FILES for n in ast.walk(tree_of(path)) if isinstance(n, ast.ClassDef)}
+    several = {name for name in classes if re.fullmatch(r"[A-Z][a-z]+([A-Z][a-z]+)+", name)}
+    return [
+        f"{name_of(path)}: {one.value}"
+        for path in FILES
+        for node in tree_of(path).body
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Tuple) and name_of(path).startswith("lfcal_gui")
+        for one in node.value.elts
+        if isinstance(one, ast.Constant) and one.value in several
+    ]
+
+
+def test_heads_of_columns_are_words() -> None:
+    assert headers_that_are_classes() == []

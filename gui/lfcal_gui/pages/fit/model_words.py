@@ -25,7 +25,7 @@ __all__ = [
     "verdict_of",
 ]
 
-COLUMNS = ("Parameter", "FoundFit", "± σ", "Stated", "Unit", "Off (σ)", "Group")
+COLUMNS = ("Parameter", "Found", "± σ", "Stated", "Unit", "Off (σ)", "Group")
 NUMBERS = (1, 2, 3, 5)
 """Columns that are sorted by their numbers."""
 

@@ -13,7 +13,7 @@ from lfcal_gui.theme import current_theme
 
 __all__ = ["EffectsTable"]
 
-COLUMNS = ("Effect", "Setting", "EffectsVerdict", "Share", "Time")
+COLUMNS = ("Effect", "Setting", "Verdict", "Share", "Time")
 EFFECT, SETTING, VERDICT, SHARES, SECONDS = range(5)
 ROW = 24
 """Height of a row (px): room for the list of choices."""

@@ -166,7 +166,7 @@ def test_parameters_are_sorted_by_number_and_copied(fitted: Page, qtbot: QtBot) 
     table.clearSelection()
     qtbot.keyClick(table, Qt.Key.Key_C, Qt.KeyboardModifier.ControlModifier)
     lines = QApplication.clipboard().text().splitlines()
-    assert lines[0].split("\t")[:3] == ["Parameter", "FoundFit", "± σ"] and len(lines) == 5
+    assert lines[0].split("\t")[:3] == ["Parameter", "Found", "± σ"] and len(lines) == 5
     table.selectRow(1)
     table.copy()
     assert len(QApplication.clipboard().text().splitlines()) == 2
