@@ -190,7 +190,7 @@ def _ranked(inspection: Inspection) -> list[tuple[str, float | None]]:
     from lfcal.judge.inspection import worst_first
 
     found: list[tuple[float, str, float | None]] = [(-worst_first(f)[0], f.name, f.cost) for f in inspection.faults]
-    found += [(m.cost, m.key, m.cost) for m in inspection.alarms]
+    found += [(m.cost, m.key, m.cost) for m in inspection.doubts if m.merit == "bad"]
     return [(name, cost) for _, name, cost in sorted(found, key=lambda one: -one[0])]
 
 

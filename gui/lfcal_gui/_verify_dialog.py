@@ -8,6 +8,7 @@ from typing import Any
 from PySide6.QtWidgets import QDialog, QFileDialog, QLineEdit, QPlainTextEdit, QPushButton, QVBoxLayout, QWidget
 
 from lfcal.base import Work
+from lfcal.judge import judgement_of
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
 from lfcal_gui.theme import style_sheet
@@ -90,10 +91,8 @@ class VerifyDialog(QDialog):
         self._enable()
 
     def _done(self, result: Any) -> None:
-        lines, ok, self._redo = result
-        self.found.setPlainText(
-            "\n".join((*lines, "All is what was written." if ok else "Not all is what was written."))
-        )
+        lines, self._redo = result
+        self.found.setPlainText("\n".join(lines))
 
     def _failed(self, job: WindowJob) -> None:
         self.found.setPlainText(job.error)
@@ -141,16 +140,16 @@ class VerifyDialog(QDialog):
         self.again.setEnabled(own and bool(self.context.state.recording))
 
 
-def _work(path: Path) -> Work[tuple[list[str], bool, tuple[Any, ...]]]:
-    """Check a folder as a session and anything else as an H file; return words, whether all is well, what to redo."""
+def _work(path: Path) -> Work[tuple[list[str], tuple[Any, ...]]]:
+    """Check a folder as a session and anything else as an H file; return the verdict with details, and what to redo."""
     from lfcal.cli import matrix_lines, session_lines  # a command line is slow to load
 
     if path.is_dir():
         from lfcal.acquire import iter_verify
 
         report = yield from iter_verify(path)
-        return list(session_lines(report)), report.ok, tuple(report.to_redo)
+        return [judgement_of(report).verdict, *session_lines(report)], tuple(report.to_redo)
     from lfcal.psf import iter_verify as iter_verify_matrix
 
     check = yield from iter_verify_matrix(path)
-    return list(matrix_lines(check)), check.ok, ()
+    return [judgement_of(check).verdict, *matrix_lines(check)], ()

@@ -49,7 +49,7 @@ from lfcal.base.files import (
     sweep_scratch,
     write_tiff,
 )
-from lfcal.base.finding import RANK, SUBJECTS, Finding, Merit, by_subject, listed, verdict_of, worst_merit
+from lfcal.base.finding import RANK, SUBJECTS, Finding, Judgement, Merit, listed
 from lfcal.base.npy import map_npy, npy_header
 from lfcal.base.page import (
     add_html_section,
@@ -115,6 +115,7 @@ __all__ = [
     "WORKERS",
     "Cancelled",
     "Finding",
+    "Judgement",
     "LfcalError",
     "Merit",
     "Position",
@@ -127,7 +128,6 @@ __all__ = [
     "add_html_section",
     "as_sensor_frame",
     "bounded_threads",
-    "by_subject",
     "centre",
     "check_choice",
     "check_commas",
@@ -204,10 +204,8 @@ __all__ = [
     "sync_data",
     "sync_folder",
     "total_memory",
-    "verdict_of",
     "whole",
     "worker_count",
-    "worst_merit",
     "write_at",
     "write_tiff",
 ]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
 
 from lfcal.base.units import format_count
 
-__all__ = ["RANK", "SUBJECTS", "Finding", "Merit", "by_subject", "listed", "verdict_of", "worst_merit"]
+__all__ = ["RANK", "SUBJECTS", "Finding", "Judgement", "Merit", "listed"]
 
 Merit = Literal["good", "fair", "bad", "unknown"]
 
@@ -19,7 +19,24 @@ RANK: dict[Merit, int] = {"bad": 0, "fair": 1, "good": 2, "unknown": 3}
 SUBJECTS = ("frames", "stage", "light", "sensor", "optics", "planes", "cutout", "target", "file", "other")
 """Subjects of findings, in the order of a report."""
 
-LISTED = {"bad": 3, "fair": 4, "good": 3}
+WORST: tuple[Merit, ...] = ("bad", "unknown", "fair", "good")
+"""Order of findings in a judgement: what is unknown may be bad."""
+
+VERDICT: dict[Merit, str] = {
+    "bad": "should not be used as it is",
+    "unknown": "is not fully judged",
+    "fair": "can be used; worth a look",
+    "good": "is good but",
+}
+REMAINS: dict[Merit, str] = {
+    "bad": "should not be used",
+    "unknown": "is not fully judged",
+    "fair": "is worth a look",
+    "good": "is good but for",
+}
+"""What a verdict says of data by the merit of the worst finding, and of what remains without the first one."""
+
+LISTED: dict[Merit, int] = {"bad": 3, "unknown": 3, "fair": 4, "good": 3}
 """Number of findings that a verdict names; the others are counted."""
 
 
@@ -95,72 +112,86 @@ class Finding:
         return self.detail or self.what
 
 
-def worst_merit(findings: Iterable[Finding]) -> Merit:
-    """Return the merit of data with these findings: good without any."""
-    return min((one.merit for one in findings), key=RANK.__getitem__, default="good")
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """The verdict on data, from all that is wrong with them.
 
-
-def by_subject(findings: Iterable[Finding]) -> dict[str, tuple[Finding, ...]]:
-    """Return findings by their subjects, in the order of `SUBJECTS`.
-
-    Examples
-    --------
-    >>> from lfcal.judge import Finding, by_subject
-    >>> lamp = Finding(kind="lamp", what="lamp that fades", subject="light")
-    >>> jitter = Finding(kind="jitter", what="jitter of the stage", subject="stage")
-    >>> {subject: len(found) for subject, found in by_subject([lamp, jitter]).items()}
-    {'stage': 1, 'light': 1}
-    """
-    found: dict[str, tuple[Finding, ...]] = {}
-    for one in sorted(findings, key=lambda one: SUBJECTS.index(one.subject)):
-        found[one.subject] = (*found.get(one.subject, ()), one)
-    return found
-
-
-def verdict_of(findings: Sequence[Finding], rest: str, data: str = "PSF") -> str:
-    """Return the verdict on data as sentences: what is wrong, where, what it costs, the remedy, and what remains then.
-
-    Parameters
+    Attributes
     ----------
-    findings
-        What is wrong, the worst first; those of a merit that is good concern positions to repeat.
-    rest
-        What is known of the data besides, as "good by 26 metrics".
     data
-        What the data are.
+        What the data are: "PSF", "session", "camera".
+    findings
+        What is wrong, the worst first. Those of a merit that is good concern positions to repeat; those of an unknown
+        merit are why it is not known whether the data are good.
+    known
+        What is known of the data besides, as "good by 26 metrics"; empty: nothing.
 
     Examples
     --------
-    >>> from lfcal.judge import Finding, verdict_of
-    >>> print(verdict_of([], "good by 26 metrics"))
+    >>> from lfcal.judge import Finding, Judgement
+    >>> print(Judgement("PSF", (), "good by 26 metrics").verdict)
     This PSF is good by 26 metrics.
     >>> hot = Finding(kind="hot_line", what="hot line", detail="60 counts", cost_words="0.31", remedy="Use a dark.")
-    >>> print(verdict_of([hot], "good").partition(". ")[2])
+    >>> print(Judgement("PSF", (hot,), "good").verdict.partition(". ")[2])
     Hot line: 60 counts; it costs 0.31. Use a dark. What remains is good.
     """
-    if not findings:
-        return f"This {data} is {rest}."
-    worst: Merit = next((m for m in ("bad", "fair") if any(one.merit == m for one in findings)), "good")
-    named = [one for one in findings if one.merit == worst]
-    names = listed([one.what for one in named], LISTED[worst])
-    if worst == "bad":
-        head = f"This {data} should not be used as it is: {names}."
-    elif worst == "fair":
-        head = f"This {data} can be used; worth a look: {names}."
-    else:
-        many = format_count(sum(one.repeat for one in named), "position", "positions")
-        head = f"This {data} is good but for {many} to record again: {names}."
-    others = [one for one in findings if one is not named[0]]
-    return f"{head} {named[0].sentence} {named[0].remedy} {_remains(others, rest)}"
 
+    data: str
+    findings: tuple[Finding, ...]
+    known: str
 
-def _remains(findings: Sequence[Finding], rest: str) -> str:
-    for merit, words in (("bad", "should not be used"), ("fair", "is worth a look"), ("good", "is good but for")):
-        names = [one.what for one in findings if one.merit == merit]
-        if names:
-            shown = listed(names, LISTED[merit])
-            return f"What remains {words} {shown}." if merit == "good" else f"What remains {words}: {shown}."
-    return f"What remains is {rest}."
+    @classmethod
+    def of(cls, data: str, findings: Iterable[Finding], known: str) -> Judgement:
+        """Return the judgement with the findings sorted, the worst first."""
+        return cls(data, tuple(sorted(findings, key=lambda one: WORST.index(one.merit))), known)
+
+    @property
+    def merit(self) -> Merit:
+        """The merit of the data."""
+        return self.findings[0].merit if self.findings else "good" if self.known else "unknown"
+
+    @property
+    def verdict(self) -> str:
+        """What is wrong, where, what it costs, the remedy, and what remains then."""
+        if not self.findings:
+            nothing = f"Nothing could be measured: it is not known whether this {self.data} is good."
+            return f"This {self.data} is {self.known}." if self.known else nothing
+        first = self.findings[0]
+        named = [one for one in self.findings if one.merit == first.merit]
+        names = listed([one.what for one in named], LISTED[first.merit])
+        words = VERDICT[first.merit]
+        if first.merit == "good":
+            words += f" for {format_count(sum(one.repeat for one in named), 'position', 'positions')} to record again"
+        head = f"This {self.data} {words}: {names}."
+        return " ".join(filter(None, (head, first.sentence, first.remedy, self._remains())))
+
+    def _remains(self) -> str:
+        """Return what remains without the first finding; the reason of a doubt is always given."""
+        parts = []
+        others = self.findings[1:]
+        for merit in dict.fromkeys(one.merit for one in others if one.merit in (others[0].merit, "unknown")):
+            names = listed([one.what for one in others if one.merit == merit], LISTED[merit])
+            parts.append(f"{REMAINS[merit]} {names}" if merit == "good" else f"{REMAINS[merit]}: {names}")
+        if not others and self.known:
+            parts = [f"is {self.known}"]
+        doubts = [f"{one.sentence} {one.remedy}" for one in others if one.merit == "unknown"]
+        return " ".join((f"What remains {', and '.join(parts)}.", *doubts)) if parts else ""
+
+    def by_subject(self) -> dict[str, tuple[Finding, ...]]:
+        """Return findings by their subjects, in the order of `SUBJECTS`, the worst of each first."""
+        found: dict[str, tuple[Finding, ...]] = {}
+        for one in sorted(self.findings, key=lambda one: SUBJECTS.index(one.subject)):
+            found[one.subject] = (*found.get(one.subject, ()), one)
+        return found
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return merit, verdict, all findings, and the merit by each subject as plain values."""
+        return {
+            "merit": self.merit,
+            "verdict": self.verdict,
+            "findings": [asdict(one) for one in self.findings],
+            "subjects": {subject: found[0].merit for subject, found in self.by_subject().items()},
+        }
 
 
 def listed(names: Sequence[str], most: int) -> str:

@@ -8,11 +8,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Clock, Finding, InputError, Work, check_number, check_tuple, drained
+from lfcal.base import Clock, Finding, InputError, Work, check_number, check_tuple, drained, format_count
 from lfcal.camera import ScanPlan, half_extent_px
 from lfcal.fit import FieldRegion, Measured, Regional
 from lfcal.frames import FrameSource, Noise
@@ -53,6 +54,8 @@ class Points:
     found
         What was found in each frame, by its number.
     """
+
+    data: ClassVar[str] = "target"
 
     plan: TargetPlan
     frame: NDArray[np.intp]
@@ -101,6 +104,13 @@ class Points:
         for row, column in found.pixels[near].tolist():
             out &= np.hypot(rows[:, None] - row, columns[None, :] - column) > radius
         return out
+
+    @property
+    def known(self) -> str:
+        """How many points were found, and how well they lie on the target's lattice, for a verdict."""
+        rms = float(np.median([one.fit.rms_px for one in self.found.values()]))
+        seen = f"{format_count(len(self), 'point', 'points')} in {format_count(len(self.found), 'frame', 'frames')}"
+        return f"found: {seen}, their light {rms:.2f} px (rms) from its lattice"
 
     @property
     def mistakes(self) -> tuple[tuple[Finding, int], ...]:

@@ -77,9 +77,13 @@ def _show_suspects(suspects: RedoList, path: Path) -> None:
 
 def show_outcome(result: dict[str, Any], outcome: Outcome, out: Path, json: bool) -> None:
     """Print how a session ended, and what to do next."""
-    from lfcal.base import format_seconds
+    from lfcal.base import Judgement, format_seconds
     from lfcal.cli._acquire_target import show_coverage
     from lfcal.cli._console import print_json
+    from lfcal.cli._findings import show_judgement
+
+    judgement = Judgement.of("recording", result.pop("alarms"), "without an alarm")
+    result |= judgement.to_dict()
 
     if json:
         print_json(result)
@@ -93,8 +97,8 @@ def show_outcome(result: dict[str, Any], outcome: Outcome, out: Path, json: bool
             show_coverage(result["shown"])
         if outcome.damaged:
             typer.echo(f"  {outcome.damaged} damaged frames were found; those recorded now replace them")
-        for alarm in result["alarms"]:
-            typer.echo(f"  {alarm.line}")
+        if judgement.findings:
+            show_judgement(judgement)
         if "suspects" in result:
             _show_suspects(result["suspects"], result["redo"])
         if "H" in result:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import typer
 
 from lfcal.base import InputError
 
@@ -26,9 +25,6 @@ NAMES = ("*z{z}_y{y}_x{x}.*", "*y{y}_x{x}.*")
 
 NEAR_DEPTH = 0.02
 """Share of a depth by which that of a plane may be another and be the same."""
-
-EXPLANATIONS = 4
-"""Possible changes that are listed; --json lists all."""
 
 
 @dataclass(frozen=True)
@@ -210,15 +206,14 @@ def new_frame(view: FrameSource, k: int, place: tuple[float, float] | None, plan
 def check_dict(found: Check) -> dict[str, Any]:
     """Return what was found as plain types."""
     from lfcal.base import plain
+    from lfcal.judge import judgement_of
 
-    words = {True: "holds", False: "does not hold", None: "not told"}
     error, chi2 = found.error, found.chi_square
     result: dict[str, Any] = plain(
         {
             "format": "lfcal-check",
             "version": 1,
-            "answer": words[found.holds],
-            "verdict": found.verdict,
+            "answer": found.answer,
             "limit": found.limit,
             "error": {"known": error.known, "value": error.value, "sigma": error.sigma, "limit": error.limit},
             "stated_error": found.stated,
@@ -242,6 +237,7 @@ def check_dict(found: Check) -> dict[str, Any]:
                 }
                 for one in found.suspects
             ],
+            **judgement_of(found).to_dict(),
         }
     )
     return result
@@ -265,8 +261,9 @@ def _frame_dict(one: Compared) -> dict[str, Any]:
 
 
 def _show(found: Check) -> None:
-    from lfcal.base import format_share
     from lfcal.cli._console import print_table, report
+    from lfcal.cli._findings import show_judgement
+    from lfcal.judge import judgement_of
 
     rows = [
         [
@@ -281,12 +278,7 @@ def _show(found: Check) -> None:
         for one in found.frames
     ]
     print_table(["frame", "z, y, x", "beside (px)", "light", "background", "chi²", "error"], rows)
-    colours = {True: typer.colors.GREEN, False: typer.colors.RED, None: typer.colors.YELLOW}
-    typer.secho(found.verdict, fg=colours[found.holds], bold=True)
-    for one in found.explanations[:EXPLANATIONS]:
-        changes = ", ".join(f"{name} {by:+.3g} ± {sigma:.2g} {unit}".strip() for name, by, sigma, unit in one.values)
-        told = f"explains {format_share(one.error)} of the light, leaves {format_share(one.left)}"
-        typer.echo(f"  {one.name}: {told}; {changes}")
+    show_judgement(judgement_of(found), found.answer)
     report(f"note: noise: {found.noise_from}")
     for note in found.notes:
         report(f"note: {note}")

@@ -16,9 +16,6 @@ if TYPE_CHECKING:
 
 __all__ = ["found_points", "opened_target", "refuse_options", "tell_points", "wanted_target"]
 
-TOLD = 8
-"""Mistakes that are told, the most frequent first."""
-
 
 def wanted_target(source: Path, plan: Path | None) -> TargetPlan | None:
     """Return the plan of the target that frames show, theirs or the one named; None where they are of a scan."""
@@ -71,18 +68,10 @@ def found_points(view: FrameSource, plan: TargetPlan, *, quiet: bool) -> Points:
 
 def tell_points(points: Points) -> None:
     """Print what was found in the frames, and what is not as described."""
-    import numpy as np
-    import typer
+    from lfcal.cli._findings import show_judgement
+    from lfcal.judge import judgement_of
 
-    from lfcal.cli._console import report
-
-    frames = len(points.found)
-    rms = float(np.median([one.fit.rms_px for one in points.found.values()]))
-    typer.echo(f"{len(points)} points in {frames} frames, light {rms:.2f} px (rms) beside the target's lattice")
-    for one, count in points.mistakes[:TOLD]:
-        report(f"note: {one} ({count} of {frames} frames)")
-    if len(points.mistakes) > TOLD:
-        report(f"note: {len(points.mistakes) - TOLD} other mistakes in single frames")
+    show_judgement(judgement_of(points))
 
 
 def refuse_options(given: Mapping[str, object]) -> None:

@@ -332,17 +332,16 @@ def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -
     """Return what was assembled, and print it but for ``json``; what nobody measured is null or "unknown"."""
     from lfcal.base import format_bytes, format_seconds
     from lfcal.cli._console import report as line
-    from lfcal.psf import Origin
+    from lfcal.cli._findings import show_judgement
+    from lfcal.judge import judgement_of
 
-    matrix = report.matrix
-    origin = matrix.facts.origin
-    filled = 0 if origin is None else int((origin == Origin.MODEL).sum())
+    matrix, judgement = report.matrix, judgement_of(report)
     facts = {
         "out": out,
         "shape": matrix.shape,
         "frames": report.frames,
         "missing": report.missing,
-        "filled": filled,
+        "filled": report.filled,
         "repeated": report.repeated,
         "orientation": matrix.provenance.get("orientation", {"applied": report.orientation}),
         "left_out": [found._asdict() for found in report.left_out],
@@ -355,7 +354,7 @@ def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -
         "assumed": [] if matrix.camera is None else matrix.camera.marks.paths("assumed"),
         "file_bytes": out.stat().st_size,
         "seconds": seconds,
-    }
+    } | judgement.to_dict()
     if json:
         return facts
     told = matrix.provenance.get("orientation", {}).get("note")
@@ -364,12 +363,8 @@ def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -
         line(f"note: {copied} positions have the patterns recorded half a period away; they are marked")
     for note in (*([told] if told else []), *report.notes):
         line(f"note: {note}")
-    if filled:
-        line(f"note: {filled} of the missing positions are filled by the model of the fit, and marked")
-    elif report.missing:
-        line(
-            "note: lfcal fit finds the optics from what is there; lfcal assemble --fill FIT then fills what is missing"
-        )
+    if report.filled:
+        line(f"note: {report.filled} of the missing positions are filled by the model of the fit, and marked")
     for found in report.left_out[:LISTED]:
         where = "dark frame" if found.position is None else f"(z, y, x) = {tuple(found.position)}"
         line(f"left out: {found.label}, {where}")
@@ -377,5 +372,6 @@ def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -
     # what the cutout, by whole pixels, leaves of the fractional shifts of the micro-images.
     rows, columns = report.residual_px
     typer.echo(f"{out}: H {matrix.shape} from {report.frames} frames, {size} in {format_seconds(seconds)}")
+    show_judgement(judgement)
     typer.echo(f"sub-pixel residual left by the cutout: {rows:.2f} rows, {columns:.2f} columns (px)")
     return facts

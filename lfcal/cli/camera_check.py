@@ -100,10 +100,13 @@ def _write(found: CameraCheck, out: Path | None) -> Path | None:
 
 
 def _show(found: CameraCheck, turned: TurnedWhite | None, written: Path | None, json: bool) -> None:
+    from lfcal.cli._findings import show_judgement
+    from lfcal.judge import judgement_of
+
     if json:
         camera = None if found.camera is None else found.camera.to_dict()
         turns = None if turned is None else [turn.option for turn in turned.turns]
-        facts = {"verdict": found.verdict, "lines": found.lines, "turned": turns}
+        facts = {"answer": found.verdict, "lines": found.lines, "turned": turns} | judgement_of(found).to_dict()
         print_json(facts | {"camera": camera, "written": written})
         return
     rows = [
@@ -111,6 +114,7 @@ def _show(found: CameraCheck, turned: TurnedWhite | None, written: Path | None, 
         for line in found.lines
     ]
     print_table(["", "camera", "white image", "off by (px)", ""], rows)
+    show_judgement(judgement_of(found))
     if turned is not None:
         report(
             f"note: the frames are {turned.words}, against the camera; if the camera is described as it is, turn white "

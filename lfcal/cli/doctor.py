@@ -125,12 +125,22 @@ def broken_plugins() -> list[dict[str, str]]:
     from lfcal.devices import BACKENDS
     from lfcal.frames import SOURCES
     from lfcal.frames.formats import FORMATS
+    from lfcal.judge import FAULTS, FINDING_SOURCES
     from lfcal.judge.quality import METRICS
     from lfcal.reconstruct import SOLVERS
     from lfcal.simulate.effects import CATALOGUE
 
     # in the order of the data, as the commands are.
-    registries: tuple[Registry[Any], ...] = (FORMATS, SOURCES, CATALOGUE, SOLVERS, METRICS, BACKENDS)
+    registries: tuple[Registry[Any], ...] = (
+        FORMATS,
+        SOURCES,
+        CATALOGUE,
+        SOLVERS,
+        METRICS,
+        FAULTS,
+        FINDING_SOURCES,
+        BACKENDS,
+    )
     return [
         {"kind": registry.what, "name": name, "reason": reason}
         for registry in registries

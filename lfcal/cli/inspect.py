@@ -136,11 +136,10 @@ def command(
             discard(parts_folder(report))
     if json:
         extra: dict[str, Any] = {} if comparison is None else {"comparison": comparison.to_dict()}
-        extra |= {"model": found.to_dict()} | found.judged()
         if loss is not None:
             extra["regions"] = loss.to_dict()
         extra["assumed"] = [] if H.camera is None else H.camera.marks.paths("assumed")
-        print_json(quality.to_dict(every=every) | extra | ({} if page is None else {"report": page}))
+        print_json(found.to_dict(every=every) | extra | ({} if page is None else {"report": page}))
     elif page is not None:
         typer.echo(f"report: {page}")
     if strict and found.merit not in ("good", "fair"):
@@ -200,8 +199,9 @@ def _show(
     every: bool,
 ) -> None:
     """Print verdict, metrics, apertures and the comparison."""
-    from lfcal.base import by_subject, format_seconds
+    from lfcal.base import format_seconds
     from lfcal.cli._console import print_table
+    from lfcal.cli._findings import show_judgement
     from lfcal.judge.quality import counted_words, merit_word
     from lfcal.judge.report import limits, value_text
 
@@ -210,12 +210,7 @@ def _show(
     turned = H.provenance.get("orientation", {}).get("applied", "as is")
     if turned != "as is":
         typer.echo(f"made from frames that were turned upright: {turned}")
-    colours = {"good": typer.colors.GREEN, "fair": typer.colors.YELLOW, "bad": typer.colors.RED}
-    typer.secho(found.verdict, fg=colours.get(found.merit), bold=True)
-    subjects = by_subject(found.findings)
-    if len(subjects) > 1:
-        groups = (f"{subject}: {', '.join(one.what for one in group)}" for subject, group in subjects.items())
-        typer.echo(f"by subject: {'; '.join(groups)}")
+    show_judgement(found.judgement)
     _show_faults(found)
     listed_metrics = [m for m in quality.metrics if every or (m.applies and m.merit != "good")]
     if listed_metrics:
@@ -237,11 +232,6 @@ def _show(
             cause = found.settled(metric)
             if cause is not None:
                 typer.echo(f"{metric.spec.title.lower()}: see {cause.title}, which makes it")
-                continue
-            detail = f" ({metric.detail})" if metric.detail else ""
-            typer.echo(
-                f"{metric.merit}: {metric.spec.title.lower()}, {value_text(metric)}{detail}: {metric.spec.advice}"
-            )
     redo = found.redo()
     if redo:
         places = "1 position" if len(redo) == 1 else f"{len(redo)} positions"
@@ -265,8 +255,6 @@ def _show_faults(found: Inspection) -> None:
             ["fault", "what", "of the light", "reconstruction error, noise → with it"],
             [[f.title, f.detail, format_share(min(f.share, 1.0)), cost_words(found, f)] for f in found.faults],
         )
-        for one in found.faults:
-            typer.echo(f"{one.title}: {one.fault.advice}")
     gone = [m.spec.title.lower() for m in found.quality.metrics if m.merit in ("bad", "fair") and found.withdrawn(m)]
     if gone:
         typer.echo(f"not confirmed by the camera: {', '.join(gone)}")

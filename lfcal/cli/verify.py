@@ -63,44 +63,36 @@ def _session(path: Path, redo: Path | None, workers: int | None, json: bool) -> 
     from lfcal.acquire import RedoList, iter_verify
     from lfcal.base import plain
     from lfcal.cli._console import print_json, run_work
+    from lfcal.judge import judgement_of
 
     report = run_work(iter_verify(path, workers=workers), quiet=json)
     if redo is not None and report.to_redo:
         RedoList.of(report.to_redo, ["damaged"] * len(report.to_redo)).write(redo)
     if json:
-        print_json(plain(report) | {"ok": report.ok, "to_redo": report.to_redo})
+        told = {"ok": report.ok, "to_redo": report.to_redo}
+        print_json(plain(report) | told | judgement_of(report).to_dict())
     else:
         _show_session(report, redo)
     return report.ok
 
 
 def session_lines(report: SessionReport) -> Iterator[str]:
-    """Yield what a check of a session found, in words."""
-    whole, total = (sum(getattr(file, name) for file in report.files) for name in ("whole", "frames"))
-    yield f"{report.path}: {whole} of {total} frames are whole"
-    for file in report.files:
-        if file.fault:
-            yield f"  {file.file}: {file.fault}"
+    """Yield every frame of a session that is damaged, in words."""
     for found in report.damaged[:LISTED]:
         where = f"{found.kind} (z, y, x) = {tuple(found.position)}"
         said = f"{found.what}; recorded again since" if found.replaced else found.what
         yield f"  {where}, {found.file}[{found.slot}]: {said}"
     if len(report.damaged) > LISTED:
         yield f"  and {len(report.damaged) - LISTED} more; --json lists all"
-    if report.lacking:
-        lacking = format_count(report.lacking, "position that was safe once has", "positions that were safe once have")
-        yield f"  {lacking} no record any more"
-    if report.never_taken:
-        first = tuple(report.never_taken[0])
-        missing = format_count(len(report.never_taken), "position was", "positions were")
-        yield f"  {missing} never taken, first (z, y, x) = {first}"
 
 
 def _show_session(report: SessionReport, redo: Path | None) -> None:
+    from lfcal.cli._findings import show_judgement
+    from lfcal.judge import judgement_of
+
+    show_judgement(judgement_of(report), str(report.path))
     for line in session_lines(report):
         typer.echo(line)
-    if not report.ok:
-        typer.echo("  lfcal acquire --resume takes damaged and missing frames again")
     if redo is not None:
         count = format_count(len(report.to_redo), "position", "positions")
         typer.echo(f"  {redo}: {count} to record again" if report.to_redo else f"  {redo}: not written, no position")
@@ -109,6 +101,7 @@ def _show_session(report: SessionReport, redo: Path | None) -> None:
 def _matrix(path: Path, redo: Path | None, workers: int | None, json: bool) -> bool:
     from lfcal.base import FileFormatError, plain
     from lfcal.cli._console import print_json, run_work
+    from lfcal.judge import judgement_of
     from lfcal.psf import iter_verify
 
     if redo is not None:
@@ -118,17 +111,14 @@ def _matrix(path: Path, redo: Path | None, workers: int | None, json: bool) -> b
     check = run_work(iter_verify(path, workers=workers), quiet=json)
     if json:
         result: dict[str, Any] = plain(check)
-        print_json(result | {"ok": check.ok})
+        print_json(result | {"ok": check.ok} | judgement_of(check).to_dict())
     else:
         _show_matrix(check)
     return check.ok
 
 
 def matrix_lines(check: MatrixCheck) -> Iterator[str]:
-    """Yield what a check of an H file found, in words."""
-    bad = len({(d.region, d.z) for d in check.damaged})
-    how = "compared with their checksums" if check.compared else "read; a file of version 1 has no checksums"
-    yield f"{check.path}: {check.planes - bad} of {check.planes} planes are whole ({how})"
+    """Yield every plane of an H file that is damaged, and where the file is not as its format says, in words."""
     for found in check.damaged:
         name = f"{found.region}, plane {found.z}" if found.region else f"plane {found.z}"
         listed = ", ".join(str(tuple(p)) for p in found.positions[:LISTED])
@@ -136,12 +126,12 @@ def matrix_lines(check: MatrixCheck) -> Iterator[str]:
         yield f"  {name}: {found.what}" + (f" at (z, y, x) = {listed}{more}" if listed else "")
     for line in check.deviations:
         yield f"  not as the format says: {line}"
-    if check.missing:
-        yield f"  {format_count(check.missing, 'position was', 'positions were')} never recorded"
-    if check.damaged:
-        yield "  assemble it again, or copy it again from its source"
 
 
 def _show_matrix(check: MatrixCheck) -> None:
+    from lfcal.cli._findings import show_judgement
+    from lfcal.judge import judgement_of
+
+    show_judgement(judgement_of(check), str(check.path))
     for line in matrix_lines(check):
         typer.echo(line)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.base import Finding, by_subject, verdict_of
+from lfcal.base import Finding, Judgement
 from lfcal.judge.checking import Check, check
 from lfcal.judge.comparison import Comparison, compare, iter_compare
 from lfcal.judge.evidence import Evidence, Unlike, iter_evidence
@@ -12,9 +12,11 @@ from lfcal.judge.inspection import Inspection, iter_inspection
 from lfcal.judge.quality import QualityReport, inspect, iter_inspect
 from lfcal.judge.report import iter_report, report
 from lfcal.judge.search import iter_search
+from lfcal.judge.source import FINDING_SOURCES, FindingSource, judgement_of
 
 __all__ = [
     "FAULTS",
+    "FINDING_SOURCES",
     "Check",
     "Comparison",
     "Disagreement",
@@ -22,12 +24,13 @@ __all__ = [
     "Explanation",
     "Fault",
     "Finding",
+    "FindingSource",
     "FoundFault",
     "Inspection",
+    "Judgement",
     "Picture",
     "QualityReport",
     "Unlike",
-    "by_subject",
     "check",
     "compare",
     "inspect",
@@ -37,6 +40,6 @@ __all__ = [
     "iter_inspection",
     "iter_report",
     "iter_search",
+    "judgement_of",
     "report",
-    "verdict_of",
 ]

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import Clock, Finding, InputError, Merit, Work, check_number, drained, format_share
+from lfcal.base import Clock, InputError, Work, check_number, drained, format_share
 from lfcal.fit import (
     DARK,
     ChiSquare,
@@ -78,6 +79,8 @@ class Check:
         What the verdict does not say.
     """
 
+    data: ClassVar[str] = "H"
+
     frames: tuple[Compared, ...]
     error: ModelError
     chi_square: ChiSquare
@@ -106,62 +109,33 @@ class Check:
         return None if max(bound, self.doubt) > VAGUE * self.limit else True
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What is wrong with H: frames that have nothing in common with it, and changes that explain the frames."""
-        merit: Merit = "bad" if self.holds is False else "fair"
-        found = [
-            Finding(
-                kind="strange",
-                what="frame that has nothing in common with H",
-                subject="frames",
-                detail=f"correlation {one.found.correlation:.2f}",
-                where=one.label,
-                remedy="Check that it is a frame of this camera and this scan.",
-                merit=merit,
-            )
-            for one in self.frames
-            if one.strange
-        ]
-        for one in self.explanations:
-            values = ", ".join(
-                f"{name} {by:+.3g} ± {sigma:.2g} {unit}".rstrip() for name, by, sigma, unit in one.values
-            )
-            found.append(
-                Finding(
-                    kind="changed",
-                    what=one.name,
-                    subject="optics",
-                    detail=values,
-                    size=one.error,
-                    limit=self.limit,
-                    sigma=one.error / one.sigma if one.sigma else math.nan,
-                    remedy="Fit the camera again, or record H again.",
-                    merit=merit,
-                )
-            )
-        return tuple(found)
-
-    @property
     def explanations(self) -> tuple[Suspect, ...]:
         """The changes that explain the frames, the best first: those that show, and that matter beside the limit."""
         return tuple(one for one in self.suspects if one.shows and one.error > 0.5 * self.limit)
 
     @property
-    def verdict(self) -> str:
-        """The answer in a line."""
-        limit = f"limit {format_share(self.limit)}"
-        said = f"error {self.error} beyond noise, {limit}; chi² {self.chi_square.lit:.2f}"
-        if self.holds is None and self.noise_from == DARK:
-            return f"not told: {said}; part of it is noise of the light, which is not known: name it"
-        if self.holds is None:
-            return f"not told: {said}; more frames, or more light, tell more"
-        if self.holds:
-            return f"holds: {said}"
-        strange = next((one for one in self.frames if one.strange), None)
-        if strange is not None:
-            alike = f"correlation {strange.found.correlation:.2f}"
-            return f"does not hold: {strange.label} has nothing in common with H ({alike})"
-        return f"does not hold: {said}"
+    def answer(self) -> str:
+        """Whether H holds, in words."""
+        return {True: "holds", False: "does not hold", None: "not told"}[self.holds]
+
+    @property
+    def figures(self) -> str:
+        """The error of H with its limit, and chi²."""
+        return f"{self.error} beyond noise, limit {format_share(self.limit)}; chi² {self.chi_square.lit:.2f}"
+
+    @property
+    def remedy(self) -> str:
+        """What to do if H does not hold, or if the frames do not decide it."""
+        if self.holds is not None:
+            return "Record H again, or fit the camera again."
+        if self.noise_from == DARK:
+            return "Part of it is noise of the light, which is not known: name it."
+        return "Record more frames, or with more light."
+
+    @property
+    def known(self) -> str:
+        """What the frames show of H, for a verdict; empty if they do not decide it."""
+        return f"as the frames show it: error {self.figures}" if self.holds else ""
 
 
 def iter_check(

@@ -2,25 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
-from lfcal.base import (
-    RANK,
-    Finding,
-    Merit,
-    Work,
-    by_subject,
-    format_count,
-    format_seconds,
-    format_share,
-    listed,
-    verdict_of,
-    worst_merit,
-)
+from lfcal.base import RANK, Judgement, Merit, Work, format_count, format_seconds, format_share, listed
 from lfcal.fit import Setup
 from lfcal.judge._cost import iter_costs
 from lfcal.judge._metric_costs import FRAMES, as_faults, with_costs
@@ -28,8 +16,9 @@ from lfcal.judge._suspects import suspects
 from lfcal.judge.evidence import PATTERNS, Evidence, Unlike, iter_evidence
 from lfcal.judge.explained import EXPLAINED, Disagreement, iter_explained, iter_rearranged
 from lfcal.judge.fault import FoundFault
-from lfcal.judge.quality import BAD, FAIR, Metric, QualityReport, counted, findings_of, where
+from lfcal.judge.quality import BAD, FAIR, Metric, QualityReport
 from lfcal.judge.search import iter_search
+from lfcal.judge.source import judgement_of
 from lfcal.psf import PSFMatrix
 
 __all__ = ["BAD", "FAIR", "MEASURED", "Inspection", "is_bad", "is_fair", "iter_inspection", "worst_first"]
@@ -111,12 +100,14 @@ class Inspection:
     0 H has no camera
     """
 
+    data: ClassVar[str] = "PSF"
+
     quality: QualityReport
-    faults: tuple[FoundFault, ...]
-    compared: int
-    misfit: float
-    why_not: str
-    seconds: float
+    faults: tuple[FoundFault, ...] = ()
+    compared: int = 0
+    misfit: float = 0.0
+    why_not: str = ""
+    seconds: float = 0.0
     clean: float | None = None
     as_it_is: float | None = None
     disagreement: Disagreement | None = None
@@ -132,19 +123,19 @@ class Inspection:
         return bool(self.compared) and (metric.key in MEASURED or harmless) and self.settled(metric) is None
 
     @property
-    def alarms(self) -> tuple[Metric, ...]:
-        """The bad metrics that no fault stands for and that the comparison does not refute."""
-        return tuple(m for m in self.doubts if m.merit == "bad")
-
-    @property
     def doubts(self) -> tuple[Metric, ...]:
         """The metrics that are not good, no fault causes and the comparison does not refute."""
-        return tuple(m for m in self._left if m.merit in ("bad", "fair"))
+        return tuple(m for m in self.standing if m.merit in ("bad", "fair"))
 
     @property
-    def _left(self) -> list[Metric]:
-        """The metrics that no fault explains and that the comparison does not refute."""
-        return [m for m in self.quality.metrics if self.settled(m) is None and not self.withdrawn(m)]
+    def standing(self) -> tuple[Metric, ...]:
+        """The metrics that count: those that no fault explains and that the comparison does not refute."""
+        return tuple(m for m in self.quality.metrics if self.settled(m) is None and not self.withdrawn(m))
+
+    @property
+    def shape(self) -> tuple[int, int, int, int, int]:
+        """Shape of H ``(nz, ny, nx, nt, ns)``."""
+        return self.quality.shape
 
     @property
     def bad(self) -> bool:
@@ -152,86 +143,36 @@ class Inspection:
         return self.merit == "bad"
 
     @property
-    def merit(self) -> Merit:
-        """The merit of H: unknown where its camera does not explain it, or the comparison is not finished."""
-        worst = worst_merit(self.findings)
-        doubt = self.disagreement is not None or bool(self.unfinished)
-        if self.disagreement is not None and self.disagreement.certain:
-            return "bad"
-        if worst == "bad" or not doubt:
-            known = bool(self.compared or self.findings or counted(self.quality.metrics)["good"])
-            return worst if known else "unknown"
-        return "unknown"
+    def judgement(self) -> Judgement:
+        """What is wrong with H, by all sources."""
+        return judgement_of(self)
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What is wrong with H, the worst first: faults that matter, and metrics that none of them explains."""
-        found = [self._finding(one) for one in self.faults if is_bad(one) or is_fair(one) or _single(one)]
-        found += findings_of(self._left, self.quality.shape)
-        return tuple(sorted(found, key=lambda one: RANK[one.merit]))
-
-    def _finding(self, fault: FoundFault) -> Finding:
-        frames = math.prod(self.quality.shape[:3])
-        if fault.cost is None:
-            cost = f"not measured; it changes {format_share(min(fault.share, 1.0))} of the light"
-        else:
-            noise = "" if self.clean is None else f", to {self.clean:.3f} by noise alone"
-            cost = f"{fault.cost:.3f} (NRMSE{noise})"
-        return Finding(
-            kind=fault.name,
-            what=fault.title,
-            subject=fault.fault.subject,
-            detail=fault.detail,
-            where=where(fault.positions.tolist(), frames) or "all positions",
-            positions=tuple(map(tuple, fault.positions.tolist())),
-            size=fault.share if fault.cost is None else fault.cost,
-            limit=FAIR_SHARE if fault.cost is None else FAIR,
-            sigma=fault.sigmas,
-            cost=fault.cost,
-            cost_words=cost,
-            remedy=fault.fault.advice,
-            merit="bad" if is_bad(fault) else "fair" if is_fair(fault) else "good",
-            repeat=len(fault.positions) if fault.redo and fault.extent is not None else 0,
-        )
+    def merit(self) -> Merit:
+        """The merit of H: unknown where its camera does not explain it, or the comparison is not finished."""
+        return self.judgement.merit
 
     @property
     def verdict(self) -> str:
         """What is wrong with H, where, what it costs, what to do, and what remains then."""
-        disagreement, findings = self.disagreement, self.findings
-        if disagreement is not None and disagreement.certain:
-            return f"This PSF should not be used as it is: {disagreement.sentence} {disagreement.advice}{self._besides}"
-        if self.merit != "unknown":
-            words = verdict_of(findings, self._rest)
-            # what is doubtful is said, whatever else is wrong
-            return words if disagreement is None or self._rest in words else f"{words} Besides, it is {self._rest}."
-        if disagreement is None and not self.unfinished:
-            return self.quality.verdict
-        return f"This PSF is {self._rest}.{self._besides}"
+        return self.judgement.verdict
 
     @property
-    def _besides(self) -> str:
-        """What metrics and patterns show besides a doubt."""
-        names = [one.what for one in self.findings if one.merit in ("bad", "fair")]
-        return f" Besides, it shows {listed(names, 3)}." if names else ""
-
-    @property
-    def _rest(self) -> str:
-        """What is known of H besides its problems."""
+    def known(self) -> str:
+        """What is known of H besides what is wrong; empty: nothing."""
         good = sum(m.merit == "good" for m in self.quality.metrics)
         by = f"good by {format_count(good, 'metric', 'metrics')}"
-        if self.disagreement is not None:
-            return f"not shown to be good: {self.disagreement.sentence} {self.disagreement.advice}".removesuffix(".")
-        if self.unfinished:
-            return f"not fully judged: {self.unfinished}; it is {by} alone"
         if self.compared or self.faults:
             return f"{by}, and {self._shown}"
-        return f"{by}; it was not compared with a camera ({self.why_not})"
+        if not good:
+            return ""
+        return f"{by}; it was not compared with a camera{f' ({self.why_not})' if self.why_not else ''}"
 
     @property
     def _shown(self) -> str:
         """What was found in patterns besides what is named: nothing, or faults that are there and do not matter."""
         source = f"{self.compared} patterns compared with the camera show" if self.compared else "its patterns show"
-        found = [one for one in self.faults if not (is_bad(one) or is_fair(one) or _single(one))]
+        found = [one for one in self.faults if not (is_bad(one) or is_fair(one) or is_of_single_frames(one))]
         if not found:
             return f"{source} no {'other ' if self.faults else ''}fault"
         measured = all(one.cost is not None for one in found)
@@ -251,8 +192,18 @@ class Inspection:
                     reasons.setdefault(place, []).append(one.title)
         return [(place, ", ".join(reasons[place])) for place in sorted(reasons)]
 
-    def to_dict(self) -> dict[str, object]:
-        """Return what the comparison found as plain values."""
+    def to_dict(self, *, every: bool = False) -> dict[str, object]:
+        """Return everything but maps as plain values; with ``every`` metrics that do not apply, too."""
+        model = {"model": self._model()} if self.asked else {}
+        redo = {"redo": [list(place) for place, _ in self.redo()]}
+        return self.quality.to_dict(every=every) | model | self.judgement.to_dict() | redo
+
+    @property
+    def asked(self) -> bool:
+        """Whether a comparison with the camera was asked for, whatever came of it."""
+        return bool(self.compared or self.why_not)
+
+    def _model(self) -> dict[str, object]:
         return {
             "compared": self.compared,
             "misfit": self.misfit,
@@ -281,21 +232,6 @@ class Inspection:
             "withdrawn": [m.key for m in self.quality.metrics if m.merit in ("bad", "fair") and self.withdrawn(m)],
         }
 
-    def judged(self) -> dict[str, object]:
-        """Return what has the last word in a report for programs: it replaces that of the metrics alone."""
-        return {
-            "merit": self.merit,
-            "verdict": self.verdict,
-            "findings": [asdict(one) for one in self.findings],
-            "subjects": {subject: worst_merit(found) for subject, found in by_subject(self.findings).items()},
-            "redo": [list(place) for place, _ in self.redo()],
-        }
-
-
-def _single(finding: FoundFault) -> bool:
-    """Return whether a fault is of single frames that are soon recorded again, whatever it costs."""
-    return finding.redo and finding.extent is not None and len(finding.positions) > 0
-
 
 def is_bad(finding: FoundFault) -> bool:
     """Return whether an H with this fault should not be used: by what it costs, else by what it changes."""
@@ -305,6 +241,11 @@ def is_bad(finding: FoundFault) -> bool:
 def is_fair(finding: FoundFault) -> bool:
     """Return whether an H with this fault is worth a look: by what it costs, else by what it changes."""
     return finding.share >= FAIR_SHARE if finding.cost is None else finding.cost >= FAIR
+
+
+def is_of_single_frames(finding: FoundFault) -> bool:
+    """Return whether a fault is of single frames that are soon recorded again, whatever it costs."""
+    return finding.redo and finding.extent is not None and len(finding.positions) > 0
 
 
 def worst_first(finding: FoundFault) -> tuple[float, float]:
@@ -351,7 +292,7 @@ def iter_inspection(
     This PSF is good by ... metrics, and 24 patterns compared with the camera show no fault.
     """
     start = time.perf_counter()
-    kept = [Inspection(quality, (), 0, 0.0, "", 0.0)]
+    kept = [Inspection(quality)]
     with closing(_iter_stages(matrix, kept, setup, patterns)) as work:
         for record in work:
             # without a camera there is nothing that could take long
@@ -397,7 +338,7 @@ def _iter_stages(matrix: PSFMatrix, kept: list[Inspection], setup: Setup | None,
         kept.append((yield from _iter_unexplained(quality, evidence, found, disagreement)))
         return
     quality = _confirmed(quality)
-    whole = Inspection(quality, found, len(evidence), cleaned.misfit, "", 0.0)
+    whole = Inspection(quality, found, len(evidence), cleaned.misfit)
     kept.append(whole)
     told = dict(as_faults(whole.doubts, cleaned))
     costs = yield from iter_costs(cleaned, (*found, *told.values()))
@@ -409,13 +350,13 @@ def _iter_stages(matrix: PSFMatrix, kept: list[Inspection], setup: Setup | None,
 
 def _disagreeing(quality: QualityReport, disagreement: Disagreement) -> Inspection:
     misfit = 0.0 if disagreement.misfit is None else disagreement.misfit
-    return Inspection(quality, (), 0, misfit, disagreement.reason, 0.0, disagreement=disagreement)
+    return Inspection(quality, misfit=misfit, why_not=disagreement.reason, disagreement=disagreement)
 
 
 def _iter_unlike(matrix: PSFMatrix, quality: QualityReport, unlike: Unlike, fitted: bool) -> Work[Inspection]:
     """Return what is said where nothing was compared: with a stated camera, what explains the patterns in its place."""
     if not unlike.stated:
-        return Inspection(quality, (), 0, 0.0, unlike.reason, 0.0)
+        return Inspection(quality, why_not=unlike.reason)
     explanation = None
     if unlike.camera is not None:
         explanation = yield from iter_rearranged(matrix, unlike.camera)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.lattice.camera_check import DIFFERS, FITS, WRONG, CameraCheck, CheckLine, check_camera
+from lfcal.lattice.camera_check import DIFFERS, FIT_PX, FITS, WRONG, CameraCheck, CheckLine, check_camera
 from lfcal.lattice.lattice_fit import LatticeErrors
 from lfcal.lattice.micro_images import TypeOf
 from lfcal.lattice.rendering import check_slopes
@@ -10,6 +10,7 @@ from lfcal.lattice.rendering import check_slopes
 __all__ = [
     "DIFFERS",
     "FITS",
+    "FIT_PX",
     "WRONG",
     "CameraCheck",
     "CheckLine",

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import Finding, InputError
+from lfcal.base import InputError, format_count
 from lfcal.camera import Camera, LensletLattice
 from lfcal.lattice.fit import LatticeFit, fit_lattice
 from lfcal.lattice.lens_types import LensTypes, classify_lens_types, expected_blur
 
-__all__ = ["DIFFERS", "FITS", "UNKNOWN", "WRONG", "CameraCheck", "CheckLine", "check_camera"]
+__all__ = ["DIFFERS", "FITS", "FIT_PX", "UNKNOWN", "WRONG", "CameraCheck", "CheckLine", "check_camera"]
 
 FITS, DIFFERS, WRONG, UNKNOWN = "fits", "differs", "does not fit", "was assumed"
 
@@ -50,28 +51,18 @@ class CheckLine:
 class CameraCheck:
     """The comparison, its fit and lens types, and the camera as measured (None where kind or shape are others)."""
 
+    data: ClassVar[str] = "camera"
+
     lines: tuple[CheckLine, ...]
     fit: LatticeFit | None
     camera: Camera | None
     types: LensTypes | None = None
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What of the camera is not what the white image shows."""
-        return tuple(
-            Finding(
-                kind=line.label,
-                what=line.label,
-                subject="optics",
-                detail=f"{line.measured} where {line.expected} is described",
-                size=math.nan if line.edge_px is None else line.edge_px,
-                limit=FIT_PX,
-                remedy="Correct the description, or take the measured camera.",
-                merit="bad" if line.verdict == WRONG else "fair",
-            )
-            for line in self.lines
-            if line.verdict in (WRONG, DIFFERS)
-        )
+    def known(self) -> str:
+        """How many values fit, for a verdict."""
+        fits = sum(line.verdict == FITS for line in self.lines)
+        return f"as the white image shows it in {fits} of {format_count(len(self.lines), 'value', 'values')}"
 
     @property
     def verdict(self) -> str:

@@ -6,12 +6,12 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Clock, FileFormatError, Finding, InputError, StorageError, Work, drained, format_count
+from lfcal.base import Clock, FileFormatError, InputError, StorageError, Work, drained, format_count
 from lfcal.base.h5 import H5Data, H5File
 from lfcal.frames import Position
 from lfcal.psf._chunk_codec import parallel_read
@@ -75,6 +75,8 @@ class MatrixCheck:
     H.h5 2 planes, 0 damaged, 0 missing
     """
 
+    data: ClassVar[str] = "H file"
+
     path: Path
     planes: int
     compared: bool
@@ -88,22 +90,11 @@ class MatrixCheck:
         return not self.damaged and not self.deviations
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What is wrong with the file."""
-        remedy = "Copy the file again, or make it again from its frames."
-        planes = [f"{one}" for one in self.damaged]
-        found = [Finding(kind="damaged", what="damaged plane", subject="file", detail=d, remedy=remedy) for d in planes]
-        found += [
-            Finding(kind="deviation", what="deviation from the format", subject="file", detail=line, remedy=remedy)
-            for line in self.deviations
-        ]
-        if self.missing:
-            detail = format_count(self.missing, "position", "positions")
-            remedy = "Record these positions, or fill them."
-            found.append(
-                Finding(kind="missing", what="missing positions", subject="frames", detail=detail, remedy=remedy)
-            )
-        return tuple(found)
+    def known(self) -> str:
+        """How many planes are whole, for a verdict."""
+        bad = len({(one.region, one.z) for one in self.damaged})
+        how = "compared with their checksums" if self.compared else "read; a file of version 1 has no checksums"
+        return f"whole in {self.planes - bad} of {format_count(self.planes, 'plane', 'planes')} ({how})"
 
 
 def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> Work[MatrixCheck]:

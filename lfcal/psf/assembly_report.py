@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from lfcal.base import Finding, format_count
+from lfcal.base import format_count
 from lfcal.frames import AS_IS, ORIENTATIONS, LeftOut, Position
+from lfcal.psf.facts import Origin
 from lfcal.psf.matrix import PSFMatrix
 
 __all__ = ["AssemblyReport"]
@@ -53,6 +56,8 @@ class AssemblyReport:
     1 position was recorded more than once and averaged; they differ by 0 % (median)
     """
 
+    data: ClassVar[str] = "H"
+
     matrix: PSFMatrix
     frames: int
     missing: tuple[Position, ...] = ()
@@ -66,21 +71,17 @@ class AssemblyReport:
     orientation: str = AS_IS
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
-        """Damaged frames that were left out."""
-        return tuple(
-            Finding(
-                kind="left_out",
-                what="damaged frame left out",
-                subject="frames",
-                detail=one.reason,
-                where=one.label,
-                positions=() if one.position is None else (tuple(one.position),),
-                remedy="Record this position again.",
-                repeat=int(one.position is not None),
-            )
-            for one in self.left_out
-        )
+    def known(self) -> str:
+        """How many frames and positions H is made of, for a verdict."""
+        positions = math.prod(self.matrix.shape[:3])
+        there = f"{positions - len(self.missing)} of {format_count(positions, 'position', 'positions')}"
+        return f"made of {format_count(self.frames, 'frame', 'frames')}, which show {there}"
+
+    @property
+    def filled(self) -> int:
+        """Number of positions without a frame that the model of a fit filled."""
+        origin = self.matrix.facts.origin
+        return 0 if origin is None else int((origin == Origin.MODEL).sum())
 
     @classmethod
     def of(
@@ -113,27 +114,12 @@ class AssemblyReport:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a user should know, a line each."""
+        """How frames were turned and averaged, a line each."""
         notes = []
         if self.orientation != AS_IS:
             notes.append(f"the frames are {ORIENTATIONS[self.orientation].words}: turned upright ({self.orientation})")
-        if self.left_out:
-            notes.append(f"{format_count(len(self.left_out), 'damaged frame is', 'damaged frames are')} left out")
-        if self.missing:
-            gone = format_count(len(self.missing), "position is", "positions are")
-            notes.append(f"{gone} missing, first (z, y, x) = {tuple(self.missing[0])}")
         if self.repeated:
             spread = "" if self.spread is None else f"; they differ by {100 * self.spread:.2g} % (median)"
             again = format_count(len(self.repeated), "position was", "positions were")
             notes.append(f"{again} recorded more than once and averaged{spread}")
-        if self.padded:
-            over = format_count(len(self.padded), "cutout leaves", "cutouts leave")
-            notes.append(f"{over} the sensor, padded with zeros")
-        if self.saturated:
-            notes.append(f"{format_count(self.saturated, 'position has', 'positions have')} saturated pixels")
-        if self.unknown_saturation:
-            notes.append(
-                f"saturation is unknown at {format_count(self.unknown_saturation, 'position', 'positions')}: "
-                "state the bit depth in plan or manifest, or the saturation level"
-            )
         return tuple(notes)

@@ -64,7 +64,7 @@ def test_from_plan_to_h_without_copying_by_hand(
     result = json.loads(capsys.readouterr().out)
     assert result["outcome"]["how"] == "complete"
     assert result["outcome"]["acknowledged"] == 40
-    assert result["alarms"] == []
+    assert result["findings"] == [] and result["verdict"] == "This recording is without an alarm."
     assert result["bytes_gained"] > 0
     with open_psf(matrix, check=True) as psf, open_frames(out) as recording:
         assert psf.shape == (2, 4, 5, 21, 21)

@@ -32,7 +32,7 @@ ALLOWED: dict[str, set[str]] = {
     "acquire": GROUND | {"devices", "camera", "frames", "psf", "targets"},
     "campaign": GROUND | {"acquire", "devices", "fit", "camera", "frames", "psf", "simulate", "targets"},
     "reconstruct": GROUND | {"psf"},
-    "judge": GROUND | {"camera", "frames", "psf", "simulate", "fit", "reconstruct"},
+    "judge": GROUND | {"camera", "lattice", "frames", "psf", "simulate", "fit", "reconstruct", "acquire", "campaign"},
     "multiplex": GROUND | {"camera", "lattice", "frames"},
     "napari": GROUND | {"acquire", "psf", "reconstruct"},
     "accuracy": GROUND | {"camera", "frames", "lattice", "psf", "simulate", "acquire", "reconstruct", "multiplex"},

@@ -50,11 +50,11 @@ def test_a_target_is_recorded_and_what_it_shows_is_told(
     out = tmp_path / "session"
     assert run("acquire", file, "-o", out, *QUICK, "--json", monkeypatch=monkeypatch) == 0
     told = json.loads(capsys.readouterr().out)
-    assert told["outcome"]["acknowledged"] == 8 and told["bytes_gained"] > 0 and not told["alarms"]
+    assert told["outcome"]["acknowledged"] == 8 and told["bytes_gained"] > 0 and not told["findings"]
     assert told["shown"]["frames"] == 8 and told["shown"]["coverage"] == pytest.approx(plan.coverage(0))
     assert len(open_frames(out)) == 8  # packed, and open as before
     assert run("verify", out, monkeypatch=monkeypatch) == 0
-    assert "8 of 8 frames are whole" in capsys.readouterr().out
+    assert "This session is whole in 8 of 8 frames." in capsys.readouterr().out
     assert run("status", out, "--json", monkeypatch=monkeypatch) == 0
     status = json.loads(capsys.readouterr().out)
     assert (status["session"], status["done"], status["total"], status["how"]) == ("target", 8, 8, "complete")

@@ -276,7 +276,7 @@ def test_a_camera_that_fits(lfcal: Command, white: Path, tmp_path: Path) -> None
     done = check(lfcal, white, tmp_path, described(), "--json")
     lines = {line["label"]: line for line in done.json["lines"]}  # type: ignore[index]
     assert lines["pitch"]["verdict"] == lines["rotation"]["verdict"] == "fits"
-    assert done.code == 0 and done.json["verdict"] == "fits", done.out  # type: ignore[index]
+    assert done.code == 0 and done.json["answer"] == "fits", done.out  # type: ignore[index]
 
 
 def test_a_camera_that_differs_is_measured(lfcal: Command, white: Path, tmp_path: Path) -> None:

@@ -17,6 +17,8 @@ KINDS = {
     "lfcal.effects": "effect",
     "lfcal.solvers": "solver",
     "lfcal.metrics": "quality metric",
+    "lfcal.faults": "fault",
+    "lfcal.findings": "source of findings",
     "lfcal.devices": "device backend",
 }
 

@@ -29,10 +29,10 @@ def sample(tmp_path: Path) -> Path:
 
 def test_a_whole_session_and_its_h(lfcal: Lfcal, sample: Path, tmp_path: Path) -> None:
     run = lfcal("verify", sample)
-    assert (run.code, run.out, run.err) == (0, f"{sample}: 636 of 636 frames are whole\n", "")
+    assert (run.code, run.out, run.err) == (0, f"{sample}: This session is whole in 636 of 636 frames.\n", "")
     assert lfcal("assemble", sample, "-o", tmp_path / "H.h5").code == 0
     run = lfcal("verify", tmp_path / "H.h5", "--workers", 1)
-    assert run.code == 0 and "1 of 1 planes are whole (compared with their checksums)" in run.out
+    assert run.code == 0 and "This H file is whole in 1 of 1 plane (compared with their checksums)" in run.out
 
 
 @pytest.mark.parametrize("name", ["gone.npy", "gone.h5", "recording.h5", "gone"])
@@ -46,9 +46,10 @@ def test_one_damaged_frame_is_named_listed_and_left_out(lfcal: Lfcal, sample: Pa
     rot_frame(sample / "recording.h5", 400)
     run = lfcal("verify", sample, "--redo", tmp_path / "redo.json")
     assert run.code == 1 and run.err == ""
-    assert "635 of 636 frames are whole" in run.out
+    assert "What remains is whole in 635 of 636 frames." in run.out
+    assert "should not be used as it is: damaged position frames. Damaged position frames: 1 frame in rec" in run.out
     assert "position (z, y, x) = (0, 12, 4), recording.h5[400]: frame damaged" in run.out
-    assert "lfcal acquire --resume takes" in run.out and "1 position to record again" in run.out
+    assert "Record them again (lfcal acquire --resume)." in run.out and "1 position to record again" in run.out
     assert RedoList.read(tmp_path / "redo.json").positions == (Position(0, 12, 4),)
     refused = lfcal("assemble", sample, "-o", tmp_path / "H.h5")
     assert refused.code == 2 and refused.err.count("\n") == 1
@@ -63,7 +64,7 @@ def test_one_damaged_frame_is_named_listed_and_left_out(lfcal: Lfcal, sample: Pa
     assert data["missing"] == [[0, 12, 4]] and data["left_out"][0]["position"] == [0, 12, 4]
     with open_psf(tmp_path / "H.h5") as matrix:
         assert matrix.recorded[0, 12, 4] == 0
-    assert "1 position was never recorded" in lfcal("verify", tmp_path / "H.h5").out
+    assert "Positions never recorded: 1 position. Record them, or fill them" in lfcal("verify", tmp_path / "H.h5").out
 
 
 def test_json_lists_everything(lfcal: Lfcal, sample: Path) -> None:

@@ -143,7 +143,7 @@ def test_a_clipped_session_is_not_called_good(tmp_path: Path) -> None:
     with open_frames(tmp_path / "frames", pattern="y{y}_x{x}.png") as source:
         assert source.samples(0).saturated is None, "16-bit files of which nobody knows the camera"
         report = assemble_plan(corrected_view(source, CorrectionRecipe(), plan), plan, None, EXACT)
-    assert report.saturated == 4 and any("4 positions have saturated pixels" in note for note in report.notes)
+    assert report.saturated == 4
     assert report.matrix.saturated is not None and report.matrix.saturated.min() > 0
     assert not report.matrix.valid(0, 0, 0).all()
 

@@ -13,7 +13,7 @@ from lfcal.camera import Camera, ScanPlan
 from lfcal.fit import NewFrame, Setup
 from lfcal.fit.locate import find_source
 from lfcal.fit.model import Fineness, predict
-from lfcal.judge import check
+from lfcal.judge import check, judgement_of
 from lfcal.psf import PSFMatrix
 from lfcal.psf.facts import Facts
 from lfcal.simulate.effects import ExactAngles
@@ -77,7 +77,10 @@ def test_a_frame_of_the_same_camera_is_found_and_h_holds(camera: bool, offset: t
     found = check(old_h(camera), new_frame(setup_of(plan_of()), offset), noise=NOISE)
     one = found.frames[0]
     assert found.holds is (True if camera or not any(offset) else None) and not found.explanations
-    assert found.verdict.startswith("holds: error" if found.holds else "not told: error")
+    assert found.answer == ("holds" if found.holds else "not told")
+    assert judgement_of(found).verdict.startswith(
+        ("This H is as the frames show it: error", "This H is not fully judged")
+    )
     assert (one.found.z, one.found.y, one.found.x) == (0, *AT) and one.found.correlation > 0.95
     # without a camera what lies between positions is interpolated, which sharp spots hardly allow; it says so
     assert np.abs(np.subtract(one.displacement_px, offset)).max() < (0.015 if camera else 0.1)
@@ -113,7 +116,7 @@ def test_what_has_changed_is_named_with_its_size(name: str, offset: tuple[float,
     }
     setup, unknown, size = cases[name]
     found = check(old_h(), new_frame(setup, offset), noise=NOISE)
-    assert found.holds is False and found.verdict.startswith("does not hold: error")
+    assert found.holds is False and judgement_of(found).findings[0].what == "error of H beyond its limit"
     best = found.explanations[0]
     assert best.name == name and best.left < 0.4 * found.error.value
     by = next((value, sigma) for own, value, sigma, _ in best.values if own == unknown)
@@ -181,7 +184,7 @@ def test_where_the_noise_is_known_from_is_said() -> None:
     dark = check(H, new_frame(setup_of(plan_of()), gain=0.02), suspects=False)
     assert dark.noise_from.startswith("from the frame's dark pixels")
     # photons that nobody counted are no change of H
-    assert dark.holds is None and "noise of the light, which is not known" in dark.verdict
+    assert dark.holds is None and "noise of the light, which is not known" in judgement_of(dark).verdict
     variance = dark.frames[0].noise.min()
     assert 40 < variance < 100
 

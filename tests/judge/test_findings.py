@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args, get_type_hints
@@ -11,15 +12,18 @@ import pytest
 
 from lfcal.acquire.guard.doubts import NO_DOUBT, Doubt
 from lfcal.acquire.live_quality import LIMITS, QualityState, alarm
-from lfcal.acquire.recording import SessionReport, Suspicion
-from lfcal.base import RANK, SUBJECTS, Finding, Merit, by_subject, verdict_of, worst_merit
-from lfcal.judge.checking import Check
+from lfcal.acquire.recording import DamagedFrame, SessionReport, Suspicion
+from lfcal.acquire.recording._verify import FileReport
+from lfcal.base import RANK, SUBJECTS, Finding, Judgement, Merit
+from lfcal.campaign.points import Points
+from lfcal.frames import ArraySource, Position
+from lfcal.judge import FINDING_SOURCES, FindingSource, judgement_of
 from lfcal.judge.fault import FAULTS
-from lfcal.judge.inspection import Inspection
-from lfcal.judge.quality import METRICS, QualityReport, inspect
+from lfcal.judge.quality import METRICS, inspect
 from lfcal.lattice import CameraCheck
 from lfcal.lattice.camera_check import DIFFERS, FITS, WRONG, CheckLine
-from lfcal.psf import AssemblyReport, MatrixCheck, PSFMatrix
+from lfcal.psf import Cutout, MatrixCheck, PSFMatrix, assemble
+from lfcal.psf._verify import DamagedPlane
 from lfcal.targets.finding import FoundPoints
 
 
@@ -32,41 +36,58 @@ def test_every_metric_and_fault_has_a_subject(source: object) -> None:
     assert source.subject in SUBJECTS and source.subject != "other"  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize(
-    ("source", "name"),
-    [
-        (Inspection, "findings"),
-        (QualityReport, "findings"),
-        (Check, "findings"),
-        (AssemblyReport, "findings"),
-        (CameraCheck, "findings"),
-        (Doubt, "findings"),
-        (MatrixCheck, "findings"),
-        (SessionReport, "findings"),
-        (QualityState, "alarms"),
-        (FoundPoints, "mistakes"),
-    ],
-)
-def test_what_judges_data_gives_findings(source: type, name: str) -> None:
-    """Whoever says what is wrong says it in the same form."""
-    member = getattr(source, name, None)
-    hints = get_type_hints(member.fget)["return"] if isinstance(member, property) else get_type_hints(source)[name]
-    assert get_args(hints)[0] is Finding
+def classes_of_lfcal() -> dict[str, type]:
+    """Return what the packages of lfcal show, by name."""
+    found: dict[str, type] = {"Points": Points}
+    for part in ("acquire", "campaign", "judge", "lattice", "psf", "targets"):
+        package = importlib.import_module(f"lfcal.{part}")
+        found |= {name: getattr(package, name) for name in dir(package) if isinstance(getattr(package, name), type)}
+    return found
+
+
+@pytest.mark.parametrize("source", FINDING_SOURCES, ids=lambda one: one.name)
+def test_every_source_judges_classes_that_say_what_they_are(source: FindingSource) -> None:
+    """A source names classes, which must exist, and be what `judgement_of` takes."""
+    for name in source.of:
+        assert {"data", "known"} <= set(dir(classes_of_lfcal()[name])), name
+
+
+def test_findings_are_made_by_sources_alone() -> None:
+    """A class that judges data has a source; its own property would be read by nobody."""
+    own = {name for name, one in classes_of_lfcal().items() if isinstance(vars(one).get("findings"), property)}
+    assert own == set()
+    assert {get_args(get_type_hints(one)[name])[0] for one, name in MADE} == {Finding}
+
+
+MADE = ((Doubt, "findings"), (Judgement, "findings"), (QualityState, "alarms"), (FoundPoints, "mistakes"))
+"""What keeps findings: a judgement, and what lies below `lfcal.judge` and finds them while frames come."""
+
+
+def test_a_source_of_others_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Findings of another distribution stand in the verdict beside those of lfcal."""
+    short = FindingSource("short names", ("MatrixCheck",), lambda check: [finding(f"short name {check.path.name}")])
+    monkeypatch.setattr(FINDING_SOURCES, "_parts", {**{one.name: one for one in FINDING_SOURCES}, short.name: short})
+    check = MatrixCheck(Path("H.h5"), 2, True, (), 0)
+    assert judgement_of(check).verdict.startswith("This H file should not be used as it is: short name H.h5.")
+
+
+def judged(*findings: Finding, known: str = "good by all") -> Judgement:
+    return Judgement.of("PSF", findings, known)
 
 
 def test_findings_are_grouped_in_the_order_of_a_report() -> None:
-    found = by_subject([finding("a", subject="file"), finding("b", subject="stage"), finding("c", subject="file")])
-    assert {subject: [one.what for one in group] for subject, group in found.items()} == {
-        "stage": ["b"],
-        "file": ["a", "c"],
-    }
-    assert list(found) == ["stage", "file"]
+    found = judged(finding("a", subject="file"), finding("b", subject="stage"), finding("c", subject="file"))
+    groups = {subject: [one.what for one in group] for subject, group in found.by_subject().items()}
+    assert groups == {"stage": ["b"], "file": ["a", "c"]} and list(groups) == ["stage", "file"]
+    assert found.to_dict()["subjects"] == {"stage": "bad", "file": "bad"}
 
 
 def test_the_worst_finding_gives_the_merit() -> None:
-    merits: list[Merit] = ["good", "fair", "bad"]
-    assert [worst_merit([finding(merit=m) for m in merits[: k + 1]]) for k in range(3)] == merits
-    assert worst_merit([]) == "good" and sorted(RANK, key=RANK.__getitem__)[0] == "bad"
+    merits: list[Merit] = ["good", "fair", "unknown", "bad"]
+    assert [judged(*(finding(merit=m) for m in merits[: k + 1])).merit for k in range(4)] == merits
+    assert judged().merit == "good" and judged(known="").merit == "unknown"
+    assert judged(known="").verdict.startswith("Nothing could be measured")
+    assert sorted(RANK, key=RANK.__getitem__)[0] == "bad"
 
 
 @pytest.mark.parametrize(
@@ -83,17 +104,26 @@ def test_the_worst_finding_gives_the_merit() -> None:
         ([finding("a"), finding("b", "fair")], "What remains is worth a look: b."),
         ([finding("a"), finding("b", "good")], "What remains is good but for b."),
         ([finding(name) for name in "abcde"], "as it is: a, b, c and 2 more."),
+        (
+            [finding(merit="unknown")],
+            "is not fully judged: hot line. Hot line. Mend the hot line. What remains is good",
+        ),
+        ([finding("a", "unknown"), finding("b", "fair")], "What remains is worth a look: b."),
+        (
+            [finding("a"), finding("b"), finding("c", "unknown")],
+            "What remains should not be used: b, and is not fully judged: c. C. Mend the c.",
+        ),
     ],
 )
 def test_the_verdict_says_what_is_wrong_and_what_remains(findings: list[Finding], words: str) -> None:
-    assert words in verdict_of(findings, "good by all")
+    assert words in judged(*findings).verdict
 
 
 def test_metrics_become_findings_with_their_numbers() -> None:
     H = np.zeros((1, 3, 3, 9, 9))
     H[..., 3:6, 3:6] = np.arange(100, 109).reshape(1, 3, 3, 1, 1)
     H[0, 0, 1] = 0
-    (one,) = [one for one in inspect(PSFMatrix(H)).findings if one.kind == "missing"]
+    (one,) = [one for one in judgement_of(inspect(PSFMatrix(H))).findings if one.kind == "missing"]
     assert (one.subject, one.size, one.positions, one.repeat, one.merit) == ("frames", 1.0, ((0, 0, 1),), 1, "bad")
     assert one.size > one.limit and one.cost is not None and one.cost > 0 and one.remedy
 
@@ -108,19 +138,53 @@ def test_frames_become_findings_beyond_their_limit(kind: str) -> None:
 
 def test_a_camera_check_finds_what_differs() -> None:
     lines = [CheckLine(v, "1", "2", None if v == WRONG else 0.7, v) for v in (FITS, DIFFERS, WRONG)]
-    found = CameraCheck(tuple(lines), None, None).findings
-    assert [(one.kind, one.merit) for one in found] == [(DIFFERS, "fair"), (WRONG, "bad")]
-    assert found[0].size == 0.7 and "2 where 1 is described" in found[0].sentence
+    check = CameraCheck(tuple(lines), None, None)
+    found = judgement_of(check)
+    assert [(one.what, one.merit) for one in found.findings] == [(WRONG, "bad"), (DIFFERS, "fair")]
+    assert found.findings[1].size == 0.7 and "2 in the white image, 1 in the camera" in found.findings[1].sentence
+    fits = judgement_of(replace(check, lines=check.lines[:1]))
+    assert fits.verdict == "This camera is as the white image shows it in 1 of 1 value."
 
 
-def test_checks_of_files_find_what_is_damaged() -> None:
-    whole = MatrixCheck(Path("H.h5"), 2, True, (), 0)
-    assert not whole.findings and [one.kind for one in replace(whole, missing=3, deviations=("odd",)).findings] == [
-        "deviation",
-        "missing",
+def test_a_check_of_an_h_file_finds_what_is_damaged() -> None:
+    whole = MatrixCheck(Path("H.h5"), 4, True, (), 0)
+    assert judgement_of(whole).verdict == "This H file is whole in 4 of 4 planes (compared with their checksums)."
+    planes = tuple(DamagedPlane("", z, what, ((z, 0, 1),)) for z, what in enumerate(("damaged", "damaged", "changed")))
+    found = judgement_of(replace(whole, missing=3, deviations=("odd",), damaged=planes))
+    assert [(one.kind, one.merit) for one in found.findings] == [
+        ("damaged", "bad"),
+        ("changed", "bad"),
+        ("deviation", "bad"),
+        ("missing", "fair"),
     ]
-    session = SessionReport(Path("s"), (), (), ())
-    assert not session.findings and [one.kind for one in replace(session, lacking=2).findings] == ["lacking"]
+    assert found.findings[0].positions == ((0, 0, 1), (1, 0, 1)) and "2 planes, plane 0, plane 1" in found.verdict
+    assert found.merit == "bad" and list(found.by_subject()) == ["frames", "file"]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_session_is_bad_where_its_check_is_not_ok(seed: int) -> None:
+    """The exit code and the verdict of ``lfcal verify`` never contradict each other."""
+    rng = np.random.default_rng(seed)
+    files = (FileReport("recording.h5", 9, 9, 0, 0, "cut off" if rng.random() < 0.3 else ""),)
+    damaged = tuple(
+        DamagedFrame("r.h5", k, ("position", "dark")[rng.integers(2)], Position(0, 0, k), "torn", rng.random() < 0.5)
+        for k in range(rng.integers(4))
+    )
+    never = (Position(0, 1, 0),) * int(rng.integers(2))
+    session = SessionReport(Path("s"), files, damaged, never, lacking=int(rng.random() < 0.3))
+    found = judgement_of(session)
+    assert (found.merit != "bad") == session.ok
+    assert {place for one in found.findings if one.kind == "damaged" for place in one.positions} == set(session.to_redo)
+    assert session.ok or found.verdict.startswith("This session should not be used as it is")
+
+
+def test_an_assembly_finds_what_its_frames_lack() -> None:
+    frames = ArraySource(np.ones((2, 9, 9), np.uint16), [(0, 0, 0), (0, 0, 2)])
+    report = assemble(frames, (1, 1, 3), Cutout((5, 5), anchor=(1, 4), outside="zero"))
+    found = judgement_of(report)
+    assert {one.kind for one in found.findings} >= {"missing", "padded", "unknown_saturation"}
+    (missing,) = [one for one in found.findings if one.kind == "missing"]
+    assert missing.positions == ((0, 0, 1),) and missing.repeat == 1 and found.merit == "fair"
 
 
 def test_doubts_about_a_frame_are_findings_with_their_flags() -> None:

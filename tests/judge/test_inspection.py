@@ -106,6 +106,6 @@ def test_values_whose_squares_are_no_numbers_end_in_words(size: float) -> None:
 
 
 def test_plain_values_of_everything() -> None:
-    told = inspected_hot().to_dict()
-    assert isinstance(told["faults"], list) and told["faults"][0]["name"] == "hot_line"
+    told = inspected_hot().to_dict()["model"]
+    assert isinstance(told, dict) and told["faults"][0]["name"] == "hot_line"
     assert np.isfinite(told["faults"][0]["share"])

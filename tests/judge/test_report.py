@@ -14,6 +14,7 @@ import pytest
 from lfcal.acquire.redo import RedoList
 from lfcal.base.errors import InputError, StorageError
 from lfcal.camera import preset
+from lfcal.judge import Inspection
 from lfcal.judge.quality import METRICS, MetricSpec, QualityReport, inspect
 from lfcal.judge.quality.verdict import counted_words
 from lfcal.judge.report import iter_report, report, report_files
@@ -78,7 +79,7 @@ def quality(H: PSFMatrix) -> QualityReport:
 @pytest.fixture(scope="module")
 def folder(H: PSFMatrix, quality: QualityReport, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("report") / "out"
-    assert report(H, folder, quality=quality, reference=matrix()) == folder / "index.html"
+    assert report(H, folder, inspection=Inspection(quality), reference=matrix()) == folder / "index.html"
     return folder
 
 
@@ -151,7 +152,7 @@ def test_sum_of_the_transpose_is_computed_not_copied(H: PSFMatrix, quality: Qual
 
 
 def test_stopped_report_leaves_nothing(H: PSFMatrix, quality: QualityReport, tmp_path: Path) -> None:
-    work = iter_report(H, tmp_path / "out", quality=quality)
+    work = iter_report(H, tmp_path / "out", inspection=Inspection(quality))
     next(work), next(work), next(work)
     work.close()
     assert list(tmp_path.iterdir()) == []
@@ -160,11 +161,11 @@ def test_stopped_report_leaves_nothing(H: PSFMatrix, quality: QualityReport, tmp
 def test_bad_input_writes_nothing(H: PSFMatrix, quality: QualityReport, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x")
     with pytest.raises(StorageError, match="expected a folder"):
-        report(H, tmp_path / "file", quality=quality)
+        report(H, tmp_path / "file", inspection=Inspection(quality))
     with pytest.raises(InputError, match="second H: expected shape"):
-        report(H, tmp_path / "out", quality=quality, reference=np.ones((1, 2, 2, 5, 5)))
-    with pytest.raises(InputError, match="quality: expected"):
-        report(np.ones((1, 4, 6, 31, 33)), tmp_path / "out", quality=quality)
+        report(H, tmp_path / "out", inspection=Inspection(quality), reference=np.ones((1, 2, 2, 5, 5)))
+    with pytest.raises(InputError, match="inspection: expected"):
+        report(np.ones((1, 4, 6, 31, 33)), tmp_path / "out", inspection=Inspection(quality))
     assert not (tmp_path / "out").exists()
 
 

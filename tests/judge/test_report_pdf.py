@@ -43,7 +43,7 @@ def texts(content: list[PageBlock]) -> list[str]:
 @pytest.mark.parametrize("count", [3, pytest.param(None, marks=pytest.mark.long)])
 def test_every_metric_is_on_paper(H: PSFMatrix, quality: QualityReport, count: int | None) -> None:
     drawn = [draw() for draw in pictures(H, quality, None, None)[:count]]
-    content = blocks(H, quality, drawn, every=True)
+    content = blocks(H, Inspection(quality), drawn, every=True)
     pages = texts(content)
     whole = " ".join(pages)
     assert len(pages) > 2 and quality.verdict.split(":")[0] in pages[0] and "bench of $5 & <b>" in pages[0]
@@ -65,7 +65,7 @@ def test_faults_come_with_picture_and_remedy(H: PSFMatrix, quality: QualityRepor
         FoundFault(Named(k), "so much", 9.0, k / 100, picture=picture, cost=0.2 + k / 100) for k in (9, 5, 2, 1)
     )
     inspection = Inspection(quality, faults, 60, 0.01, "", 1.0, clean=0.01)
-    content = blocks(H, quality, [], inspection)
+    content = blocks(H, inspection, [])
     pages = texts(content)
     whole = " ".join(pages)
     assert pages[0].index("should not be used") < pages[0].index("1. fault 9: 9 % of the light")

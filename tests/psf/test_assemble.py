@@ -37,7 +37,7 @@ def test_frames_become_h(frames: Frames, tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.asarray(report.matrix), expected(stack))
     assert (report.frames, report.missing, report.repeated) == (24, (), ())
     assert report.saturated is None and report.unknown_saturation == 24, "16-bit frames of an unknown camera"
-    assert len(report.notes) == 1 and "saturation is unknown at 24 positions" in report.notes[0]
+    assert not report.notes
     assert report.matrix.anchor == (12, 15)
     in_memory = assemble(source, SHAPE, CUTOUT).matrix
     np.testing.assert_array_equal(np.asarray(in_memory), expected(stack))

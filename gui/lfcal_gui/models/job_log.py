@@ -12,6 +12,7 @@ from datetime import datetime
 from typing import Any, Protocol, runtime_checkable
 
 from lfcal.base import Progress, format_seconds
+from lfcal.judge import Judged, judgement_of
 from lfcal_gui.models.job import plain_record
 
 __all__ = ["MOST", "JobLog", "Said", "notes_of", "warnings_to"]
@@ -146,9 +147,11 @@ class Noted(Protocol):
 
 
 def notes_of(result: Any) -> tuple[str, ...]:
-    """Return what a result says of itself: its ``notes``, if those are lines."""
+    """Return what a result says of itself: the verdict on what was judged, and its ``notes``, if those are lines."""
+    verdict = (judgement_of(result).verdict,) if isinstance(result, Judged) else ()
     notes = result.notes if isinstance(result, Noted) else ()
-    return tuple(notes) if isinstance(notes, list | tuple) and all(isinstance(one, str) for one in notes) else ()
+    lines = isinstance(notes, list | tuple) and all(isinstance(one, str) for one in notes)
+    return (*verdict, *notes) if lines else verdict
 
 
 @contextmanager

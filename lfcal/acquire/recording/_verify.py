@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,6 @@ from lfcal.acquire.session_file import SessionFile
 from lfcal.base import (
     Clock,
     FileFormatError,
-    Finding,
     Work,
     drained,
     format_count,
@@ -102,6 +102,8 @@ class SessionReport:
         Positions that were acknowledged and have no record any more; only their number is known.
     """
 
+    data: ClassVar[str] = "session"
+
     path: Path
     files: tuple[FileReport, ...]
     damaged: tuple[DamagedFrame, ...]
@@ -115,31 +117,10 @@ class SessionReport:
         return not self.lacking and not any(f.fault for f in self.files) and all(d.replaced for d in self.damaged)
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What is wrong with the session; what was recorded again since is not."""
-        found = [
-            Finding(
-                kind="damaged",
-                what=f"damaged {one.kind} frame",
-                subject="frames",
-                detail=one.what,
-                where=f"{one.file}, slot {one.slot}",
-                positions=(tuple(one.position),) if one.kind == "position" else (),
-                remedy="Record this position again.",
-                repeat=int(one.kind == "position"),
-            )
-            for one in self.damaged
-            if not one.replaced
-        ]
-        found += [
-            Finding(kind="file", what="damaged file", subject="file", detail=one.fault, where=one.file)
-            for one in self.files
-            if one.fault
-        ]
-        if self.lacking:
-            detail = f"{format_count(self.lacking, 'position', 'positions')} acknowledged and without a record"
-            found.append(Finding(kind="lacking", what="missing records", subject="frames", detail=detail))
-        return tuple(found)
+    def known(self) -> str:
+        """How many frames are whole, for a verdict."""
+        whole, total = (sum(getattr(file, name) for file in self.files) for name in ("whole", "frames"))
+        return f"whole in {whole} of {format_count(total, 'frame', 'frames')}"
 
     @property
     def to_redo(self) -> tuple[Position, ...]:

@@ -8,7 +8,6 @@ from lfcal.judge.quality.pattern_table import NOISELESS
 from lfcal.judge.quality.verdict import (
     BAD,
     FAIR,
-    counted,
     counted_words,
     findings_of,
     merit_of,
@@ -22,7 +21,6 @@ __all__ = [
     "NOISELESS",
     "PASSES",
     "Controls",
-    "counted",
     "counted_words",
     "findings_of",
     "iter_inspect_plane",

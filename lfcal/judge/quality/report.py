@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import RANK, Finding, Merit, format_count, format_length, format_plane, verdict_of
+from lfcal.base import Merit, format_count, format_length, format_plane
 from lfcal.judge.quality._periodicity import Periodicity
 from lfcal.judge.quality.metric import Metric
-from lfcal.judge.quality.verdict import counted, findings_of, merit_of
+from lfcal.judge.quality.verdict import counted
+from lfcal.judge.source import judgement_of
 from lfcal.psf.aperture import Aperture, FNumber, Iris
 
 __all__ = ["QualityReport"]
@@ -58,6 +60,8 @@ class QualityReport:
     bad [((0, 0, 1), 'missing frames')]
     """
 
+    data: ClassVar[str] = "PSF"
+
     shape: tuple[int, int, int, int, int]
     depths: NDArray[np.float64]
     metrics: tuple[Metric, ...]
@@ -97,8 +101,8 @@ class QualityReport:
 
     @property
     def merit(self) -> Merit:
-        """The worst merit that any metric that is known gives H."""
-        return min((merit_of(m) for m in self.metrics), key=RANK.__getitem__, default="unknown")
+        """The merit of H by its metrics."""
+        return judgement_of(self).merit
 
     @property
     def cost(self) -> float:
@@ -106,18 +110,21 @@ class QualityReport:
         return math.sqrt(sum(m.cost**2 for m in self.metrics if m.merit != "unknown"))
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What is wrong with H, the worst first."""
-        return findings_of(self.metrics, self.shape)
+    def standing(self) -> tuple[Metric, ...]:
+        """The metrics that count: all of them."""
+        return self.metrics
+
+    @property
+    def known(self) -> str:
+        """How many metrics are good, for a verdict; empty: none."""
+        good = sum(m.merit == "good" for m in self.metrics)
+        by = f"good by {format_count(good, 'metric', 'metrics')}; it was not compared with a camera"
+        return by if good else ""
 
     @property
     def verdict(self) -> str:
         """What is wrong with H, where, what it costs, what to do, and what remains then."""
-        known = sum(m.merit == "good" for m in self.metrics)
-        if not known and not self.findings:
-            return "Nothing could be measured: it is not known whether this PSF is good."
-        words = f"good by {format_count(known, 'metric', 'metrics')}; it was not compared with a camera"
-        return verdict_of(self.findings, words)
+        return judgement_of(self).verdict
 
     def redo(self, without: Collection[str] = ()) -> list[tuple[tuple[int, int, int], str]]:
         """Return positions (z, y, x) to record again with the reasons, in scan order, but for metrics ``without``."""
@@ -135,10 +142,7 @@ class QualityReport:
             "format": "lfcal-quality",
             "version": 1,
             "shape": list(self.shape),
-            "merit": self.merit,
-            "verdict": self.verdict,
             "cost": self.cost,
-            "findings": [asdict(one) for one in self.findings],
             "counts": counted(self.metrics),
             "metrics": [m.to_dict() for m in self.metrics if every or m.applies],
             "planes": [self._plane(z) for z in range(self.shape[0])],
@@ -146,6 +150,7 @@ class QualityReport:
             "working_f_number": self.f_number,
             "redo": [list(place) for place, _ in self.redo()],
             "seconds": self.seconds,
+            **judgement_of(self).to_dict(),
         }
 
     def _plane(self, z: int) -> dict[str, object]:

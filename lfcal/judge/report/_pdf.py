@@ -16,7 +16,7 @@ from lfcal.base import COLOURS, figure, format_share, one_line
 from lfcal.judge.inspection import Inspection
 from lfcal.judge.quality import QualityReport, counted_words, merit_word
 from lfcal.judge.report._pictures import ReportPicture
-from lfcal.judge.report.page import limits, redo_of, value_text
+from lfcal.judge.report.page import limits, value_text
 from lfcal.judge.telling import compared_words, cost_words, drawn
 from lfcal.psf import PSFMatrix
 
@@ -109,9 +109,8 @@ def _pixels(png: bytes) -> tuple[int, int]:
 
 def blocks(
     H: PSFMatrix,
-    quality: QualityReport,
+    inspection: Inspection,
     pictures: Sequence[ReportPicture],
-    inspection: Inspection | None = None,
     *,
     every: bool = False,
 ) -> list[PageBlock]:
@@ -119,7 +118,7 @@ def blocks(
 
     With ``every`` metrics that do not apply are listed, too.
     """
-    judged = quality if inspection is None else inspection
+    quality = inspection.quality
     nz, ny, nx, nt, ns = quality.shape
     ends = quality.extent or "depths not stated"
     camera = f"; camera {H.camera.name}" if H.camera is not None else ""
@@ -127,12 +126,12 @@ def blocks(
     found = [
         PageBlock(one_line(Path(H.path).name) or "PSF matrix", 17, bold=True),
         PageBlock(f"PSF quality report, {datetime.now().astimezone():%Y-%m-%d %H:%M}", 9, colour=COLOURS["muted"]),
-        PageBlock(judged.verdict, 13, True, COLOURS.get(judged.merit, "#1f2937"), gap=0.2),
+        PageBlock(inspection.verdict, 13, True, COLOURS.get(inspection.merit, "#1f2937"), gap=0.2),
         PageBlock(facts, gap=0.06),
     ]
-    if inspection is not None:
+    if inspection.asked:
         found += _faults(inspection)
-    found += [*_actions(quality, inspection), *_metrics(quality, inspection, every)]
+    found += [*_actions(inspection), *_metrics(inspection, every)]
     return [*found, *_apertures(quality), *_drawn(pictures)]
 
 
@@ -141,7 +140,7 @@ def _heading(text: str) -> PageBlock:
 
 
 def _faults(inspection: Inspection) -> Iterator[PageBlock]:
-    yield _heading("Beside the camera's model")
+    yield _heading("Compared with the camera's model")
     words = compared_words(inspection)
     yield PageBlock(f"{words[:1].upper()}{words[1:]}.")
     for k, fault in enumerate(inspection.faults):
@@ -155,15 +154,15 @@ def _faults(inspection: Inspection) -> Iterator[PageBlock]:
             yield PageBlock(picture=drawn(fault.picture), width=3.4 if k < 3 else 2.6)
 
 
-def _actions(quality: QualityReport, inspection: Inspection | None) -> Iterator[PageBlock]:
-    metrics = quality.metrics if inspection is None else inspection.doubts
-    named = [m for m in metrics if m.merit in ("bad", "fair")]
-    redo = redo_of(quality, inspection)
-    if named or redo:
+def _actions(inspection: Inspection) -> Iterator[PageBlock]:
+    """Yield findings by subject with what to do about each, and the positions to record again."""
+    redo = inspection.redo()
+    if inspection.judgement.findings or redo:
         yield _heading("What to do")
-    for m in named:
-        words = f"{m.spec.title}, {value_text(m)} ({m.merit}): {m.spec.advice}"
-        yield PageBlock(words, colour=COLOURS.get(m.merit, "#1f2937"))
+    for subject, found in inspection.judgement.by_subject().items():
+        for one in found:
+            words = f"{subject}: {one.sentence} {one.remedy}"
+            yield PageBlock(words, colour=COLOURS.get(one.merit, "#1f2937"))
     if redo:
         places = ", ".join(f"({z}, {y}, {x})" for (z, y, x), _ in redo[:LISTED])
         more = f" and {len(redo) - LISTED} more" if len(redo) > LISTED else ""
@@ -174,16 +173,17 @@ AT = (0.0, 0.65, 2.55, 4.25, 4.95, 5.65)
 """Where the columns of the table of metrics begin (inches)."""
 
 
-def _metrics(quality: QualityReport, inspection: Inspection | None, every: bool) -> Iterator[PageBlock]:
+def _metrics(inspection: Inspection, every: bool) -> Iterator[PageBlock]:
+    quality = inspection.quality
     yield _heading("Metrics")
     yield PageBlock(f"{counted_words(quality.metrics)}.", keep=True)
     yield PageBlock(
         cells=("merit", "metric", "value", "good", "bad", "cost or cause"), at=AT, size=8, bold=True, keep=True
     )
     for m in (m for m in quality.metrics if every or m.applies):
-        named = inspection is not None and m.merit in ("bad", "fair")
-        cause = inspection.settled(m) if inspection is not None and named else None
-        gone = inspection is not None and named and inspection.withdrawn(m)
+        named = m.merit in ("bad", "fair")
+        cause = inspection.settled(m) if named else None
+        gone = named and inspection.withdrawn(m)
         last = f"see {cause.title}" if cause is not None else "not confirmed" if gone else m.cost_text
         tone = COLOURS["muted"] if cause is not None or gone else COLOURS.get(m.merit, COLOURS["muted"])
         cells = (merit_word(m), m.spec.title, value_text(m), *limits(m), last)

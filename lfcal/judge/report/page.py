@@ -30,7 +30,7 @@ from lfcal.judge.telling import compared_words, cost_words
 from lfcal.psf import PSFMatrix
 from lfcal.psf.aperture import KINDS, Aperture, with_error
 
-__all__ = ["limits", "page", "redo_of", "value_text"]
+__all__ = ["limits", "page", "value_text"]
 
 FULL = 1190
 """Width of a picture of three panels, which fills the page (pixels)."""
@@ -41,11 +41,10 @@ LISTED = 24
 
 def page(
     H: PSFMatrix,
-    quality: QualityReport,
+    inspection: Inspection,
     pictures: Sequence[ReportPicture],
     comparison: Comparison | None = None,
     reference: str = "",
-    inspection: Inspection | None = None,
     *,
     every: bool = False,
 ) -> str:
@@ -53,12 +52,13 @@ def page(
 
     With ``every`` metrics that do not apply are listed, too.
     """
+    quality = inspection.quality
     name = one_line(Path(H.path).name) or "PSF matrix"
     sections = [
-        _verdict(quality) if inspection is None else _last_word(inspection),
-        _facts(H, quality, redo_of(quality, inspection)),
-        "" if inspection is None else html_section("Beside the camera's model", _faults(inspection)),
-        _actions(quality, inspection),
+        _verdict(inspection),
+        _facts(H, quality, inspection.redo()),
+        html_section("Compared with the camera's model", _faults(inspection)) if inspection.asked else "",
+        _actions(inspection),
         html_section("Metrics", _metrics(quality, every)),
         html_section("Aperture", _apertures(H, quality) + figures(pictures, "aperture")),
         html_section("H and its transpose", figures(pictures, "slices")),
@@ -85,22 +85,13 @@ def _number(value: float, digits: int = 3) -> str:
     return f"{value:.{digits}g}" if math.isfinite(value) else "—"
 
 
-def _verdict(quality: QualityReport) -> str:
+def _verdict(inspection: Inspection) -> str:
+    quality = inspection.quality
     cost = f"Estimated error of a reconstruction from these faults: {quality.cost:.2f} NRMSE." if quality.cost else ""
-    none = "No fault found that would cost a reconstruction anything."
-    more = cost or ("" if quality.merit == "unknown" else none)
-    return f'<section class="verdict {quality.merit}">{html_text(quality.verdict)}<p>{more}</p></section>'
-
-
-def redo_of(quality: QualityReport, inspection: Inspection | None) -> Sequence[tuple[tuple[int, int, int], str]]:
-    """Return the positions to record again with the reasons, by all that is known."""
-    return quality.redo() if inspection is None else inspection.redo()
-
-
-def _last_word(inspection: Inspection) -> str:
-    words = _compared_sentence(inspection)
+    none = "" if inspection.merit == "unknown" else "No fault found that would cost a reconstruction anything."
+    more = f"{_compared_sentence(inspection)}." if inspection.asked else cost or none
     verdict = html_text(inspection.verdict)
-    return f'<section class="verdict {inspection.merit}">{verdict}<p>{html_text(words)}.</p></section>'
+    return f'<section class="verdict {inspection.merit}">{verdict}<p>{html_text(more)}</p></section>'
 
 
 ERROR = "error of a reconstruction (NRMSE), by noise → with the fault"
@@ -144,19 +135,24 @@ def _facts(H: PSFMatrix, quality: QualityReport, redo: Sequence[object]) -> str:
     )
 
 
-def _actions(quality: QualityReport, inspection: Inspection | None) -> str:
-    """Return what to do about what is not good, costliest first; less what a fault stands for, or refutes."""
-    metrics = quality.metrics if inspection is None else inspection.doubts
-    items = [
-        f'<li class="{m.merit}"><b class="advice">{html_text(m.spec.title)}</b>, {html_text(value_text(m))}: '
-        f"{html_text(m.spec.advice)}</li>"
-        for m in metrics
-        if m.merit in ("bad", "fair")
-    ]
-    redo = redo_of(quality, inspection)
-    if not items and not redo:
+def _actions(inspection: Inspection) -> str:
+    """Return findings by subject with what to do about each, and the positions to record again."""
+    redo = inspection.redo()
+    if not inspection.judgement.findings and not redo:
         return ""
-    body = f"<ol>{''.join(items)}</ol>" if items else ""
+    rows = [
+        [
+            html_text(subject),
+            f'<span class="merit {one.merit}">{one.merit}</span>',
+            f"<b>{html_text(one.what)}</b>",
+            html_text("; ".join(filter(None, (one.detail, one.where)))),
+            html_text(one.cost_words),
+            html_text(one.remedy),
+        ]
+        for subject, found in inspection.judgement.by_subject().items()
+        for one in found
+    ]
+    body = html_table(["subject", "merit", "finding", "what was found", "cost", "what to do"], rows) if rows else ""
     if redo:
         places = ", ".join(f"({z}, {y}, {x})" for (z, y, x), _ in redo[:LISTED])
         more = f" and {len(redo) - LISTED} more" if len(redo) > LISTED else ""

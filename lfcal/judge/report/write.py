@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike
 from lfcal.base import Clock, InputError, StorageError, Work, drained, one_line, plain, replace_whole
 from lfcal.judge.comparison import Comparison, iter_compare
 from lfcal.judge.inspection import Inspection
-from lfcal.judge.quality import Controls, QualityReport, iter_inspect
+from lfcal.judge.quality import Controls, iter_inspect
 from lfcal.judge.report._pdf import blocks, pdf
 from lfcal.judge.report._pictures import PICTURES, pictures
-from lfcal.judge.report.page import page, redo_of
+from lfcal.judge.report.page import page
 from lfcal.psf import PSFMatrix
 
 __all__ = ["iter_report", "redo_list", "report", "report_files"]
@@ -29,7 +29,6 @@ def iter_report(
     folder: str | os.PathLike[str],
     *,
     reference: PSFMatrix | ArrayLike | None = None,
-    quality: QualityReport | None = None,
     controls: Controls | None = None,
     workers: int | None = None,
     inspection: Inspection | None = None,
@@ -47,21 +46,19 @@ def iter_report(
         Where to write; made if need be. Files of an earlier report are replaced.
     reference
         H of the same shape to compare with.
-    quality
-        The inspection of this H, where it was done already.
     controls
         Control frames by depth plane for the inspection, see `lfcal.judge.quality.iter_inspect`.
     workers
         Threads; every processor by default.
     inspection
-        The metrics together with what a comparison with the camera found, in place of ``quality``.
+        The inspection of this H, where it was done already; None: its metrics alone.
     every
         Whether metrics that do not apply are listed, too.
 
     Raises
     ------
     InputError
-        If ``quality`` or ``reference`` is of another shape.
+        If ``inspection`` or ``reference`` is of another shape.
     StorageError
         If the folder cannot be written to.
 
@@ -80,17 +77,15 @@ def iter_report(
     if target.exists() and not target.is_dir():
         raise StorageError.expected(str(target), "a folder for the report", "a file", "name a folder")
     H = _straight(matrix)
-    if inspection is not None:
-        quality = inspection.quality
     other = None if reference is None else _straight(reference)
-    if quality is not None and quality.shape != H.shape:
-        raise InputError.expected("quality", f"that of H {H.shape}", quality.shape, "inspect this H")
+    if inspection is not None and inspection.shape != H.shape:
+        raise InputError.expected("inspection", f"that of H {H.shape}", inspection.shape, "inspect this H")
     comparison: Comparison | None = None
     if other is not None:
         comparison = yield from iter_compare(H, other, by_index=True, workers=workers)
-    if quality is None:
-        quality = yield from iter_inspect(H, controls=controls, workers=workers)
-    draws = pictures(H, quality, other, comparison)
+    if inspection is None:
+        inspection = Inspection((yield from iter_inspect(H, controls=controls, workers=workers)))
+    draws = pictures(H, inspection.quality, other, comparison)
     clock = Clock("drawing the report", len(draws) + 2)
     drawn = []
     for k, draw in enumerate(draws):
@@ -98,18 +93,16 @@ def iter_report(
         drawn.append(draw())
     yield clock.at(len(draws))
     paper = pdf(
-        blocks(H, quality, drawn, inspection, every=every),
+        blocks(H, inspection, drawn, every=every),
         f"{one_line(Path(H.path).name) or 'PSF matrix'}: PSF quality",
     )
     yield clock.at(len(draws) + 1)
-    text = page(H, quality, drawn, comparison, other.path if other is not None else "", inspection, every=every)
+    text = page(H, inspection, drawn, comparison, other.path if other is not None else "", every=every)
     # the page comes last: where it exists, every file that it links to exists
     files = {p.name: p.png for p in drawn}
-    result = quality.to_dict(every=every) | ({} if comparison is None else {"comparison": comparison.to_dict()})
-    if inspection is not None:
-        result |= {"model": inspection.to_dict()} | inspection.judged()
+    result = inspection.to_dict(every=every) | ({} if comparison is None else {"comparison": comparison.to_dict()})
     result |= {"inspected": datetime.now(UTC).isoformat(timespec="seconds")}
-    redo = redo_list(quality, inspection)
+    redo = redo_list(inspection)
     files |= {PAPER: paper, "quality.json": _json(result), "redo.json": _json(redo), PAGE: text.encode()}
     for name, content in files.items():
         with replace_whole(target / name) as part:
@@ -147,23 +140,23 @@ def report_files(folder: Path) -> list[Path]:
     return [folder / name for name in (PAGE, PAPER, "quality.json", "redo.json", *PICTURES, *maps)]
 
 
-def redo_list(quality: QualityReport, inspection: Inspection | None = None) -> dict[str, Any]:
+def redo_list(inspection: Inspection) -> dict[str, Any]:
     """Return the positions to record again as ``lfcal acquire --redo`` takes them.
 
     Examples
     --------
     >>> import numpy as np
     >>> from lfcal.psf import PSFMatrix
-    >>> from lfcal.judge import inspect
+    >>> from lfcal.judge import Inspection, inspect
     >>> from lfcal.judge.report import redo_list
     >>> H = np.zeros((1, 3, 3, 9, 9))
     >>> H[..., 3:6, 3:6] = np.arange(100, 109).reshape(1, 3, 3, 1, 1)
     >>> H[0, 0, 1] = 0  # a frame without light
-    >>> redo = redo_list(inspect(PSFMatrix(H)))
+    >>> redo = redo_list(Inspection(inspect(PSFMatrix(H))))
     >>> print(redo["positions"], redo["reasons"])
     [[0, 0, 1]] ['missing frames']
     """
-    redo = redo_of(quality, inspection)
+    redo = inspection.redo()
     return {
         "format": "lfcal-redo",
         "version": 1,

@@ -60,10 +60,6 @@ def test_refused_with_the_position_or_left_out(sessions: dict[str, Path], tmp_pa
     report = assemble(folder, tmp_path / "H.h5", skip=True)
     assert report.missing == (Position(1, 1, 1),)
     assert [(found.label, found.position) for found in report.left_out] == [("recording.h5[13]", (1, 1, 1))]
-    assert report.notes[:2] == (
-        "1 damaged frame is left out",
-        "1 position is missing, first (z, y, x) = (1, 1, 1)",
-    )
     whole = assemble(sessions[how]).matrix
     with open_psf(tmp_path / "H.h5", check=True) as matrix:
         assert matrix.recorded[1, 1, 1] == 0 and int(matrix.recorded.sum()) == 26

@@ -101,7 +101,7 @@ def test_unknown_is_unknown_for_people(
     assert (rows["saturation"].value, rows["saturation"].merit, rows["saturation"].cost) == ("unknown", "unknown", "–")
     assert "not compared with a camera" in report.verdict and report.merit == "good"
     folder = tmp_path_factory.mktemp("report")
-    work = iter_report(PSFMatrix(base(hexagonal())), folder, quality=report, every=True)
+    work = iter_report(PSFMatrix(base(hexagonal())), folder, inspection=Inspection(report), every=True)
     text = drain(work).read_text(encoding="utf-8")
     row = text[text.index("Saturated pixels") - 200 :][:400]
     assert '<span class="merit unknown">unknown</span>' in row and ">unknown</td>" in row and "nan" not in row

@@ -71,9 +71,11 @@ class Afterwards:
         )
 
     def _assembled(self, report: Any, page: str, found: Any) -> None:
+        from lfcal.judge import judgement_of
+
         path = report.matrix.path
         report.matrix.close()
-        for note in report.notes:
+        for note in (judgement_of(report).verdict, *report.notes):
             self.context.message.emit(f"{Path(path).name}: {note}")
         self.context.project.update("assembly", psf=str(path))
         self.context.go.emit(page, found)

@@ -15,6 +15,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from lfcal.judge import judgement_of
 from lfcal.lattice import DIFFERS, FITS, WRONG
 from lfcal_gui.base_page import EmptyState
 from lfcal_gui.models import typeset
@@ -32,11 +33,6 @@ DARK = "A frame without light, taken off the white image: needed where the senso
 COLUMNS = ("", "Verdict", "Off by (px)", "Camera", "White image")
 ROW = 19
 """Height of a row (px): all are seen below the forms of a low window."""
-WORDS = {
-    FITS: "The camera fits this white image.",
-    DIFFERS: "The lattice is a little different: take the measured one.",
-    WRONG: "This is another camera, or a value is in another unit.",
-}
 
 
 class CheckPanel(QWidget):
@@ -134,7 +130,7 @@ class CheckPanel(QWidget):
         self._shown = found
         self.stack.setCurrentIndex(1)
         self.view.show_check(found)
-        self.words.setText(f"{found.name}: {WORDS[found.check.verdict]}")
+        self.words.setText(f"{found.name}: {judgement_of(found.check).verdict}")
         self._tell("" if found.check.fit is None else lattice_words(found.check.fit))
         self.take.setEnabled(found.check.camera is not None)
         self._fill()

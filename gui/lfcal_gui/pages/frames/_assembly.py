@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from lfcal.base import Work
 from lfcal.frames import check_turned_colours, oriented
+from lfcal.judge import judgement_of
 from lfcal.psf import iter_upright
 from lfcal_gui.models import going_on, stamp_of_files
 from lfcal_gui.pages.frames.model import Opened
@@ -59,7 +60,6 @@ def iter_assembly(opened: Opened, path: str) -> Work[AssemblyReport]:
 
 
 def notes_of(report: AssemblyReport) -> tuple[str, ...]:
-    """Return what a user should know of an H that was assembled, a line each."""
+    """Return the verdict on an H that was assembled, and how its frames were turned and averaged, a line each."""
     told = report.matrix.provenance.get("orientation", {}).get("note")
-    notes = (*([told] if told else []), *report.notes)
-    return notes or ("complete: every position once, no saturated pixel",)
+    return (judgement_of(report).verdict, *([told] if told else []), *report.notes)

@@ -24,7 +24,7 @@ from lfcal.judge.report import iter_report
 with open_psf({psf!r}) as H:
     quality = inspect(H)
     found = drain(iter_inspection(H, quality, seconds={chosen.seconds!r}))
-    print(quality.merit, found.bad)
+    print(found.verdict)
     drain(iter_report(H, Path({folder!r}), inspection=found))
 """
     return CommandStep(("inspect", psf, *options_of(pairs)), python)
