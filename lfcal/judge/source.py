@@ -73,7 +73,7 @@ def judgement_of(measured: Judged) -> Judgement:
     >>> from lfcal.judge import judgement_of
     >>> from lfcal.psf import verify
     >>> print(judgement_of(verify("H.h5")).verdict)
-    This H file is whole: 2 of 2 planes are what was written.
+    This H file is whole in 2 of 2 planes (compared with their checksums).
     """
     # by name: a source of sessions must not load what records them where an H is judged
     names = {kind.__name__ for kind in type(measured).__mro__}

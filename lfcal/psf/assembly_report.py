@@ -50,10 +50,8 @@ class AssemblyReport:
     >>> from lfcal.psf import AssemblyReport, Cutout, assemble
     >>> frames = ArraySource(np.ones((2, 9, 9), np.uint16), [(0, 0, 0), (0, 0, 0)])
     >>> report: AssemblyReport = assemble(frames, (1, 1, 2), Cutout((5, 5), anchor=(4, 4)))
-    >>> for note in report.notes[:2]:
-    ...     print(note)
-    1 position is missing, first (z, y, x) = (0, 0, 1)
-    1 position was recorded more than once and averaged; they differ by 0 % (median)
+    >>> print(report.missing, report.notes[0])
+    (Position(z=0, y=0, x=1),) 1 position was recorded more than once and averaged; they differ by 0 % (median)
     """
 
     data: ClassVar[str] = "H"
