@@ -137,7 +137,11 @@ def test_escape_is_not_the_pages_own(window: MainWindow, qtbot: QtBot, psf: Any,
     idle(window.jobs, qtbot)
 
 
-def test_menu_key_and_menu_bar(psf: Any, window: MainWindow) -> None:
+def area(widget: QWidget) -> int:
+    return widget.width() * widget.height() if widget.isVisible() else 0
+
+
+def test_menu_key_and_menu_bar(psf: Any, window: MainWindow, qtbot: QtBot) -> None:
     view = psf.panel.main_view
     view.customContextMenuRequested.emit(view.rect().center())
     menu = next(m for m in view.findChildren(QMenu) if m.isVisible())
@@ -148,6 +152,8 @@ def test_menu_key_and_menu_bar(psf: Any, window: MainWindow) -> None:
     action.trigger()
     QApplication.processEvents()
     assert psf.findChildren(Enlarged) == []
+    # the page is laid out anew, and the largest of its pictures is known then
+    qtbot.waitUntil(lambda: area(psf.panel.main_view) > area(psf.panel.profile), timeout=GUARD_MS)
     action.trigger()
     largest = psf.findChild(Enlarged)
     assert largest is not None and {*pictures_in(largest)} & {psf.panel.main_view, psf.panel.linked_view}

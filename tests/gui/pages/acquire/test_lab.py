@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,6 +14,8 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QPushButton
 from pytestqt.qtbot import QtBot
 
+from lfcal.devices import Frame
+from lfcal.devices.simulated._camera import SimCamera
 from lfcal_gui.models.display import colour_table
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.acquire.model import AcquireSettings
@@ -24,6 +27,9 @@ from tests.acquire.rigs import small_plan
 from tests.gui.waiting import GUARD_MS
 
 PLAN = small_plan((3, 4), 2, settle_s=0.0)
+
+SOME = 12
+"""Frames after which a recording of `PLAN` is neither at its beginning nor near its end."""
 
 
 def test_each_step_follows_the_one_before() -> None:
@@ -143,14 +149,28 @@ def test_large_buttons_are_large_and_whole(page: Any, window: MainWindow, size: 
     page.lab.toggle.click()
 
 
-def test_pause_and_stop_by_their_keys(page: Any, qtbot: QtBot, tmp_path: Path) -> None:
+def test_pause_and_stop_by_their_keys(page: Any, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stopped, grab, recorded = threading.Event(), SimCamera.grab, tmp_path / "session" / "recording.h5"
+
+    def held(camera: SimCamera, timeout_s: float) -> Frame:
+        """Wait after the first frames until the keys were pressed: all are recorded within a moment."""
+        nonlocal frames
+        frames += recorded.exists()
+        if frames > SOME:
+            stopped.wait(GUARD_MS / 1000)
+        return grab(camera, timeout_s)
+
+    frames = 0
+    monkeypatch.setattr(SimCamera, "grab", held)
     page.context.project.update("folder", recording=str(tmp_path / "session"))
     page.lab.toggle.click()
     qtbot.keyClick(page, Qt.Key.Key_F6)
     qtbot.waitUntil(lambda: page.record.recording, timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: frames > SOME, timeout=GUARD_MS)
     qtbot.keyClick(page, Qt.Key.Key_F7)
     assert shown(page, "pause") == "Resume\nF7"
     qtbot.keyClick(page, Qt.Key.Key_F8)
+    stopped.set()
     qtbot.waitUntil(lambda: not page.record.recording, timeout=GUARD_MS)
     qtbot.waitUntil(lambda: shown(page, "start") == "Resume\nF6", timeout=GUARD_MS)
     page.lab.toggle.click()
