@@ -54,9 +54,9 @@ def command(
     Example: `python -m benchmarks accuracy r29 --virtual-depth 4 -o r29.png`
     """
     from lfcal.camera import ScanPlan
-    from lfcal.cli.outputs import check_output
     from lfcal.cli.plan import load_camera, parse_depths
     from lfcal.simulate.accuracy._ladder import draw_ladder, iter_ladder
+    from lfcal.tasks import check_output
 
     wanted = parse_depths(asked, lengths=False)
     for share in wanted:

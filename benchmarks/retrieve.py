@@ -73,7 +73,7 @@ def command(
     """
     from benchmarks._fit_cameras import CUTOUTS, described_plan
     from lfcal.base.checks import check_choice
-    from lfcal.cli.outputs import check_output
+    from lfcal.tasks import check_output
 
     check_choice("camera", camera, tuple(CUTOUTS))
     if chart is not None:

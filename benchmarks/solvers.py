@@ -38,9 +38,9 @@ def command(
     from benchmarks._solver_tables import draw, markdown, rows_of, verdict
     from benchmarks._solver_trials import UNITS, Trial, trial, unit_of
     from lfcal.base.files import replace_whole
-    from lfcal.cli.outputs import check_output
     from lfcal.reconstruct import Projector
     from lfcal.reconstruct.solvers.choice import SOLVERS
+    from lfcal.tasks import check_output
 
     names = _names("--camera", camera, tuple(CAMERAS)), _names("--scene", scene, tuple(SCENES))
     tried = _names("--solver", solver, tuple(SOLVERS.names())) if solver else tuple(SOLVERS.names())

@@ -85,9 +85,9 @@ def command(
 
     Example: `python -m benchmarks storage r29 --virtual-depths 2,4,6 --tolerances 0.005`
     """
-    from lfcal.cli.outputs import check_output
     from lfcal.cli.plan import parse_depths
     from lfcal.psf.steps import check_store_tolerance
+    from lfcal.tasks import check_output
 
     depths = sorted(parse_depths(virtual_depths, lengths=False))
     shares = [check_store_tolerance(share) for share in parse_depths(tolerances, lengths=False)]

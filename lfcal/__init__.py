@@ -17,6 +17,7 @@ which data pass through them (which may import which is in ``tests/architecture/
 - ``reconstruct``: the projector pair and the solvers
 - ``multiplex``: plenoptic multiplexing
 - ``accuracy``: curves of error against seconds, bytes or frames, everywhere accuracy is paid for
+- ``records``, ``tasks``: settings, and one record for each task, of which command, form, script and job file are made
 - ``work``: units of long work, on threads, processes and several machines
 - ``cli``, ``napari``: the command line, and the plug-in of napari
 

@@ -22,7 +22,7 @@ __all__ = ["lazy_face", "names_of", "public_names"]
 
 def lazy_face(package: str) -> None:
     """Give ``package``, which is being imported, the names that its modules ``_face`` and ``_shared`` import."""
-    if package not in ("lfcal.base", "lfcal.cli"):  # which are used without numpy, too
+    if package not in ("lfcal.base", "lfcal.cli", "lfcal.records", "lfcal.tasks"):  # which are used without numpy, too
         # Loaded whole first: `numpy.typing` fails in a thread that asks for it while another one still loads numpy.
         import numpy.typing  # noqa: F401
     sys.modules[package].__class__ = _Package

@@ -67,7 +67,7 @@ def iter_assemble_session(
     with RecordingSource(folder, planes=planes, skip_damaged=skip_damaged) as source:
         frames: FrameSource = source
         if skip_damaged:
-            frames = yield from iter_undamaged(source, workers=settings.workers if settings else None)
+            frames = yield from iter_undamaged(source)
         view = corrected_view(frames, recipe or CorrectionRecipe(), source.plan)
         turn, lie = yield from iter_upright(view, source.plan)
         upright = oriented(view, turn, source.plan.camera.sensor.shape)

@@ -6,12 +6,13 @@ import math
 import re
 from collections.abc import Sequence
 from numbers import Integral, Real
-from typing import Any
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from typing import TYPE_CHECKING, Any
 
 from lfcal.base.errors import InputError, choose
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
     "MAX_SAMPLE",
@@ -141,6 +142,8 @@ def check_type(what: str, value: object, kind: type | tuple[type, ...]) -> None:
 
 def as_sensor_frame(what: str, frame: ArrayLike) -> NDArray[np.float32]:
     """Return ``frame`` as a read-only, contiguous float32 array after checking that it is a finite 2-D frame."""
+    import numpy as np  # records are checked where nothing needs numpy
+
     array = np.asarray(frame)
     if array.ndim != 2 or not array.size or array.dtype.kind not in "iuf":
         raise InputError.expected(

@@ -76,13 +76,14 @@ def _run(command_line: Callable[[], Any] | None, program: str) -> None:
     import typer
 
     from lfcal.base import Cancelled, LfcalError, bounded_threads
+    from lfcal.tasks import notes_to
 
     # where its list of fonts cannot be kept for the next time, on a full disk, nothing of ours is the worse for it
     logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
     # ClickException, of whichever click Typer brings
     usage_error = cast(type[Exception], typer.BadParameter.__mro__[2])
     try:
-        with bounded_threads():
+        with bounded_threads(), notes_to(_report):
             from lfcal.cli import _app as app
 
             parser = (command_line or app.command_line)()
@@ -123,6 +124,12 @@ def _system_words(error: OSError) -> str:
     else:
         where, remedy = "standard output", "check where it is written to"
     return str(StorageError(f"{where[:200]}: {error.strerror or error}; {remedy}"))
+
+
+def _report(line: str) -> None:
+    from lfcal.cli._console import report
+
+    report(line)
 
 
 def _stop(code: int, message: str) -> None:

@@ -76,10 +76,10 @@ def check_h(old: Path, sources: list[Path], asked: CheckRequest, *, json: bool) 
 def _frames(H: PSFMatrix, source: Path, asked: CheckRequest, stack: ExitStack, *, quiet: bool) -> list[NewFrame]:
     """Return the frames of a file, a folder or a session, with what is known of where their sources are."""
     from lfcal.cli._orientation import upright
-    from lfcal.cli._scan_frames import ScanFrames, find_plan
     from lfcal.frames import corrected_view, named_orientation, oriented
     from lfcal.judge import plan_of
     from lfcal.psf import AUTO, CHECK
+    from lfcal.tasks import ScanFrames, find_plan
 
     own = plan_of(H)
     scanned = source.is_dir() and ((source / "session.json").is_file() or find_plan(source, asked.plan) is not None)

@@ -51,8 +51,8 @@ def without_positions(error: InputError, source: Path, plan: Path | None, dark: 
 
 def _below(source: Path, plan: Path | None) -> Path | None:
     """Return the only folder in ``source`` whose frames tell their positions, or None."""
-    from lfcal.cli._scan_frames import find_plan
     from lfcal.frames import open_frames
+    from lfcal.tasks import find_plan
 
     if not source.is_dir():
         return None

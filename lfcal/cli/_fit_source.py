@@ -125,9 +125,9 @@ def parse_noise(text: str) -> tuple[float, float] | None:
 
 def read_patterns(source: Path, how: PatternReading, *, quiet: bool) -> tuple[Measured, dict[str, Any]]:
     """Return the patterns to fit, and what is known of their source for the provenance of what is made of them."""
-    from lfcal.cli._cameras import tell_assumed
     from lfcal.cli._listed import report_notes
     from lfcal.fit import HELD_OUT, check_optics, measured_of
+    from lfcal.tasks import tell_assumed
 
     with ExitStack() as stack:
         if is_matrix(source):
@@ -248,9 +248,9 @@ def _picked(
     from lfcal.cli._fit_first import of_one_channel, without_positions
     from lfcal.cli._listed import report_notes
     from lfcal.cli._orientation import upright
-    from lfcal.cli._scan_frames import ScanFrames
     from lfcal.frames import colours_of, corrected_view
     from lfcal.psf import iter_pick, scan_noise
+    from lfcal.tasks import ScanFrames
 
     try:
         frames, plan = ScanFrames(source, how.plan, orientation=how.orientation).open()

@@ -34,8 +34,9 @@ def fit_target(
     from lfcal.camera import RegionPlan, parse_regions
     from lfcal.campaign import MOST, hole_words, iter_fit_points, iter_write_points, target_facts
     from lfcal.cli._console import print_json, print_table, report, run_work
-    from lfcal.cli._target_frames import found_points, opened_target
+    from lfcal.cli._target_frames import found_points
     from lfcal.fit import fit_dict, starting_effects, with_given
+    from lfcal.tasks import opened_target
 
     field = RegionPlan.spread(plan.scan, parse_regions(regions)) if regions else plan.scan
     begins = None if effects is None else with_given(starting_effects(plan.scan), *effects)

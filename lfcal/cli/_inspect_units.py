@@ -14,9 +14,9 @@ from typing import Any
 
 from lfcal.base import Clock, Work
 from lfcal.cli._inspect_controls import control_frames
-from lfcal.cli.outputs import files_of
 from lfcal.judge.quality import PASSES, QualityReport, iter_inspect_plane, judged, straight
 from lfcal.psf import PSFMatrix, mat_order_of, open_psf
+from lfcal.tasks import files_of
 from lfcal.work import RunChoice, Unit, iter_begun, load_record, save_record
 
 __all__ = ["do_plane", "iter_inspect_units"]

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from lfcal.camera import Camera, ScanPlan, StageAxes
     from lfcal.frames.lists import Listing
 
-__all__ = ["ColumnsOption", "OriginOption", "plan_from_list", "report_notes", "tell_size"]
+__all__ = ["ColumnsOption", "OriginOption", "plan_from_list", "report_notes"]
 
 ColumnsOption: TypeAlias = Annotated[
     str,
@@ -40,32 +40,6 @@ OriginOption: TypeAlias = Annotated[
     ),
 ]
 """Where on the sensor frames lie that are a camera's region of interest."""
-
-
-def tell_size(shape: tuple[int, int], camera: Camera, *, folder: str = "the frames", channel: str = "") -> None:
-    """Warn where frames are no whole pictures of the camera's sensor, upright, turned or one colour of a mosaic."""
-    from lfcal.frames import binned
-
-    sizes = {shape, shape[::-1]}
-    if channel:
-        sizes |= {(-(-rows // 2), -(-columns // 2)) for rows, columns in sizes}
-    if camera.sensor.shape in sizes:
-        return
-    (rows, columns), (tall, wide) = shape, camera.sensor.shape
-    what = f"{folder}: frames of {rows} x {columns} px, the camera's sensor has {tall} x {wide}"
-    times = next((n for one in sizes if (n := binned(camera.sensor.shape, one))), 0)
-    if times:
-        sensor = f"{tall // times}x{wide // times},{camera.sensor.pixel_um * times:g}"
-        report(
-            f"warning: {what}, as if {times} x {times} pixels were one; if so make the camera of these: "
-            f"lfcal camera import CAMERA --sensor {sensor} --pitch {camera.lattice.pitch_um:g}um -o BINNED; "
-            "its array is measured by lfcal camera check BINNED WHITE"
-        )
-        return
-    report(
-        f"warning: {what}, from whose middle micro-images are counted; if they are a part of it say which with "
-        "--origin ROW,COLUMN, else state its size with lfcal camera import CAMERA --frame FRAME"
-    )
 
 
 def plan_from_list(
@@ -145,4 +119,6 @@ def _check_size(
         stated = stated_origin(roi, shape)
         raise part_refusal(shape, camera.sensor.shape, stated, "as their metadata say")
     else:
+        from lfcal.tasks import tell_size
+
         tell_size(shape, camera, folder=folder)

@@ -13,8 +13,8 @@ from lfcal.cli._console import print_json, print_table, report
 from lfcal.cli._matrices import check_mat_files, open_matrix
 from lfcal.cli._options import ForceOption, GainOption, JsonOption, MatOrderOption, WorkersOption
 from lfcal.cli._usage import refuse
-from lfcal.cli.outputs import check_output, check_outputs
 from lfcal.multiplex import CODES, is_whole
+from lfcal.tasks import check_output, check_outputs
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -221,7 +221,7 @@ def _plane(
     mat_order: str = "",
 ) -> _Plane:
     if Path(source).suffix.lower() not in MATRICES:
-        from lfcal.cli._cameras import load_camera
+        from lfcal.tasks import load_camera
 
         if plane:
             raise InputError.expected("--plane", "an H file", source, "name the plane with --depth or --virtual-depth")
@@ -263,8 +263,8 @@ def _simulated(
 
 
 def _noise(sensor: str | None, camera: Camera | None, gain: float, exposure: float, *, corrected: bool) -> Any:
-    from lfcal.cli._cameras import load_camera
     from lfcal.multiplex import sensor_noise
+    from lfcal.tasks import load_camera
 
     described = camera if sensor is None else load_camera(sensor)
     if described is None:

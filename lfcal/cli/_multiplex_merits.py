@@ -12,8 +12,8 @@ from lfcal.base import InputError
 from lfcal.cli._console import print_json, print_table, report
 from lfcal.cli._options import Chi2Option, ForceOption, GainOption, JsonOption, PresetOption, WorkersOption
 from lfcal.cli._usage import refuse
-from lfcal.cli.outputs import check_output
 from lfcal.multiplex import GRAMMAR, MATRIX_SUFFIXES, is_whole, modulator_of
+from lfcal.tasks import check_output
 
 if TYPE_CHECKING:
     from lfcal.multiplex import Design, Modulator, SensorNoise
@@ -44,8 +44,8 @@ def merits(
 
     Example: `lfcal multiplex merits Bayer CYMG "RGBW 4x4" --camera r29 --exposure 0.02`
     """
-    from lfcal.cli._cameras import load_camera
     from lfcal.multiplex import sensor_noise
+    from lfcal.tasks import load_camera
 
     chosen = [modulator_of(name) for name in modulators]
     base = modulator_of(reference) if reference else chosen[0]
@@ -185,8 +185,8 @@ def design(
 
 
 def _ratio(chi2: float | None, camera: str | None, gain: float) -> float:
-    from lfcal.cli._cameras import load_camera
     from lfcal.multiplex import camera_chi2
+    from lfcal.tasks import load_camera
 
     if (chi2 is None) == (camera is None):
         got = "neither" if chi2 is None else "both"

@@ -12,8 +12,8 @@ from lfcal.cli._console import print_json, run_work
 from lfcal.cli._multiplex_frames import ROUTES, Weighing, check_told, fourier_file, level_of, read_frame, write_tiff
 from lfcal.cli._options import ForceOption, GainOption, JsonOption, WorkersOption
 from lfcal.cli._usage import refuse
-from lfcal.cli.outputs import check_output
 from lfcal.multiplex import GRAMMAR, modulator_of
+from lfcal.tasks import check_output
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -63,8 +63,8 @@ def recover(
     import numpy as np
 
     from lfcal.base import map_npy
-    from lfcal.cli._cameras import load_camera
     from lfcal.multiplex import without_black_level
+    from lfcal.tasks import load_camera
 
     check_output(out, frame, transmissions, camera, dead, force=force)
     check_choice("route", route, ROUTES)

@@ -20,8 +20,8 @@ from lfcal.cli._multiplex_frames import (
 )
 from lfcal.cli._options import ForceOption, GainOption, JsonOption, WorkersOption
 from lfcal.cli._usage import refuse
-from lfcal.cli.outputs import check_output
 from lfcal.multiplex import modulator_of
+from lfcal.tasks import check_output
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -76,7 +76,7 @@ def views(
 
     Example: `lfcal multiplex views field.tif --white white.tif -o views.tif`
     """
-    from lfcal.cli._cameras import load_camera
+    from lfcal.tasks import load_camera
 
     check_choice("route", route, ROUTES)
     read = (frame, white, lattice, camera, dark, sensor, dead)
@@ -183,10 +183,10 @@ def _by_rows(channels: NDArray[Any]) -> NDArray[Any]:
 
 def _lattice_of(white: Path | None, lattice: Path | None, camera: str | None, dark: Path | None) -> FrameLattice:
     """Return the lattice measured before, the one in the white image, or the one that a camera states."""
-    from lfcal.cli._cameras import load_camera
     from lfcal.cli._lattice_file import load_lattice
     from lfcal.frames.corrections import read_average
     from lfcal.lattice import fit_lattice, lattice_of
+    from lfcal.tasks import load_camera
 
     given = [name for name, value in (("--white", white), ("--lattice", lattice), ("--camera", camera)) if value]
     if len(given) != 1:

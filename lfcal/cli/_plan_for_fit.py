@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lfcal.base import InputError
 from lfcal.cli._console import print_json, print_table, report, run_work
 from lfcal.cli._options import parse_groups
-from lfcal.cli.outputs import check_outputs
+from lfcal.tasks import check_outputs
 
 if TYPE_CHECKING:
     from lfcal.camera import Forecast, ScanPlan

@@ -11,7 +11,7 @@ import typer
 from lfcal.base import InputError, format_length, format_seconds, format_share, read_text, replace_whole
 from lfcal.cli._console import print_json, print_table, report, run_work
 from lfcal.cli._plan_pace import WITHOUT_READOUT, Pace
-from lfcal.cli.outputs import check_outputs
+from lfcal.tasks import check_outputs
 
 if TYPE_CHECKING:
     from lfcal.camera import RegionPlan, ScanPlan

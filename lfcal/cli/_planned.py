@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +10,7 @@ from lfcal.base import InputError
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
 
-__all__ = ["no_plan", "planned_scan"]
+__all__ = ["planned_scan"]
 
 
 def planned_scan(camera: str, depths: str, virtual_depths: str, cutout: str, *, quiet: bool) -> ScanPlan:
@@ -23,9 +22,9 @@ def planned_scan(camera: str, depths: str, virtual_depths: str, cutout: str, *, 
         If planes and cutout are given beside a plan, or no planes beside a camera.
     """
     from lfcal.camera import ScanPlan
-    from lfcal.cli._cameras import tell_assumed
     from lfcal.cli._plan_for_fit import ready_plan
     from lfcal.cli.plan import load_camera, parse_cutout, parse_planes
+    from lfcal.tasks import tell_assumed
 
     if camera.endswith(".json") and (ready := ready_plan(Path(camera))) is not None:
         if depths or virtual_depths or cutout:
@@ -36,10 +35,3 @@ def planned_scan(camera: str, depths: str, virtual_depths: str, cutout: str, *, 
     return ScanPlan.for_camera(
         load_camera(camera), depths_um=lengths, virtual_depths=virtual, cutout=parse_cutout(cutout)
     )
-
-
-def no_plan(folder: Path) -> InputError:
-    """Return the error for frames in a ``folder`` without a plan, with the command that makes one."""
-    words = shlex.join(["lfcal", "plan", "CAMERA.json", "--virtual-depths", "3,4", "-o", str(folder / "plan.json")])
-    remedy = f"type {words}, or name one with --plan"
-    return InputError.expected("scan plan", f"plan.json in {folder} or above", "none", remedy)

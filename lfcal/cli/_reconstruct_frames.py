@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lfcal.base import InputError
-from lfcal.cli.outputs import files_of
+from lfcal.tasks import files_of
 from lfcal.work import stamp_of
 
 if TYPE_CHECKING:

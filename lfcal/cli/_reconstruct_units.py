@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from lfcal.cli._reconstruct_frames import FrameFile
 from lfcal.cli._reconstruct_regions import files_of_regions
-from lfcal.cli.outputs import files_of
+from lfcal.tasks import files_of
 from lfcal.work import ProcessCache, Unit, file_name, parts_folder, stamp_of
 
 if TYPE_CHECKING:

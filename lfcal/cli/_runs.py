@@ -6,19 +6,18 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from lfcal import tasks
 from lfcal.base import LfcalError
 from lfcal.cli._console import KEPT, report, run_work
+from lfcal.tasks import RunSettings
 
 if TYPE_CHECKING:
     from lfcal.base import Work
     from lfcal.work import RunChoice
 
-__all__ = ["LONG", "may_replace", "run_choice", "run_kept"]
+__all__ = ["may_replace", "run_choice", "run_kept"]
 
 R = TypeVar("R")
-
-LONG = 60.0
-"""Seconds of processor time from which on work is done in units without being asked: a kill loses one of them."""
 
 
 def run_choice(
@@ -50,38 +49,23 @@ def run_choice(
     InputError
         If these do not go together, or an earlier run left something and neither of them says what becomes of it.
     """
-    from lfcal.work import RunChoice, check_begun, parts_folder
-
-    folder = parts_folder(out)
-    asked = bool(executor or scheduler or resume)
-    choice = RunChoice(
-        executor or ("dask" if scheduler else "threads"),
-        workers,
-        scheduler,
-        "resume" if resume else "discard" if force else "refuse",
-    )
-    check_begun(folder, resume=choice.begun != "refuse")
-    if not (asked or seconds > LONG or folder.exists()):
-        return None
-    if not asked and seconds > LONG:
-        report(f"kept {units} in {folder.name}: --resume goes on after a stop")
-    return choice
+    run = RunSettings(executor=executor, scheduler=scheduler, workers=workers, resume=resume, force=force)
+    return run.choice(out, seconds, units)
 
 
 def may_replace(out: Path, *, resume: bool, force: bool) -> bool:
     """Return whether what lies at ``out`` may be replaced: by ``--force``, or as an earlier run began to write it."""
-    from lfcal.work import was_joining
-
-    return force or (resume and was_joining(out))
+    return tasks.may_replace(out, RunSettings(resume=resume, force=force))
 
 
-def run_kept(work: Work[R], out: Path, *, quiet: bool) -> R:
+def run_kept(work: Work[R], *outs: Path, quiet: bool) -> R:
     """Drain work in units with a progress bar; where it ends early, say what is kept of it, and else keep nothing."""
     try:
         return run_work(work, quiet=quiet)
     except BaseException as error:
         with suppress(LfcalError):  # it may have ended before it began
-            _say_kept(error, out)
+            for out in outs:
+                _say_kept(error, out)
         raise
 
 

@@ -22,8 +22,8 @@ SHOWN = 5
 def tell_quality(paths: Sequence[Path], out: Path | None, *, force: bool, json: bool) -> None:
     """Hold inspections side by side; end with exit code 1 when something got worse."""
     from lfcal.cli._console import print_json
-    from lfcal.cli.outputs import check_output
     from lfcal.judge import draw_trend, inspections_in, labels_of, trend
+    from lfcal.tasks import check_output
 
     places = list(dict.fromkeys(found.resolve() for path in paths for found in inspections_in(path)))
     if out is not None:

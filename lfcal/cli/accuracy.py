@@ -23,7 +23,7 @@ from lfcal.cli._options import (
     WorkersOption,
 )
 from lfcal.cli._usage import refuse
-from lfcal.cli.outputs import check_output
+from lfcal.tasks import check_output
 
 if TYPE_CHECKING:
     from lfcal.accuracy import Curve, Place, Subject
@@ -145,8 +145,8 @@ def _subject(
 ) -> Iterator[Subject]:
     """Give what is measured: H, closed at the end, or a plan."""
     from lfcal.accuracy import Subject
-    from lfcal.cli._cameras import tell_assumed
     from lfcal.cli._planned import planned_scan
+    from lfcal.tasks import tell_assumed
 
     path = Path(name)
     if path.suffix.lower() not in MATRICES:

@@ -117,11 +117,10 @@ def command(
     from lfcal.camera import RegionPlan
     from lfcal.cli._acquire_regions import check_region_options
     from lfcal.cli._acquire_target import check_target_options, simulated_options
-    from lfcal.cli._cameras import tell_assumed
     from lfcal.cli._console import report
     from lfcal.cli._usage import refuse
-    from lfcal.cli.outputs import check_output
     from lfcal.devices import open_rig
+    from lfcal.tasks import check_output, tell_assumed
 
     if frame_rate is not None and not dry_run:
         raise InputError("--frame-rate: is for the time that --dry-run tells; leave it out, or add --dry-run")

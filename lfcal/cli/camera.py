@@ -12,9 +12,8 @@ import typer
 import lfcal.cli
 from lfcal.base import replace_whole
 from lfcal.camera import Camera, Derived, derived_of, doubts, quantities_of, value_at
-from lfcal.cli._cameras import assumed_in_words
 from lfcal.cli._console import print_json, print_table, report
-from lfcal.cli.outputs import check_output
+from lfcal.tasks import assumed_in_words, check_output
 
 __all__ = ["as_json", "print_camera", "register", "save_camera"]
 

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 import typer
 
 from lfcal.base import InputError, replace_whole
-from lfcal.cli._cameras import load_camera
 from lfcal.cli._colour_planes import read_white
 from lfcal.cli._console import print_json, print_table, report
 from lfcal.cli._listed import OriginOption
 from lfcal.cli._options import CameraArgument, ForceOption, JsonOption, WorkersOption
 from lfcal.cli._usage import refuse
-from lfcal.cli.outputs import check_output
+from lfcal.tasks import check_output, load_camera
 
 if TYPE_CHECKING:
     from lfcal.frames import TurnedWhite

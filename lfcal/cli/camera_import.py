@@ -20,11 +20,10 @@ from lfcal.cli._camera_values import (
     WavelengthOption,
     stated,
 )
-from lfcal.cli._cameras import load_file
 from lfcal.cli._console import report
 from lfcal.cli._options import ForceOption, JsonOption
 from lfcal.cli._usage import refuse
-from lfcal.cli.outputs import check_output
+from lfcal.tasks import check_output, load_file
 
 __all__ = ["register"]
 

@@ -27,7 +27,7 @@ from lfcal.cli._camera_values import (
 )
 from lfcal.cli._console import report
 from lfcal.cli._options import ForceOption, JsonOption
-from lfcal.cli.outputs import check_output
+from lfcal.tasks import check_output
 
 __all__ = ["register"]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import typer
 
-from lfcal.cli._cameras import load_camera
 from lfcal.cli._console import print_json
 from lfcal.cli._options import CameraArgument, JsonOption
+from lfcal.tasks import load_camera
 
 __all__ = ["register"]
 

@@ -44,7 +44,6 @@ def command(
     """
     from lfcal.cli._console import print_json, print_table, run_work
     from lfcal.cli._matrices import check_mat_files, open_matrix
-    from lfcal.cli.outputs import check_outputs
     from lfcal.judge import iter_compare
     from lfcal.judge.report import (
         COLUMNS,
@@ -54,6 +53,7 @@ def command(
         iter_compared_report,
         verdict,
     )
+    from lfcal.tasks import check_outputs
 
     check_mat_files(mat_order, first, second)
     if report is not None:

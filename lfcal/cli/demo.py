@@ -58,10 +58,9 @@ def command(
     """
     from lfcal.base import format_seconds
     from lfcal.cli._console import print_json, print_table
-    from lfcal.cli._scan_frames import ScanFrames
-    from lfcal.cli.outputs import check_outputs
     from lfcal.cli.sample import sample_session
     from lfcal.judge.report import report_files
+    from lfcal.tasks import ScanFrames, check_outputs
 
     check_outputs([*(out / name for name in FILES), *report_files(out / REPORT)], force=force)
     session = sample_session()
@@ -156,11 +155,11 @@ def _against_truth(matrix: PSFMatrix, plan: ScanPlan, out: Path, steps: _Steps) 
 def _recorded(out: Path, steps: _Steps, *, quiet: bool) -> dict[str, Any]:
     """Assemble the session that lfcal recorded itself, its own darks subtracted, and compare its plane."""
     from lfcal.cli._console import run_work
-    from lfcal.cli._scan_frames import ScanFrames
     from lfcal.cli.sample import sample_recording
     from lfcal.frames import CorrectionRecipe, corrected_view
     from lfcal.judge import compare
     from lfcal.psf import AssemblySettings, PSFMatrix, iter_assemble_plan, open_psf
+    from lfcal.tasks import ScanFrames
 
     with steps.step("a recorded session, with the darks it brings") as made:
         source, plan = ScanFrames(sample_recording()).open()

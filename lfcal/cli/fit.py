@@ -112,7 +112,6 @@ def command(
     Example: `lfcal fit H.h5 -o fit/`; `lfcal fit centre.h5 edge.h5 corner.h5`; `lfcal fit --check old.h5 frame.tif`
     """
     from lfcal.campaign import point_outputs
-    from lfcal.cli._cameras import load_camera
     from lfcal.cli._console import print_json, run_work
     from lfcal.cli._fit_check import CheckRequest, check_h
     from lfcal.cli._fit_field import Regions, fit_regions, names_of
@@ -136,11 +135,11 @@ def command(
     )
     from lfcal.cli._orientation import check_choice
     from lfcal.cli._runs import may_replace, run_choice, run_kept
-    from lfcal.cli._target_frames import refuse_options, wanted_target
-    from lfcal.cli.outputs import check_outputs
+    from lfcal.cli._target_frames import refuse_options
     from lfcal.fit import MODEL, fit_dict, iter_fit_camera, iter_write_fit, starting_effects, with_given
     from lfcal.frames import CorrectionRecipe
     from lfcal.simulate.effects import parse_effects
+    from lfcal.tasks import check_outputs, load_camera, wanted_target
 
     check_choice(orientation)
     corrections = {"--dark": dark, "--black-level": black_level is not None, "--white": white}
@@ -284,8 +283,8 @@ def command(
 
 def _check_before(out: Path, *inputs: Path | str | None, more: Sequence[str] = (), no_h: bool, force: bool) -> None:
     """Raise where an output cannot be written, is an input, or exists."""
-    from lfcal.cli.outputs import check_outputs
     from lfcal.fit import MODEL, fit_outputs
+    from lfcal.tasks import check_outputs
 
     check_outputs([*fit_outputs(out), *(out / name for name in more)], *inputs, force=force)
     # beside another camera it would be taken for that camera's H
@@ -304,8 +303,8 @@ def _check_regions(
 ) -> None:
     """Raise where an output of several regions cannot be written, is an input, exists, or lies beside another fit's."""
     from lfcal.cli._fit_field import names_of
-    from lfcal.cli.outputs import check_outputs
     from lfcal.fit import MODEL, NUMBERS, field_outputs
+    from lfcal.tasks import check_outputs
 
     names = names_of(sources)
     check_outputs([*field_outputs(out, names), *more], *sources, *inputs, force=force)

@@ -81,7 +81,6 @@ def command(
     Example: `lfcal inspect H.h5 --report report/`
     """
     from lfcal.base import InputError
-    from lfcal.cli._cameras import tell_assumed
     from lfcal.cli._console import print_json, run_work
     from lfcal.cli._inspect_controls import control_frames
     from lfcal.cli._inspect_units import iter_inspect_units
@@ -91,6 +90,7 @@ def command(
     from lfcal.cli._usage import refuse
     from lfcal.judge import draw_region_loss, iter_compare, iter_inspection
     from lfcal.judge.quality import iter_inspect
+    from lfcal.tasks import tell_assumed
     from lfcal.work import discard, note_joining, parts_folder
 
     if report is None and (executor or scheduler or resume):
@@ -163,9 +163,9 @@ def _setup_of(folder: Path, H: PSFMatrix, seconds: float) -> Setup:
 
 def _check_before(report: Path | None, *inputs: Path | None, force: bool) -> None:
     """Say which metrics of others are left out; raise where no report can be written, or one is there already."""
-    from lfcal.cli.outputs import check_outputs
     from lfcal.judge.quality import METRICS
     from lfcal.judge.report import report_files
+    from lfcal.tasks import check_outputs
 
     for why in METRICS.failures().values():
         typer.echo(f"left out: {why}", err=True)

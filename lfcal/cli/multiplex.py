@@ -18,8 +18,8 @@ from lfcal.cli._multiplex_recover import recover
 from lfcal.cli._multiplex_views import views
 from lfcal.cli._options import Chi2Option, ForceOption, GainOption, JsonOption, PresetOption, WorkersOption
 from lfcal.cli._usage import refuse
-from lfcal.cli.outputs import check_output, check_outputs
 from lfcal.multiplex import GRAMMAR, is_whole, modulator_of
+from lfcal.tasks import check_output, check_outputs
 
 if TYPE_CHECKING:
     from lfcal.base import Work

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, format_bytes, format_length, format_seconds, replace_whole
 from lfcal.camera import DEPTH, STEP, WHOLE_FRAMES, Forecast, ScanPlan, StageAxes, assumed_of
-from lfcal.cli._cameras import load_camera
 from lfcal.cli._console import print_json, print_table
 from lfcal.cli._listed import ColumnsOption, OriginOption, plan_from_list
 from lfcal.cli._options import (
@@ -48,7 +47,7 @@ from lfcal.cli._plan_target import (
     plan_source,
 )
 from lfcal.cli._usage import refuse
-from lfcal.cli.outputs import check_output
+from lfcal.tasks import check_output, load_camera
 
 __all__ = ["load_camera", "parse_cutout", "parse_depths", "parse_pair", "parse_planes", "register"]
 

@@ -157,9 +157,9 @@ def command(
     from lfcal.cli._reconstruct_regions import files_of_regions, open_regions, projector_of
     from lfcal.cli._reconstruct_saving import saving, targets_of
     from lfcal.cli._reconstruct_units import Settings
-    from lfcal.cli.outputs import check_outputs
     from lfcal.psf import voxel_um
     from lfcal.reconstruct import SolverChoice, room_for_projections
+    from lfcal.tasks import check_outputs
 
     if solver == "list":
         _list_solvers()

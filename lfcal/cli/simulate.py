@@ -28,7 +28,7 @@ from lfcal.cli._options import (
 from lfcal.cli._planned import planned_scan
 from lfcal.cli._regions import make_regions, ready_regions
 from lfcal.cli._runs import may_replace, run_choice, run_kept
-from lfcal.cli.outputs import check_output
+from lfcal.tasks import check_output
 
 if TYPE_CHECKING:
     from lfcal.base import Work

@@ -60,8 +60,8 @@ def command(
         tell_quality(fits, out, force=force, json=json)
         return
     from lfcal.cli._console import print_json
-    from lfcal.cli.outputs import check_output
     from lfcal.judge import draw_trend, fits_in, read_dated_fit, trend
+    from lfcal.tasks import check_output
 
     folders = list(dict.fromkeys(found.resolve() for path in fits for found in fits_in(path)))
     if out is not None:

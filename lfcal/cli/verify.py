@@ -10,7 +10,7 @@ import typer
 
 from lfcal.base import InputError, StorageError, format_count
 from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
-from lfcal.cli.outputs import check_output
+from lfcal.tasks import check_output
 
 if TYPE_CHECKING:
     from lfcal.acquire import SessionReport

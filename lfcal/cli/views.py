@@ -19,8 +19,8 @@ from lfcal.cli._usage import refuse
 from lfcal.cli._views_files import save_picture, save_stack, stack_names, view_names
 from lfcal.cli._views_input import Given, ViewedFrame, cutting_of
 from lfcal.cli._views_report import as_json, rows
-from lfcal.cli.outputs import check_outputs
 from lfcal.cli.plan import load_camera, parse_depths
+from lfcal.tasks import check_outputs
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -5,7 +5,7 @@ from __future__ import annotations
 from lfcal.psf._export import export, iter_export
 from lfcal.psf._transpose import transpose
 from lfcal.psf._verify import MatrixCheck, iter_verify, verify
-from lfcal.psf.assembly import AssemblySettings, assemble, assemble_plan, iter_assemble, iter_assemble_plan
+from lfcal.psf.assembly import assemble, assemble_plan, iter_assemble, iter_assemble_plan
 from lfcal.psf.assembly_report import AssemblyReport
 from lfcal.psf.cutout import Cutout, find_cutout
 from lfcal.psf.denoising import denoised
@@ -17,6 +17,7 @@ from lfcal.psf.opening import open_psf, regions_of
 from lfcal.psf.provenance import codec_of, noise_of, origin_of
 from lfcal.psf.saving import MatrixPlanes, iter_save, iter_save_regions, save, save_regions
 from lfcal.psf.store import PSFWriter
+from lfcal.records import AssemblySettings
 
 __all__ = [
     "AssemblyReport",

@@ -8,7 +8,7 @@ from lfcal.psf.assembly import AssembledPlanes, AssemblyProgress, planes_of_fram
 from lfcal.psf.cutout import INTERPOLATIONS, Window
 from lfcal.psf.denoising import mean_noise
 from lfcal.psf.facts import Origin
-from lfcal.psf.filling import Fill, Filled
+from lfcal.psf.filling import Filled
 from lfcal.psf.half_cell import copied_positions
 from lfcal.psf.layout import COMPRESSIONS, Header, Plane
 from lfcal.psf.lens_centre import lens_centre_of
@@ -39,7 +39,6 @@ __all__ = [
     "AssembledPlanes",
     "AssemblyProgress",
     "ExportOptions",
-    "Fill",
     "Filled",
     "FoundOrientation",
     "Header",

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import Clock, InputError, Progress, Work, check_number, drained, plain, worker_count
+from lfcal.base import Clock, InputError, Progress, Work, drained, plain, worker_count
 from lfcal.camera import Camera, ScanPlan
 from lfcal.frames import AS_IS, FrameSource, Position, check_stated
 from lfcal.psf._pedestal import check_pedestal
@@ -29,7 +29,7 @@ from lfcal.psf.make import PlaneSource, Reopening, Zeros, iter_make
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.measured_noise import measure_noise
 from lfcal.psf.provenance import FrameNoise
-from lfcal.psf.steps import check_store_tolerance
+from lfcal.records import AssemblySettings
 
 if TYPE_CHECKING:
     from lfcal.work import RunChoice
@@ -38,7 +38,6 @@ __all__ = [
     "AssembledPlanes",
     "Assembly",
     "AssemblyProgress",
-    "AssemblySettings",
     "assemble",
     "assemble_plan",
     "find_plan_cutout",
@@ -472,77 +471,6 @@ assemble = drained(
 )
 
 
-@dataclass(frozen=True)
-class AssemblySettings:
-    """How frames become H.
-
-    Attributes
-    ----------
-    cutout
-        Pixels ``(nt, ns)``, odd; None: the plan's; ``"auto"``: the smallest that loses at most ``lost``.
-    lost
-        With ``"auto"``: largest share of the energy left outside.
-    interpolation
-        One of `lfcal.psf.cutout.INTERPOLATIONS`; empty: ``nearest``, or ``cubic`` where the plan resamples.
-    pad
-        Pad cutouts that leave the frame with zeros, and mark them, instead of an error.
-    strict
-        Missing and repeated positions are errors.
-    keep_pedestal
-        Do not refuse frames whose black level nothing subtracts and would be more than 2 % of the light of H.
-    dtype
-        Stored type, as in `PSFWriter`: ``"rounded"`` (at most 0.1 % error at a third of the bytes), or ``"float32"``.
-    compression
-        ``"gzip"``, ``"zstd"`` or ``"none"``.
-    workers
-        Threads; None takes every processor.
-    store_tolerance
-        In a file, the share (L1) that each pattern may lack: stored in whole steps as wide as that allows; None: as
-        ``dtype`` says.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> import numpy as np
-    >>> from lfcal.camera import ScanPlan
-    >>> from lfcal.frames import ArraySource, open_frames
-    >>> from lfcal.psf import AssemblySettings, assemble_plan
-    >>> plan = ScanPlan.from_json(Path("session/plan.json").read_text())
-    >>> with open_frames("session/frames", plan=plan) as frames:
-    ...     places = [frames.info(k).position for k in range(24)]
-    ...     few = ArraySource(np.stack([frames.read(k) for k in range(24)]), places)
-    >>> report = assemble_plan(few, plan, settings=AssemblySettings(cutout="auto", lost=0.02))
-    >>> print(plan.cutout, "could be", report.matrix.cutout)
-    (55, 55) could be (29, 29)
-    """
-
-    cutout: tuple[int, int] | str | None = None
-    lost: float = 0.005
-    interpolation: str = ""
-    pad: bool = False
-    strict: bool = False
-    keep_pedestal: bool = False
-    dtype: str = "rounded"
-    compression: str = "gzip"
-    workers: int | None = None
-    store_tolerance: float | None = None
-
-    @property
-    def stored(self) -> Stored:
-        """How values are stored."""
-        return Stored(self.dtype, self.compression, self.store_tolerance)
-
-    def __post_init__(self) -> None:
-        """Check what the parts below do not."""
-        check_number("energy lost", self.lost, above=0, below=1)
-        if isinstance(self.cutout, str) and self.cutout != "auto":
-            raise InputError.expected("cutout", "(rows, columns) or auto", repr(self.cutout), "correct it")
-        if self.store_tolerance is not None:
-            check_store_tolerance(self.store_tolerance)
-            if self.dtype != "rounded":
-                raise InputError.expected("stored type in steps", "rounded", self.dtype, "leave one of them out")
-
-
 def iter_assemble_plan(
     source: FrameSource,
     plan: ScanPlan,
@@ -553,6 +481,7 @@ def iter_assemble_plan(
     fill: Fill | None = None,
     run: RunChoice | None = None,
     reopening: Reopening | None = None,
+    workers: int | None = None,
 ) -> Work[AssemblyReport]:
     """Assemble H of ``plan`` from the frames of ``source``, which are taken as they come.
 
@@ -568,7 +497,7 @@ def iter_assemble_plan(
         How; None: the defaults.
     provenance
         Kept with H, besides plan, corrections and settings.
-    fill, run, reopening
+    fill, run, reopening, workers
         As in `iter_assemble`.
 
     Raises
@@ -597,11 +526,12 @@ def iter_assemble_plan(
     header = assembly.header(plan.depths_um, plan.camera, known_of(source, plan, provenance))
     if reopening is not None:
         # what was found from many frames is not looked for again by others
-        found = replace(settings, cutout=cutout.shape, keep_pedestal=True, workers=None)
+        found = replace(settings, cutout=cutout.shape, keep_pedestal=True)
         noise = None if assembly.noise is None else list(assembly.noise)
         reopening = replace(reopening, values={**reopening.values, "settings": plain(found), "noise": noise})
     planes = AssembledPlanes(assembly, header, fill, reopening=reopening)
-    return assembly.report((yield from iter_make(planes, out, settings.stored, run=run, workers=settings.workers)))
+    stored = Stored(settings.dtype, settings.compression, settings.store_tolerance)
+    return assembly.report((yield from iter_make(planes, out, stored, run=run, workers=workers)))
 
 
 assemble_plan = drained(

@@ -51,7 +51,7 @@ def files_entered() -> list[str]:
         threading.setprofile(look)
         sys.setprofile(look)
         try:
-            drain(iter_assemble_plan(frames, plan, Path(folder) / "H.h5", AssemblySettings(workers=1)))
+            drain(iter_assemble_plan(frames, plan, Path(folder) / "H.h5", AssemblySettings(), workers=1))
         finally:
             sys.setprofile(None)
             threading.setprofile(None)

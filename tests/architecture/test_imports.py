@@ -20,11 +20,12 @@ GROUND = {"base", "_lazy"}
 ALLOWED: dict[str, set[str]] = {
     "base": {"_lazy"},
     "_lazy": set(),
+    "records": GROUND,
     "camera": GROUND,
     "lattice": GROUND | {"camera"},
-    "frames": GROUND | {"camera", "lattice"},
+    "frames": GROUND | {"camera", "lattice", "records"},
     "work": GROUND,
-    "psf": GROUND | {"work", "camera", "frames"},
+    "psf": GROUND | {"work", "camera", "frames", "records"},
     "simulate": GROUND | {"work", "camera", "frames", "psf"},
     "fit": GROUND | {"work", "camera", "psf", "simulate"},
     "targets": GROUND | {"camera", "frames", "simulate"},
@@ -34,6 +35,11 @@ ALLOWED: dict[str, set[str]] = {
     "reconstruct": GROUND | {"psf"},
     "judge": GROUND | {"camera", "lattice", "frames", "psf", "simulate", "fit", "reconstruct", "acquire", "campaign"},
     "multiplex": GROUND | {"camera", "lattice", "frames"},
+    "tasks": {
+        *GROUND,
+        *("records", "work", "camera", "lattice", "frames", "psf", "simulate", "fit", "targets", "devices", "acquire"),
+        *("campaign", "reconstruct", "judge", "multiplex", "accuracy"),
+    },
     "napari": GROUND | {"acquire", "psf", "reconstruct"},
     "accuracy": GROUND | {"camera", "frames", "lattice", "psf", "simulate", "acquire", "reconstruct", "multiplex"},
 }

@@ -92,7 +92,7 @@ REFUSED = {
     "shift": (("--shift", "4"), "samples with 4 empty low bits"),
     "level nobody subtracts": (("--dark", "none", "--plan", "level.json"), "give dark frames, the black level"),
     "interpolation": (("--interpolation", "quintic"), "nearest or linear or cubic or fourier"),
-    "dtype": (("--dtype", "int3"), "stored type"),
+    "dtype": (("--dtype", "int3"), "--dtype: expected rounded or float32"),
     "compression": (("--compression", "rar"), "gzip or zstd or none"),
 }
 

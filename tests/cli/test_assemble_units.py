@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from lfcal.cli._part_frames import PartFrames
-from lfcal.cli._scan_frames import ScanFrames
 from lfcal.frames import CorrectionRecipe
 from lfcal.psf import open_psf
+from lfcal.records import from_dict
+from lfcal.tasks import Assemble
 from lfcal.work import parts_folder
 from tests.cli.conftest import Run
 from tests.psf.test_joining import contents
@@ -147,11 +146,12 @@ def test_bad_input_leaves_nothing(lfcal: Lfcal, session: Path, monkeypatch: pyte
 
 def test_frames_are_opened_again_from_plain_values(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    scan = ScanFrames(tmp_path / "frames", tmp_path / "plan.json", pattern="z{z}.png", first=1)
-    given = PartFrames(scan, "R", CorrectionRecipe(dark=str(tmp_path / "d"), shift=2), "as is", True, (0, 2), None)
-    told: Any = given.plain()
-    assert PartFrames.of(told) == given
-    assert told["recipe"]["dark"] == str(tmp_path / "d")
+    corrections = CorrectionRecipe(dark="d")
+    given = Assemble(frames=Path("frames"), out=Path("H.h5"), pattern="z{z}.png", first=1, corrections=corrections)
+    told = given.to_dict(absolute=True)
+    assert told.pop("task") == "assemble" and told["corrections"]["dark"] == str(tmp_path / "d")
+    same = from_dict(Assemble, told)
+    assert same.frames == tmp_path / "frames" and (same.pattern, same.first) == (given.pattern, 1)
 
 
 @pytest.mark.parametrize("more", [(), ("--executor", "threads", "--workers", 1), ("--executor", "processes")])
@@ -179,5 +179,5 @@ def test_a_store_tolerance_that_fits_nothing(lfcal: Lfcal, scan: Path) -> None:
     for given in (("--store-tolerance", 2), ("--store-tolerance", 0.01, "--dtype", "float32")):
         run = lfcal("assemble", "frames", "-o", "o.h5", *given)
         assert run.code == 2 and run.err.count("\n") == 1
-        assert "a share above 0 and below 1" in run.err or "expected rounded, got float32" in run.err
+        assert "expected a number > 0 and < 1" in run.err or "expected --dtype rounded, got float32" in run.err
         assert not Path("o.h5").exists() and not parts_folder("o.h5").exists()

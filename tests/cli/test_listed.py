@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lfcal.camera import Camera
-from lfcal.cli._listed import tell_size
+from lfcal.tasks.scan_frames import tell_size
 from tests.cli.conftest import Run
 from tests.frames.lists.scans import SENSOR, scan, small_camera, write_frames
 
@@ -26,20 +26,20 @@ from tests.frames.lists.scans import SENSOR, scan, small_camera, write_frames
     ],
 )
 def test_binned_frames_need_a_camera_of_larger_pixels(
-    shape: tuple[int, int], words: str, capsys: pytest.CaptureFixture[str]
+    shape: tuple[int, int], words: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     tell_size(shape, small_camera())
-    said = capsys.readouterr().err
+    said = caplog.text
     assert words in said and ("--frame" in said) != ("--sensor" in said)
 
 
 def test_what_is_said_of_binned_frames_makes_their_camera(
-    lfcal: Callable[..., Run], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    lfcal: Callable[..., Run], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     camera = small_camera()
     (tmp_path / "camera.json").write_text(camera.to_json())
     tell_size((SENSOR[0] // 2, SENSOR[1] // 2), camera)
-    said = capfd.readouterr().err
+    said = caplog.text
     words = said[said.index("camera import") : said.index("BINNED;")].split()
     names = {"CAMERA": tmp_path / "camera.json"}
     assert lfcal(*(names.get(word, word) for word in words), tmp_path / "binned.json").code == 0

@@ -6,7 +6,6 @@ from lfcal.frames.corrections._corrected import CorrectedSource, corrected
 from lfcal.frames.corrections.chain import CorrectionChain
 from lfcal.frames.corrections.defects import Defects, find_defects, iter_find_defects
 from lfcal.frames.corrections.recipe import (
-    CorrectionRecipe,
     check_turned_colours,
     corrected_view,
     first_image,
@@ -21,6 +20,7 @@ from lfcal.frames.corrections.steps import (
     average_frames,
     difference_variance,
 )
+from lfcal.records import CorrectionRecipe
 
 __all__ = [
     "Background",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,64 +30,9 @@ from lfcal.frames.described import DescribedSource
 from lfcal.frames.formats import image_suffixes, open_image
 from lfcal.frames.orientation import AS_IS
 from lfcal.frames.source import FrameSource
+from lfcal.records import CorrectionRecipe
 
-__all__ = ["CorrectionRecipe", "build_chain", "check_turned_colours", "corrected_view", "first_image", "read_average"]
-
-
-@dataclass(frozen=True)
-class CorrectionRecipe:
-    """Which corrections are made, with which calibration frames.
-
-    Attributes
-    ----------
-    dark
-        A frame, or a folder of frames that are averaged; empty: the darks recorded with the frames, else the black
-        level that file or plan states; ``"none"``: nothing is subtracted.
-    black_level
-        Sample value of no light, where it is known and there is no dark frame; None: what file or plan state. As of
-        ``saturation``, that of samples that were moved down, where there is a ``shift``.
-    white
-        A frame, or a folder of frames that are averaged; empty: not corrected.
-    white_mode
-        ``"field"``: divide by the smooth fall of light over the field, found from the lenslets of the white
-        image, which leaves micro-images as they are; ``"pixels"``: divide by the white image itself, pixel by
-        pixel, for those without micro-images.
-    white_floor
-        Lowest relative brightness divided by.
-    defects
-        Find defect pixels over the frames and repair them.
-    background
-        ``"none"``, ``"border"``, ``"plane"``, or a number of counts.
-    exposure
-        ``"auto"``: where the exposures of all frames are known and differ, scale them to the most frequent one;
-        ``"none"``: leave them; or a number of seconds to scale to.
-    saturation
-        Sample value of saturation; None: what file or plan state.
-    channel
-        Colour channel of a mosaic, e.g. ``"G1"``; empty: the frames as they are.
-    shift
-        Bits by which left-aligned samples are moved down.
-
-    Examples
-    --------
-    >>> from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
-    >>> recipe = CorrectionRecipe(dark="session/dark", background="border")
-    >>> with open_frames("session/frames") as source:
-    ...     print([type(step).__name__ for step in corrected_view(source, recipe).chain.steps])
-    ['Dark', 'Background']
-    """
-
-    dark: str | os.PathLike[str] = ""
-    black_level: float | None = None
-    white: str | os.PathLike[str] = ""
-    white_mode: str = "field"
-    white_floor: float = 0.05
-    defects: bool = False
-    background: str = "none"
-    exposure: str = "auto"
-    saturation: float | None = None
-    channel: str = ""
-    shift: int = 0
+__all__ = ["build_chain", "check_turned_colours", "corrected_view", "first_image", "read_average"]
 
 
 def corrected_view(source: FrameSource, recipe: CorrectionRecipe, plan: ScanPlan | None = None) -> CorrectedSource:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+import shlex
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from lfcal.cli.outputs import TABLES, files_of
+from lfcal.base import InputError
+from lfcal.tasks.notes import warn
+from lfcal.tasks.outputs import TABLES, files_of
 
 if TYPE_CHECKING:
-    from lfcal.camera import ScanPlan
+    from lfcal.camera import Camera, ScanPlan
     from lfcal.frames import Frames
 
-__all__ = ["ScanFrames", "find_plan"]
+__all__ = ["ScanFrames", "find_plan", "no_plan", "tell_size"]
 
 
 @dataclass(frozen=True)
@@ -45,8 +47,6 @@ class ScanFrames:
         InputError
             If there is no plan, or the one named is not of the scan that the frames belong to.
         """
-        from lfcal.base import InputError
-        from lfcal.cli._planned import no_plan
         from lfcal.frames import open_frames
 
         frames, plan = self.frames, self.plan
@@ -88,18 +88,6 @@ class ScanFrames:
             named += [source.root / entry.file for entry in source.manifest.entries]
         return sorted({os.path.abspath(path) for path in named})
 
-    def plain(self) -> dict[str, Any]:
-        """Return this as plain JSON types, paths absolute."""
-        return {key: os.path.abspath(v) if isinstance(v, Path) else v for key, v in asdict(self).items()}
-
-    @classmethod
-    def of(cls, values: Mapping[str, Any]) -> ScanFrames:
-        """Return what `plain` gave."""
-        found = cls(**{**values, "frames": Path(values["frames"])})
-        plan, manifest = (None if values[key] is None else Path(values[key]) for key in ("plan", "manifest"))
-        origin = None if found.origin is None else (found.origin[0], found.origin[1])
-        return replace(found, plan=plan, manifest=manifest, origin=origin)
-
 
 def find_plan(frames: Path, plan: Path | None) -> ScanPlan | None:
     """Return the plan of a file, or of ``plan.json`` in or above the folder of the frames; None without one."""
@@ -116,3 +104,36 @@ def _plans(frames: Path, plan: Path | None) -> list[Path]:
     """Return where a plan lies: beside the frames, or one folder above, where lfcal simulate puts it."""
     folder = frames if frames.is_dir() else frames.parent
     return [plan] if plan else [p for p in (folder / "plan.json", folder.parent / "plan.json") if p.is_file()]
+
+
+def no_plan(folder: Path) -> InputError:
+    """Return the error for frames in a ``folder`` without a plan, with the command that makes one."""
+    words = shlex.join(["lfcal", "plan", "CAMERA.json", "--virtual-depths", "3,4", "-o", str(folder / "plan.json")])
+    remedy = f"type {words}, or name one with --plan"
+    return InputError.expected("scan plan", f"plan.json in {folder} or above", "none", remedy)
+
+
+def tell_size(shape: tuple[int, int], camera: Camera, *, folder: str = "the frames", channel: str = "") -> None:
+    """Warn where frames are no whole pictures of the camera's sensor, upright, turned or one colour of a mosaic."""
+    from lfcal.frames import binned
+
+    sizes = {shape, shape[::-1]}
+    if channel:
+        sizes |= {(-(-rows // 2), -(-columns // 2)) for rows, columns in sizes}
+    if camera.sensor.shape in sizes:
+        return
+    (rows, columns), (tall, wide) = shape, camera.sensor.shape
+    what = f"{folder}: frames of {rows} x {columns} px, the camera's sensor has {tall} x {wide}"
+    times = next((n for one in sizes if (n := binned(camera.sensor.shape, one))), 0)
+    if times:
+        sensor = f"{tall // times}x{wide // times},{camera.sensor.pixel_um * times:g}"
+        warn(
+            f"{what}, as if {times} x {times} pixels were one; if so make the camera of these: "
+            f"lfcal camera import CAMERA --sensor {sensor} --pitch {camera.lattice.pitch_um:g}um -o BINNED; "
+            "its array is measured by lfcal camera check BINNED WHITE"
+        )
+        return
+    warn(
+        f"{what}, from whose middle micro-images are counted; if they are a part of it say which with "
+        "--origin ROW,COLUMN, else state its size with lfcal camera import CAMERA --frame FRAME"
+    )

@@ -1,4 +1,4 @@
-"""``--channel`` of ``lfcal assemble``: one colour, or an H file of each."""
+"""One colour of the frames, or an H file of each."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lfcal.cli._console import report
+from lfcal.tasks.notes import note
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
@@ -83,8 +83,8 @@ def parts_of(
         own = ThinnedSource(source, scan)
         rows, columns = scan.plan.cutout
         if not quiet:
-            report(
-                f"note: channel {name}: {len(own)} of {len(source)} frames have their point on a pixel of it; "
+            note(
+                f"channel {name}: {len(own)} of {len(source)} frames have their point on a pixel of it; "
                 f"period {scan.plan.period[0]} x {scan.plan.period[1]}, cutout {rows} x {columns} of its pixels"
             )
         parts.append(ChannelPart(own, scan.plan, name, path, name))

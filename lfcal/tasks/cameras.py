@@ -17,7 +17,7 @@ from lfcal.camera import (
     quantities_of,
     value_at,
 )
-from lfcal.cli._console import report
+from lfcal.tasks.notes import note, warn
 
 __all__ = ["assumed_in_words", "load_camera", "load_file", "tell", "tell_assumed"]
 
@@ -44,19 +44,19 @@ def load_file(name: str, options: ImportOptions | None = None) -> tuple[Camera, 
 
 
 def tell(camera: Camera, path: Path, notes: tuple[str, ...] = ()) -> None:
-    """Print to standard error what is assumed of ``camera``, what its reader noted, and what can hardly be meant."""
+    """Say what is assumed of ``camera``, what its reader noted, and what can hardly be meant."""
     if camera.marks.paths("assumed"):
-        report(f"note: {path.name}: assumed: {assumed_in_words(camera)}; {_remedy(camera, path)}")
-    for note in notes:
-        report(f"note: {path.name}: {note}")
+        note(f"{path.name}: assumed: {assumed_in_words(camera)}; {_remedy(camera, path)}")
+    for one in notes:
+        note(f"{path.name}: {one}")
     for doubt in doubts(camera):
-        report(f"warning: {path.name}: {doubt}")
+        warn(f"{path.name}: {doubt}")
 
 
 def tell_assumed(camera: Camera | None, where: str, *, quiet: bool = False) -> None:
-    """Print to standard error, in a line, what is assumed of the camera that came in the plan or H ``where``."""
+    """Say in a line what is assumed of the camera that came in the plan or H ``where``."""
     if camera is not None and not quiet and camera.marks.paths("assumed"):
-        report(f"note: {where}: assumed of the camera: {assumed_in_words(camera)}")
+        note(f"{where}: assumed of the camera: {assumed_in_words(camera)}")
 
 
 def _assumed(camera: Camera) -> list[Quantity]:

@@ -1,0 +1,147 @@
+"""Commands made of tasks: an option for every field, panels for records within, refusals of what does not apply."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import MISSING
+from typing import Any
+
+import typer
+
+from lfcal.base import InputError
+from lfcal.records import FieldRow, from_flat, rows
+from lfcal.tasks import RunSettings, Task, TaskSet
+
+__all__ = ["add_task", "do_task"]
+
+Show = Callable[[Any], object]
+"""Prints what was made."""
+
+RUN = "How it is run"
+UNITS = ("executor", "scheduler", "resume")
+"""Fields of `RunSettings` that apply to work that is done in units."""
+
+
+def add_task(app: typer.Typer, tasks: TaskSet, show: Show, name: str = "") -> None:
+    """Add the command of a task to the app; ``show`` prints what was made."""
+    # of a field of several kinds the first one has the words
+    own = {row.name: row for kind in reversed(tasks.kinds) for row in rows(kind)}
+    run = {
+        row.name: row
+        for row in rows(RunSettings)
+        if row.name not in UNITS or any(kind.in_units for kind in tasks.kinds)
+    }
+
+    def command(json: bool, **values: Any) -> None:
+        given = {key: value for key, value in values.items() if value is not None and value != []}
+        found = {key: own[key].value(value, own[key].called) for key, value in given.items() if key in own}
+        choice = from_flat(
+            RunSettings, {key: run[key].value(value, run[key].flag) for key, value in given.items() if key in run}
+        )
+        do_task(tasks.make(found, lambda key: own[key].called), choice, show, json)
+
+    ordered = sorted(own.values(), key=lambda row: row.opt.more)
+    panels = list(dict.fromkeys(row.panel for row in own.values()))
+    ordered.sort(key=lambda row: (not row.opt.argument, panels.index(row.panel)))
+    parameters = [_parameter(row, row.panel or "Options", _only(tasks, row)) for row in ordered]
+    parameters += [_parameter(row, RUN) for row in run.values()]
+    option = typer.Option(False, "--json", help="Print the result as JSON.", rich_help_panel=RUN)
+    parameters.append(inspect.Parameter("json", inspect.Parameter.KEYWORD_ONLY, default=option, annotation=bool))
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    command.__annotations__ = {one.name: one.annotation for one in parameters}
+    app.command(name or tasks.name, help=_help(tasks))(command)
+
+
+def do_task(task: Task, run: RunSettings, show: Show, json: bool) -> None:
+    """Check what a task would write, do it with a progress bar, and show what was made."""
+    from lfcal.base import bounded_threads
+    from lfcal.cli._console import print_json
+    from lfcal.cli._runs import run_kept
+    from lfcal.tasks import check_outputs, may_replace
+
+    asked = [name for name in UNITS if getattr(run, name)]
+    if asked and not task.in_units:
+        raise InputError.expected(f"--{asked[0]}", "work that is done in units", task.input_words, "leave it out")
+    outs = task.files("out")
+    check_outputs(outs, *task.files("in"), force=all(may_replace(out, run) for out in outs))
+    with bounded_threads(run.workers):
+        made = run_kept(task.work(run), *outs, quiet=json)
+    with ExitStack() as stack:
+        for one in made:
+            stack.callback(one.close)
+        if json:
+            print_json(made[0].to_dict() if len(made) == 1 else [one.to_dict() for one in made])
+        else:
+            show(made)
+
+
+def _help(tasks: TaskSet) -> str:
+    said = str(tasks.kinds[0].__doc__).partition("\n    Attributes\n")[0]
+    return f"{inspect.cleandoc(said)}\n\nExample: `{tasks.example}`"
+
+
+def _only(tasks: TaskSet, row: FieldRow) -> str:
+    """Return which kinds of input a field applies to, where not to all of them."""
+    having = [kind for kind in tasks.kinds if row.name in {one.name for one in rows(kind)}]
+    lacking = [kind for kind in tasks.kinds if kind not in having]
+    if not lacking:
+        return ""
+    word, kinds = ("Not for", lacking) if len(lacking) < len(having) else ("Only for", having)
+    return f" {word} {' and '.join(kind.input_words for kind in kinds)}."
+
+
+def _parameter(row: FieldRow, heading: str, only: str = "") -> inspect.Parameter:
+    opt, kind = row.opt, inspect.Parameter.KEYWORD_ONLY
+    notes = [part for part in (opt.unit, opt.range_words, _choices(row), _default(row)) if part]
+    how: dict[str, Any] = {
+        "help": opt.help + (f" ({'; '.join(notes)})" if notes else "") + only,
+        "rich_help_panel": heading,
+        "show_default": False,
+    }
+    if row.offered:
+        how["autocompletion"] = _completing(row)
+    if row.kind is bool:
+        default: Any = typer.Option(None, row.flag, **{key: how[key] for key in ("help", "rich_help_panel")})
+        return inspect.Parameter(row.name, kind, default=_bool(row, default), annotation=bool | None)
+    annotation: Any = list[str] if row.many else str
+    if row.default is not MISSING:
+        annotation = annotation | None
+    start = ... if row.default is MISSING else None
+    if opt.argument:
+        how["metavar"] = row.called
+        how["rich_help_panel"] = "Input"
+        return inspect.Parameter(row.name, kind, default=typer.Argument(start, **how), annotation=annotation)
+    how["metavar"] = _metavar(row)
+    names = (row.flag, *((opt.short,) if opt.short else ()))
+    return inspect.Parameter(row.name, kind, default=typer.Option(start, *names, **how), annotation=annotation)
+
+
+def _bool(row: FieldRow, option: Any) -> Any:
+    if row.default is True:
+        option.callback = lambda value: None if value is None else not value
+    return option
+
+
+def _default(row: FieldRow) -> str:
+    said = "" if row.default is MISSING or row.kind is bool else row.opt.empty or row.text(row.default)
+    return f"default: {said}" if said else ""
+
+
+def _choices(row: FieldRow) -> str:
+    return "" if callable(row.opt.choices) or not row.opt.choices else ", ".join(row.opt.choices)
+
+
+METAVARS = {int: "N", float: "NUMBER", str: "TEXT"}
+
+
+def _metavar(row: FieldRow) -> str:
+    return (row.opt.file and "PATH") or ("NAME" if row.opt.choices else METAVARS.get(row.kind, "TEXT"))
+
+
+def _completing(row: FieldRow) -> Callable[[str], list[str]]:
+    def complete(incomplete: str) -> list[str]:
+        return [name for name in row.offered if name.startswith(incomplete)]
+
+    return complete

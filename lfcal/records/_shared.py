@@ -1,0 +1,41 @@
+"""Names of `lfcal.records` for other packages of lfcal only: they may change without notice."""
+
+from __future__ import annotations
+
+from lfcal.records.assembly import AssemblySettings
+from lfcal.records.corrections import CorrectionRecipe
+from lfcal.records.option import (
+    FieldRow,
+    check_needs,
+    check_record,
+    flat,
+    from_dict,
+    from_flat,
+    opt,
+    panel,
+    record,
+    required,
+    rows,
+    to_dict,
+    value_at,
+)
+from lfcal.records.reading import read_orientation
+
+__all__ = [
+    "AssemblySettings",
+    "CorrectionRecipe",
+    "FieldRow",
+    "check_needs",
+    "check_record",
+    "flat",
+    "from_dict",
+    "from_flat",
+    "opt",
+    "panel",
+    "read_orientation",
+    "record",
+    "required",
+    "rows",
+    "to_dict",
+    "value_at",
+]

@@ -1,0 +1,91 @@
+"""How frames become H, and how H is stored."""
+
+from __future__ import annotations
+
+from lfcal.base import InputError
+from lfcal.records.option import check_record, opt, record
+from lfcal.records.reading import read_cutout, read_share, show_pair
+
+__all__ = ["AssemblySettings"]
+
+COMPRESSIONS = ("gzip", "zstd", "none")
+STORED_TYPES = ("rounded", "float32")
+INTERPOLATIONS = ("nearest", "linear", "cubic", "fourier")
+
+
+@record
+class AssemblySettings:
+    """How frames become H.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from lfcal.camera import ScanPlan
+    >>> from lfcal.frames import ArraySource, open_frames
+    >>> from lfcal.psf import AssemblySettings, assemble_plan
+    >>> plan = ScanPlan.from_json(Path("session/plan.json").read_text())
+    >>> with open_frames("session/frames", plan=plan) as frames:
+    ...     places = [frames.info(k).position for k in range(24)]
+    ...     few = ArraySource(np.stack([frames.read(k) for k in range(24)]), places)
+    >>> report = assemble_plan(few, plan, settings=AssemblySettings(cutout="auto", lost=0.02))
+    >>> print(plan.cutout, "could be", report.matrix.cutout)
+    (55, 55) could be (29, 29)
+    """
+
+    cutout: tuple[int, int] | str | None = opt(
+        None,
+        "Odd number of pixels, ROWS,COLUMNS, or auto: the smallest cutout that loses at most the share --lost.",
+        unit="px",
+        empty="as planned",
+        read=read_cutout,
+        show=show_pair,
+        examples=("auto",),
+    )
+    lost: float = opt(
+        0.005,
+        "With --cutout auto: largest share of the energy outside the cutout.",
+        label="Lost energy",
+        above=0,
+        below=1,
+        read=read_share,
+        needs=("cutout", "auto"),
+        more=True,
+    )
+    interpolation: str = opt(
+        "",
+        "How values between pixels are found.",
+        choices=INTERPOLATIONS,
+        empty="nearest; cubic if the plan resamples",
+        more=True,
+    )
+    pad: bool = opt(False, "Pad cutouts that leave the sensor with zeros, and mark them.", label="Pad at the edge")
+    strict: bool = opt(False, "Stop at missing and repeated positions.", label="Stop at gaps")
+    keep_pedestal: bool = opt(
+        False, "Accept frames from which no black level is subtracted.", label="Keep the black level", more=True
+    )
+    dtype: str = opt(
+        "rounded",
+        "Stored type. rounded: 16 bits with a scale for each plane.",
+        label="Stored type",
+        choices=STORED_TYPES,
+        more=True,
+    )
+    compression: str = opt("gzip", "Compression of the file.", choices=COMPRESSIONS, more=True)
+    store_tolerance: float | None = opt(
+        None,
+        "Share (L1) of its light that each pattern may lose in the file, as in lfcal reduce.",
+        label="Loss in the file",
+        above=0,
+        below=1,
+        empty="as the stored type",
+        read=read_share,
+        needs=("dtype", "rounded"),
+        more=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_record(self)
+        if isinstance(self.cutout, str) and self.cutout != "auto":
+            raise InputError.expected("cutout", "(rows, columns) or auto", repr(self.cutout), "correct it")

@@ -1,0 +1,74 @@
+"""Which corrections are made."""
+
+from __future__ import annotations
+
+import os
+
+from lfcal.records.option import check_record, opt, record
+
+__all__ = ["CorrectionRecipe"]
+
+
+@record
+class CorrectionRecipe:
+    """Which corrections are made, with which calibration frames.
+
+    Two fields follow from the frames: ``channel``, the colour channel of a mosaic, e.g. ``"G1"`` (empty: the frames as
+    they are), and ``shift``, the number of bits by which left-aligned samples are moved down.
+
+    Examples
+    --------
+    >>> from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
+    >>> recipe = CorrectionRecipe(dark="session/dark", background="border")
+    >>> with open_frames("session/frames") as source:
+    ...     print([type(step).__name__ for step in corrected_view(source, recipe).chain.steps])
+    ['Dark', 'Background']
+    """
+
+    dark: str | os.PathLike[str] = opt(
+        "",
+        "Dark frame, or a folder of dark frames to average. none: subtract nothing, not even recorded dark frames.",
+        label="Dark frame",
+        file="in",
+        empty="recorded dark frames, else the stated black level",
+    )
+    black_level: float | None = opt(
+        None,
+        "Sample value without light (after --shift), if there is no dark frame.",
+        unit="counts",
+        empty="as file or plan state",
+    )
+    white: str | os.PathLike[str] = opt(
+        "", "White image, or a folder of white images to average.", label="White image", file="in", empty="none"
+    )
+    white_mode: str = opt(
+        "field",
+        "field: divide by the smooth fall of light over the field. pixels: divide by the white image, pixel by pixel.",
+        choices=("field", "pixels"),
+        needs=("white", ""),
+        more=True,
+    )
+    white_floor: float = opt(
+        0.05, "Smallest relative brightness to divide by.", above=0, at_most=1, needs=("white", ""), more=True
+    )
+    defects: bool = opt(False, "Find defect pixels over the frames, and repair them.", label="Defect pixels")
+    background: str = opt(
+        "none", "none, border, plane, or a number of counts.", unit="counts", examples=("none", "border", "plane")
+    )
+    exposure: str = opt(
+        "auto",
+        "auto: scale frames to one exposure if their exposures are known and differ. none: leave them. "
+        "Or the exposure to scale to.",
+        unit="s",
+        examples=("auto", "none"),
+        more=True,
+    )
+    saturation: float | None = opt(
+        None, "Sample value of saturation (after --shift).", unit="counts", empty="as file or plan state", more=True
+    )
+    channel: str = ""
+    shift: int = 0
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_record(self)

@@ -1,0 +1,395 @@
+"""Fields that people set, declared once: command line, form, job file, script and provenance are made of them.
+
+A field is an attribute of a frozen dataclass that is declared by `opt`, or by `required` where it has no default.
+`panel` declares a record within a record. `rows` gives the fields of a record and of those within it, in order.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import types
+import typing
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import MISSING, dataclass
+from pathlib import Path
+from typing import Any, TypeVar, Union, cast, get_args, get_origin
+
+from lfcal.base import InputError, check_choice, check_number, choose
+
+__all__ = [
+    "FieldRow",
+    "Opt",
+    "check_needs",
+    "check_record",
+    "flat",
+    "from_dict",
+    "from_flat",
+    "opt",
+    "panel",
+    "record",
+    "required",
+    "rows",
+    "to_dict",
+    "value_at",
+]
+
+T = TypeVar("T")
+PLAIN = (bool, int, float, str, Path)
+WORDS: dict[type, str] = {
+    float: "a number",
+    int: "a whole number",
+    str: "text",
+    Path: "a path",
+    bool: "true or false",
+}
+"""What values of a plain type are called in messages."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Opt:
+    """What people should know of a field besides its name, type and default.
+
+    Attributes
+    ----------
+    help
+        One or two sentences, for the command line, the form and the reference.
+    label
+        Name in forms and tables; by default made of the field's name.
+    unit
+        Unit of the value; empty: none.
+    choices
+        Names that it may have, or a function that returns them; empty: any.
+    examples
+        Values that a shell offers, and a form, where others are possible as well.
+    above, below, at_least, at_most
+        Range of a number.
+    flag, short
+        Option of the command line (by default ``--`` and the name), and its one-letter form.
+    argument
+        Whether the command takes it by its place, without an option.
+    more
+        Whether it is rarely needed: it comes last in ``--help`` and is folded in forms.
+    empty
+        What applies if it is not set, in words.
+    read, show
+        Of a value that is none of the plain types: what a text means, and the text of a value.
+    file
+        Of a path: ``"in"`` or ``"out"``.
+    needs
+        Another field of the same record without which it has no effect, and the value that this must have; an empty
+        value: any that is set.
+    """
+
+    help: str
+    label: str = ""
+    unit: str = ""
+    choices: Callable[[], tuple[str, ...]] | tuple[str, ...] = ()
+    examples: Callable[[], tuple[str, ...]] | tuple[str, ...] = ()
+    above: float | None = None
+    below: float | None = None
+    at_least: float | None = None
+    at_most: float | None = None
+    flag: str = ""
+    short: str = ""
+    argument: bool = False
+    more: bool = False
+    empty: str = ""
+    read: Callable[[str], Any] | None = None
+    show: Callable[[Any], str] | None = None
+    file: str = ""
+    needs: tuple[str, str] | None = None
+
+    @property
+    def bounds(self) -> dict[str, Any]:
+        """The range, by the parameters of `lfcal.base.check_number`."""
+        names = ("above", "below", "at_least", "at_most")
+        return {name: bound for name in names if (bound := getattr(self, name)) is not None}
+
+    @property
+    def range_words(self) -> str:
+        """The range in words: ``> 0, < 1``; empty: none."""
+        signs = {"above": ">", "at_least": "≥", "below": "<", "at_most": "≤"}
+        return ", ".join(f"{signs[name]} {self.bounds[name]:g}" for name in signs if name in self.bounds)
+
+
+def opt(default: T, help: str, **more: Any) -> T:
+    """Declare a field with its default; ``more`` are attributes of `Opt`."""
+    return dataclasses.field(default=default, metadata={"opt": Opt(help=help, **more)})
+
+
+def required(help: str, **more: Any) -> Any:
+    """Declare a field that must be given; ``more`` are attributes of `Opt`."""
+    return dataclasses.field(metadata={"opt": Opt(help=help, **more)})
+
+
+def panel(default: T, title: str, without: tuple[str, ...] = ()) -> T:
+    """Declare a record within a record: the heading of its fields, and those that are not asked for here."""
+    return dataclasses.field(default=default, metadata={"panel": (title, without)})
+
+
+@typing.dataclass_transform(frozen_default=True, kw_only_default=True)
+def record(kind: type[T]) -> type[T]:
+    """Make a frozen dataclass of fields by name, whose docstring lists them with their help."""
+    made = dataclass(frozen=True, kw_only=True)(kind)
+    said, mark, examples = (made.__doc__ or "").partition("\n    Examples\n")
+    lines = ["", "    Attributes", "    ----------"]
+    for field in dataclasses.fields(cast(Any, made)):
+        if "opt" in field.metadata:
+            lines += [f"    {field.name}", f"        {_described(field.metadata['opt'])}"]
+        elif "panel" in field.metadata:
+            lines += [f"    {field.name}", f"        {field.metadata['panel'][0]}: `{type(field.default).__name__}`."]
+    made.__doc__ = said.rstrip() + "\n" + "\n".join(lines) + "\n" + mark + examples
+    return made
+
+
+def _described(one: Opt) -> str:
+    notes = [part for part in (one.unit, one.range_words) if part]
+    notes += [f"one of {', '.join(one.choices)}"] if isinstance(one.choices, tuple) and one.choices else []
+    return one.help + (f" ({'; '.join(notes)})" if notes else "")
+
+
+@dataclass(frozen=True, slots=True)
+class FieldRow:
+    """A field as it is reached from the outermost record.
+
+    Attributes
+    ----------
+    path
+        Names that lead to it.
+    kind
+        Type of its values, a plain one; of those that only ``opt.read`` understands ``str``.
+    optional, many
+        Whether None is a value, and whether a value is a tuple of ``kind``.
+    default
+        `dataclasses.MISSING`: it has none.
+    opt
+        What people should know of it.
+    panel
+        Heading that it is under; empty: that of the outermost record.
+    """
+
+    path: tuple[str, ...]
+    kind: type
+    optional: bool
+    many: bool
+    default: Any
+    opt: Opt
+    panel: str
+
+    @property
+    def name(self) -> str:
+        """Its own name, which no other field of the whole record has."""
+        return self.path[-1]
+
+    @property
+    def flag(self) -> str:
+        """Its option of the command line; of what is on by default the one that turns it off."""
+        return self.opt.flag or f"--{'no-' if self.default is True else ''}{self.name.replace('_', '-')}"
+
+    @property
+    def called(self) -> str:
+        """What the command line calls it."""
+        return self.name.upper() if self.opt.argument else self.flag
+
+    @property
+    def label(self) -> str:
+        """Its name in forms and tables."""
+        return self.opt.label or self.name.replace("_", " ").capitalize()
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """Names that it may have; empty: any."""
+        return self.opt.choices() if callable(self.opt.choices) else self.opt.choices
+
+    @property
+    def offered(self) -> tuple[str, ...]:
+        """Values to offer where one is typed."""
+        examples = self.opt.examples() if callable(self.opt.examples) else self.opt.examples
+        return examples or self.choices
+
+    @property
+    def empty(self) -> Any:
+        """The value of a field that is left empty."""
+        return None if self.optional else self.default
+
+    def text(self, value: Any) -> str:
+        """Return what stands for ``value`` on a command line and in a form."""
+        return "" if value is None else self.opt.show(value) if self.opt.show else str(value)
+
+    def value(self, given: Any, called: str) -> Any:
+        """Return what a text, or a value of a file, means; ``called`` names it in messages.
+
+        Raises
+        ------
+        InputError
+            If it means nothing, or nothing that is allowed.
+        """
+        found = self._value(given, called)
+        self.check(found, called)
+        return found
+
+    def _value(self, given: Any, called: str) -> Any:
+        if given is None or (isinstance(given, str) and not given.strip() and self.kind is not str):
+            if self.default is MISSING and not self.optional:
+                raise InputError.expected(called, "a value", "none", "give it")
+            return self.empty
+        if self.many:
+            return tuple(given) if isinstance(given, list | tuple) else (given,)
+        if self.opt.read is not None and isinstance(given, str):
+            try:
+                return self.opt.read(given)
+            except InputError as error:
+                raise InputError(f"{called}: {str(error).partition(': ')[2]}") from None
+        if isinstance(given, list):
+            return tuple(tuple(one) if isinstance(one, list) else one for one in given)
+        if self.opt.read is not None:
+            return given
+        return self._plain(given, called)
+
+    def _plain(self, given: Any, called: str) -> Any:
+        kind = self.kind
+        if kind is Path and isinstance(given, str | Path):
+            return Path(given)
+        if isinstance(given, str) and kind in (int, float):
+            try:
+                return int(given) if kind is int else float(given)
+            except ValueError:
+                self.check(given, called)  # a number within a range is what is expected
+                raise InputError.expected(called, WORDS[kind], repr(given), "correct this value") from None
+        kinds = (int, float) if kind is float else (kind,)
+        if not isinstance(given, kinds) or isinstance(given, bool) is not (kind is bool):
+            raise InputError.expected(called, WORDS[kind], repr(given), "correct this value")
+        return given
+
+    def check(self, value: Any, called: str) -> None:
+        """Raise `InputError` unless ``value`` is within the range and among the choices."""
+        for one in value if self.many else (value,):
+            if self.opt.bounds and one is not None:
+                check_number(called, one, integer=self.kind is int, **self.opt.bounds)
+            if self.choices and one and one != self.default:
+                check_choice(called, one, self.choices)
+
+
+_KNOWN: dict[type, tuple[FieldRow, ...]] = {}
+
+
+def rows(kind: type) -> tuple[FieldRow, ...]:
+    """Return the fields of a record and of those within it, in order."""
+    if kind not in _KNOWN:  # functools.cache would want a type that mypy knows is hashable
+        _KNOWN[kind] = tuple(_rows(kind, (), "", ()))
+    return _KNOWN[kind]
+
+
+def _rows(kind: type, path: tuple[str, ...], heading: str, without: tuple[str, ...]) -> Iterator[FieldRow]:
+    hints = typing.get_type_hints(kind)
+    for field in dataclasses.fields(cast(Any, kind)):
+        here = (*path, field.name)
+        if field.name in without:
+            continue
+        if "panel" in field.metadata:
+            yield from _rows(type(field.default), here, *field.metadata["panel"])
+        elif "opt" in field.metadata:
+            yield FieldRow(here, *_kind(hints[field.name]), field.default, field.metadata["opt"], heading)
+
+
+def _kind(hint: Any) -> tuple[type, bool, bool]:
+    """Return the plain type, whether None is allowed, and whether there are many."""
+    parts = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
+    kinds = [part for part in parts if part is not type(None)]
+    many = get_origin(kinds[0]) is tuple and get_args(kinds[0])[-1] is Ellipsis
+    kind = get_args(kinds[0])[0] if many else next((k for k in kinds if k in PLAIN), str)
+    return kind, type(None) in parts, many
+
+
+def value_at(whole: Any, row: FieldRow) -> Any:
+    """Return the value of a field in a record."""
+    for name in row.path:
+        whole = getattr(whole, name)
+    return whole
+
+
+def check_record(whole: Any) -> None:
+    """Raise `InputError` if a value is out of its range, not among its choices, or would have no effect."""
+    for row in rows(type(whole)):
+        row.check(value_at(whole, row), row.name)
+    values = {row.name: value_at(whole, row) for row in rows(type(whole))}
+    check_needs(rows(type(whole)), values, lambda row: row.name)
+
+
+def check_needs(known: tuple[FieldRow, ...], values: Mapping[str, Any], called: Callable[[FieldRow], str]) -> None:
+    """Raise `InputError` for the first value that has no effect without a value of another field.
+
+    ``values`` by the names of fields; one that is at its default is not taken for given.
+    """
+    paths = {row.path: row for row in known}
+    for row in known:
+        if row.opt.needs is None or values.get(row.name, row.default) == row.default:
+            continue
+        name, wanted = row.opt.needs
+        other = paths[(*row.path[:-1], name)]
+        value = values.get(name, other.default)
+        if value != wanted if wanted else not value:
+            got = other.text(value) or other.opt.empty or "none"
+            raise InputError.expected(called(row), f"{called(other)} {wanted}".strip(), got, "leave it out")
+
+
+def to_dict(whole: Any) -> dict[str, Any]:
+    """Return a record as plain JSON types, every field of it, with records within it as objects."""
+    found: dict[str, Any] = {}
+    for row in rows(type(whole)):
+        place = found
+        for name in row.path[:-1]:
+            place = place.setdefault(name, {})
+        place[row.name] = _plain(value_at(whole, row))
+    return found
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, tuple | list):
+        return [_plain(one) for one in value]
+    return str(value) if isinstance(value, Path) else value
+
+
+def from_dict(kind: type[T], data: Mapping[str, Any], what: str = "") -> T:
+    """Return the record that `to_dict`, or a hand, wrote.
+
+    Raises
+    ------
+    InputError
+        For an entry that the record does not have, or a value that it cannot have.
+    """
+    return from_flat(kind, flat(rows(kind), data, what or kind.__name__))
+
+
+def flat(known: tuple[FieldRow, ...], data: Mapping[str, Any], what: str) -> dict[str, Any]:
+    """Return the values in nested objects by the names of their fields."""
+    found: dict[str, Any] = {}
+    paths = {row.path: row for row in known}
+
+    def visit(part: Mapping[str, Any], path: tuple[str, ...]) -> None:
+        for name, value in part.items():
+            here = (*path, name)
+            if isinstance(value, Mapping):
+                visit(value, here)
+            elif here in paths:
+                found[name] = paths[here].value(value, ".".join(here))
+            else:
+                called = ".".join(here)
+                raise InputError.expected(what, "its fields", called, choose(called, map(".".join, paths)))
+
+    visit(data, ())
+    return found
+
+
+def from_flat(kind: type[T], values: Mapping[str, Any]) -> T:
+    """Return the record of values by the names of fields, those within records among them."""
+    given: dict[str, Any] = {}
+    inner: dict[str, dict[str, Any]] = {}
+    for row in rows(kind):
+        if row.name in values:
+            (given if len(row.path) == 1 else inner.setdefault(row.path[0], {}))[row.name] = values[row.name]
+        elif row.default is MISSING:
+            raise InputError.expected(row.called, "a value", "none", "give it")
+    defaults = {field.name: field.default for field in dataclasses.fields(cast(Any, kind))}
+    parts: dict[str, Any] = {name: dataclasses.replace(cast(Any, defaults[name]), **own) for name, own in inner.items()}
+    return kind(**given, **parts)

@@ -1,0 +1,99 @@
+"""What texts of values mean: one reading for each kind of value, in every command, form and job file."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+from lfcal.base import InputError
+
+__all__ = [
+    "read_cutout",
+    "read_length_um",
+    "read_orientation",
+    "read_pair",
+    "read_planes",
+    "read_share",
+    "show_pair",
+]
+
+UNITS = {"": 1.0, "um": 1.0, "µm": 1.0, "mm": 1e3, "nm": 1e-3}
+"""Micrometres of a unit of length."""
+
+MAX_PLANES = 10_000
+NUMBER = r"[-+−]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+
+
+def _number(text: str) -> float:
+    return float(text.replace("−", "-"))
+
+
+def read_pair(text: str) -> tuple[float, float]:
+    """Return ``"a"`` as (a, a), and ``"a,b"`` or ``"axb"`` as (a, b)."""
+    fields = [field.strip() for field in re.split("[,x×]", text)]
+    if len(fields) in (1, 2) and all(re.fullmatch(NUMBER, field) for field in fields):
+        return _number(fields[0]), _number(fields[-1])
+    raise InputError.expected("value", "one number or two (rows,columns)", repr(text), "for example 181 or 181,181")
+
+
+def read_cutout(text: str) -> tuple[int, int] | str | None:
+    """Return the cutout ``"auto"``, ``"41"``, ``"41x61"`` or ``"41,61"`` (rows, columns; px); None of an empty text."""
+    if text.strip() in ("", "auto"):
+        return text.strip() or None
+    rows, columns = read_pair(text)
+    if not (rows.is_integer() and columns.is_integer()):
+        raise InputError.expected("cutout", "whole numbers of pixels", f"{rows:g}, {columns:g}", "correct it")
+    return int(rows), int(columns)
+
+
+def show_pair(value: Any) -> str:
+    """Return the text that `read_pair` and `read_cutout` read."""
+    return value if isinstance(value, str) else f"{value[0]:g},{value[1]:g}"
+
+
+def read_share(text: str) -> float:
+    """Return a share of 1 that is written as ``"0.03"`` or ``"3%"``."""
+    found = re.fullmatch(rf"({NUMBER})\s*(%)?", text.strip())
+    if found is None:
+        raise InputError.expected("share", "a number, or percent", repr(text), "for example 0.03 or 3%")
+    return _number(found[1]) / (100 if found[2] else 1)
+
+
+def read_length_um(text: str) -> float:
+    """Return a length in µm that is written with its unit, or as a bare number of µm."""
+    found = re.fullmatch(rf"({NUMBER})\s*(nm|um|µm|mm)?", text.strip())
+    if found is None:
+        raise InputError.expected("length", "a number with nm, um or mm", repr(text), "for example 250 um or 1.5 mm")
+    return _number(found[1]) * UNITS[found[2] or ""]
+
+
+def read_planes(text: str, *, lengths: bool) -> tuple[float, ...]:
+    """Return the planes of ``"a,b,c"`` or ``"start:stop:step"``; ``lengths`` are in µm, or have a unit."""
+    fields = re.split("[,:]", text)
+    values = [_plane(field, lengths) for field in fields]
+    if ":" not in text:
+        return tuple(values)
+    if "," in text or len(values) != 3 or values[2] == 0:
+        raise InputError.expected("planes", "a,b,c or start:stop:step", repr(text), "for example 2:5.5:0.5")
+    start, stop, step = values
+    # rounded generously: 0.1:0.7:0.1 means seven planes, though 0.6 / 0.1 is below 6 in floating point.
+    count = math.floor((stop - start) / step * (1 + 1e-12) + 1e-9) + 1
+    if not 1 <= count <= MAX_PLANES:
+        wanted = f"1 to {MAX_PLANES} steps from start to stop"
+        raise InputError.expected("planes", wanted, repr(text), "correct the step")
+    return tuple(start + k * step for k in range(count))
+
+
+def _plane(field: str, lengths: bool) -> float:
+    found = re.fullmatch(rf"({NUMBER})\s*(um|µm|mm)?", field.strip())
+    # virtual depths are ratios: a unit shows that the wrong option was used.
+    if found is None or (found[2] and not lengths):
+        wanted = "numbers, in µm or with mm" if lengths else "numbers"
+        raise InputError.expected("planes", wanted, repr(field), "for example 2,3,5")
+    return _number(found[1]) * UNITS[found[2] or ""]
+
+
+def read_orientation(text: str) -> str:
+    """Return the name of an orientation as options have it: ``"mirror x"`` is ``"mirror-x"``."""
+    return "-".join(text.split())

@@ -1,0 +1,20 @@
+"""Tasks: what can be asked for, each one record of which command, form, script and job file are made.
+
+- ``task``: the base of all tasks, and how a task is run
+- ``sets``: every task by the name of its command
+- ``text``: tasks as commands, Python and job files
+- ``assemble``: frames to H
+- ``scan_frames``, ``target_frames``, ``cameras``: inputs as tasks open them
+- ``outputs``: what may be written where
+- ``notes``: what a task says by the way
+"""
+
+from typing import TYPE_CHECKING
+
+from lfcal._lazy import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.tasks._face import *  # noqa: F403
+    from lfcal.tasks._shared import *  # noqa: F403
+
+lazy_face(__name__)

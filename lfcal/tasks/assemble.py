@@ -1,0 +1,442 @@
+"""Frames to H: of a scan, of several regions of the field, or of a target."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from lfcal.base import Work
+from lfcal.records import (
+    AssemblySettings,
+    CorrectionRecipe,
+    from_dict,
+    opt,
+    panel,
+    read_orientation,
+    record,
+    required,
+)
+from lfcal.tasks._channels import ChannelPart, open_colour, parts_of
+from lfcal.tasks.cameras import tell_assumed
+from lfcal.tasks.notes import note
+from lfcal.tasks.outputs import check_output, files_of
+from lfcal.tasks.scan_frames import ScanFrames, tell_size
+from lfcal.tasks.task import RunSettings, Task, TaskSet, may_replace
+
+if TYPE_CHECKING:
+    from lfcal.camera import ScanPlan
+    from lfcal.campaign import Points
+    from lfcal.fit import Filler
+    from lfcal.frames import Frames, FrameSource
+    from lfcal.psf import AssembledPlanes, AssemblyReport, Reopening
+    from lfcal.targets import TargetPlan
+    from lfcal.work import RunChoice
+
+__all__ = ["ASSEMBLE", "Assemble", "AssembleRegions", "AssembleTarget", "Assembled", "open_planes"]
+
+RATE = 100e6
+"""Bytes of frames that are read, corrected and cropped in a second of processor time, about."""
+
+
+def _orientations() -> tuple[str, ...]:
+    from lfcal.frames import ORIENTATIONS
+    from lfcal.psf import AUTO, CHECK
+
+    return (CHECK, AUTO, *(one.option for one in ORIENTATIONS.values()))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Assembled:
+    """One H that was assembled.
+
+    Attributes
+    ----------
+    name
+        Of its region or colour; empty: there is only one.
+    out
+        Its file; of a region, the file of all regions.
+    report
+        What was assembled; the matrix of a region is closed.
+    seconds
+        Time it took.
+    points
+        Of a target: the points that were found in its frames.
+    target, unused
+        Of a target: its plan, and the number of points that show no position.
+    facts
+        Of a target: what its frames say of it.
+    """
+
+    name: str = ""
+    out: Path
+    report: AssemblyReport
+    seconds: float
+    points: Points | None = None
+    target: TargetPlan | None = None
+    unused: int = 0
+    facts: Mapping[str, Any] | None = None
+
+    def close(self) -> None:
+        """Close the file of the matrix."""
+        self.report.matrix.close()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as plain values; what nobody measured is None or "unknown"."""
+        from lfcal.judge import judgement_of
+
+        report, matrix = self.report, self.report.matrix
+        return {
+            "out": self.out,
+            "shape": matrix.shape,
+            "frames": report.frames,
+            "missing": report.missing,
+            "filled": report.filled,
+            "repeated": report.repeated,
+            "orientation": matrix.provenance.get("orientation", {"applied": report.orientation}),
+            "left_out": [found._asdict() for found in report.left_out],
+            "half_cell": matrix.provenance.get("half_cell"),
+            "saturated_positions": report.saturated,
+            "unknown_saturation": report.unknown_saturation,
+            "spread": report.spread,
+            "padded": report.padded,
+            "residual_px": report.residual_px,
+            "assumed": [] if matrix.camera is None else matrix.camera.marks.paths("assumed"),
+            "file_bytes": self.out.stat().st_size if self.out.exists() else None,
+            "seconds": self.seconds,
+            **judgement_of(report).to_dict(),
+            **({} if self.facts is None else {"target": self.facts}),
+        }
+
+
+@record
+class _Assemble(Task):
+    """What all kinds have."""
+
+    name: ClassVar[str] = "assemble"
+
+    frames: Path = required(
+        "Folder of frames, manifest (.csv, .json), one file of many frames, recorded session, or scan plan (.json), "
+        "which the simulated camera then records.",
+        argument=True,
+        file="in",
+    )
+    out: Path = required("H file to write (.h5).", label="H file", short="-o", file="out")
+    skip_damaged: bool = opt(
+        False,
+        "Leave out frames that cannot be read, and list them. Every frame is read twice.",
+        label="Leave out damaged frames",
+        more=True,
+    )
+
+
+@record
+class AssembleTarget(_Assemble):
+    """Find the points of a target's frames, and assemble those that show positions.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import AssembleTarget
+    >>> task = AssembleTarget(frames="target/frames", plan="target/plan.json", out="H.h5")
+    >>> print(task.files("in"), task.corrections.background)
+    (PosixPath('target/frames'), PosixPath('target/plan.json')) none
+    """
+
+    input_words: ClassVar[str] = "frames of a target"
+
+    plan: Path | None = opt(None, "Plan of the target (.json).", short="-p", file="in", empty="with the frames")
+    corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
+    settings: AssemblySettings = panel(AssemblySettings(), "Cutout and storage")
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[Assembled, ...]]:
+        """Find the points, and assemble."""
+        from lfcal.campaign import iter_assemble_points
+        from lfcal.tasks.target_frames import opened_target, wanted_target
+
+        start, plan = time.perf_counter(), wanted_target(self.frames, self.plan)
+        assert plan is not None
+        with opened_target(self.frames, plan, self.corrections, skip_damaged=self.skip_damaged) as view:
+            made = yield from iter_assemble_points(view, plan, self.out, self.settings)
+        one = Assembled(
+            out=self.out,
+            report=made.report,
+            seconds=time.perf_counter() - start,
+            points=made.points,
+            target=plan,
+            unused=made.unused,
+            facts=made.facts,
+        )
+        return (one,)
+
+
+@record
+class AssembleRegions(_Assemble):
+    """Assemble H of every region of a session into one file.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import AssembleRegions
+    >>> task = AssembleRegions(frames="regions", out="H.h5", orientation="rot90")
+    >>> print(task.orientation, task.settings.dtype)
+    rot90 rounded
+    """
+
+    input_words: ClassVar[str] = "a session of several regions"
+
+    orientation: str = opt(
+        "check",
+        "What turns the frames upright: as-is, rot90, rot180, rot270 (anticlockwise), mirror-x (left to right), "
+        "mirror-y, transpose, anti-transpose. auto: find it. check: as-is, but stop if that is certainly wrong.",
+        choices=_orientations,
+        read=read_orientation,
+    )
+    shift: str = opt(
+        "0", "Number of bits by which left-aligned samples are moved down, or auto.", unit="bit", examples=("auto",)
+    )
+    channel: str = opt(
+        "",
+        "Colour of a mosaic (R, G1, G2, B) or of a picture (R, G, B).",
+        examples=("each", "R", "G", "B", "G1", "G2"),
+        empty="the frames as they are",
+    )
+    half_cell: bool = opt(
+        False,
+        "In a half-cell scan, use the pattern half a period away for a position that was not recorded.",
+        label="Half cell",
+        more=True,
+    )
+    corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
+    settings: AssemblySettings = panel(AssemblySettings(), "Cutout and storage", without=("store_tolerance",))
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[Assembled, ...]]:
+        """Make H of each region, and one file of all."""
+        from lfcal.campaign import read_regions, save_parts, temporary_parts
+
+        known = {one.name: getattr(self, one.name) for one in fields(self)}
+        workers, settings, made = run.workers if run else None, self.settings, []
+        names = read_regions(self.frames).names
+        with temporary_parts(self.out, names) as parts:
+            for name in names:
+                one = Assemble(**known | {"frames": self.frames / name, "out": parts[name]})
+                (region,) = yield from one.work(RunSettings(workers=workers, force=True))
+                region.report.matrix.close()
+                made.append(replace(region, name=name, out=self.out))
+            save_parts(parts, self.out, dtype=settings.dtype, compression=settings.compression, workers=workers)
+        return tuple(made)
+
+
+@record
+class Assemble(AssembleRegions):
+    """Correct and crop point-source frames with the shifting cutout, and assemble them into H.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import Assemble
+    >>> from lfcal.frames import CorrectionRecipe
+    >>> dark = CorrectionRecipe(dark="session/dark")
+    >>> (made,) = Assemble(frames="session/frames", out="made.h5", corrections=dark).run()
+    >>> with made.report.matrix as H:
+    ...     print(made.report.frames, "frames:", H.shape)
+    1254 frames: (2, 19, 33, 55, 55)
+    """
+
+    input_words: ClassVar[str] = "frames of one scan"
+    in_units: ClassVar[bool] = True
+
+    plan: Path | None = opt(
+        None, "Scan plan (.json).", short="-p", file="in", empty="the session's, or with the frames"
+    )
+    manifest: Path | None = opt(
+        None, "Manifest or list of the frames (.csv, .tsv, .txt, .json).", file="in", empty="with the frames"
+    )
+    pattern: str = opt("", "Positions from file names, e.g. 'z{z}_y{y}_x{x}.png'.", label="File names")
+    order: str = opt(
+        "", "Positions from the order of file names: serpentine or raster.", choices=("serpentine", "raster")
+    )
+    columns: str = opt(
+        "",
+        "What the columns of a list hold: file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp.",
+        empty="by their names",
+        more=True,
+    )
+    first: int | None = opt(
+        None, "Number of the first position in names or lists.", at_least=0, at_most=1, empty="found", more=True
+    )
+    origin: str = opt(
+        "",
+        "Sensor row and column of the first pixel (ROW,COLUMN), of frames that are a part of the sensor.",
+        unit="px",
+        empty="the whole sensor, or as the session states",
+        more=True,
+    )
+    fill: Path | None = opt(
+        None,
+        "Folder of a fit of this scan (lfcal fit). Its model fills missing positions, which stay marked.",
+        label="Fill from a fit",
+        file="in",
+        empty="not filled",
+        more=True,
+    )
+    settings: AssemblySettings = panel(AssemblySettings(), "Cutout and storage")
+
+    @property
+    def source(self) -> ScanFrames:
+        """How the frames are opened."""
+        from lfcal.frames import parse_origin
+
+        names = ("frames", "plan", "manifest", "pattern", "order", "columns", "first", "skip_damaged", "orientation")
+        return ScanFrames(**{name: getattr(self, name) for name in names}, origin=parse_origin(self.origin))
+
+    def files(self, way: str) -> tuple[Path, ...]:
+        """Return its files; the frames of a manifest are in its folder, and each colour has an H of its own."""
+        files, beside = super().files(way), self.source.beside
+        if way == "out":
+            return () if self.channel == "each" else files
+        return (*files, beside) if beside else files
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[Assembled, ...]]:
+        """Open, correct, crop and assemble one H, or one of each colour."""
+        from lfcal.frames import chosen_shift, is_part_of_sensor
+
+        run, source = run or RunSettings(), self.source
+        with ExitStack() as stack:
+            frames, scan = open_colour(source.open, self.channel)
+            stack.enter_context(frames)
+            tell_assumed(scan.camera, "plan")
+            # a session knows which part of the sensor it recorded; of other frames the place has to be stated
+            placed = frames.metadata.plan is not None or bool(self.origin)
+            if not (placed or is_part_of_sensor(frames.shape, scan.camera)):
+                tell_size(frames.shape, scan.camera, folder=str(self.frames), channel=self.channel)
+            bits, said = chosen_shift(self.shift, frames)
+            for one in (*frames.metadata.notes, *((said,) if said else ())):
+                note(one)
+            reopened = _Reopened(stack, source)
+            parts = parts_of(self.channel, frames, scan, self.out, reopened)
+            for part in parts if self.channel == "each" else ():
+                check_output(part.out, *self.files("in"), force=may_replace(part.out, run))
+            ahead = len(frames) * math.prod(frames.shape) * frames.dtype.itemsize / RATE
+            choices = [run.choice(part.out, ahead) for part in parts]
+            made = []
+            for part, choice in zip(parts, choices, strict=True):
+                recipe = replace(self.corrections, shift=bits, channel=part.channel)
+                made.append((yield from self._iter_part(part, scan, recipe, choice, run.workers)))
+        return tuple(made)
+
+    def _iter_part(
+        self, part: ChannelPart, scan: ScanPlan, recipe: CorrectionRecipe, choice: RunChoice | None, workers: int | None
+    ) -> Work[Assembled]:
+        """Make one H of frames that are open."""
+        from lfcal.frames import check_turned_colours, corrected_view, iter_undamaged, oriented, with_partners
+        from lfcal.psf import Reopening, iter_assemble_plan, iter_upright
+
+        start, frames = time.perf_counter(), part.source
+        known: dict[str, Any] = {"intake": list(frames.metadata.notes)} if frames.metadata.notes else {}
+        left_out: list[int] = []
+        if self.skip_damaged:
+            frames = yield from iter_undamaged(frames, workers=workers)
+            left_out = sorted(set(range(len(part.source))) - set(frames.chosen.tolist()))
+        view: FrameSource = corrected_view(frames, recipe, scan)
+        turn, lie = yield from iter_upright(view, part.plan, self.orientation)
+        view = oriented(view, turn, part.plan.camera.sensor.shape)
+        applied = str(lie["orientation"]["applied"])
+        check_turned_colours(frames, scan, recipe, applied)
+        view = with_partners(view, part.plan) if self.half_cell else view
+        fill = self._fill(part.plan, workers)
+        known |= {} if fill is None else {"filled": fill.provenance}
+        known |= {"task": self.to_dict(absolute=True, outputs=False)}
+        reopening: Reopening | None = None
+        if choice is not None:
+            # what H is made of, whatever is written where
+            found = {"channel": part.name, "turn": applied, "left_out": left_out, "recipe": asdict(recipe)}
+            values = {"task": known["task"], "found": found, "stamp": self._stamp(part.source)}
+            reopening = Reopening(f"{__name__}:{open_planes.__name__}", values)
+        how: dict[str, Any] = {"fill": fill, "run": choice, "reopening": reopening, "workers": workers}
+        report = yield from iter_assemble_plan(view, part.plan, part.out, self.settings, provenance=known | lie, **how)
+        return Assembled(
+            name=part.name if self.channel == "each" else "",
+            out=part.out,
+            report=report,
+            seconds=time.perf_counter() - start,
+        )
+
+    def _stamp(self, frames: Frames) -> str:
+        """Return what changes where a file that H is made of changes."""
+        from lfcal.work import stamp_of
+
+        given = [str(self.corrections.dark), str(self.corrections.white), str(self.fill or "")]
+        others = {os.path.abspath(path) for name in given for path in files_of(name) if path.is_file()}
+        return stamp_of([*self.source.files(frames), *sorted(others)])
+
+    def _fill(self, plan: ScanPlan, workers: int | None) -> Filler | None:
+        if self.fill is None:
+            return None
+        from lfcal.fit import Filler, read_fit
+
+        return Filler(read_fit(self.fill), plan, workers)
+
+
+@dataclass(frozen=True)
+class _Reopened:
+    """Opens the frames with another colour, until ``stack`` is closed."""
+
+    stack: ExitStack
+    source: ScanFrames
+
+    def __call__(self, colour: str) -> Frames:
+        return self.stack.enter_context(self.source.open(colour)[0])
+
+
+def open_planes(values: Mapping[str, Any], workers: int) -> AssembledPlanes:
+    """Return the planes of an H as another process makes them: of the task, and what was found of its frames.
+
+    Defect pixels are searched for again in each process.
+    """
+    import numpy as np
+
+    from lfcal.frames import SelectedSource, corrected_view, named_orientation, oriented, with_partners
+    from lfcal.psf import planes_of_frames
+
+    # where H is written is not what it is made of
+    said = {key: value for key, value in values["task"].items() if key != "task"} | {"out": "."}
+    task, found = from_dict(Assemble, said), values["found"]
+    raw, scan = open_colour(task.source.open, found["channel"])
+    try:
+        part = parts_of(found["channel"], raw, scan, Path(), _no_other, quiet=True)[0]
+        frames: FrameSource = part.source
+        if found["left_out"]:
+            frames = SelectedSource(frames, np.setdiff1d(np.arange(len(frames)), found["left_out"]), ())
+        view: FrameSource = corrected_view(frames, CorrectionRecipe(**found["recipe"]), scan)
+        view = oriented(view, named_orientation(found["turn"]), part.plan.camera.sensor.shape)
+        view = with_partners(view, part.plan) if task.half_cell else view
+        return planes_of_frames(view, part.plan, values, task._fill(part.plan, workers), raw.close)
+    except BaseException:
+        raw.close()
+        raise
+
+
+def _no_other(colour: str) -> Frames:
+    raise AssertionError(f"frames of {colour} are open")
+
+
+def kind_of(given: Mapping[str, Any]) -> type[Task]:
+    """Return which kind of assembly the frames ask for."""
+    from lfcal.campaign import is_regions
+    from lfcal.tasks.target_frames import wanted_target
+
+    frames = Path(given["frames"])
+    if is_regions(frames):
+        return AssembleRegions
+    return Assemble if wanted_target(frames, given.get("plan")) is None else AssembleTarget
+
+
+ASSEMBLE = TaskSet(
+    "assemble",
+    (Assemble, AssembleRegions, AssembleTarget),
+    kind_of,
+    "lfcal assemble session/frames --dark session/dark --white session/white -o H.h5",
+)

@@ -1,0 +1,46 @@
+"""What a task says by the way: a line each, for whoever listens to the logger ``lfcal``."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+__all__ = ["note", "notes_to", "warn"]
+
+LOG = logging.getLogger("lfcal")
+LOG.addHandler(logging.NullHandler())
+
+
+def note(text: str) -> None:
+    """Say something that a user should know of what is made."""
+    LOG.info("%s", text)
+
+
+def warn(text: str) -> None:
+    """Say something that a user should look at."""
+    LOG.warning("%s", text)
+
+
+class _Lines(logging.Handler):
+    def __init__(self, sink: Callable[[str], None]) -> None:
+        super().__init__()
+        self._sink = sink
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Hand on one line."""
+        word = "warning" if record.levelno >= logging.WARNING else "note"
+        self._sink(f"{word}: {record.getMessage()}")
+
+
+@contextmanager
+def notes_to(sink: Callable[[str], None]) -> Iterator[None]:
+    """Hand what tasks say to ``sink``, a line each, while the context lasts."""
+    handler, level = _Lines(sink), LOG.level
+    LOG.addHandler(handler)
+    LOG.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        LOG.removeHandler(handler)
+        LOG.setLevel(level)

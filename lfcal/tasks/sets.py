@@ -1,0 +1,22 @@
+"""Every task by the name of its command."""
+
+from __future__ import annotations
+
+import importlib
+
+from lfcal.base import InputError, choose
+from lfcal.tasks.task import TaskSet
+
+__all__ = ["TASKS", "task_set"]
+
+TASKS = {"assemble": "lfcal.tasks.assemble:ASSEMBLE"}
+"""Where the kinds of each task are, by the name of the command; a module is imported when its task is asked for."""
+
+
+def task_set(name: str) -> TaskSet:
+    """Return the kinds of the task that a command is called by; raises `InputError` where there is none."""
+    if name not in TASKS:
+        raise InputError.expected("task", " or ".join(TASKS), repr(name), choose(name, TASKS))
+    module, _, attribute = TASKS[name].partition(":")
+    found: TaskSet = getattr(importlib.import_module(module), attribute)
+    return found

@@ -1,0 +1,62 @@
+"""Frames of a target as several commands are given them: a session, or a folder with the target's plan."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lfcal.base import StorageError
+
+if TYPE_CHECKING:
+    from lfcal.frames import CorrectionRecipe, FrameSource
+    from lfcal.targets import TargetPlan
+
+__all__ = ["left_words", "opened_target", "wanted_target"]
+
+
+def wanted_target(source: Path, plan: Path | None) -> TargetPlan | None:
+    """Return the plan of the target that frames show, theirs or the one named; None where they are of a scan."""
+    from lfcal.acquire import NAME
+    from lfcal.targets import read_target_plan
+
+    if source.suffix.lower() in (".h5", ".hdf5", ".mat", ".lfc"):
+        return None
+    if not source.exists():
+        if plan is not None and read_target_plan(source, plan) is not None:
+            raise StorageError(f"{source}: no such file or folder; check the path")
+        return None
+    if plan is None and (source / NAME).is_file():
+        from lfcal.frames import open_frames
+        from lfcal.targets import TargetPlan
+
+        with open_frames(source) as frames:
+            target = frames.metadata.target
+            return target if isinstance(target, TargetPlan) else None
+    return read_target_plan(source, plan)
+
+
+@contextmanager
+def opened_target(
+    source: Path, plan: TargetPlan, recipe: CorrectionRecipe, *, skip_damaged: bool = False
+) -> Iterator[FrameSource]:
+    """Open the frames of a target with their dark level subtracted."""
+    from lfcal.acquire import NAME
+    from lfcal.frames import corrected_view, open_frames
+    from lfcal.targets import decoded, open_target_frames
+
+    if (source / NAME).is_file():
+        frames = open_frames(source, skip_damaged=skip_damaged)
+    else:
+        frames = open_target_frames(source, plan, skip_damaged=skip_damaged)
+    with frames:
+        yield decoded(corrected_view(frames, recipe, plan.scan), plan)
+
+
+def left_words(left: int, count: int, plan: TargetPlan) -> str:
+    """Return how many of the points show no position, and why they are not resampled to one."""
+    from lfcal.targets import resampling_words
+
+    far = f"{left} of {count} points are farther than {plan.tolerance_px:g} px from every position"
+    return f"{far}; {resampling_words(plan.scan)}: lfcal fit takes them where they are"

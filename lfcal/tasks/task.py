@@ -1,0 +1,201 @@
+"""Tasks: frozen records of what is to be done, from which command, form, job file, script and units are made."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+
+from lfcal.base import InputError, Work, drain
+from lfcal.records import check_needs, check_record, from_flat, opt, record, rows, to_dict, value_at
+from lfcal.tasks.notes import note
+
+if TYPE_CHECKING:
+    from lfcal.work import RunChoice
+
+__all__ = ["RunSettings", "Task", "TaskResult", "TaskSet", "may_replace"]
+
+LONG = 60.0
+"""Seconds of processor time from which on work is done in units without being asked: a kill loses one of them."""
+
+
+def _executors() -> tuple[str, ...]:
+    from lfcal.work import EXECUTORS
+
+    return tuple(EXECUTORS.names())
+
+
+@record
+class RunSettings:
+    """By whom a task is done, and what becomes of what is there: nothing of it changes the result."""
+
+    workers: int | None = opt(
+        None, "Number of threads or processes.", at_least=1, empty="LFCAL_WORKERS, or every processor"
+    )
+    executor: str = opt(
+        "",
+        "What does the work: threads of this process, processes, or dask. Any of them does long work in units.",
+        examples=_executors,
+        empty="threads",
+        more=True,
+    )
+    scheduler: str = opt("", "With --executor dask: address of a running scheduler.", empty="a local one", more=True)
+    resume: bool = opt(False, "Continue what an earlier run left after it was stopped or killed.")
+    force: bool = opt(False, "Replace existing files.")
+
+    def choice(self, out: Path, seconds: float = 0.0, units: str = "plane by plane") -> RunChoice | None:
+        """Return how ``out`` is made in units, or None where the work is short and nobody asked for units.
+
+        Parameters
+        ----------
+        out
+            What the work makes.
+        seconds
+            That it takes by forecast (processor time).
+        units
+            What the units are, for people.
+
+        Raises
+        ------
+        InputError
+            If these do not go together, or an earlier run left something and nothing says what becomes of it.
+        """
+        from lfcal.work import RunChoice, check_begun, parts_folder
+
+        folder = parts_folder(out)
+        asked = bool(self.executor or self.scheduler or self.resume)
+        begun = "resume" if self.resume else "discard" if self.force else "refuse"
+        executor = self.executor or ("dask" if self.scheduler else "threads")
+        choice = RunChoice(executor, self.workers, self.scheduler, begun)
+        check_begun(folder, resume=begun != "refuse")
+        if not (asked or seconds > LONG or folder.exists()):
+            return None
+        if not asked and seconds > LONG:
+            note(f"kept {units} in {folder.name}: --resume continues after a stop")
+        return choice
+
+
+def may_replace(out: Path, run: RunSettings) -> bool:
+    """Return whether what is at ``out`` may be replaced: by ``force``, or as an earlier run began to write it."""
+    from lfcal.work import was_joining
+
+    return run.force or (run.resume and was_joining(out))
+
+
+class TaskResult(Protocol):
+    """What a task made."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as plain values."""
+        ...
+
+    def close(self) -> None:
+        """Close the files that are still open."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """Base of all tasks: the fields of a task are all that decides what comes of it.
+
+    Attributes
+    ----------
+    name
+        Of the command.
+    input_words
+        What its input is, or what it makes, where other kinds of the same command have others.
+    in_units
+        Whether other processes can do parts of it, and a run that was stopped continues.
+    """
+
+    name: ClassVar[str]
+    input_words: ClassVar[str] = ""
+    in_units: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        """Check every field, and those of the records within; a text stands for a path."""
+        for row in rows(type(self)):
+            value = value_at(self, row)
+            if len(row.path) == 1:
+                object.__setattr__(self, row.name, row.value(value, row.name))
+        check_record(self)
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[TaskResult, ...]]:
+        """Do it; yields progress, and returns what was made."""
+        raise NotImplementedError
+
+    def run(self, run: RunSettings | None = None) -> Any:
+        """Do it at once, and return what was made."""
+        return drain(self.work(run))
+
+    def files(self, way: str) -> tuple[Path, ...]:
+        """Return its files: ``"in"`` or ``"out"``."""
+        given = [value_at(self, row) for row in rows(type(self)) if row.opt.file == way]
+        return tuple(Path(value) for value in given if value and value != "none")
+
+    def to_dict(self, *, absolute: bool = False, outputs: bool = True) -> dict[str, Any]:
+        """Return it as plain JSON types, every field of it: a job, provenance, or what travels to another process.
+
+        Parameters
+        ----------
+        absolute
+            Make all paths absolute.
+        outputs
+            Name the files to write, too.
+        """
+        found = {"task": self.name, **to_dict(self)}
+        for row in rows(type(self)):
+            value, place = value_at(self, row), found
+            for name in row.path[:-1]:
+                place = place[name]
+            if row.opt.file == "out" and not outputs:
+                del place[row.name]
+            elif absolute and row.opt.file and value and value != "none":
+                place[row.name] = os.path.abspath(value)
+        return found
+
+
+@dataclass(frozen=True)
+class TaskSet:
+    """The kinds of a task, of which the input decides.
+
+    Attributes
+    ----------
+    name
+        Of the command.
+    kinds
+        A class for each kind of input.
+    choose
+        Returns the kind of values by name; it may look at files.
+    example
+        A command line, for the help.
+    """
+
+    name: str
+    kinds: tuple[type[Task], ...]
+    choose: Callable[[Mapping[str, Any]], type[Task]]
+    example: str
+
+    def make(self, given: Mapping[str, Any], called: Callable[[str], str]) -> Task:
+        """Return the task of ``given`` values by the names of their fields; ``called`` names a field in messages.
+
+        Raises
+        ------
+        InputError
+            For a value of a field that this kind of task does not have, or that it must have.
+        """
+        kind = self.choose(given)
+        self.refuse(kind, given, called)
+        names = {row.name: called(row.name) for row in rows(kind)}
+        check_needs(rows(kind), given, lambda row: names[row.name])
+        return from_flat(kind, given)
+
+    def refuse(self, kind: type[Task], given: Iterable[str], called: Callable[[str], str] = str) -> None:
+        """Raise `InputError` for the first name that is no field of ``kind``."""
+        known = {row.name for row in rows(kind)}
+        for name in given:
+            if name not in known:
+                kinds = [one.input_words for one in self.kinds if name in {row.name for row in rows(one)}]
+                raise InputError.expected(called(name), " or ".join(kinds), kind.input_words, "leave it out")

@@ -1,0 +1,194 @@
+"""Tasks as text: a command, Python, a job file; and jobs as they are read."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shlex
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from lfcal.base import FileFormatError, InputError, choose, parse_json, read_text
+from lfcal.records import FieldRow, flat, from_flat, rows, value_at
+from lfcal.tasks.sets import task_set
+from lfcal.tasks.task import RunSettings, Task
+
+__all__ = ["command_of", "job_of", "load_job", "python_of", "read_job", "words_of"]
+
+
+FACES = {"CorrectionRecipe": "lfcal.frames", "AssemblySettings": "lfcal.psf"}
+"""Packages that records are imported from."""
+
+
+def words_of(task: Task) -> tuple[str, ...]:
+    """Return the words of a command line behind ``lfcal``: what differs from the defaults."""
+    inputs, options = [], []
+    for row in rows(type(task)):
+        value = value_at(task, row)
+        if row.opt.argument:
+            inputs += [str(one) for one in value] if row.many else [str(value)]
+        elif value != row.default and value is not None:
+            texts = [row.text(one) for one in value] if row.many else [row.text(value)]
+            options += [row.flag] if row.kind is bool else [f"{row.flag}={text}" for text in texts]
+    return (*task.name.split(), *inputs, *options)
+
+
+def command_of(task: Task) -> str:
+    """Return the command line that does the same.
+
+    Examples
+    --------
+    >>> from lfcal.psf import AssemblySettings
+    >>> from lfcal.tasks import Assemble, command_of
+    >>> print(command_of(Assemble(frames="my frames", out="H.h5", settings=AssemblySettings(cutout=(41, 31)))))
+    lfcal assemble 'my frames' --out=H.h5 --cutout=41,31
+    """
+    return shlex.join(("lfcal", *words_of(task)))
+
+
+def python_of(task: Task) -> str:
+    """Return the Python that does the same.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import Assemble, python_of
+    >>> print(python_of(Assemble(frames="frames", out="H.h5")))
+    from pathlib import Path
+    from lfcal.tasks import Assemble
+    <BLANKLINE>
+    made = Assemble(
+        frames=Path('frames'),
+        out=Path('H.h5'),
+    ).run()
+    <BLANKLINE>
+    """
+    names: set[tuple[str, str]] = set()
+    call = _call(task, names, 0)
+    modules = sorted({module for module, _ in names}, key=lambda module: (module != "pathlib", module))
+    imports = [f"from {m} import {', '.join(sorted(name for other, name in names if other == m))}" for m in modules]
+    return "\n".join([*imports, "", f"made = {call}.run()", ""])
+
+
+def _call(whole: Any, names: set[tuple[str, str]], depth: int) -> str:
+    kind = type(whole)
+    names.add((FACES.get(kind.__name__, "lfcal.tasks"), kind.__name__))
+    given = []
+    for field in dataclasses.fields(whole):
+        value = getattr(whole, field.name)
+        if value != field.default:
+            inner = dataclasses.is_dataclass(value)
+            given.append(f"{field.name}={_call(value, names, depth + 1) if inner else _literal(value, names)}")
+    end = "    " * depth
+    inside = "".join(f"\n{end}    {one}," for one in given)
+    return f"{kind.__name__}({inside}\n{end})" if inside else f"{kind.__name__}()"
+
+
+def _literal(value: Any, names: set[tuple[str, str]]) -> str:
+    if isinstance(value, tuple):
+        return f"({', '.join(_literal(one, names) for one in value)}{',' * (len(value) == 1)})"
+    if isinstance(value, Path):
+        names.add(("pathlib", "Path"))
+        return f"Path({str(value)!r})"
+    return repr(value)
+
+
+def job_of(task: Task, run: RunSettings | None = None) -> str:
+    """Return the text of a job file (TOML), every value of it; `read_job` reads it back.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import Assemble, job_of
+    >>> print(job_of(Assemble(frames="frames", out="H.h5")).partition("[corrections]")[0])
+    task = "assemble"
+    frames = "frames"
+    out = "H.h5"
+    ...
+    """
+    data = task.to_dict()
+    tables = {name: data.pop(name) for name in list(data) if isinstance(data[name], dict)}
+    more = {
+        one.name: v for one in dataclasses.fields(RunSettings) if run and (v := getattr(run, one.name)) != one.default
+    }
+    tables |= {"run": more} if more else {}
+    lines = [f"{name} = {_toml(value)}" for name, value in data.items() if value is not None]
+    for title, table in tables.items():
+        lines += ["", f"[{title}]", *(f"{name} = {_toml(v)}" for name, v in table.items() if v is not None)]
+    return "\n".join(lines) + "\n"
+
+
+def _toml(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False)  # its numbers, texts, lists and booleans are those of TOML
+
+
+def read_job(data: Mapping[str, Any], what: str, root: Path = Path()) -> tuple[Task, RunSettings]:
+    """Return the task of a job, or of an H file's provenance, whose paths are relative to ``root``.
+
+    Raises
+    ------
+    InputError, FileFormatError
+        If it names no task, or has entries or values that the task cannot have.
+    """
+    given = dict(data)
+    if not isinstance(given.get("task"), str):
+        raise FileFormatError.expected(what, 'a job, task = "assemble" …', "no task", "name one")
+    tasks, told = task_set(given.pop("task")), given.pop("run", {})
+    known = {row.path: row for kind in tasks.kinds for row in rows(kind)}
+    values: dict[str, Any] = {}
+
+    def visit(part: Mapping[str, Any], path: tuple[str, ...]) -> None:
+        for name, value in part.items():
+            here = (*path, name)
+            if isinstance(value, Mapping):
+                visit(value, here)
+            else:
+                row, found = known.get(here), _value(known.get(here), value, ".".join(here), known, root)
+                # a value of every field is kept with H: what is at its default is as good as not given
+                if row is not None and found != row.default:
+                    values[name] = found
+
+    visit(given, ())
+    run = from_flat(RunSettings, flat(rows(RunSettings), told, "run"))
+    paths = {row.name: ".".join(row.path) for row in known.values()}
+    return tasks.make(values, lambda name: paths[name]), run
+
+
+def _value(row: FieldRow | None, value: Any, called: str, known: Mapping[tuple[str, ...], FieldRow], root: Path) -> Any:
+    if row is None:
+        raise InputError.expected("job", "fields of its task", called, choose(called, map(".".join, known)))
+    found = row.value(value, called)
+    if row.opt.file and found and str(found) != "none":
+        joined = root / str(found)
+        return joined if row.kind is Path else str(joined)
+    return found
+
+
+def load_job(path: Path, more: Mapping[str, Any] = MappingProxyType({})) -> tuple[Task, RunSettings]:
+    """Return the job in a file (.toml, .json), or the one that made an H file, with the values ``more`` in its place.
+
+    Raises
+    ------
+    InputError, FileFormatError, StorageError
+        If there is no such file, or no job in it.
+    """
+    if path.suffix.lower() in (".h5", ".hdf5"):
+        from lfcal.psf import open_psf
+
+        with open_psf(path) as matrix:
+            made = matrix.provenance.get("task")
+        if not isinstance(made, Mapping):
+            raise FileFormatError.expected(str(path), "an H that a task made", "none", "give a job file")
+        return read_job({**made, **more}, str(path), path.parent)
+    text = read_text(path)
+    if path.suffix.lower() == ".json":
+        data = parse_json(text, str(path))
+    else:
+        try:
+            data = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise FileFormatError.expected(str(path), "TOML", str(error), "correct it") from None
+    if not isinstance(data, Mapping):
+        raise FileFormatError.expected(str(path), "a job", f"a {type(data).__name__}", "correct it")
+    return read_job({**data, **more}, str(path), path.parent)

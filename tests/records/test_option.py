@@ -1,0 +1,156 @@
+"""Fields of records: what texts and values of files mean, ranges, nested records, docstrings."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from lfcal.base import InputError
+from lfcal.records import (
+    AssemblySettings,
+    CorrectionRecipe,
+    FieldRow,
+    check_record,
+    flat,
+    from_dict,
+    from_flat,
+    opt,
+    panel,
+    record,
+    required,
+    rows,
+    to_dict,
+    value_at,
+)
+
+
+@record
+class Whole:
+    """A record with everything."""
+
+    frames: Path = required("The frames.", argument=True, file="in")
+    many: tuple[str, ...] = opt((), "Several names.")
+    share: float | None = opt(None, "A share.", above=0, below=1)
+    count: int = opt(3, "A count.", at_least=1, at_most=9)
+    pack: bool = opt(True, "Pack it.")
+    corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections", without=("dark",))
+    settings: AssemblySettings = panel(AssemblySettings(), "Storage")
+
+
+ROWS = {row.name: row for row in rows(Whole)}
+
+
+def test_rows_are_flat_and_in_order() -> None:
+    assert list(ROWS)[:6] == ["frames", "many", "share", "count", "pack", "black_level"]
+    assert "dark" not in ROWS and "channel" not in ROWS, "one is left out, the other is no field that people set"
+    assert ROWS["dtype"].path == ("settings", "dtype") and ROWS["dtype"].panel == "Storage"
+    assert (ROWS["share"].kind, ROWS["share"].optional, ROWS["many"].many) == (float, True, True)
+    assert ROWS["pack"].flag == "--no-pack" and ROWS["black_level"].flag == "--black-level"
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "value"),
+    [
+        ("share", "0.5", 0.5),
+        ("share", "", None),
+        ("share", 0.25, 0.25),
+        ("count", "7", 7),
+        ("count", None, 3),
+        ("frames", "a/b", Path("a/b")),
+        ("many", ["a", "b"], ("a", "b")),
+        ("many", "a", ("a",)),
+        ("lost", "2%", 0.02),
+        ("cutout", "41", (41, 41)),
+        ("cutout", "41x61", (41, 61)),
+        ("cutout", "41, 61", (41, 61)),
+        ("cutout", [41, 61], (41, 61)),
+        ("cutout", "auto", "auto"),
+        ("cutout", "", None),
+        ("dtype", "float32", "float32"),
+        ("interpolation", "", ""),
+        ("pad", True, True),
+    ],
+)
+def test_a_text_and_a_value_of_a_file_mean_the_same(name: str, given: object, value: object) -> None:
+    row = ROWS[name]
+    assert row.value(given, row.called) == value
+    assert row.value(row.text(value), row.called) == value if row.kind is not bool and not row.many else True
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "words"),
+    [
+        ("share", "x", "--share: expected a number > 0 and < 1, got 'x'"),
+        ("share", "1", "--share: expected a number > 0 and < 1, got 1.0"),
+        ("share", True, "--share: expected a number"),
+        ("share", "nan", "--share: expected a number > 0 and < 1, got nan"),
+        ("count", "2.5", "--count: expected a whole number ≥ 1 and ≤ 9, got '2.5'"),
+        ("count", "10", "--count: expected a whole number ≥ 1 and ≤ 9, got 10"),
+        ("count", 2.0, "--count: expected a whole number"),
+        ("frames", 3, "FRAMES: expected a path, got 3"),
+        ("pad", "yes", "--pad: expected true or false, got 'yes'"),
+        ("dtype", "floot32", "--dtype: expected rounded or float32, got 'floot32'; did you mean float32?"),
+        ("cutout", "4 1", "--cutout: expected one number or two"),
+        ("cutout", "41.5", "--cutout: expected whole numbers of pixels"),
+        ("lost", "2 percent", "--lost: expected a number, or percent"),
+    ],
+)
+def test_a_wrong_value_ends_in_one_sentence(name: str, given: object, words: str) -> None:
+    with pytest.raises(InputError) as error:
+        ROWS[name].value(given, ROWS[name].called)
+    assert str(error.value).startswith(words) and "\n" not in str(error.value)
+
+
+def test_records_go_to_plain_values_and_back() -> None:
+    one = Whole(
+        frames=Path("f"),
+        many=("a",),
+        share=0.5,
+        settings=AssemblySettings(cutout=(5, 7)),
+        corrections=CorrectionRecipe(),
+    )
+    plain = to_dict(one)
+    assert plain["settings"]["cutout"] == [5, 7] and plain["frames"] == "f" and plain["corrections"]["white"] == ""
+    assert from_dict(Whole, plain) == one
+    names = {row.name: value_at(one, row) for row in rows(Whole)}
+    assert from_flat(Whole, names) == one and flat(rows(Whole), plain, "it") == names
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        ({}, "FRAMES: expected a value"),
+        ({"frames": "f", "cuont": 3}, "Whole: expected its fields, got cuont; did you mean count?"),
+        ({"frames": "f", "settings": {"cutuot": 3}}, "got settings.cutuot; did you mean settings.cutout?"),
+        ({"frames": "f", "settings": {"lost": 3}}, "settings.lost: expected a number > 0 and < 1"),
+        ({"frames": "f", "corrections": {"dark": "d"}}, "got corrections.dark"),
+    ],
+)
+def test_a_hand_written_entry_that_is_wrong_is_named(data: dict[str, object], words: str) -> None:
+    with pytest.raises(InputError, match=words.replace("(", r"\(")):
+        from_dict(Whole, data)
+
+
+def test_what_is_made_in_python_is_checked_too() -> None:
+    with pytest.raises(InputError, match="lost: expected a number > 0 and < 1, got 3"):
+        AssemblySettings(lost=3)
+    with pytest.raises(InputError, match="white_mode: expected field or pixels"):
+        check_record(CorrectionRecipe(white_mode="pixel"))
+
+
+def test_help_shows_every_field_with_its_unit_and_range() -> None:
+    said = inspect.getdoc(AssemblySettings)
+    assert said is not None and "Examples\n--------" in said
+    for row in rows(AssemblySettings):
+        assert f"\n{row.name}\n    {row.opt.help}" in said
+    assert "> 0, < 1" in said and "one of rounded, float32" in said
+    assert inspect.signature(AssemblySettings).parameters["lost"].default == 0.005
+
+
+def test_a_field_that_is_left_empty_has_its_default() -> None:
+    row: FieldRow = ROWS["count"]
+    assert row.empty == 3 and ROWS["share"].empty is None
+    assert replace(row, optional=True).empty is None

@@ -1,0 +1,121 @@
+"""One record per task: command, Python, job file and an H file made again give the same bits."""
+
+from __future__ import annotations
+
+import dataclasses
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from lfcal.base import FileFormatError, InputError
+from lfcal.frames import CorrectionRecipe
+from lfcal.psf import AssemblySettings
+from lfcal.records import rows
+from lfcal.tasks import Assemble, AssembleRegions, AssembleTarget, command_of, job_of, load_job, python_of, task_set
+from tests.cli import conftest
+from tests.cli.conftest import Run
+
+Lfcal = Callable[..., Run]
+lfcal = conftest.lfcal
+SAMPLE = Path(__file__).parents[2] / "sample_data" / "recorded"
+
+
+def values(path: Path) -> np.ndarray:
+    with h5py.File(path) as file:
+        return np.asarray(file["H"][:])
+
+
+@pytest.fixture
+def task(tmp_path: Path) -> Assemble:
+    settings = AssemblySettings(cutout=(41, 31), dtype="float32", compression="none")
+    return Assemble(
+        frames=SAMPLE,
+        out=tmp_path / "H.h5",
+        corrections=CorrectionRecipe(exposure="none"),
+        settings=settings,
+    )
+
+
+def test_every_route_gives_the_same_bits(lfcal: Lfcal, task: Assemble, tmp_path: Path) -> None:
+    (made,) = task.run()
+    made.close()
+    before = values(tmp_path / "H.h5")
+    routes = []
+
+    def moved(text: str, name: str) -> str:
+        routes.append(tmp_path / name)
+        return text.replace(str(tmp_path / "H.h5"), str(tmp_path / name))
+
+    assert lfcal(*shlex.split(moved(command_of(task), "by_command.h5"))[1:]).code == 0
+    exec(moved(python_of(task), "by_python.h5"), {})
+    (tmp_path / "job.toml").write_text(moved(job_of(task), "by_job.h5"))
+    assert lfcal("run", tmp_path / "job.toml").code == 0
+    routes.append(tmp_path / "again.h5")
+    assert lfcal("run", tmp_path / "H.h5", "-o", tmp_path / "again.h5").code == 0
+    for path in routes:
+        np.testing.assert_array_equal(values(path), before, err_msg=path.name)
+
+
+def test_a_job_keeps_every_value(task: Assemble, tmp_path: Path) -> None:
+    (tmp_path / "job.toml").write_text(job_of(task))
+    assert load_job(tmp_path / "job.toml")[0] == task
+    said = (tmp_path / "job.toml").read_text()
+    for row in rows(Assemble):
+        assert f"{row.name} = " in said or row.default is None, "what is at its default is kept, too"
+
+
+def test_what_a_job_reads_is_shown_before_it_runs(lfcal: Lfcal, task: Assemble, tmp_path: Path) -> None:
+    (tmp_path / "job.toml").write_text(job_of(task))
+    shown = lfcal("run", tmp_path / "job.toml", "--show")
+    assert shown.code == 0 and f"reads: {SAMPLE}" in shown.out and command_of(task) in shown.out
+    assert not (tmp_path / "H.h5").exists()
+    task.run()[0].close()
+    refused = lfcal("run", tmp_path / "H.h5")
+    assert refused.code == 2 and "an H is never replaced by itself" in refused.err
+    assert lfcal("run", tmp_path / "H.h5", "--show", "--json").json["reads"] == [str(SAMPLE)]  # type: ignore[index,call-overload]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("frames = 3", "no task"),
+        ('task = "asemble"', "did you mean assemble?"),
+        ('task = "assemble"\nframes = "f"\nouut = "H.h5"', "did you mean out?"),
+        ('task = "assemble"\nframes = "f"\nout = "H.h5"\n[settings]\nlost = 2', "settings.lost: expected a number > 0"),
+        ('task = "assemble"\nframes = "f"', "--out: expected a value"),
+        ("task = ", "expected TOML"),
+        ('task = "assemble"\nframes = "f"\nout = "H.h5"\n[run]\nwokers = 2', "run"),
+    ],
+)
+def test_a_wrong_job_ends_in_one_sentence(tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "job.toml").write_text(text)
+    with pytest.raises((InputError, FileFormatError)) as error:
+        load_job(tmp_path / "job.toml")
+    assert words in str(error.value) and "\n" not in str(error.value)
+
+
+def test_an_option_of_another_kind_of_input_is_refused(tmp_path: Path) -> None:
+    tasks = task_set("assemble")
+    assert tasks.kinds == (Assemble, AssembleRegions, AssembleTarget)
+    for kind in (AssembleRegions, AssembleTarget):
+        others = {row.name for row in rows(Assemble)} - {row.name for row in rows(kind)}
+        assert others
+        for name in others:
+            with pytest.raises(InputError, match=f"{name}: expected .*frames of one scan.*, got {kind.input_words}"):
+                tasks.refuse(kind, [name])
+
+
+@pytest.mark.parametrize("kind", [Assemble, AssembleRegions, AssembleTarget])
+def test_provenance_has_every_value(kind: type[Assemble]) -> None:
+    said = kind(frames=Path("f"), out=Path("o")).to_dict()
+    for row in rows(kind):
+        place: Any = said
+        for name in row.path[:-1]:
+            place = place[name]
+        assert row.name in place
+    assert dataclasses.is_dataclass(kind)
