@@ -7,15 +7,12 @@ from lfcal.cli.plan_coding import coding_verdict, coding_words
 from lfcal.cli.sample import sample_session
 from lfcal.cli.verify import matrix_lines, session_lines
 from lfcal.cli.window_libraries import ON_X11, missing_libraries, shows_on_x11, why_no_window, without
-from lfcal.tasks import RECORDINGS, files_of
 
 __all__ = [
     "ON_X11",
-    "RECORDINGS",
     "coding_verdict",
     "coding_words",
     "examine",
-    "files_of",
     "matrix_lines",
     "missing_libraries",
     "sample_session",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from lfcal.tasks.assemble import Assembled
 from lfcal.tasks.cameras import assumed_in_words, load_camera, load_file, tell_assumed
 from lfcal.tasks.notes import notes_to
-from lfcal.tasks.outputs import check_output, check_outputs, files_of
+from lfcal.tasks.outputs import RECORDINGS, check_output, check_outputs, files_of
 from lfcal.tasks.scan_frames import ScanFrames, find_plan, tell_size
 from lfcal.tasks.sets import task_set
 from lfcal.tasks.target_frames import left_words, opened_target, wanted_target
@@ -13,6 +13,7 @@ from lfcal.tasks.task import RunSettings, Task, TaskSet, may_replace
 from lfcal.tasks.text import load_job
 
 __all__ = [
+    "RECORDINGS",
     "Assembled",
     "RunSettings",
     "ScanFrames",
