@@ -58,8 +58,8 @@ class CheckRequest:
 def check_h(old: Path, sources: list[Path], asked: CheckRequest, *, json: bool) -> bool:
     """Hold new frames against an old H; print the answer, and return whether it holds."""
     from lfcal.cli._console import print_json, run_work
-    from lfcal.cli._matrices import open_matrix
     from lfcal.judge import iter_check
+    from lfcal.tasks import open_matrix
 
     with open_matrix(old) as opened:
         H = opened.T if opened.is_transposed else opened

@@ -103,7 +103,7 @@ def own_words(without: str = "") -> Iterator[None]:
 
 def open_upright(path: Path) -> PSFMatrix:
     """Return the H of a file, which may hold HT."""
-    from lfcal.cli._matrices import open_matrix
+    from lfcal.tasks import open_matrix
 
     matrix = open_matrix(path)
     return matrix.T if matrix.is_transposed else matrix

@@ -10,11 +10,10 @@ import typer
 
 from lfcal.base import InputError, check_choice
 from lfcal.cli._console import print_json, print_table, report
-from lfcal.cli._matrices import check_mat_files, open_matrix
 from lfcal.cli._options import ForceOption, GainOption, JsonOption, MatOrderOption, WorkersOption
 from lfcal.cli._usage import refuse
 from lfcal.multiplex import CODES, is_whole
-from lfcal.tasks import check_output, check_outputs
+from lfcal.tasks import check_mat_files, check_output, check_outputs, open_matrix
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

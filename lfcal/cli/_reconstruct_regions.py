@@ -58,7 +58,7 @@ def open_regions(
     psf: Path, regions: Sequence[str], stack: ExitStack, *, mat_order: str = "", quiet: bool = False
 ) -> list[PSFMatrix]:
     """Return H of ``psf`` and of each of ``regions``, which ``stack`` closes."""
-    from lfcal.cli._matrices import open_matrix
+    from lfcal.tasks import open_matrix
 
     places = [(psf, ""), *_places(psf, regions)]
     return [

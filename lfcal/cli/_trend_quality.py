@@ -42,8 +42,8 @@ def tell_quality(paths: Sequence[Path], out: Path | None, *, force: bool, json: 
 def _inspection(place: Path, label: str) -> DatedInspection:
     """Return what is known of a session: of an H file its metrics are measured now."""
     from lfcal.cli._console import run_work
-    from lfcal.cli._matrices import open_matrix
     from lfcal.judge import inspection_of, iter_inspect, read_inspection
+    from lfcal.tasks import open_matrix
 
     if place.suffix.lower() == ".json":
         return read_inspection(place, label)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from lfcal.base import InputError
 from lfcal.camera import Camera
 from lfcal.cli._colour_planes import ColourReading, Planes, mean_plane, read_planes
-from lfcal.cli._lattice_file import load_lattice
+from lfcal.tasks import load_lattice
 
 if TYPE_CHECKING:
     from lfcal.lattice import FrameLattice, TypeOf

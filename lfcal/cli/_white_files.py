@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lfcal.base import replace_whole
-from lfcal.cli._lattice_file import FORMAT, VERSION
+from lfcal.tasks import LATTICE_FORMAT, LATTICE_VERSION
 
 if TYPE_CHECKING:
     from lfcal.lattice import LatticeFit
@@ -58,7 +58,9 @@ def lattice_dict(fit: LatticeFit) -> dict[str, Any]:
 def save_lattice(fit: LatticeFit, out: Path) -> list[Path]:
     """Write lattice, residuals of every lenslet and a map of them into ``out``; return the files."""
     written = [out / name for name in (LATTICE, RESIDUALS, RESIDUAL_MAP)]
-    text = json.dumps({"format": FORMAT, "version": VERSION, **lattice_dict(fit)}, indent=2, allow_nan=False)
+    text = json.dumps(
+        {"format": LATTICE_FORMAT, "version": LATTICE_VERSION, **lattice_dict(fit)}, indent=2, allow_nan=False
+    )
     with replace_whole(written[0]) as part:
         part.write_text(text, encoding="utf-8")
     with replace_whole(written[1]) as part:

@@ -12,7 +12,6 @@ import typer
 
 from lfcal.base import InputError
 from lfcal.cli._console import print_json, print_table, report, run_work
-from lfcal.cli._matrices import check_mat_files, open_matrix
 from lfcal.cli._options import (
     CutoutOption,
     DepthsOption,
@@ -23,7 +22,7 @@ from lfcal.cli._options import (
     WorkersOption,
 )
 from lfcal.cli._usage import refuse
-from lfcal.tasks import check_output
+from lfcal.tasks import check_mat_files, check_output, open_matrix
 
 if TYPE_CHECKING:
     from lfcal.accuracy import Curve, Place, Subject

@@ -43,7 +43,6 @@ def command(
     Example: `lfcal compare may/H.h5 june/H.h5 --report compared/`
     """
     from lfcal.cli._console import print_json, print_table, run_work
-    from lfcal.cli._matrices import check_mat_files, open_matrix
     from lfcal.judge import iter_compare
     from lfcal.judge.report import (
         COLUMNS,
@@ -53,7 +52,7 @@ def command(
         iter_compared_report,
         verdict,
     )
-    from lfcal.tasks import check_outputs
+    from lfcal.tasks import check_mat_files, check_outputs, open_matrix
 
     check_mat_files(mat_order, first, second)
     if report is not None:

@@ -49,9 +49,8 @@ def command(
     """
     from lfcal.base import format_bytes, format_seconds
     from lfcal.cli._console import print_json, report, report_dark, run_work
-    from lfcal.cli._matrices import check_mat_files, report_regions
     from lfcal.psf import ExportOptions, export_files, export_notes, iter_export, open_psf, opening_notes
-    from lfcal.tasks import check_outputs
+    from lfcal.tasks import check_mat_files, check_outputs, report_regions
 
     suffix = out.suffix.lower()
     given = {"--no-ht": no_ht, "--rows-first": rows_first, "--uncompressed": uncompressed, "--position": bool(position)}

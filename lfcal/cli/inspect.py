@@ -84,13 +84,12 @@ def command(
     from lfcal.cli._console import print_json, run_work
     from lfcal.cli._inspect_controls import control_frames
     from lfcal.cli._inspect_units import iter_inspect_units
-    from lfcal.cli._matrices import check_mat_files, open_matrix
     from lfcal.cli._regions import show_loss, told_loss
     from lfcal.cli._runs import may_replace, run_choice, run_kept
     from lfcal.cli._usage import refuse
     from lfcal.judge import draw_region_loss, iter_compare, iter_inspection
     from lfcal.judge.quality import iter_inspect
-    from lfcal.tasks import tell_assumed
+    from lfcal.tasks import check_mat_files, open_matrix, tell_assumed
     from lfcal.work import discard, note_joining, parts_folder
 
     if report is None and (executor or scheduler or resume):

@@ -150,7 +150,6 @@ def command(
     Example: `lfcal reconstruct H.h5 frame.tif -o volume.tif --solver rl-tv --iterations 30`
     """
     from lfcal.base import InputError, check_number
-    from lfcal.cli._matrices import check_mat_files, report_missing, report_regions
     from lfcal.cli._reconstruct_forecast import show_forecast, total_seconds
     from lfcal.cli._reconstruct_grid import anchor_of, check_as_is, grid_of, view_for, wide
     from lfcal.cli._reconstruct_numbers import iterations_of, margin_of, variance_of
@@ -159,7 +158,7 @@ def command(
     from lfcal.cli._reconstruct_units import Settings
     from lfcal.psf import voxel_um
     from lfcal.reconstruct import SolverChoice, room_for_projections
-    from lfcal.tasks import check_outputs
+    from lfcal.tasks import check_mat_files, check_outputs, report_missing, report_regions
 
     if solver == "list":
         _list_solvers()

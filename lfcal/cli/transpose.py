@@ -49,10 +49,9 @@ def command(
 
     from lfcal.base import format_bytes, format_seconds
     from lfcal.cli._console import print_json, report_dark, run_work
-    from lfcal.cli._matrices import check_mat_files, open_matrix, report_missing, report_regions
     from lfcal.cli._runs import may_replace, run_choice, run_kept
     from lfcal.psf import iter_transpose_file
-    from lfcal.tasks import check_output
+    from lfcal.tasks import check_mat_files, check_output, open_matrix, report_missing, report_regions
 
     check_output(out, source, force=may_replace(out, resume=resume, force=force))
     start = time.perf_counter()

@@ -4,7 +4,7 @@
 - ``sets``: every task by the name of its command
 - ``text``: tasks as commands, Python and job files
 - ``assemble``: frames to H
-- ``scan_frames``, ``target_frames``, ``cameras``: inputs as tasks open them
+- ``scan_frames``, ``target_frames``, ``cameras``, ``matrices``, ``lattice_file``: inputs as tasks open them
 - ``outputs``: what may be written where
 - ``notes``: what a task says by the way
 """

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from lfcal.tasks.assemble import Assembled
 from lfcal.tasks.cameras import assumed_in_words, load_camera, load_file, tell_assumed
+from lfcal.tasks.lattice_file import LATTICE_FORMAT, LATTICE_VERSION, load_lattice
+from lfcal.tasks.matrices import check_mat_files, open_matrix, report_missing, report_regions
 from lfcal.tasks.notes import notes_to
 from lfcal.tasks.outputs import RECORDINGS, check_output, check_outputs, files_of
 from lfcal.tasks.scan_frames import ScanFrames, find_plan, tell_size
@@ -13,6 +15,8 @@ from lfcal.tasks.task import RunSettings, Task, TaskSet, may_replace
 from lfcal.tasks.text import load_job
 
 __all__ = [
+    "LATTICE_FORMAT",
+    "LATTICE_VERSION",
     "RECORDINGS",
     "Assembled",
     "RunSettings",
@@ -20,6 +24,7 @@ __all__ = [
     "Task",
     "TaskSet",
     "assumed_in_words",
+    "check_mat_files",
     "check_output",
     "check_outputs",
     "files_of",
@@ -28,9 +33,13 @@ __all__ = [
     "load_camera",
     "load_file",
     "load_job",
+    "load_lattice",
     "may_replace",
     "notes_to",
+    "open_matrix",
     "opened_target",
+    "report_missing",
+    "report_regions",
     "task_set",
     "tell_assumed",
     "tell_size",

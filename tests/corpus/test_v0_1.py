@@ -12,10 +12,10 @@ import pytest
 
 from lfcal.acquire import RedoList
 from lfcal.camera import Camera, ScanPlan, preset
-from lfcal.cli._lattice_file import load_lattice
 from lfcal.fit.stored import read_fit
 from lfcal.frames import open_frames
 from lfcal.psf import PSFMatrix, open_psf, regions_of, save, verify
+from lfcal.tasks import load_lattice
 from lfcal_gui.models.project import read_project
 
 FILES = Path(__file__).parent / "v0_1"

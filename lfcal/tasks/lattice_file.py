@@ -20,9 +20,9 @@ from lfcal.base import (
 if TYPE_CHECKING:
     from lfcal.lattice import LatticeFit
 
-__all__ = ["FORMAT", "VERSION", "load_lattice"]
+__all__ = ["LATTICE_FORMAT", "LATTICE_VERSION", "load_lattice"]
 
-FORMAT, VERSION = "lfcal-lattice", 1
+LATTICE_FORMAT, LATTICE_VERSION = "lfcal-lattice", 1
 REMEDY = "write it with lfcal white"
 MAX_SIDE_PX = 20_000
 MIN_PITCH_PX = 4.0
@@ -38,8 +38,10 @@ def load_lattice(path: Path) -> LatticeFit:
         If the file is something else, or a number in it cannot be.
     """
     data = parse_json(read_text(path), str(path), remedy=REMEDY)
-    if not isinstance(data, dict) or (data.get("format"), data.get("version")) != (FORMAT, VERSION):
-        raise FileFormatError.expected(str(path), f"{FORMAT} of version {VERSION}", "something else", REMEDY)
+    if not isinstance(data, dict) or (data.get("format"), data.get("version")) != (LATTICE_FORMAT, LATTICE_VERSION):
+        raise FileFormatError.expected(
+            str(path), f"{LATTICE_FORMAT} of version {LATTICE_VERSION}", "something else", REMEDY
+        )
     try:
         return _fit(data)
     except KeyError as error:

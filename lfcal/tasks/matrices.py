@@ -1,11 +1,11 @@
-"""Opening H for a command, with notes on the file for the user."""
+"""H files that tasks are given, with notes on the file for the user."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lfcal.cli._console import report
+from lfcal.tasks.notes import note
 
 if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix
@@ -14,7 +14,7 @@ __all__ = ["check_mat_files", "open_matrix", "report_missing", "report_regions"]
 
 
 def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: bool = False) -> PSFMatrix:
-    """Open an H file, and print how a file of another code was read.
+    """Open an H file, and say how a file of another code was read.
 
     Parameters
     ----------
@@ -23,30 +23,30 @@ def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: boo
     mat_order
         As there, but for ``.mat`` files alone: a command with several files gives it for all; see `check_mat_files`.
     quiet
-        Print nothing: in a worker, where the command has printed it.
+        Say nothing: in a worker, where the task has said it.
     """
     from lfcal.psf import open_psf, opening_notes
 
     matrix = open_psf(path, region=region, mat_order=mat_order if _is_mat(path) else "")
-    for note in () if quiet else opening_notes(matrix):
-        report(f"note: {path.name}: {note}")
+    for one in () if quiet else opening_notes(matrix):
+        note(f"{path.name}: {one}")
     return matrix
 
 
 def report_regions(path: Path, matrix: PSFMatrix, done: str) -> None:
-    """Print that of an H file with several regions of the field one alone is ``done`` (used, written)."""
+    """Say that of an H file with several regions of the field one alone is ``done`` (used, written)."""
     from lfcal.psf import regions_of
 
     if len(names := regions_of(path)) > 1:
-        report(f"note: of {len(names)} regions of the field {matrix.region or 'the first'} alone is {done}")
+        note(f"of {len(names)} regions of the field {matrix.region or 'the first'} alone is {done}")
 
 
 def report_missing(matrix: PSFMatrix) -> int:
-    """Return how many positions of H were neither recorded nor filled, and print a note where there are any."""
+    """Return how many positions of H were neither recorded nor filled, and say so where there are any."""
     from lfcal.psf import empty_positions, empty_words
 
     if words := empty_words(matrix):
-        report(f"note: {words}: their entries are zero; lfcal assemble --fill fills them from a fit")
+        note(f"{words}: their entries are zero; lfcal assemble --fill fills them from a fit")
     return len(empty_positions(matrix))
 
 
