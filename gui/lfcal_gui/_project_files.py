@@ -14,7 +14,7 @@ from lfcal.base import LfcalError
 from lfcal_gui._rescue import Rescue
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.locks import FileLock
-from lfcal_gui.models import Project, ProjectState, RecentProjects, UnsavedCopy, read_project
+from lfcal_gui.models import PageSettings, Project, ProjectState, RecentProjects, UnsavedCopy, read_project
 from lfcal_gui.saving import ask_target, may_replace
 
 __all__ = ["ProjectFiles"]
@@ -163,6 +163,11 @@ class ProjectFiles(QObject):
         self._hold(lock)
         self.project.start(state, path, saved)
         self.rescue.keep()
+        refused = [*state.refused]
+        for kind in PageSettings.__subclasses__():
+            refused += kind.read(state.settings.get(kind.page))[1]
+        if refused:
+            self._refuse("Open project", f"not taken from the project, which has the rest: {'; '.join(refused)[:400]}")
         if state.left_out:
             named, more = state.left_out[0][:200], len(state.left_out) - 1
             others = f" and {more} more" if more else ""

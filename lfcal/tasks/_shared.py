@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from lfcal.tasks.assemble import Assembled
+from lfcal.tasks._channels import ChannelPart
+from lfcal.tasks.assemble import Assembled, AssemblyRun
 from lfcal.tasks.cameras import assumed_in_words, load_camera, load_file, tell_assumed
 from lfcal.tasks.lattice_file import LATTICE_FORMAT, LATTICE_VERSION, load_lattice
 from lfcal.tasks.matrices import check_mat_files, open_matrix, report_missing, report_regions
@@ -12,13 +13,15 @@ from lfcal.tasks.scan_frames import ScanFrames, find_plan, tell_size
 from lfcal.tasks.sets import task_set
 from lfcal.tasks.target_frames import left_words, opened_target, wanted_target
 from lfcal.tasks.task import RunSettings, Task, TaskSet, may_replace
-from lfcal.tasks.text import load_job
+from lfcal.tasks.text import load_job, words_of
 
 __all__ = [
     "LATTICE_FORMAT",
     "LATTICE_VERSION",
     "RECORDINGS",
     "Assembled",
+    "AssemblyRun",
+    "ChannelPart",
     "RunSettings",
     "ScanFrames",
     "Task",
@@ -44,4 +47,5 @@ __all__ = [
     "tell_assumed",
     "tell_size",
     "wanted_target",
+    "words_of",
 ]

@@ -33,12 +33,20 @@ if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
     from lfcal.campaign import Points
     from lfcal.fit import Filler
-    from lfcal.frames import Frames, FrameSource
+    from lfcal.frames import CorrectedSource, Frames, FrameSource
     from lfcal.psf import AssembledPlanes, AssemblyReport, Reopening
     from lfcal.targets import TargetPlan
     from lfcal.work import RunChoice
 
-__all__ = ["ASSEMBLE", "Assemble", "AssembleRegions", "AssembleTarget", "Assembled", "open_planes"]
+__all__ = [
+    "ASSEMBLE",
+    "Assemble",
+    "AssembleRegions",
+    "AssembleTarget",
+    "Assembled",
+    "AssemblyRun",
+    "open_planes",
+]
 
 RATE = 100e6
 """Bytes of frames that are read, corrected and cropped in a second of processor time, about."""
@@ -112,6 +120,15 @@ class Assembled:
             **judgement_of(report).to_dict(),
             **({} if self.facts is None else {"target": self.facts}),
         }
+
+
+@dataclass(frozen=True)
+class AssemblyRun:
+    """By whom one H is assembled, and how other processes open its frames."""
+
+    choice: RunChoice | None = None
+    reopening: Reopening | None = None
+    workers: int | None = None
 
 
 @record
@@ -324,45 +341,78 @@ class Assemble(AssembleRegions):
             made = []
             for part, choice in zip(parts, choices, strict=True):
                 recipe = replace(self.corrections, shift=bits, channel=part.channel)
-                made.append((yield from self._iter_part(part, scan, recipe, choice, run.workers)))
+                made.append((yield from self._iter_colour(part, scan, recipe, choice, run.workers)))
         return tuple(made)
 
-    def _iter_part(
+    def _iter_colour(
         self, part: ChannelPart, scan: ScanPlan, recipe: CorrectionRecipe, choice: RunChoice | None, workers: int | None
     ) -> Work[Assembled]:
-        """Make one H of frames that are open."""
-        from lfcal.frames import check_turned_colours, corrected_view, iter_undamaged, oriented, with_partners
-        from lfcal.psf import Reopening, iter_assemble_plan, iter_upright
+        """Make one H of frames that are open: leave out what is damaged, and correct the rest."""
+        from lfcal.frames import corrected_view, iter_undamaged
+        from lfcal.psf import Reopening
 
         start, frames = time.perf_counter(), part.source
-        known: dict[str, Any] = {"intake": list(frames.metadata.notes)} if frames.metadata.notes else {}
         left_out: list[int] = []
         if self.skip_damaged:
             frames = yield from iter_undamaged(frames, workers=workers)
             left_out = sorted(set(range(len(part.source))) - set(frames.chosen.tolist()))
-        view: FrameSource = corrected_view(frames, recipe, scan)
-        turn, lie = yield from iter_upright(view, part.plan, self.orientation)
-        view = oriented(view, turn, part.plan.camera.sensor.shape)
-        applied = str(lie["orientation"]["applied"])
-        check_turned_colours(frames, scan, recipe, applied)
-        view = with_partners(view, part.plan) if self.half_cell else view
-        fill = self._fill(part.plan, workers)
-        known |= {} if fill is None else {"filled": fill.provenance}
-        known |= {"task": self.to_dict(absolute=True, outputs=False)}
         reopening: Reopening | None = None
         if choice is not None:
             # what H is made of, whatever is written where
-            found = {"channel": part.name, "turn": applied, "left_out": left_out, "recipe": asdict(recipe)}
-            values = {"task": known["task"], "found": found, "stamp": self._stamp(part.source)}
+            found = {"channel": part.name, "left_out": left_out, "recipe": asdict(recipe)}
+            task = self.to_dict(absolute=True, outputs=False)
+            values = {"task": task, "found": found, "stamp": self._stamp(part.source)}
             reopening = Reopening(f"{__name__}:{open_planes.__name__}", values)
-        how: dict[str, Any] = {"fill": fill, "run": choice, "reopening": reopening, "workers": workers}
-        report = yield from iter_assemble_plan(view, part.plan, part.out, self.settings, provenance=known | lie, **how)
-        return Assembled(
-            name=part.name if self.channel == "each" else "",
-            out=part.out,
-            report=report,
-            seconds=time.perf_counter() - start,
+        view = corrected_view(frames, recipe, scan)
+        made = yield from self.iter_part(part, scan, recipe, view, AssemblyRun(choice, reopening, workers))
+        name = part.name if self.channel == "each" else ""
+        return replace(made, name=name, seconds=time.perf_counter() - start)
+
+    def iter_part(
+        self, part: ChannelPart, scan: ScanPlan, recipe: CorrectionRecipe, view: CorrectedSource, how: AssemblyRun
+    ) -> Work[Assembled]:
+        """Make one H of frames that are open and corrected.
+
+        Parameters
+        ----------
+        part
+            The frames as they are read, the plan that H is made by, and the file to write.
+        scan
+            The plan of the whole scan, of which a colour has only a part.
+        recipe, view
+            Their corrections, and the corrected frames.
+        how
+            By whom.
+        """
+        from lfcal.frames import check_turned_colours, oriented, with_partners
+        from lfcal.psf import iter_assemble_plan, iter_upright
+
+        start = time.perf_counter()
+        notes = part.source.metadata.notes
+        turn, lie = yield from iter_upright(view, part.plan, self.orientation)
+        applied = str(lie["orientation"]["applied"])
+        check_turned_colours(part.source, scan, recipe, applied)
+        upright: FrameSource = oriented(view, turn, part.plan.camera.sensor.shape)
+        upright = with_partners(upright, part.plan) if self.half_cell else upright
+        fill = self._fill(part.plan, how.workers)
+        known: dict[str, Any] = {"intake": list(notes)} if notes else {}
+        known |= {} if fill is None else {"filled": fill.provenance}
+        known |= {"task": self.to_dict(absolute=True, outputs=False)}
+        reopening = how.reopening
+        if reopening is not None:
+            reopening = replace(reopening, values={**reopening.values, "turn": applied})
+        report = yield from iter_assemble_plan(
+            upright,
+            part.plan,
+            part.out,
+            self.settings,
+            provenance=known | lie,
+            fill=fill,
+            run=how.choice,
+            reopening=reopening,
+            workers=how.workers,
         )
+        return Assembled(out=part.out, report=report, seconds=time.perf_counter() - start)
 
     def _stamp(self, frames: Frames) -> str:
         """Return what changes where a file that H is made of changes."""
@@ -411,7 +461,7 @@ def open_planes(values: Mapping[str, Any], workers: int) -> AssembledPlanes:
         if found["left_out"]:
             frames = SelectedSource(frames, np.setdiff1d(np.arange(len(frames)), found["left_out"]), ())
         view: FrameSource = corrected_view(frames, CorrectionRecipe(**found["recipe"]), scan)
-        view = oriented(view, named_orientation(found["turn"]), part.plan.camera.sensor.shape)
+        view = oriented(view, named_orientation(values["turn"]), part.plan.camera.sensor.shape)
         view = with_partners(view, part.plan) if task.half_cell else view
         return planes_of_frames(view, part.plan, values, task._fill(part.plan, workers), raw.close)
     except BaseException:

@@ -28,6 +28,7 @@ from lfcal_gui.models.page import (
     with_found,
 )
 from lfcal_gui.models.project import Hold, Project, ProjectState, RecentProjects, read_project
+from lfcal_gui.models.record_form import check_of, fields_of, options_in, shown_of
 from lfcal_gui.models.stamp import Stamp, stamp_of
 from lfcal_gui.models.step import CAMERA_FILE, PLAN_FILE, CommandStep, needed_file, needed_plan, options_of, step_of
 from lfcal_gui.models.words import plane_words, said_in_window, typeset, unbroken
@@ -65,9 +66,11 @@ __all__ = [
     "UnsavedCopy",
     "WindowJob",
     "available_pages",
+    "check_of",
     "colour_table",
     "doctor_html",
     "doctor_text",
+    "fields_of",
     "file_state",
     "find_kept",
     "found_state",
@@ -82,6 +85,7 @@ __all__ = [
     "needed_plan",
     "notes_of",
     "nothing",
+    "options_in",
     "options_of",
     "page_states",
     "parse",
@@ -93,6 +97,7 @@ __all__ = [
     "said_in_window",
     "section_of",
     "shades",
+    "shown_of",
     "stamp_of",
     "stamp_of_files",
     "step_of",

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,8 @@ class ProjectState:
     left_out
         Paths on network shares that the file of the project named, as ``"psf //server/share/H.h5"``: they are not
         taken from it, since Windows logs on at any server that a path names. No part of the project.
+    refused
+        Why entries of the file were refused, a line each: these have their defaults. No part of the project.
     """
 
     name: str = "untitled"
@@ -59,6 +62,7 @@ class ProjectState:
     volume: str = ""
     redo: tuple[tuple[int, int, int], ...] = ()
     left_out: tuple[str, ...] = ()
+    refused: tuple[str, ...] = ()
 
     def __eq__(self, other: object) -> bool:
         """Return whether all is the same, also where the camera's values come from: a file holds that, too."""
@@ -80,26 +84,31 @@ class ProjectState:
         """Return the state described by JSON ``text``; raise `FileFormatError` in one line if it is none."""
         data = _parsed(text)
         try:
-            if data["format"] == OLD_FORMAT:
-                data = _modern(data)
-            left_out: list[str] = []
-            files = {name: _local(name, _path(name, data[name]), left_out) for name in FILES}
-            return cls(
-                name=str(data["name"]),
-                camera=Camera.from_dict(data["camera"]),
-                plan=None if data["plan"] is None else ScanPlan.from_dict(data["plan"]),
-                settings=dict(_local("settings", dict(data["settings"]), left_out)),
-                redo=tuple((int(z), int(y), int(x)) for z, y, x in data["redo"]),
-                **files,
-                left_out=tuple(left_out),
-            )
+            data = _modern(data) if data["format"] == OLD_FORMAT else data
+            given = {name: data[name] for name in ENTRIES}
         except (KeyError, TypeError, ValueError) as error:
-            if isinstance(error, LfcalError):
-                raise
             raise FileFormatError.expected("project", "every entry", f"{error}", "the file is incomplete") from None
+        left_out: list[str] = []
+        readers: dict[str, Callable[[Any], Any]] = {
+            **{name: partial(_file, name, left_out=left_out) for name in FILES},
+            "name": str,
+            "camera": Camera.from_dict,
+            "plan": lambda plan: None if plan is None else ScanPlan.from_dict(plan),
+            "settings": lambda settings: dict(_local("settings", dict(settings), left_out)),
+            "redo": lambda redo: tuple((int(z), int(y), int(x)) for z, y, x in redo),
+        }
+        found: dict[str, Any] = {}
+        refused = []
+        for name, read in readers.items():
+            try:
+                found[name] = read(given[name])
+            except (LfcalError, KeyError, TypeError, ValueError) as error:
+                # one bad value is no reason to lose all others
+                refused.append(f"{name}: {error}")
+        return cls(**found, left_out=tuple(left_out), refused=tuple(refused))
 
 
-ENTRIES = tuple(f.name for f in fields(ProjectState) if f.name != "left_out")
+ENTRIES = tuple(f.name for f in fields(ProjectState) if f.name not in ("left_out", "refused"))
 """What a file of a project holds."""
 
 
@@ -113,6 +122,11 @@ def _local(name: str, value: Any, left_out: list[str]) -> Any:
         left_out.append(f"{name} {value}")
         return ""
     return value
+
+
+def _file(name: str, given: object, left_out: list[str]) -> Any:
+    """Return the path of an entry, empty where it is on a network share."""
+    return _local(name, _path(name, given), left_out)
 
 
 def _path(name: str, given: object) -> str:

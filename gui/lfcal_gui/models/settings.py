@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Self
 
@@ -31,18 +31,38 @@ class PageSettings:
 
     @classmethod
     def from_dict(cls, data: object) -> Self:
-        """Return the settings in ``data``; what is missing takes its default, damaged settings all of them."""
+        """Return the settings in ``data``; what is missing takes its default, and so does a value that is refused."""
+        return cls.read(data)[0]
+
+    @classmethod
+    def read(cls, data: object) -> tuple[Self, tuple[str, ...]]:
+        """Return the settings in ``data``, and why values were refused, a line each: these take their defaults."""
         if not isinstance(data, Mapping):
-            return cls()
+            wrong = f"settings of {cls.page}: expected an object, got {data!r:.40}"
+            return cls(), () if data is None else (wrong,)
         given = {f.name: _tupled(data[f.name]) for f in fields(cls) if f.name in data}
-        try:
-            for f in fields(cls):
-                _check_type(f.name, f.default, given.get(f.name, f.default))
-            settings = cls(**given)
-            settings.usable()
-        except (LfcalError, TypeError, ValueError):
-            return cls()
-        return settings
+        defaults = {f.name: f.default for f in fields(cls)}
+
+        def reason(names: Iterable[str]) -> str:
+            """Return why these values together are refused; empty: they are not."""
+            try:
+                for name in names:
+                    _check_type(name, defaults[name], given[name])
+                cls(**{name: given[name] for name in names}).usable()
+            except (LfcalError, TypeError, ValueError) as error:
+                return str(error)
+            return ""
+
+        taken = list(given)
+        if reason(taken):
+            taken = []
+            # twice: a value may need one that comes after it
+            for name in (*given, *given):
+                if name not in taken and not reason([*taken, name]):
+                    taken.append(name)
+        refused = [name for name in given if name not in taken]
+        lines = tuple(f"settings of {cls.page}: {name}: {reason([*taken, name])}" for name in refused)
+        return cls(**{name: given[name] for name in taken}), lines
 
     @classmethod
     def of(cls, project: ProjectState) -> Self:

@@ -104,10 +104,32 @@ def test_bad_files_get_one_line(text: str, tmp_path: Path) -> None:
 def test_paths_that_no_file_can_have_are_refused(psf: str) -> None:
     """A project with one once opened, and every look at its pages raised an error."""
     data = {**json.loads(full_state().to_json()), "psf": psf}
-    with pytest.raises(FileFormatError, match="project: psf: expected a path of at most 4095") as caught:
-        ProjectState.from_json(json.dumps(data))
-    assert "\n" not in str(caught.value)
-    assert stamp_of(psf) is None
+    state = ProjectState.from_json(json.dumps(data))
+    (line,) = state.refused
+    assert line.startswith("psf: project: psf: expected a path of at most 4095") and "\n" not in line
+    assert state.psf == "" and stamp_of(psf) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("camera", {"name": "x"}),
+        ("plan", 3),
+        ("redo", [1]),
+        ("settings", 3),
+        ("volume", "a\0b"),
+        ("plan", {"camera": {}}),
+    ],
+)
+def test_one_bad_value_loses_no_other(name: str, value: object) -> None:
+    whole = full_state()
+    state = ProjectState.from_json(json.dumps({**json.loads(whole.to_json()), name: value}))
+    (line,) = state.refused
+    assert line.startswith(f"{name}: ")
+    for other in json.loads(whole.to_json()):
+        if other not in (name, "format", "version"):
+            assert getattr(state, other) == getattr(whole, other), other
+    assert "refused" not in state.to_json() and not ProjectState.from_json(state.to_json()).refused
 
 
 @pytest.mark.parametrize("start", ["//", "\\\\", "\\/", "//?/UNC/", "\\??\\UNC\\", "//./pipe/"])

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lfcal.base import Work
-from lfcal.frames import check_turned_colours, oriented
 from lfcal.judge import judgement_of
-from lfcal.psf import iter_upright
+from lfcal.tasks import AssemblyRun
 from lfcal_gui.models import going_on, stamp_of_files
-from lfcal_gui.pages.frames.model import Opened
+from lfcal_gui.pages.frames.model import Opened, task_of
 
 if TYPE_CHECKING:
     from lfcal.psf import AssemblyReport
@@ -28,35 +28,22 @@ def iter_assembly(opened: Opened, path: str) -> Work[AssemblyReport]:
     InputError
         As `lfcal.psf.upright.iter_upright` and `lfcal.psf.iter_assemble_plan`.
     """
-    from lfcal.psf import AssemblySettings, Reopening, iter_assemble_plan
+    from lfcal.psf import Reopening
+    from lfcal.tasks import ChannelPart
 
-    given = opened.delivered
-    notes = given.frames.metadata.notes
-    known = {"intake": list(notes)} if notes else {}
-    turn, lie = yield from iter_upright(given.corrected, opened.plan, given.orientation)
-    upright = oriented(given.corrected, turn, opened.plan.camera.sensor.shape)
-    check_turned_colours(given.frames, given.scan, given.recipe, lie["orientation"]["applied"])
-    settings = AssemblySettings(interpolation=opened.interpolation)
-    chosen = opened.chosen
+    given, chosen = opened.delivered, opened.chosen
+    task = task_of(chosen, opened.folder, path)
     told = {
         "from": asdict(chosen),
         "plan": opened.plan.to_dict(),
-        "turn": turn.name,
         "stamp": stamp_of_files(
-            opened.folder, opened.chosen.dark, opened.chosen.white, opened.chosen.manifest, but=path
+            opened.folder, chosen.dark, chosen.white, chosen.manifest, str(task.fill or ""), but=path
         ),
     }
-    return (
-        yield from iter_assemble_plan(
-            upright,
-            opened.plan,
-            path,
-            settings,
-            provenance=known | lie,
-            run=going_on(),
-            reopening=Reopening("", told),
-        )
-    )
+    part = ChannelPart(given.frames, opened.plan, given.recipe.channel, Path(path))
+    how = AssemblyRun(going_on(), reopening=Reopening("", told))
+    made = yield from task.iter_part(part, given.scan, given.recipe, given.corrected, how)
+    return made.report
 
 
 def notes_of(report: AssemblyReport) -> tuple[str, ...]:

@@ -6,9 +6,11 @@ from PySide6.QtCore import QRegularExpression, QSignalBlocker, Signal
 from PySide6.QtGui import QRegularExpressionValidator
 from PySide6.QtWidgets import QCheckBox, QComboBox, QFormLayout, QHBoxLayout, QLineEdit, QVBoxLayout, QWidget
 
-from lfcal_gui.pages.frames.model import CORRECTIONS, WAYS, FrameSettings
+from lfcal.tasks import Assemble
+from lfcal_gui.models import check_of, fields_of, shown_of
+from lfcal_gui.pages.frames.model import CORRECTIONS, HELD, WAYS, FrameSettings
 from lfcal_gui.pages.frames.orientation import CHOICES
-from lfcal_gui.widgets import SPACING, choice_box, heading
+from lfcal_gui.widgets import SPACING, Folded, Form, choice_box, heading
 
 __all__ = ["FrameChoices"]
 
@@ -24,10 +26,13 @@ class FrameChoices(QWidget):
         One of `lfcal_gui.pages.frames.model.CORRECTIONS`, or ``skip_damaged``.
     setting_chosen(setting, value)
         How positions are found in file names or a manifest, and how cutouts between pixels are taken.
+    option_edited(name, value)
+        Another field of `lfcal.tasks.Assemble`.
     """
 
     correction_toggled = Signal(str, bool)
     setting_chosen = Signal(str, str)
+    option_edited = Signal(str, object)
 
     def __init__(self) -> None:
         super().__init__()
@@ -38,6 +43,12 @@ class FrameChoices(QWidget):
         column.addLayout(self._corrections())
         column.addWidget(heading("Positions and cutout"))
         column.addLayout(self._reading())
+        more = Folded("More settings of H", "Black level, exposure, cutout, gaps, and how H is stored")
+        self.options = Form(fields_of(Assemble, without=HELD), dense=True)
+        self.options.check = check_of(Assemble)
+        self.options.edited.connect(self.option_edited.emit)
+        more.column.addWidget(self.options)
+        column.addWidget(more)
 
     def _corrections(self) -> QHBoxLayout:
         self.boxes: dict[str, QCheckBox] = {}
@@ -119,6 +130,8 @@ class FrameChoices(QWidget):
         self.orientation.setCurrentIndex(self.orientation.findData(settings.orientation))
         for one in blockers:
             one.unblock()
+        shown = shown_of(Assemble, settings.option_values)
+        self.options.set_values({key: shown[key] for key in self.options.fields})
 
     def show_positions(self, words: str) -> None:
         """Say where positions come from while no manifest is named."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,9 @@ from lfcal.base import drain, read_text
 from lfcal.camera import ScanPlan
 from lfcal.frames import FrameSource, Position, named_orientation, parse_origin
 from lfcal.psf import CHECK, INTERPOLATIONS
-from lfcal_gui.models import PageSettings
+from lfcal.records import from_flat
+from lfcal.tasks import Assemble
+from lfcal_gui.models import PageSettings, options_in
 from lfcal_gui.pages.frames.import_choice import ImportChoice, list_of
 from lfcal_gui.pages.frames.orientation import turned
 
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CORRECTIONS",
+    "HELD",
     "WAYS",
     "Delivered",
     "FrameSettings",
@@ -32,6 +35,7 @@ __all__ = [
     "open_imported",
     "open_source",
     "positions_words",
+    "task_of",
 ]
 
 CORRECTIONS = (
@@ -43,6 +47,14 @@ CORRECTIONS = (
 """Setting, title and meaning of each correction."""
 
 MEAN_DARK = "the mean dark frame"
+
+HELD = frozenset(
+    {
+        *("frames", "out", "plan", "manifest", "pattern", "order", "columns", "first", "origin", "skip_damaged"),
+        *("orientation", "shift", "channel", "dark", "white", "defects", "background", "interpolation"),
+    }
+)
+"""Fields of `lfcal.tasks.Assemble` that have widgets of their own; the form shows all others."""
 
 WAYS = (("", "as the plan needs"), *((name, name) for name in INTERPOLATIONS))
 """How a cutout between pixels may be taken, with the words shown."""
@@ -72,6 +84,8 @@ class FrameSettings(PageSettings):
         are as they come, if that is not certainly wrong.
     origin
         Row and column on the sensor of the frames' first pixel, ``"120,64"``; empty: they are whole.
+    options
+        Pairs of name and value of all other fields of `lfcal.tasks.Assemble` that are not at their defaults.
     """
 
     page: ClassVar[str] = "frames"
@@ -93,12 +107,44 @@ class FrameSettings(PageSettings):
     interpolation: str = ""
     orientation: str = CHECK
     origin: str = ""
+    options: tuple[tuple[str, Any], ...] = ()
+
+    @property
+    def option_values(self) -> dict[str, Any]:
+        """The other fields by their names, as the record has them."""
+        return options_in(Assemble, dict(self.options))
 
     def usable(self) -> None:
         """Raise `InputError` where the orientation has no name, or the origin is no place."""
         parse_origin(self.origin)
+        task_of(self, "frames", "H.h5")
         if self.orientation != CHECK:
             named_orientation(self.orientation)
+
+
+def task_of(settings: FrameSettings, frames: str, out: str, plan: str = "") -> Assemble:
+    """Return how H is made of ``frames`` by the ``plan`` in a file; raises `InputError` if values do not fit."""
+    own: dict[str, Any] = {
+        "frames": Path(frames),
+        "out": Path(out),
+        "plan": Path(plan) if plan else None,
+        "manifest": Path(settings.manifest) if settings.manifest else None,
+        "pattern": settings.pattern,
+        "order": settings.order,
+        "columns": settings.columns,
+        "first": int(settings.first) if settings.first else None,
+        "origin": settings.origin,
+        "skip_damaged": settings.skip_damaged,
+        "orientation": settings.orientation,
+        "shift": str(settings.shift),
+        "channel": settings.channel,
+        "dark": settings.dark if settings.use_dark else "none",
+        "white": settings.white if settings.use_white else "",
+        "defects": settings.use_defects,
+        "background": "border" if settings.use_background else "none",
+        "interpolation": settings.interpolation,
+    }
+    return from_flat(Assemble, own | settings.option_values)
 
 
 def positions_words(frames: str, settings: FrameSettings) -> str:
@@ -259,16 +305,7 @@ def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opene
 
 
 def _recipe(settings: FrameSettings, channel: str) -> CorrectionRecipe:
-    from lfcal.frames import CorrectionRecipe
-
-    return CorrectionRecipe(
-        dark=settings.dark if settings.use_dark else "none",
-        white=settings.white if settings.use_white else "",
-        defects=settings.use_defects,
-        background="border" if settings.use_background else "none",
-        shift=settings.shift,
-        channel=channel,
-    )
+    return replace(task_of(settings, "frames", "H.h5").corrections, shift=settings.shift, channel=channel)
 
 
 def _dark_words(chain: CorrectionChain) -> str:

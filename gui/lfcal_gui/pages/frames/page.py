@@ -10,13 +10,15 @@ from typing import Any
 from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QFileDialog
 
+from lfcal.base import InputError
 from lfcal.frames import Position
 from lfcal.frames.lists import TABLE_SUFFIXES
 from lfcal.psf import FoundOrientation, find_orientation
+from lfcal.tasks import Assemble
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
-from lfcal_gui.models import Filling, PageSpec, ProjectState
+from lfcal_gui.models import Filling, PageSpec, ProjectState, options_in
 from lfcal_gui.pages.frames._assembly import iter_assembly, notes_of
 from lfcal_gui.pages.frames._import_dialog import ImportDialog
 from lfcal_gui.pages.frames._noticed import Noticed
@@ -85,6 +87,7 @@ class Page(BasePage):
         panel.play_toggled.connect(lambda on: self.play_timer.start() if on else self.play_timer.stop())
         panel.choices.correction_toggled.connect(self._correct)
         panel.choices.setting_chosen.connect(self._set)
+        panel.choices.option_edited.connect(self._set_option)
         panel.before_toggled.connect(lambda _: self._show_pixels())
         panel.lattice_toggled.connect(lambda _: self._show_overlays())
 
@@ -123,6 +126,19 @@ class Page(BasePage):
     def _set(self, key: str, value: str) -> None:
         changes: dict[str, Any] = {key: value}
         self.context.project.update(key, settings=replace(self.settings, **changes).into(self.context.state))
+
+    def _set_option(self, key: str, value: Any) -> None:
+        """Take another field of the task; of values that exclude each other the new one is refused."""
+        options = {**self.settings.option_values, key: value}
+        try:
+            chosen = options_in(Assemble, options)
+            settings = replace(self.settings, options=tuple(sorted(chosen.items())))
+            settings.usable()
+        except InputError as error:
+            self.refuse(str(error))
+            self.panel.choices.show_settings(self.settings)
+            return
+        self.context.project.update(key.replace("_", " "), settings=settings.into(self.context.state))
 
     def choose_folder(self) -> None:
         """Ask for a folder of frames."""

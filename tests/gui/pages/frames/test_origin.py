@@ -35,7 +35,7 @@ def test_the_first_pixel_is_stated_on_the_page(open_page: Any, context: Context,
     assert FrameSettings.of(context.state).origin == "5, 6"
     assert page.opened.source.info(0).origin == ORIGIN
     made = step(context.state)
-    assert "origin=(5, 6)" in made.python and any("origin" in word and "5, 6" in word for word in made.arguments)
+    assert "origin='5, 6'" in made.python and any("origin" in word and "5, 6" in word for word in made.arguments)
     page.panel.choices.boxes["use_background"].setChecked(True)
     idle(context.jobs, qtbot)
     page.assemble(str(tmp_path / "H.h5"))

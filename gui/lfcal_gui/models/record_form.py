@@ -1,0 +1,73 @@
+"""Fields of forms made of fields of records: labels, units, choices, tips and checks are declared once. No Qt."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from lfcal.base import InputError
+from lfcal.records import FieldRow, rows
+from lfcal_gui.models.form import Field
+
+__all__ = ["check_of", "fields_of", "options_in", "shown_of"]
+
+KINDS = {bool: "bool", float: "float", int: "int"}
+
+
+def fields_of(record: type, *, without: Iterable[str] = (), more: bool | None = None) -> tuple[Field, ...]:
+    """Return the entries of a form for a record.
+
+    Parameters
+    ----------
+    record
+        Its class.
+    without
+        Names of fields that other widgets show.
+    more
+        Whether to return only those that are rarely needed, or only the others; None: all.
+    """
+    held = set(without)
+    chosen = (row for row in rows(record) if row.name not in held and more in (None, row.opt.more))
+    return tuple(_field(row) for row in chosen)
+
+
+def _field(row: FieldRow) -> Field:
+    opt = row.opt
+    choices = tuple((name, name) for name in row.choices)
+    if choices and row.default not in row.choices:
+        choices = ((str(row.default), opt.empty or "default"), *choices)
+    kind = "choice" if choices else "text" if opt.read or row.many else KINDS.get(row.kind, "text")
+    notes = [part for part in (opt.unit, opt.range_words) if part]
+    tip = opt.help + (f" ({'; '.join(notes)})" if notes else "")
+    empty = opt.empty or row.text(row.default)
+    return Field(row.name, row.label, opt.unit, tip, kind, choices=choices, optional=row.optional, empty=empty)
+
+
+def shown_of(record: type, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a form shows: ``values`` by the names of their fields, and the defaults of all others."""
+    found = {}
+    for row in rows(record):
+        value = values.get(row.name, row.default)
+        found[row.name] = row.text(value) if row.opt.read is not None or KINDS.get(row.kind) is None else value
+    return found
+
+
+def check_of(record: type) -> Callable[[str, Any], str]:
+    """Return what says why a value of a field is refused; empty: it is not. It is the ``check`` of a form."""
+    named = {row.name: row for row in rows(record)}
+
+    def check(key: str, value: Any) -> str:
+        try:
+            named[key].value(value, named[key].label)
+        except InputError as error:
+            return str(error)
+        return ""
+
+    return check
+
+
+def options_in(record: type, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of a form as the record has them; those at their defaults are left out."""
+    named = {row.name: row for row in rows(record)}
+    found = {key: named[key].value(value, named[key].label) for key, value in given.items()}
+    return {key: value for key, value in found.items() if value != named[key].default}
