@@ -13,7 +13,7 @@ from typing import Any
 import typer.core
 import typer.main
 
-__all__ = ["LazyCommands", "LazyGroup", "Listed", "listed_commands"]
+__all__ = ["CommandWithParts", "LazyCommands", "LazyGroup", "Listed", "command_with_parts", "listed_commands"]
 
 
 @dataclass(frozen=True)
@@ -38,12 +38,29 @@ def listed_commands(package: str, order: tuple[str, ...] = ()) -> tuple[Listed, 
     names = sorted(name for name in names if name.partition("_")[0] == name or name.partition("_")[0] not in names)
     called = {name: name.replace("_", "-") for name in names}
     names.sort(key=lambda name: order.index(called[name]) if called[name] in order else len(order))
-    found = ((name, _code_of(f"{package}.{name}")) for name in names)
+    called = {name: called[name] for name in names}
+    return _listed(package, called)
+
+
+def _listed(package: str, called: dict[str, str]) -> tuple[Listed, ...]:
+    """Return the commands of modules, by what each is called, in order."""
+    found = ((name, _code_of(f"{package}.{name}")) for name in called)
     return tuple(
         Listed(called[name], f"{package}.{name}", _summary(code))
         for name, code in found
         if code is not None and "register" in code.co_names
     )
+
+
+def command_with_parts(package: str, name: str) -> type[CommandWithParts]:
+    """Return the class of a command ``name`` whose modules ``name_*`` register further commands behind its name.
+
+    ``lfcal fit SOURCE`` is a command, and so is ``lfcal fit check``, which is loaded when it is called.
+    """
+    path = importlib.import_module(package).__path__
+    modules = sorted(m.name for m in pkgutil.iter_modules(path) if m.name.startswith(f"{name}_"))
+    called = {module: module.removeprefix(f"{name}_").replace("_", "-") for module in modules}
+    return type(CommandWithParts.__name__, (CommandWithParts,), {"parts": LazyCommands(_listed(package, called))})
 
 
 def _code_of(module: str) -> CodeType | None:
@@ -111,6 +128,18 @@ def _load(listed: Listed) -> Any:
     module.register(app)
     group: Any = typer.main.get_command(app)
     return group.commands[listed.name]
+
+
+class CommandWithParts(typer.core.TyperCommand):
+    """A command whose first word may be the name of another one."""
+
+    parts: LazyCommands
+
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
+        """Return the context of this command, or of the one that the first word names."""
+        if args and args[0] in self.parts:
+            return self.parts[args[0]].make_context(f"{info_name} {args[0]}", args[1:], parent, **extra)
+        return super().make_context(info_name, args, parent, **extra)
 
 
 class LazyGroup(typer.core.TyperGroup):

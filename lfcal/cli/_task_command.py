@@ -11,6 +11,7 @@ from typing import Any
 import typer
 
 from lfcal.base import InputError
+from lfcal.cli._lazy import CommandWithParts, command_with_parts
 from lfcal.records import FieldRow, from_flat, rows
 from lfcal.tasks import RunSettings, Task, TaskSet
 
@@ -24,8 +25,13 @@ UNITS = ("executor", "scheduler", "resume")
 """Fields of `RunSettings` that apply to work that is done in units."""
 
 
-def add_task(app: typer.Typer, tasks: TaskSet, show: Show, name: str = "") -> None:
-    """Add the command of a task to the app; ``show`` prints what was made."""
+def add_task(app: typer.Typer, tasks: TaskSet, show: Show, *, parts: bool = False) -> None:
+    """Add the command of a task to the app; ``show`` prints what was made.
+
+    ``parts`` says whether the first word after the command may name another one, as in ``lfcal fit check``.
+    """
+    name = tasks.name.split()[-1]
+    cls = command_with_parts("lfcal.cli", name) if parts else None
     # of a field of several kinds the first one has the words
     own = {row.name: row for kind in reversed(tasks.kinds) for row in rows(kind)}
     run = {
@@ -51,7 +57,7 @@ def add_task(app: typer.Typer, tasks: TaskSet, show: Show, name: str = "") -> No
     parameters.append(inspect.Parameter("json", inspect.Parameter.KEYWORD_ONLY, default=option, annotation=bool))
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     command.__annotations__ = {one.name: one.annotation for one in parameters}
-    app.command(name or tasks.name, help=_help(tasks))(command)
+    app.command(name, cls=cls, help=_help(tasks, cls))(command)
 
 
 def do_task(task: Task, run: RunSettings, show: Show, json: bool) -> None:
@@ -75,11 +81,15 @@ def do_task(task: Task, run: RunSettings, show: Show, json: bool) -> None:
             print_json(made[0].to_dict() if len(made) == 1 else [one.to_dict() for one in made])
         else:
             show(made)
+    if any(one.failed for one in made):
+        raise typer.Exit(1)
 
 
-def _help(tasks: TaskSet) -> str:
-    said = str(tasks.kinds[0].__doc__).partition("\n    Attributes\n")[0]
-    return f"{inspect.cleandoc(said)}\n\nExample: `{tasks.example}`"
+def _help(tasks: TaskSet, cls: type[CommandWithParts] | None) -> str:
+    said = inspect.cleandoc(str(tasks.kinds[0].__doc__).partition("\n    Attributes\n")[0])
+    for part in cls.parts.listed.values() if cls else ():
+        said += f"\n\n`lfcal {tasks.name} {part.name}`: {part.summary}"
+    return f"{said}\n\nExample: `{tasks.example}`"
 
 
 def _only(tasks: TaskSet, row: FieldRow) -> str:
@@ -110,7 +120,7 @@ def _parameter(row: FieldRow, heading: str, only: str = "") -> inspect.Parameter
         annotation = annotation | None
     start = ... if row.default is MISSING else None
     if opt.argument:
-        how["metavar"] = row.called
+        how["metavar"] = row.called + "..." * row.many
         how["rich_help_panel"] = "Input"
         return inspect.Parameter(row.name, kind, default=typer.Argument(start, **how), annotation=annotation)
     how["metavar"] = _metavar(row)

@@ -14,6 +14,10 @@ if TYPE_CHECKING:
 __all__ = ["refuse", "usage_line"]
 
 
+RENAMED: dict[tuple[str, str], str] = {}
+"""What is typed now in place of an option, by the words of the command and the option."""
+
+
 def refuse(context: typer.Context, wanted: str, got: str, *names: str) -> None:
     """Raise where an option of the parameters ``names`` was given on the command line, but has no effect here.
 
@@ -58,6 +62,9 @@ def usage_line(error: Any, words: Sequence[str]) -> str:
     said = str(error.message if missing else error.format_message()).rstrip(".")
     if not said or context is None:
         return said
+    now = RENAMED.get((context.command_path, str(unknown)))
+    if now is not None:
+        return f"{unknown}: expected another spelling; type {now}"
     if missing and (meant := nearest_option(str(unknown), words, context.command.params)):
         said += f". Did you mean {meant}?"
     return (

@@ -53,5 +53,5 @@ def command(
     if not json:
         typer.echo(f"reads: {', '.join(reads) or 'no file'}", err=True)
     run = replace(told, workers=workers or told.workers, resume=resume or told.resume, force=force or told.force)
-    shown: Any = import_module(f"lfcal.cli.{task.name.split()[0]}").show
+    shown: Any = import_module(f"lfcal.cli.{task.name.replace(' ', '_')}").show
     do_task(task, run, shown, json)

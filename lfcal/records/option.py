@@ -234,7 +234,10 @@ class FieldRow:
                 raise InputError.expected(called, "a value", "none", "give it")
             return self.empty
         if self.many:
-            return tuple(given) if isinstance(given, list | tuple) else (given,)
+            return tuple(self._one(one, called) for one in (given if isinstance(given, list | tuple) else (given,)))
+        return self._one(given, called)
+
+    def _one(self, given: Any, called: str) -> Any:
         if self.opt.read is not None and isinstance(given, str):
             try:
                 return self.opt.read(given)

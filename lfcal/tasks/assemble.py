@@ -27,7 +27,7 @@ from lfcal.tasks.cameras import tell_assumed
 from lfcal.tasks.notes import note
 from lfcal.tasks.outputs import check_output, files_of
 from lfcal.tasks.scan_frames import ScanFrames, tell_size
-from lfcal.tasks.task import RunSettings, Task, TaskSet, may_replace
+from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet, may_replace
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
@@ -60,7 +60,7 @@ def _orientations() -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Assembled:
+class Assembled(TaskResult):
     """One H that was assembled.
 
     Attributes

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from lfcal.base import InputError, Work, drain
 from lfcal.records import check_needs, check_record, from_flat, opt, record, rows, to_dict, value_at
@@ -84,16 +84,20 @@ def may_replace(out: Path, run: RunSettings) -> bool:
     return run.force or (run.resume and was_joining(out))
 
 
-class TaskResult(Protocol):
-    """What a task made."""
+class TaskResult:
+    """Base of what tasks make."""
+
+    @property
+    def failed(self) -> bool:
+        """Whether it answers the question of the task with no; a command then ends with exit code 1."""
+        return False
 
     def to_dict(self) -> dict[str, Any]:
         """Return all of it as plain values."""
-        ...
+        raise NotImplementedError
 
     def close(self) -> None:
-        """Close the files that are still open."""
-        ...
+        """Close the files that are still open; by default there are none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,7 +137,8 @@ class Task:
     def files(self, way: str) -> tuple[Path, ...]:
         """Return its files: ``"in"`` or ``"out"``."""
         given = [value_at(self, row) for row in rows(type(self)) if row.opt.file == way]
-        return tuple(Path(value) for value in given if value and value != "none")
+        every = [one for value in given for one in (value if isinstance(value, tuple) else (value,))]
+        return tuple(Path(value) for value in every if value and value != "none")
 
     def to_dict(self, *, absolute: bool = False, outputs: bool = True) -> dict[str, Any]:
         """Return it as plain JSON types, every field of it: a job, provenance, or what travels to another process.
@@ -153,7 +158,7 @@ class Task:
             if row.opt.file == "out" and not outputs:
                 del place[row.name]
             elif absolute and row.opt.file and value and value != "none":
-                place[row.name] = os.path.abspath(value)
+                place[row.name] = [os.path.abspath(one) for one in value] if row.many else os.path.abspath(value)
         return found
 
 

@@ -160,8 +160,9 @@ def _value(row: FieldRow | None, value: Any, called: str, known: Mapping[tuple[s
         raise InputError.expected("job", "fields of its task", called, choose(called, map(".".join, known)))
     found = row.value(value, called)
     if row.opt.file and found and str(found) != "none":
-        joined = root / str(found)
-        return joined if row.kind is Path else str(joined)
+        joined = tuple(root / str(one) for one in (found if row.many else (found,)))
+        kept = joined if row.kind is Path else tuple(map(str, joined))
+        return kept if row.many else kept[0]
     return found
 
 

@@ -19,7 +19,7 @@ TESTS = Path(__file__).parents[1]
 def walk(command: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
     """Yield every command and sub-command with the words that call it."""
     yield path, command
-    for name, sub in getattr(command, "commands", {}).items():
+    for name, sub in (*getattr(command, "commands", {}).items(), *getattr(command, "parts", {}).items()):
         yield from walk(sub, (*path, name))
 
 
