@@ -12,6 +12,7 @@ from griffe import (
     Docstring,
     Expr,
     ExprCall,
+    ExprKeyword,
     ExprName,
     ExprSubscript,
     ExprTuple,
@@ -27,7 +28,8 @@ from lfcal.base.progress import docstring_of
 class Drained(Extension):
     """Show what users call: ``x = drained(iter_x)`` as a function, and the settings of a solver as its parameters.
 
-    The reference is made from the sources, where ``x`` is a value, and a solver takes its settings as one.
+    The reference is made from the sources, where ``x`` is a value, and a solver takes its settings as one. A field of
+    a record is shown with the help, unit and range that it is declared with.
     """
 
     def on_package(self, *, pkg: Module, **_: Any) -> None:
@@ -40,6 +42,8 @@ class Drained(Extension):
             for name, value in list(place.members.items()):
                 if isinstance(value, Attribute) and _is_drained(value.value):
                     place.set_member(name, _function(place, value, pkg))
+                elif isinstance(value, Attribute) and isinstance(place, Class):
+                    _describe(value)
 
 
 def _places(place: Module | Class) -> Iterator[Module | Class]:
@@ -59,6 +63,23 @@ def _spread(solver: Function, package: Module) -> None:
             kind = package[str(getattr(settings, "canonical_path", settings)).removeprefix(f"{package.path}.")]
             own = [one for one in kind.parameters if one.name != "self"]
             solver.parameters = Parameters(*list(solver.parameters)[:2], *own)
+
+
+def _describe(field: Attribute) -> None:
+    """Give a field of a record, which is declared by `lfcal.records.opt`, its help for a docstring."""
+    call = field.value
+    declared = isinstance(call, ExprCall) and str(call.function) in ("opt", "required", "panel")
+    if not declared or not isinstance(call, ExprCall):
+        return
+    plain = [argument for argument in call.arguments if not isinstance(argument, ExprKeyword)]
+    named = {one.name: str(one.value) for one in call.arguments if isinstance(one, ExprKeyword)}
+    required = str(call.function) == "required"
+    words = ast.literal_eval(str(plain[0] if required else plain[1]))
+    signs = {"unit": "", "above": "> ", "at_least": "≥ ", "below": "< ", "at_most": "≤ "}
+    notes = [f"{sign}{named[name].strip(chr(39) + chr(34))}" for name, sign in signs.items() if name in named]
+    notes += ["required"] if required else []
+    field.docstring = Docstring(words + (f" ({'; '.join(notes)})" if notes else ""), parent=field)
+    field.value = None if required else plain[0]
 
 
 def _is_drained(value: Expr | str | None) -> bool:

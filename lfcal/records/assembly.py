@@ -35,7 +35,7 @@ class AssemblySettings:
 
     cutout: tuple[int, int] | str | None = opt(
         None,
-        "Odd number of pixels, ROWS,COLUMNS, or auto: the smallest cutout that loses at most the share --lost.",
+        "Odd number of pixels, ROWS,COLUMNS, or auto: the smallest cutout that loses at most a given share.",
         unit="px",
         empty="as planned",
         read=read_cutout,
@@ -44,7 +44,7 @@ class AssemblySettings:
     )
     lost: float = opt(
         0.005,
-        "With --cutout auto: largest share of the energy outside the cutout.",
+        "Largest share of the energy that an automatic cutout may leave outside.",
         label="Lost energy",
         above=0,
         below=1,
@@ -74,7 +74,7 @@ class AssemblySettings:
     compression: str = opt("gzip", "Compression of the file.", choices=COMPRESSIONS, more=True)
     store_tolerance: float | None = opt(
         None,
-        "Share (L1) of its light that each pattern may lose in the file, as in lfcal reduce.",
+        "Share (L1) of its light that each pattern may lose in the file, as when H is reduced.",
         label="Loss in the file",
         above=0,
         below=1,

@@ -34,7 +34,7 @@ class CorrectionRecipe:
     )
     black_level: float | None = opt(
         None,
-        "Sample value without light (after --shift), if there is no dark frame.",
+        "Sample value without light (of shifted samples), if there is no dark frame.",
         unit="counts",
         empty="as file or plan state",
     )
@@ -64,7 +64,11 @@ class CorrectionRecipe:
         more=True,
     )
     saturation: float | None = opt(
-        None, "Sample value of saturation (after --shift).", unit="counts", empty="as file or plan state", more=True
+        None,
+        "Sample value of saturation (of shifted samples).",
+        unit="counts",
+        empty="as file or plan state",
+        more=True,
     )
     channel: str = ""
     shift: int = 0

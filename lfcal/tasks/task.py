@@ -41,7 +41,7 @@ class RunSettings:
         empty="threads",
         more=True,
     )
-    scheduler: str = opt("", "With --executor dask: address of a running scheduler.", empty="a local one", more=True)
+    scheduler: str = opt("", "Address of a running scheduler, for the executor dask.", empty="a local one", more=True)
     resume: bool = opt(False, "Continue what an earlier run left after it was stopped or killed.")
     force: bool = opt(False, "Replace existing files.")
 

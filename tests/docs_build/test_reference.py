@@ -119,3 +119,30 @@ def iter_solve(P, image, settings: Settings) -> Work[int]:
 
 solve = drained(iter_solve)
 '''
+
+
+RECORD = '''
+from lfcal.records import opt, panel, record, required
+
+@record
+class Inner:
+    """Inner."""
+    share: float = opt(0.5, "A share.", above=0, below=1)
+
+@record
+class Outer:
+    """Outer."""
+    frames: str = required("The frames.", unit="px")
+    inner: Inner = panel(Inner(), "Storage")
+'''
+
+
+def test_fields_of_records_are_shown_with_their_help(tmp_path: Path) -> None:
+    griffe = pytest.importorskip("griffe", reason="the group of packages that build the documentation is not installed")
+    (tmp_path / "given").mkdir()
+    (tmp_path / "given" / "__init__.py").write_text(RECORD, encoding="utf-8")
+    extensions = griffe.load_extensions("dataclasses", str(ROOT / "docs_build" / "drained.py"))
+    made = griffe.load("given", search_paths=[tmp_path], extensions=extensions, docstring_parser="numpy")
+    found = {name: (str(one.value), one.docstring.value) for name, one in made["Outer"].members.items()}
+    assert found == {"frames": ("None", "The frames. (px; required)"), "inner": ("Inner()", "Storage")}
+    assert made["Inner.share"].docstring.value == "A share. (> 0; < 1)" and str(made["Inner.share"].value) == "0.5"
