@@ -116,9 +116,11 @@ def _parameter(row: FieldRow, heading: str, only: str = "") -> inspect.Parameter
         default: Any = typer.Option(None, row.flag, **{key: how[key] for key in ("help", "rich_help_panel")})
         return inspect.Parameter(row.name, kind, default=_bool(row, default), annotation=bool | None)
     annotation: Any = list[str] if row.many else str
-    if row.default is not MISSING:
+    # what only some kinds of input must have, the kind asks for
+    needed = row.default is MISSING and not only
+    start = ... if needed else None
+    if not needed:
         annotation = annotation | None
-    start = ... if row.default is MISSING else None
     if opt.argument:
         how["metavar"] = row.called + "..." * row.many
         how["rich_help_panel"] = "Input"

@@ -75,6 +75,8 @@ class Opt:
         Of a value that is none of the plain types: what a text means, and the text of a value.
     file
         Of a path: ``"in"`` or ``"out"``.
+    is_path
+        Of a text that may be a path, such as a preset or a camera file: whether it is one.
     needs
         Another field of the same record without which it has no effect, and the value that this must have; an empty
         value: any that is set.
@@ -97,6 +99,7 @@ class Opt:
     read: Callable[[str], Any] | None = None
     show: Callable[[Any], str] | None = None
     file: str = ""
+    is_path: Callable[[str], bool] = "none".__ne__
     needs: tuple[str, str] | None = None
 
     @property
@@ -191,6 +194,17 @@ class FieldRow:
         """What the command line calls it."""
         return self.name.upper() if self.opt.argument else self.flag
 
+    def paths_of(self, value: Any) -> tuple[Path, ...]:
+        """Return the paths in a value."""
+        every = value if isinstance(value, tuple) else (value,)
+        return tuple(Path(one) for one in every if self.opt.file and one and self.opt.is_path(str(one)))
+
+    def placed(self, value: Any, place: Callable[[Path], Any]) -> Any:
+        """Return a value with each of its paths where ``place`` says it is."""
+        if isinstance(value, tuple):
+            return tuple(self.placed(one, place) for one in value)
+        return self.kind(place(Path(value))) if self.paths_of(value) else value
+
     @property
     def label(self) -> str:
         """Its name in forms and tables."""
@@ -251,8 +265,8 @@ class FieldRow:
 
     def _plain(self, given: Any, called: str) -> Any:
         kind = self.kind
-        if kind is Path and isinstance(given, str | Path):
-            return Path(given)
+        if isinstance(given, str | Path) and (kind is Path or (kind is str and self.opt.file)):
+            return kind(given)
         if isinstance(given, str) and kind in (int, float):
             try:
                 return int(given) if kind is int else float(given)
@@ -266,7 +280,7 @@ class FieldRow:
 
     def check(self, value: Any, called: str) -> None:
         """Raise `InputError` unless ``value`` is within the range and among the choices."""
-        for one in value if self.many else (value,):
+        for one in value if isinstance(value, tuple) else (value,):
             if self.opt.bounds and one is not None:
                 check_number(called, one, integer=self.kind is int, **self.opt.bounds)
             if self.choices and one and one != self.default:

@@ -136,9 +136,8 @@ class Task:
 
     def files(self, way: str) -> tuple[Path, ...]:
         """Return its files: ``"in"`` or ``"out"``."""
-        given = [value_at(self, row) for row in rows(type(self)) if row.opt.file == way]
-        every = [one for value in given for one in (value if isinstance(value, tuple) else (value,))]
-        return tuple(Path(value) for value in every if value and value != "none")
+        given = [(row, value_at(self, row)) for row in rows(type(self)) if row.opt.file == way]
+        return tuple(path for row, value in given for path in row.paths_of(value))
 
     def to_dict(self, *, absolute: bool = False, outputs: bool = True) -> dict[str, Any]:
         """Return it as plain JSON types, every field of it: a job, provenance, or what travels to another process.
@@ -157,8 +156,9 @@ class Task:
                 place = place[name]
             if row.opt.file == "out" and not outputs:
                 del place[row.name]
-            elif absolute and row.opt.file and value and value != "none":
-                place[row.name] = [os.path.abspath(one) for one in value] if row.many else os.path.abspath(value)
+            elif absolute and row.paths_of(value):
+                placed = row.placed(value, os.path.abspath)
+                place[row.name] = list(map(str, placed)) if isinstance(placed, tuple) else str(placed)
         return found
 
 

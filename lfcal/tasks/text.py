@@ -159,11 +159,7 @@ def _value(row: FieldRow | None, value: Any, called: str, known: Mapping[tuple[s
     if row is None:
         raise InputError.expected("job", "fields of its task", called, choose(called, map(".".join, known)))
     found = row.value(value, called)
-    if row.opt.file and found and str(found) != "none":
-        joined = tuple(root / str(one) for one in (found if row.many else (found,)))
-        kept = joined if row.kind is Path else tuple(map(str, joined))
-        return kept if row.many else kept[0]
-    return found
+    return row.placed(found, lambda path: root / path)
 
 
 def load_job(path: Path, more: Mapping[str, Any] = MappingProxyType({})) -> tuple[Task, RunSettings]:

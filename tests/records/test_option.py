@@ -154,3 +154,27 @@ def test_a_field_that_is_left_empty_has_its_default() -> None:
     row: FieldRow = ROWS["count"]
     assert row.empty == 3 and ROWS["share"].empty is None
     assert replace(row, optional=True).empty is None
+
+
+@record
+class OfACamera:
+    """A record with a text that may be a path, and a number or several."""
+
+    camera: str = required("A preset or a file.", argument=True, file="in", is_path=lambda text: text != "bench")
+    exposure: float | tuple[float, ...] = opt(0.02, "One number, or one of each plane.", above=0)
+
+
+def test_a_text_that_may_be_a_path_is_known_as_one() -> None:
+    camera, exposure = rows(OfACamera)
+    assert camera.paths_of("bench") == () and camera.paths_of("bench.json") == (Path("bench.json"),)
+    assert camera.placed("bench", Path("a").joinpath) == "bench"
+    assert camera.placed("bench.json", Path("a").joinpath) == str(Path("a/bench.json"))
+    assert camera.value(Path("bench.json"), "CAMERA") == "bench.json", "a path is as good as its text"
+    assert exposure.paths_of("bench") == (), "it is no path at all"
+
+
+def test_each_of_several_numbers_is_checked() -> None:
+    exposure = rows(OfACamera)[1]
+    exposure.check((0.1, 0.2), "--exposure")
+    with pytest.raises(InputError, match="--exposure: expected a number > 0, got -1"):
+        exposure.check((0.1, -1.0), "--exposure")
