@@ -110,7 +110,7 @@ def _parameter(row: FieldRow, heading: str, only: str = "") -> inspect.Parameter
         "rich_help_panel": heading,
         "show_default": False,
     }
-    if row.offered:
+    if opt.examples or opt.choices:
         how["autocompletion"] = _completing(row)
     if row.kind is bool:
         default: Any = typer.Option(None, row.flag, **{key: how[key] for key in ("help", "rich_help_panel")})

@@ -3,27 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from lfcal.base import StorageError, choose
-from lfcal.camera import (
-    CAMERA_FORMATS,
-    PRESETS,
-    Camera,
-    ImportOptions,
-    Quantity,
-    doubts,
-    import_camera,
-    preset,
-    quantities_of,
-    value_at,
-)
 from lfcal.tasks.notes import note, warn
+
+if TYPE_CHECKING:
+    from lfcal.camera import Camera, ImportOptions, Quantity
 
 __all__ = ["assumed_in_words", "load_camera", "load_file", "tell", "tell_assumed"]
 
 
 def load_camera(name: str) -> Camera:
     """Return the camera of a preset or of a file in any known format; say what of it is assumed or hardly meant."""
+    from lfcal.camera import PRESETS, preset
+
     if name in PRESETS:
         return preset(name)
     camera, notes = load_file(name)
@@ -33,6 +27,8 @@ def load_camera(name: str) -> Camera:
 
 def load_file(name: str, options: ImportOptions | None = None) -> tuple[Camera, tuple[str, ...]]:
     """Return the camera of a file, and what its reader has to say of it."""
+    from lfcal.camera import CAMERA_FORMATS, PRESETS, import_camera
+
     path = Path(name)
     if not path.exists():
         known = ", ".join(PRESETS)
@@ -45,6 +41,8 @@ def load_file(name: str, options: ImportOptions | None = None) -> tuple[Camera, 
 
 def tell(camera: Camera, path: Path, notes: tuple[str, ...] = ()) -> None:
     """Say what is assumed of ``camera``, what its reader noted, and what can hardly be meant."""
+    from lfcal.camera import doubts
+
     if camera.marks.paths("assumed"):
         note(f"{path.name}: assumed: {assumed_in_words(camera)}; {_remedy(camera, path)}")
     for one in notes:
@@ -60,6 +58,8 @@ def tell_assumed(camera: Camera | None, where: str, *, quiet: bool = False) -> N
 
 
 def _assumed(camera: Camera) -> list[Quantity]:
+    from lfcal.camera import quantities_of
+
     there = set(camera.marks.paths("assumed"))
     return [quantity for quantity in quantities_of(camera) if quantity.path in there]
 
@@ -80,6 +80,8 @@ def _remedy(camera: Camera, path: Path) -> str:
 
 def assumed_in_words(camera: Camera) -> str:
     """Return the assumed values of ``camera`` on one line, those of light and noise as their number; or nothing."""
+    from lfcal.camera import value_at
+
     found = _assumed(camera)
     parts = [f"{q.label} {q.text(value_at(camera, q.path))}" for q in found if not q.light]
     light = sum(quantity.light for quantity in found)

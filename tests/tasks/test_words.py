@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import inspect
 import re
+import subprocess
+import sys
 
 import pytest
 
@@ -49,3 +51,12 @@ def test_help_in_python_has_every_field(kind: type) -> None:
         if len(row.path) == 1:
             assert re.search(rf"^{row.name}$", said, re.MULTILINE), row.name
     assert set(inspect.signature(kind).parameters) == {row.path[0] for row in rows(kind)}
+
+
+def test_the_help_of_a_task_loads_nothing_heavy() -> None:
+    """A record is made where nothing else is: for ``--help``, for completion, and where a job file is read."""
+    code = "import sys; from lfcal.tasks.sets import TASKS, task_set; [task_set(name) for name in TASKS]; "
+    code += "from lfcal.records import rows; [rows(kind) for name in TASKS for kind in task_set(name).kinds]; "
+    code += "print(sorted({'numpy', 'h5py', 'lfcal.psf', 'lfcal.frames', 'lfcal.camera'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
