@@ -54,11 +54,12 @@ def command(
     Example: `python -m benchmarks accuracy r29 --virtual-depth 4 -o r29.png`
     """
     from lfcal.camera import ScanPlan
-    from lfcal.cli.plan import load_camera, parse_depths
+    from lfcal.records.reading import read_planes
     from lfcal.simulate.accuracy._ladder import draw_ladder, iter_ladder
     from lfcal.tasks import check_output
+    from lfcal.tasks.cameras import load_camera
 
-    wanted = parse_depths(asked, lengths=False)
+    wanted = read_planes(asked, lengths=False)
     for share in wanted:
         check_number("tolerance asked for (%)", share, above=0, at_most=400)
     if figure is not None:

@@ -77,7 +77,7 @@ def command(
     from benchmarks._r29 import FRAME, run_r29
     from lfcal.base.threads import worker_count
     from lfcal.cli._console import print_json
-    from lfcal.cli.plan import parse_depths
+    from lfcal.records.reading import read_planes
 
     count = worker_count(workers)
     dense = {"--image": image != IMAGE, "--period": period != PERIOD, "--cutout": cutout != CUTOUT}
@@ -92,7 +92,7 @@ def command(
     if tolerance:
         from benchmarks._reduced import run_reduced, show_reduced
 
-        within = run_reduced(side, parse_depths(tolerance, lengths=False), count, device or "auto")
+        within = run_reduced(side, read_planes(tolerance, lengths=False), count, device or "auto")
         print_json({"side": side, "workers": count, "rows": within}) if json else show_reduced(within, side)
         return
     if r29:

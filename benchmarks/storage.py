@@ -85,12 +85,12 @@ def command(
 
     Example: `python -m benchmarks storage r29 --virtual-depths 2,4,6 --tolerances 0.005`
     """
-    from lfcal.cli.plan import parse_depths
     from lfcal.psf.steps import check_store_tolerance
+    from lfcal.records.reading import read_planes
     from lfcal.tasks import check_output
 
-    depths = sorted(parse_depths(virtual_depths, lengths=False))
-    shares = [check_store_tolerance(share) for share in parse_depths(tolerances, lengths=False)]
+    depths = sorted(read_planes(virtual_depths, lengths=False))
+    shares = [check_store_tolerance(share) for share in read_planes(tolerances, lengths=False)]
     if chart is not None:
         check_output(chart, force=force)
     rows: list[Stored] = []

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lfcal.cli._plan_pace import Pace
     from lfcal.fit import Earlier, PositionDesign, Spread
 
-__all__ = ["WantedPositions", "check_wanted", "half_positions", "ready_plan", "show_chosen", "write_positions"]
+__all__ = ["WantedPositions", "check_wanted", "half_positions", "show_chosen", "write_positions"]
 
 FIT_FILES = ("camera.json", "effects.json", "fit.json")
 
@@ -87,16 +87,6 @@ def write_positions(positions: NDArray[np.intp], out: Path, *, json: bool) -> No
     RedoList.of(positions.tolist()).write(out)
     if not json:
         typer.echo(f"written: {out}")
-
-
-def ready_plan(path: Path) -> ScanPlan | None:
-    """Return the scan plan in a JSON file, or None where it is something else."""
-    from lfcal.base import read_text
-    from lfcal.camera import ScanPlan
-
-    # a camera and a plan are both JSON: the format's name in the text tells them apart before parsing.
-    text = read_text(path)
-    return ScanPlan.from_json(text) if '"lfcal-plan"' in text else None
 
 
 def show_chosen(plan: ScanPlan, wanted: WantedPositions, *, json: bool) -> dict[str, Any]:

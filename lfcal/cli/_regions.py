@@ -13,21 +13,10 @@ from lfcal.base import InputError
 if TYPE_CHECKING:
     from lfcal.camera import RegionPlan, ScanPlan
 
-__all__ = ["Made", "make_regions", "ready_regions", "show_loss", "told_loss"]
+__all__ = ["Made", "make_regions", "show_loss", "told_loss"]
 
 Made = Callable[["ScanPlan", str, Path], dict[str, Any]]
 """Makes H of one region, given its plan, its name and the file; returns what is told of it."""
-
-
-def ready_regions(path: str) -> RegionPlan | None:
-    """Return the plan of regions in a JSON file; None where it holds something else."""
-    from lfcal.base import parse_json, read_text
-    from lfcal.camera import RegionPlan
-
-    if not path.endswith(".json"):
-        return None
-    data = parse_json(read_text(Path(path)), path)
-    return RegionPlan.from_dict(data) if RegionPlan.is_one(data) else None
 
 
 def make_regions(plan: RegionPlan, out: Path, made: Made, given: dict[str, bool], **saving: Any) -> dict[str, Any]:

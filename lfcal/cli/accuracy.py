@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.base import InputError
+from lfcal.base import InputError, check_number
 from lfcal.cli._console import print_json, print_table, report, run_work
 from lfcal.cli._options import (
     CutoutOption,
@@ -22,6 +21,7 @@ from lfcal.cli._options import (
     WorkersOption,
 )
 from lfcal.cli._usage import refuse
+from lfcal.records import read_as, read_cutout, read_depths, read_share, read_virtual_depths
 from lfcal.tasks import check_mat_files, check_output, open_matrix
 
 if TYPE_CHECKING:
@@ -70,7 +70,8 @@ def command(
         refuse(context, "a camera, plan or H to measure", "list", *measuring)
         _list_places(json=json)
         return
-    share = _share(error)
+    share = read_as("--error", read_share, error)
+    check_number("--error", share, above=0, at_most=10)
     check_mat_files(mat_order, Path(subject))
     chosen = [PLACES.get(name) for name in dict.fromkeys(place)] or list(PLACES)
     if draw is not None:
@@ -144,12 +145,17 @@ def _subject(
 ) -> Iterator[Subject]:
     """Give what is measured: H, closed at the end, or a plan."""
     from lfcal.accuracy import Subject
-    from lfcal.cli._planned import planned_scan
-    from lfcal.tasks import tell_assumed
+    from lfcal.tasks import planned_scan, tell_assumed
 
     path = Path(name)
     if path.suffix.lower() not in MATRICES:
-        plan = planned_scan(name, *planes, quiet=quiet)
+        depths, virtual_depths, cutout = planes
+        plan = planned_scan(
+            name,
+            read_as("--depths", read_depths, depths),
+            read_as("--virtual-depths", read_virtual_depths, virtual_depths),
+            read_as("--cutout", read_cutout, cutout),
+        )
         yield Subject(f"{plan.camera.name}, {len(plan.depths_um)} planes", plan, workers=workers)
         return
     if any(planes):
@@ -157,18 +163,6 @@ def _subject(
     with open_matrix(path, mat_order=mat_order) as matrix:
         tell_assumed(matrix.camera, path.name, quiet=quiet)
         yield Subject.of_matrix(matrix, path.name, workers)
-
-
-def _share(text: str) -> float:
-    """Return ``"1%"``, ``"1 %"`` or ``"0.01"`` as 0.01."""
-    match = re.fullmatch(r"\s*([0-9.]+(?:[eE][-+]?\d+)?)\s*(%?)\s*", text)
-    try:
-        value = float(match[1]) / (100 if match[2] else 1) if match else 0.0
-    except ValueError:
-        value = 0.0
-    if not 0 < value <= 10:
-        raise InputError.expected("error asked for", "a share above 0 and up to 10", repr(text), "for example 1%")
-    return value
 
 
 def _answer(curve: Curve, share: float) -> dict[str, object]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import re
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +26,6 @@ from lfcal.cli._plan_for_fit import (
     WantedPositions,
     check_wanted,
     half_positions,
-    ready_plan,
     show_chosen,
     write_positions,
 )
@@ -47,73 +44,10 @@ from lfcal.cli._plan_target import (
     plan_source,
 )
 from lfcal.cli._usage import refuse
-from lfcal.tasks import check_output, load_camera
+from lfcal.records import check_planes, read_as, read_cutout, read_depths, read_pair, read_virtual_depths
+from lfcal.tasks import check_output, load_camera, ready_plan
 
-__all__ = ["load_camera", "parse_cutout", "parse_depths", "parse_pair", "parse_planes", "register"]
-
-UNITS = {"": 1.0, "um": 1.0, "µm": 1.0, "mm": 1e3}
-MAX_PLANES = 10_000
-
-
-def parse_depths(text: str, *, lengths: bool) -> tuple[float, ...]:
-    """Return the planes of ``"a,b,c"`` or ``"start:stop:step"``; ``lengths`` may end in um or mm (µm if bare)."""
-    fields = re.split("[,:]", text)
-    values = [_number(field, lengths) for field in fields]
-    if ":" not in text:
-        return tuple(values)
-    if "," in text or len(values) != 3 or values[2] == 0:
-        raise InputError.expected("planes", "a,b,c or start:stop:step", repr(text), "for example 2:5.5:0.5")
-    start, stop, step = values
-    # rounded generously: 0.1:0.7:0.1 means seven planes, though 0.6 / 0.1 is below 6 in floating point.
-    count = math.floor((stop - start) / step * (1 + 1e-12) + 1e-9) + 1
-    if not 1 <= count <= MAX_PLANES:
-        raise InputError.expected(
-            "planes", f"1 to {MAX_PLANES} steps from start to stop", repr(text), "correct the step"
-        )
-    return tuple(start + k * step for k in range(count))
-
-
-def _number(field: str, lengths: bool) -> float:
-    match = re.fullmatch(r"\s*([-+−]?[0-9.]+(?:[eE][-+]?\d+)?)\s*(um|µm|mm)?\s*", field)
-    try:
-        # virtual depths are ratios: a unit shows that the wrong option was used.
-        if match is None or (match[2] and not lengths):
-            raise ValueError
-        return float(match[1].replace("−", "-")) * UNITS[match[2] or ""]
-    except ValueError:
-        wanted = "numbers, in µm or with mm" if lengths else "numbers"
-        raise InputError.expected("planes", wanted, repr(field), "for example 2,3,5") from None
-
-
-def parse_pair(text: str, what: str) -> tuple[float, float]:
-    """Return ``"a"`` as (a, a) and ``"a,b"`` or ``"axb"`` as (a, b)."""
-    fields = re.split("[,x×]", text)
-    try:
-        values = [float(field) for field in fields]
-        if len(values) in (1, 2):
-            return values[0], values[-1]
-    except ValueError:
-        pass
-    raise InputError.expected(what, "one number or two (rows,columns)", repr(text), "for example 181 or 181,181")
-
-
-def parse_planes(depths: str, virtual_depths: str) -> tuple[tuple[float, ...] | None, tuple[float, ...] | None]:
-    """Return the planes given as depths (µm) and as virtual depths, one of them None."""
-    if bool(depths) == bool(virtual_depths):
-        raise InputError("planes: give --depths (µm) or --virtual-depths, for example --virtual-depths 2:5.5:0.5")
-    if depths:
-        return parse_depths(depths, lengths=True), None
-    return None, parse_depths(virtual_depths, lengths=False)
-
-
-def parse_cutout(text: str) -> tuple[int, int] | None:
-    """Return the cutout ``"a"`` or ``"a,b"`` in pixels (rows, columns); None for the one that geometry gives."""
-    if not text:
-        return None
-    rows, columns = parse_pair(text, "--cutout")
-    if not (rows.is_integer() and columns.is_integer()):
-        raise InputError.expected("--cutout", "whole numbers of pixels", f"{rows:g}, {columns:g}", "correct it")
-    return int(rows), int(columns)
+__all__ = ["register"]
 
 
 def _stage_axes(text: str) -> StageAxes:
@@ -302,16 +236,18 @@ def command(
     aimed.check(for_fit=bool(for_fit), half_cell=half_cell, listed=positions is not None, force=force)
     if out is not None:
         check_output(out, camera, positions, frames, aimed.path, force=force)
-    if for_fit and camera.endswith(".json") and (ready := ready_plan(Path(camera))) is not None:
+    if for_fit and (ready := ready_plan(camera)) is not None:
         if depths or virtual_depths or cutout or anchor or out is not None:
             raise InputError("planes, cutout, anchor and -o: expected those of the plan, got others; leave them out")
         of_a_camera = ("order", "stage", "exposure", "settle", "average", "resample")
         refuse(context, "a camera to plan for", f"the plan {camera}", *of_a_camera)
         show_chosen(ready, wanted, json=json)
         return
+    lengths = read_as("--depths", read_depths, depths) or None
+    virtual = read_as("--virtual-depths", read_virtual_depths, virtual_depths) or None
     settings: dict[str, Any] = {
-        "cutout": parse_cutout(cutout),
-        "anchor": parse_pair(anchor, "anchor") if anchor else None,
+        "cutout": read_as("--cutout", read_cutout, cutout),
+        "anchor": read_as("--anchor", read_pair, anchor) if anchor else None,
         "order": order,
         "exposure_s": exposure,
         "settle_s": settle,
@@ -324,7 +260,8 @@ def command(
     if positions is not None:
         if average != 1:
             raise InputError("--average: a list itself says how often positions were recorded; leave it out")
-        lengths, virtual = parse_planes(depths, virtual_depths) if depths or virtual_depths else (None, None)
+        if lengths or virtual:
+            check_planes(lengths, virtual)
         known = load_camera(camera)
         planes = lengths if virtual is None else tuple(known.depth_of(v) for v in virtual)
         plan = plan_from_list(
@@ -339,7 +276,7 @@ def command(
             **settings,
         )
     else:
-        lengths, virtual = parse_planes(depths, virtual_depths)
+        check_planes(lengths, virtual)
         plan = ScanPlan.for_camera(
             load_camera(camera),
             depths_um=lengths,

@@ -25,10 +25,10 @@ from lfcal.cli._options import (
     VirtualDepthsOption,
     WorkersOption,
 )
-from lfcal.cli._planned import planned_scan
-from lfcal.cli._regions import make_regions, ready_regions
+from lfcal.cli._regions import make_regions
 from lfcal.cli._runs import may_replace, run_choice, run_kept
-from lfcal.tasks import check_output
+from lfcal.records import read_as, read_cutout, read_depths, read_virtual_depths
+from lfcal.tasks import check_output, planned_scan, ready_regions
 
 if TYPE_CHECKING:
     from lfcal.base import Work
@@ -105,7 +105,12 @@ def command(
             raise InputError("planes and cutout: expected those of the plan, got others; leave the options out")
         planned = several.scan
     else:
-        planned = planned_scan(camera, depths, virtual_depths, cutout, quiet=json)
+        planned = planned_scan(
+            camera,
+            read_as("--depths", read_depths, depths),
+            read_as("--virtual-depths", read_virtual_depths, virtual_depths),
+            read_as("--cutout", read_cutout, cutout),
+        )
     settings, given = parse_effects(effects)
     making = frames is not None
 

@@ -19,8 +19,8 @@ from lfcal.cli._usage import refuse
 from lfcal.cli._views_files import save_picture, save_stack, stack_names, view_names
 from lfcal.cli._views_input import Given, ViewedFrame, cutting_of
 from lfcal.cli._views_report import as_json, rows
-from lfcal.cli.plan import load_camera, parse_depths
-from lfcal.tasks import check_outputs
+from lfcal.records import read_as, read_depths, read_virtual_depths
+from lfcal.tasks import check_outputs, load_camera
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -124,8 +124,8 @@ def _slopes(text: str, depths: str, camera: Camera | None) -> tuple[float, ...]:
     if depths and camera is None:
         raise InputError("depths: need --camera to know where they are focused; give it, or --slopes instead")
     if depths and camera is not None:
-        return tuple(sensor_slope(camera, z) for z in parse_depths(depths, lengths=True))
-    return parse_depths(text, lengths=False)
+        return tuple(sensor_slope(camera, z) for z in read_as("--depths", read_depths, depths))
+    return read_as("--slopes", read_virtual_depths, text)
 
 
 def _labels(wish: _Wish) -> list[str]:

@@ -19,20 +19,36 @@ from lfcal.records.option import (
     to_dict,
     value_at,
 )
-from lfcal.records.reading import read_orientation
+from lfcal.records.reading import (
+    check_planes,
+    read_as,
+    read_cutout,
+    read_depths,
+    read_orientation,
+    read_pair,
+    read_share,
+    read_virtual_depths,
+)
 
 __all__ = [
     "AssemblySettings",
     "CorrectionRecipe",
     "FieldRow",
     "check_needs",
+    "check_planes",
     "check_record",
     "flat",
     "from_dict",
     "from_flat",
     "opt",
     "panel",
+    "read_as",
+    "read_cutout",
+    "read_depths",
     "read_orientation",
+    "read_pair",
+    "read_share",
+    "read_virtual_depths",
     "record",
     "required",
     "rows",

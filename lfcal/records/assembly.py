@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from lfcal.base import InputError
 from lfcal.records.option import check_record, opt, record
-from lfcal.records.reading import read_cutout, read_share, show_pair
+from lfcal.records.reading import read_cutout_or_auto, read_share, show_pair
 
 __all__ = ["AssemblySettings"]
 
@@ -38,7 +38,7 @@ class AssemblySettings:
         "Odd number of pixels, ROWS,COLUMNS, or auto: the smallest cutout that loses at most a given share.",
         unit="px",
         empty="as planned",
-        read=read_cutout,
+        read=read_cutout_or_auto,
         show=show_pair,
         examples=("auto",),
     )

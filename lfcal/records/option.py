@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, TypeVar, Union, cast, get_args, get_origin
 
 from lfcal.base import InputError, check_choice, check_number, choose
+from lfcal.records.reading import read_as
 
 __all__ = [
     "FieldRow",
@@ -253,10 +254,7 @@ class FieldRow:
 
     def _one(self, given: Any, called: str) -> Any:
         if self.opt.read is not None and isinstance(given, str):
-            try:
-                return self.opt.read(given)
-            except InputError as error:
-                raise InputError(f"{called}: {str(error).partition(': ')[2]}") from None
+            return read_as(called, self.opt.read, given)
         if isinstance(given, list):
             return tuple(tuple(one) if isinstance(one, list) else one for one in given)
         if self.opt.read is not None:

@@ -4,19 +4,28 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 from lfcal.base import InputError
 
 __all__ = [
+    "check_planes",
+    "read_as",
     "read_cutout",
+    "read_cutout_or_auto",
+    "read_depths",
     "read_length_um",
     "read_orientation",
     "read_pair",
     "read_planes",
     "read_share",
+    "read_virtual_depths",
     "show_pair",
+    "show_planes",
 ]
+
+T = TypeVar("T")
 
 UNITS = {"": 1.0, "um": 1.0, "µm": 1.0, "mm": 1e3, "nm": 1e-3}
 """Micrometres of a unit of length."""
@@ -29,6 +38,14 @@ def _number(text: str) -> float:
     return float(text.replace("−", "-"))
 
 
+def read_as(called: str, read: Callable[[str], T], text: str) -> T:
+    """Return what ``read`` makes of a text; errors name it ``called``, as its user does."""
+    try:
+        return read(text)
+    except InputError as error:
+        raise InputError(f"{called}: {str(error).partition(': ')[2]}") from None
+
+
 def read_pair(text: str) -> tuple[float, float]:
     """Return ``"a"`` as (a, a), and ``"a,b"`` or ``"axb"`` as (a, b)."""
     fields = [field.strip() for field in re.split("[,x×]", text)]
@@ -37,14 +54,19 @@ def read_pair(text: str) -> tuple[float, float]:
     raise InputError.expected("value", "one number or two (rows,columns)", repr(text), "for example 181 or 181,181")
 
 
-def read_cutout(text: str) -> tuple[int, int] | str | None:
-    """Return the cutout ``"auto"``, ``"41"``, ``"41x61"`` or ``"41,61"`` (rows, columns; px); None of an empty text."""
-    if text.strip() in ("", "auto"):
-        return text.strip() or None
+def read_cutout(text: str) -> tuple[int, int] | None:
+    """Return the cutout ``"41"``, ``"41x61"`` or ``"41,61"`` (rows, columns; px); None of an empty text."""
+    if not text.strip():
+        return None
     rows, columns = read_pair(text)
     if not (rows.is_integer() and columns.is_integer()):
         raise InputError.expected("cutout", "whole numbers of pixels", f"{rows:g}, {columns:g}", "correct it")
     return int(rows), int(columns)
+
+
+def read_cutout_or_auto(text: str) -> tuple[int, int] | str | None:
+    """Return the cutout as `read_cutout` does, or ``"auto"``."""
+    return "auto" if text.strip() == "auto" else read_cutout(text)
 
 
 def show_pair(value: Any) -> str:
@@ -83,6 +105,27 @@ def read_planes(text: str, *, lengths: bool) -> tuple[float, ...]:
         wanted = f"1 to {MAX_PLANES} steps from start to stop"
         raise InputError.expected("planes", wanted, repr(text), "correct the step")
     return tuple(start + k * step for k in range(count))
+
+
+def read_depths(text: str) -> tuple[float, ...]:
+    """Return depths in µm, as of `read_planes`; none of an empty text."""
+    return read_planes(text, lengths=True) if text.strip() else ()
+
+
+def read_virtual_depths(text: str) -> tuple[float, ...]:
+    """Return virtual depths, as of `read_planes`; none of an empty text."""
+    return read_planes(text, lengths=False) if text.strip() else ()
+
+
+def show_planes(values: tuple[float, ...]) -> str:
+    """Return the text that `read_planes` reads, with every digit."""
+    return ",".join(repr(value).removesuffix(".0") for value in values)
+
+
+def check_planes(depths: object, virtual_depths: object) -> None:
+    """Raise `InputError` unless planes are given as depths or as virtual depths, and not as both."""
+    if bool(depths) == bool(virtual_depths):
+        raise InputError("planes: give --depths (µm) or --virtual-depths, for example --virtual-depths 2:5.5:0.5")
 
 
 def _plane(field: str, lengths: bool) -> float:

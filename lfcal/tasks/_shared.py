@@ -9,6 +9,7 @@ from lfcal.tasks.lattice_file import LATTICE_FORMAT, LATTICE_VERSION, load_latti
 from lfcal.tasks.matrices import check_mat_files, open_matrix, report_missing, report_regions
 from lfcal.tasks.notes import notes_to
 from lfcal.tasks.outputs import RECORDINGS, check_output, check_outputs, files_of
+from lfcal.tasks.planned import planned_scan, ready_plan, ready_regions
 from lfcal.tasks.scan_frames import ScanFrames, find_plan, tell_size
 from lfcal.tasks.sets import task_set
 from lfcal.tasks.target_frames import left_words, opened_target, wanted_target
@@ -41,6 +42,9 @@ __all__ = [
     "notes_to",
     "open_matrix",
     "opened_target",
+    "planned_scan",
+    "ready_plan",
+    "ready_regions",
     "report_missing",
     "report_regions",
     "task_set",

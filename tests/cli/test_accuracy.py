@@ -94,9 +94,9 @@ def test_planes_of_h_are_its_own(lfcal: Lfcal, h: Path, options: tuple[str, str]
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--error", "much"), "error asked for: expected a share above 0"),
-        (("--error", "0"), "error asked for: expected a share above 0"),
-        (("--error", "1.2.3%"), "error asked for: expected a share above 0"),
+        (("--error", "much"), "--error: expected a number, or percent"),
+        (("--error", "0"), "--error: expected a number > 0"),
+        (("--error", "1.2.3%"), "--error: expected a number, or percent"),
         (("--seconds", "0"), "seconds for a place: expected a number > 0"),
         (("--seconds", "nan"), "seconds for a place: expected a number > 0"),
         (("--place", "moon"), "place of accuracy: expected simulation or sampling or"),

@@ -115,13 +115,14 @@ def test_a_reconstruction_with_one_of_several_regions_says_so(lfcal: Lfcal, plac
 
 
 @pytest.mark.parametrize("text", ["9x11", "9,11", "9×11"])
-def test_a_cutout_is_written_alike_for_plan_and_assemble(text: str) -> None:
-    from lfcal.cli import _planned as planned
-    from lfcal.cli import assemble, plan
-
-    assert plan.parse_cutout(text) == (9, 11)
-    others = [module.__name__ for module in (assemble, planned) if hasattr(module, "parse_cutout")]
-    assert not others, "a second parser reads other texts"
+@pytest.mark.parametrize("words", [("plan",), ("simulate", "--plan-only"), ("accuracy", "--place", "bases")])
+def test_a_cutout_is_written_alike_for_every_command(lfcal: Lfcal, words: tuple[str, ...], text: str) -> None:
+    """Read, and refused for another reason, as text that is not understood would not be."""
+    name, *more = words
+    done = lfcal(name, "bench", *more, "--virtual-depths", "4", "--cutout", text.replace("11", "10"))
+    assert done.code == 2 and "got 9 x 10" in done.err, done.err
+    wrong = lfcal(name, "bench", *more, "--virtual-depths", "4", "--cutout", "9 11")
+    assert wrong.code == 2 and "--cutout: expected one number or two (rows,columns)" in wrong.err
 
 
 def test_a_plan_of_a_simulation_is_of_the_level_asked_for_and_writes_nothing(lfcal: Lfcal, place: Path) -> None:

@@ -9,10 +9,9 @@ from typing import Any
 
 import pytest
 
-from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
 from lfcal.cli import main
-from lfcal.cli.plan import load_camera, parse_depths, parse_pair
+from lfcal.tasks import load_camera
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -146,14 +145,3 @@ def test_camera_files_that_are_none(run: Run, tmp_path: Path) -> None:
         (tmp_path / name).write_bytes(data)
         code, _, err = run("plan", str(tmp_path / name), "--depths", "0")
         assert code == 2 and len(err.strip().splitlines()) == 1
-
-
-def test_planes_are_parsed() -> None:
-    assert parse_depths("1, 2,-3e1", lengths=True) == (1.0, 2.0, -30.0)
-    assert parse_depths("-1mm:1mm:500um", lengths=True) == (-1000.0, -500.0, 0.0, 500.0, 1000.0)
-    assert parse_depths("2:5.5:0.35", lengths=False) == pytest.approx([2 + 0.35 * k for k in range(11)])
-    assert parse_depths("0.1:0.7:0.1", lengths=False)[-1] == pytest.approx(0.7)
-    assert parse_depths("3:1:-1", lengths=False) == (3.0, 2.0, 1.0)
-    assert parse_pair("181", "cutout") == (181.0, 181.0) and parse_pair("5x7", "cutout") == (5.0, 7.0)
-    with pytest.raises(InputError):
-        parse_pair("", "cutout")
