@@ -36,7 +36,7 @@ def command(
 
     Example: `python -m benchmarks forecast r29 --rows 6`
     """
-    from lfcal.cli.plan import load_camera
+    from lfcal.tasks import load_camera
 
     described = load_camera(camera)
     found = [_timed(plan, tolerance) for plan in _plans(described, rows)]

@@ -84,7 +84,7 @@ def command(
     Example: `python -m benchmarks work bench --planes 101`
     """
     from lfcal.camera import ScanPlan
-    from lfcal.cli.plan import load_camera
+    from lfcal.tasks import load_camera
     from lfcal.work import EXECUTORS
 
     chosen = [EXECUTORS.get(name.strip()).name for name in executors.split(",")]

@@ -10,8 +10,7 @@ import typer
 from lfcal.base import InputError, replace_whole
 from lfcal.cli._console import print_json, print_table, report, run_work
 from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
-from lfcal.cli.plan import load_camera
-from lfcal.tasks import check_outputs
+from lfcal.tasks import check_outputs, load_camera
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera

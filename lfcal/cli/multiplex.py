@@ -60,8 +60,8 @@ def _chi2(
     if camera is None:
         refuse(context, "a --camera", "none", "gain")
         return chi2, {}
-    from lfcal.cli.plan import load_camera
     from lfcal.multiplex import camera_chi2
+    from lfcal.tasks import load_camera
 
     if chi2 is not None:
         raise InputError.expected("chi^2", "one of --chi2 and --camera", "both", "leave one out")

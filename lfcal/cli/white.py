@@ -15,8 +15,7 @@ from lfcal.cli._colour_planes import read_white
 from lfcal.cli._console import print_json, print_table
 from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli._white_files import LATTICE, RESIDUAL_MAP, RESIDUALS, lattice_dict, save_lattice
-from lfcal.cli.plan import load_camera
-from lfcal.tasks import check_outputs
+from lfcal.tasks import check_outputs, load_camera
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
