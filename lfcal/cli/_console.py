@@ -5,16 +5,13 @@ from __future__ import annotations
 import json
 import sys
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import typer
 
 from lfcal.base import Progress, Work, drain, format_seconds, plain
 
-if TYPE_CHECKING:
-    from lfcal.psf import PSFMatrix
-
-__all__ = ["KEPT", "done_text", "print_json", "print_table", "report", "report_dark", "run_work"]
+__all__ = ["KEPT", "done_text", "print_json", "print_table", "report", "run_work"]
 
 R = TypeVar("R")
 
@@ -69,17 +66,6 @@ def done_text(record: Progress, speed: float | None) -> str:
     rate = speed / record.per
     unit, seconds = next(((u, s) for u, s in (("s", 1.0), ("min", 60.0)) if rate * s >= 1), ("h", 3600.0))
     return f"{counted}, {rate * seconds:.3g}/{unit}"
-
-
-def report_dark(matrix: PSFMatrix) -> tuple[int, ...]:
-    """Return the planes of ``matrix`` that hold no light, and say which they are."""
-    from lfcal.psf import dark_planes
-
-    dark = dark_planes(matrix)
-    if dark:
-        named = ", ".join(str(z) for z in dark[:8]) + (" …" if len(dark) > 8 else "")
-        report(f"note: no light in {len(dark)} of {len(matrix)} planes ({named}): their entries are zero or negative")
-    return dark
 
 
 def print_json(value: Any) -> None:

@@ -13,7 +13,7 @@ from lfcal.base import InputError
 if TYPE_CHECKING:
     from lfcal.camera import RegionPlan, ScanPlan
 
-__all__ = ["Made", "make_regions", "show_loss", "told_loss"]
+__all__ = ["Made", "make_regions", "show_loss"]
 
 Made = Callable[["ScanPlan", str, Path], dict[str, Any]]
 """Makes H of one region, given its plan, its name and the file; returns what is told of it."""
@@ -40,17 +40,6 @@ def make_regions(plan: RegionPlan, out: Path, made: Made, given: dict[str, bool]
             told[name] = {key: value for key, value in facts.items() if key not in ("path", "out")}
         save_parts(parts, out, **saving)
     return {"out": out, "regions": told, "file_bytes": out.stat().st_size}
-
-
-def told_loss(source: Path, *, workers: int | None, quiet: bool) -> Any:
-    """Return what is lost between the regions of an H file; None where it has one."""
-    from lfcal.cli._console import run_work
-    from lfcal.judge import iter_region_loss
-    from lfcal.psf import regions_of
-
-    if len(regions_of(source)) < 2:
-        return None
-    return run_work(iter_region_loss(source, workers=workers), quiet=quiet)
 
 
 def show_loss(loss: Any) -> None:

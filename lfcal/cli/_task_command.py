@@ -70,10 +70,11 @@ def do_task(task: Task, run: RunSettings, show: Show, json: bool) -> None:
     asked = [name for name in UNITS if getattr(run, name)]
     if asked and not task.in_units:
         raise InputError.expected(f"--{asked[0]}", "work that is done in units", task.input_words, "leave it out")
-    outs = task.files("out")
-    check_outputs(outs, *task.files("in"), force=all(may_replace(out, run) for out in outs))
+    begun = task.unit_outputs()
+    force = run.force or (bool(begun) and all(may_replace(out, run) for out in begun))
+    check_outputs(task.files("out"), *task.files("in"), force=force)
     with bounded_threads(run.workers):
-        made = run_kept(task.work(run), *outs, quiet=json)
+        made = run_kept(task.work(run), *begun, quiet=json)
     with ExitStack() as stack:
         for one in made:
             stack.callback(one.close)
@@ -86,7 +87,7 @@ def do_task(task: Task, run: RunSettings, show: Show, json: bool) -> None:
 
 
 def _help(tasks: TaskSet, cls: type[CommandWithParts] | None) -> str:
-    said = inspect.cleandoc(str(tasks.kinds[0].__doc__).partition("\n    Attributes\n")[0])
+    said = inspect.cleandoc(tasks.help or str(tasks.kinds[0].__doc__).partition("\n    Attributes\n")[0])
     for part in cls.parts.listed.values() if cls else ():
         said += f"\n\n`lfcal {tasks.name} {part.name}`: {part.summary}"
     return f"{said}\n\nExample: `{tasks.example}`"

@@ -15,7 +15,7 @@ from lfcal.judge.dated import (
 from lfcal.judge.expected import plan_of
 from lfcal.judge.inspection import is_bad, is_fair
 from lfcal.judge.pairing import Pair, pair
-from lfcal.judge.region_loss import draw_region_loss, iter_region_loss
+from lfcal.judge.region_loss import RegionLoss, draw_region_loss, iter_region_loss
 from lfcal.judge.source import Judged
 from lfcal.judge.telling import compared_words, cost_words
 from lfcal.judge.trend import TOO_SHORT, Course, CoursePoint, Trend, draw_trend, trend
@@ -27,6 +27,7 @@ __all__ = [
     "DatedInspection",
     "Judged",
     "Pair",
+    "RegionLoss",
     "Trend",
     "compared_words",
     "cost_words",

@@ -37,14 +37,27 @@ class MatrixPlanes(PlaneSource):
         `lfcal.psf.transpose`.
     title
         As of `PlaneSource`.
+    own
+        Close the matrix with the planes.
+    provenance
+        Added to that of the matrix.
     """
 
-    def __init__(self, matrix: PSFMatrix, method: str = "", *, title: str = "write", own: bool = False) -> None:
+    def __init__(
+        self,
+        matrix: PSFMatrix,
+        method: str = "",
+        *,
+        title: str = "write",
+        own: bool = False,
+        provenance: Mapping[str, Any] | None = None,
+    ) -> None:
         self.matrix, self.method, self.title, self._own = matrix, method, title, own
-        self.header = header_of(matrix)
+        known = {**matrix.provenance, **(provenance or {})}
+        self.header = replace(header_of(matrix), provenance=known)
         if method:
             # it cannot be made back into H
-            known = {**matrix.provenance, TRANSPOSED: method}
+            known[TRANSPOSED] = method
             self.header = replace(self.header, provenance=known, transposed=True, region="")
         self._clock = Clock(f"{title.partition(' ')[0]} planes", len(matrix))
 
@@ -101,6 +114,7 @@ def iter_save(
     compression: str = "gzip",
     workers: int | None = None,
     store_tolerance: float | None = None,
+    provenance: Mapping[str, Any] | None = None,
     run: RunChoice | None = None,
 ) -> Work[Path]:
     """Write ``matrix`` (H, or the view ``H.T``) to an H file, one plane in memory at a time.
@@ -115,6 +129,8 @@ def iter_save(
         As in `PSFWriter`; None: the type of the matrix.
     compression, workers, store_tolerance
         As in `PSFWriter`.
+    provenance
+        Added to that of the matrix.
     run
         Write it in units of a plane, for a matrix that was opened from a file: by whom, and what becomes of an earlier
         run.
@@ -134,7 +150,8 @@ def iter_save(
     check_other_file(matrix.path, path)
     title = "write" if store_tolerance is None else "reduce to"
     stored = Stored(dtype or stored_type(matrix), compression, store_tolerance)
-    return (yield from iter_write(MatrixPlanes(matrix, title=title), path, stored, run=run, workers=workers))
+    planes = MatrixPlanes(matrix, title=title, provenance=provenance)
+    return (yield from iter_write(planes, path, stored, run=run, workers=workers))
 
 
 save = drained(
@@ -159,6 +176,7 @@ def iter_transpose_file(
     method: str = "exact",
     compression: str = "gzip",
     workers: int | None = None,
+    provenance: Mapping[str, Any] | None = None,
     run: RunChoice | None = None,
 ) -> Work[Path]:
     """Write the transpose of ``matrix`` to an H file; one plane of H and one of HT are in memory.
@@ -167,7 +185,8 @@ def iter_transpose_file(
     """
     check_other_file(matrix.path, out)
     exact = method == "exact"
-    planes = MatrixPlanes(matrix.T if exact else matrix, "" if exact else method, title="transpose to")
+    method = "" if exact else method
+    planes = MatrixPlanes(matrix.T if exact else matrix, method, title="transpose to", provenance=provenance)
     return (yield from iter_write(planes, out, Stored(stored_type(matrix), compression), run=run, workers=workers))
 
 

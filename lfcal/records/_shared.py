@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.records.assembly import AssemblySettings
+from lfcal.records.assembly import COMPRESSIONS, INTERPOLATIONS, STORED_TYPES, AssemblySettings
 from lfcal.records.corrections import CorrectionRecipe
 from lfcal.records.option import (
     FieldRow,
@@ -26,11 +26,16 @@ from lfcal.records.reading import (
     read_depths,
     read_orientation,
     read_pair,
+    read_position,
     read_share,
     read_virtual_depths,
+    show_pair,
 )
 
 __all__ = [
+    "COMPRESSIONS",
+    "INTERPOLATIONS",
+    "STORED_TYPES",
     "AssemblySettings",
     "CorrectionRecipe",
     "FieldRow",
@@ -47,11 +52,13 @@ __all__ = [
     "read_depths",
     "read_orientation",
     "read_pair",
+    "read_position",
     "read_share",
     "read_virtual_depths",
     "record",
     "required",
     "rows",
+    "show_pair",
     "to_dict",
     "value_at",
 ]

@@ -80,7 +80,7 @@ class Opt:
         Of a text that may be a path, such as a preset or a camera file: whether it is one.
     needs
         Another field of the same record without which it has no effect, and the value that this must have; an empty
-        value: any that is set.
+        value: any that is set. Or an empty name and a suffix, which the name of an input file must have.
     """
 
     help: str
@@ -229,7 +229,10 @@ class FieldRow:
 
     def text(self, value: Any) -> str:
         """Return what stands for ``value`` on a command line and in a form."""
-        return "" if value is None else self.opt.show(value) if self.opt.show else str(value)
+        if value is None:
+            return ""
+        text = self.opt.show(value) if self.opt.show else str(value)
+        return text.removesuffix(".0") if isinstance(value, float) else text
 
     def value(self, given: Any, called: str) -> Any:
         """Return what a text, or a value of a file, means; ``called`` names it in messages.
@@ -281,7 +284,7 @@ class FieldRow:
         for one in value if isinstance(value, tuple) else (value,):
             if self.opt.bounds and one is not None:
                 check_number(called, one, integer=self.kind is int, **self.opt.bounds)
-            if self.choices and one and one != self.default:
+            if one and one != self.default and self.choices:
                 check_choice(called, one, self.choices)
 
 
@@ -341,11 +344,23 @@ def check_needs(known: tuple[FieldRow, ...], values: Mapping[str, Any], called: 
         if row.opt.needs is None or values.get(row.name, row.default) == row.default:
             continue
         name, wanted = row.opt.needs
+        if not name:
+            _check_suffix(called(row), known, values, wanted)
+            continue
         other = paths[(*row.path[:-1], name)]
         value = values.get(name, other.default)
         if value != wanted if wanted else not value:
-            got = other.text(value) or other.opt.empty or "none"
-            raise InputError.expected(called(row), f"{called(other)} {wanted}".strip(), got, "leave it out")
+            got = "none" if value is False else other.text(value) or other.opt.empty or "none"
+            words = wanted or ("above 0" if other.kind in (int, float) else "")
+            raise InputError.expected(called(row), f"{called(other)} {words}".strip(), got, "leave it out")
+
+
+def _check_suffix(called: str, known: tuple[FieldRow, ...], values: Mapping[str, Any], suffix: str) -> None:
+    """Raise `InputError` unless an input file has the suffix."""
+    paths = [path for row in known if row.opt.file == "in" for path in row.paths_of(values.get(row.name))]
+    if not any(path.suffix.lower() == suffix for path in paths):
+        names = ", ".join(path.name for path in paths)
+        raise InputError.expected(called, f"a {suffix} file", names or "none", "leave it out")
 
 
 def to_dict(whole: Any) -> dict[str, Any]:

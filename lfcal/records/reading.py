@@ -19,6 +19,7 @@ __all__ = [
     "read_orientation",
     "read_pair",
     "read_planes",
+    "read_position",
     "read_share",
     "read_virtual_depths",
     "show_pair",
@@ -67,6 +68,14 @@ def read_cutout(text: str) -> tuple[int, int] | None:
 def read_cutout_or_auto(text: str) -> tuple[int, int] | str | None:
     """Return the cutout as `read_cutout` does, or ``"auto"``."""
     return "auto" if text.strip() == "auto" else read_cutout(text)
+
+
+def read_position(text: str) -> tuple[int, int]:
+    """Return the position ``"9,16"`` (y, x)."""
+    found = re.fullmatch(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*", text)
+    if found is None:
+        raise InputError.expected("position", "y,x", repr(text), "for example 9,16")
+    return int(found[1]), int(found[2])
 
 
 def show_pair(value: Any) -> str:

@@ -4,6 +4,7 @@
 - ``sets``: every task by the name of its command
 - ``text``: tasks as commands, Python and job files
 - ``assemble``: frames to H
+- ``transpose``, ``reduce``, ``export``, ``inspect``: H to HT, to a smaller file, to other programs, and its quality
 - ``scan_frames``, ``target_frames``, ``cameras``, ``matrices``, ``lattice_file``: inputs as tasks open them
 - ``outputs``: what may be written where
 - ``notes``: what a task says by the way

@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 from lfcal.tasks.assemble import Assemble, AssembleRegions, AssembleTarget
+from lfcal.tasks.export import ExportH5, ExportMat, ExportNpy, ExportTiff
+from lfcal.tasks.inspect import Inspect
+from lfcal.tasks.reduce import Reduce
 from lfcal.tasks.text import command_of, job_of, python_of
+from lfcal.tasks.transpose import Transpose
 
 __all__ = [
     "Assemble",
     "AssembleRegions",
     "AssembleTarget",
+    "ExportH5",
+    "ExportMat",
+    "ExportNpy",
+    "ExportTiff",
+    "Inspect",
+    "Reduce",
+    "Transpose",
     "command_of",
     "job_of",
     "python_of",

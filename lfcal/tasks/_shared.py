@@ -5,16 +5,20 @@ from __future__ import annotations
 from lfcal.tasks._channels import ChannelPart
 from lfcal.tasks.assemble import Assembled, AssemblyRun
 from lfcal.tasks.cameras import assumed_in_words, load_camera, load_file, tell_assumed
+from lfcal.tasks.export import ExportedFiles
+from lfcal.tasks.inspect import InspectedMatrix
 from lfcal.tasks.lattice_file import LATTICE_FORMAT, LATTICE_VERSION, load_lattice
 from lfcal.tasks.matrices import check_mat_files, open_matrix, report_missing, report_regions
 from lfcal.tasks.notes import notes_to
 from lfcal.tasks.outputs import RECORDINGS, check_output, check_outputs, files_of
 from lfcal.tasks.planned import planned_scan, ready_plan, ready_regions
+from lfcal.tasks.reduce import ReducedFile
 from lfcal.tasks.scan_frames import ScanFrames, find_plan, tell_size
 from lfcal.tasks.sets import task_set
 from lfcal.tasks.target_frames import left_words, opened_target, wanted_target
 from lfcal.tasks.task import RunSettings, Task, TaskSet, may_replace
 from lfcal.tasks.text import load_job, words_of
+from lfcal.tasks.transpose import TransposedFile
 
 __all__ = [
     "LATTICE_FORMAT",
@@ -23,10 +27,14 @@ __all__ = [
     "Assembled",
     "AssemblyRun",
     "ChannelPart",
+    "ExportedFiles",
+    "InspectedMatrix",
+    "ReducedFile",
     "RunSettings",
     "ScanFrames",
     "Task",
     "TaskSet",
+    "TransposedFile",
     "assumed_in_words",
     "check_mat_files",
     "check_output",

@@ -1,16 +1,68 @@
-"""H files that tasks are given, with notes on the file for the user."""
+"""H as tasks open it, and what they say of it."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from lfcal.records import opt, record, required
 from lfcal.tasks.notes import note
+from lfcal.tasks.task import Task
 
 if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix
 
-__all__ = ["check_mat_files", "open_matrix", "report_missing", "report_regions"]
+__all__ = [
+    "MAT_ORDERS",
+    "MatrixTask",
+    "check_mat_files",
+    "open_matrix",
+    "report_dark",
+    "report_missing",
+    "report_regions",
+    "with_task",
+]
+
+MAT_ORDERS = ("rows-first", "columns-first")
+EARLIER = "earlier_tasks"
+"""Key of provenance: the tasks that made what the last one read, the first of them first."""
+
+
+@record
+class MatrixTask(Task):
+    """What tasks that read one H have."""
+
+    source: Path = required(
+        "H file (.h5), another code's file (.mat v7.3, .lfc of napari-LF), or .npy array.",
+        label="H",
+        argument=True,
+        file="in",
+    )
+    mat_order: str = opt(
+        "",
+        "Axes of H in a .mat file that does not state them. rows-first: H(t,s,y,x,z). columns-first: H(s,t,x,y,z).",
+        label="Axes in a .mat file",
+        choices=MAT_ORDERS,
+        empty="inferred from its variables",
+        needs=("", ".mat"),
+        more=True,
+    )
+
+    def opened(self) -> PSFMatrix:
+        """Open H, and say how a file of another code was read."""
+        return open_matrix(self.source, mat_order=self.mat_order)
+
+
+def with_task(task: Task, *matrices: PSFMatrix) -> dict[str, Any]:
+    """Return what provenance says of a task that reads ``matrices``: the task, and those that made them."""
+    earlier: list[Any] = []
+    for matrix in matrices:
+        known = matrix.provenance
+        listed = known.get(EARLIER)
+        earlier += listed if isinstance(listed, list) else []
+        earlier += [known["task"]] if "task" in known else []
+    found: dict[str, Any] = {"task": task.to_dict(absolute=True, outputs=False)}
+    return found | ({EARLIER: earlier} if earlier else {})
 
 
 def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: bool = False) -> PSFMatrix:
@@ -23,7 +75,7 @@ def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: boo
     mat_order
         As there, but for ``.mat`` files alone: a command with several files gives it for all; see `check_mat_files`.
     quiet
-        Say nothing: in a worker, where the task has said it.
+        Say nothing: in a worker, where the command has said it.
     """
     from lfcal.psf import open_psf, opening_notes
 
@@ -34,7 +86,7 @@ def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: boo
 
 
 def report_regions(path: Path, matrix: PSFMatrix, done: str) -> None:
-    """Say that of an H file with several regions of the field one alone is ``done`` (used, written)."""
+    """Say that of an H file with several regions of the field only one is ``done`` (used, written)."""
     from lfcal.psf import regions_of
 
     if len(names := regions_of(path)) > 1:
@@ -48,6 +100,17 @@ def report_missing(matrix: PSFMatrix) -> int:
     if words := empty_words(matrix):
         note(f"{words}: their entries are zero; lfcal assemble --fill fills them from a fit")
     return len(empty_positions(matrix))
+
+
+def report_dark(matrix: PSFMatrix) -> tuple[int, ...]:
+    """Return the planes of ``matrix`` without light, and say which they are."""
+    from lfcal.psf import dark_planes
+
+    dark = dark_planes(matrix)
+    if dark:
+        named = ", ".join(str(z) for z in dark[:8]) + (" …" if len(dark) > 8 else "")
+        note(f"no light in {len(dark)} of {len(matrix)} planes ({named}): their entries are zero or negative")
+    return dark
 
 
 def check_mat_files(mat_order: str, *paths: Path | None) -> None:

@@ -9,7 +9,13 @@ from lfcal.tasks.task import TaskSet
 
 __all__ = ["TASKS", "task_set"]
 
-TASKS = {"assemble": "lfcal.tasks.assemble:ASSEMBLE"}
+TASKS = {
+    "assemble": "lfcal.tasks.assemble:ASSEMBLE",
+    "export": "lfcal.tasks.export:EXPORT",
+    "inspect": "lfcal.tasks.inspect:INSPECT",
+    "reduce": "lfcal.tasks.reduce:REDUCE",
+    "transpose": "lfcal.tasks.transpose:TRANSPOSE",
+}
 """Where the kinds of each task are, by the name of the command; a module is imported when its task is asked for."""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -139,6 +139,10 @@ class Task:
         given = [(row, value_at(self, row)) for row in rows(type(self)) if row.opt.file == way]
         return tuple(path for row, value in given for path in row.paths_of(value))
 
+    def unit_outputs(self) -> tuple[Path, ...]:
+        """Return the outputs next to which units of a stopped run are kept."""
+        return self.files("out") if self.in_units else ()
+
     def to_dict(self, *, absolute: bool = False, outputs: bool = True) -> dict[str, Any]:
         """Return it as plain JSON types, every field of it: a job, provenance, or what travels to another process.
 
@@ -176,12 +180,15 @@ class TaskSet:
         Returns the kind of values by name; it may look at files.
     example
         A command line, for the help.
+    help
+        What the command does; empty: what the first kind says.
     """
 
     name: str
     kinds: tuple[type[Task], ...]
     choose: Callable[[Mapping[str, Any]], type[Task]]
     example: str
+    help: str = ""
 
     def make(self, given: Mapping[str, Any], called: Callable[[str], str]) -> Task:
         """Return the task of ``given`` values by the names of their fields; ``called`` names a field in messages.
@@ -191,6 +198,11 @@ class TaskSet:
         InputError
             For a value of a field that this kind of task does not have, or that it must have.
         """
+        for row in rows(self.kinds[0]):
+            # of these the choice may depend
+            everywhere = all(row.name in {one.name for one in rows(kind)} for kind in self.kinds)
+            if row.default is MISSING and everywhere and row.name not in given:
+                raise InputError.expected(row.called, "a value", "none", "give it")
         kind = self.choose(given)
         self.refuse(kind, given, called)
         names = {row.name: called(row.name) for row in rows(kind)}

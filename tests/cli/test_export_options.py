@@ -77,7 +77,7 @@ def test_lens_centred_by_whole_pixels_and_by_what_they_leave(lfcal: Lfcal, tmp_p
         mean = (values[..., :-1, :] + values[..., 1:, :]) / 2
         np.testing.assert_allclose(file["H"][()][..., :2, :2], (mean[..., :-1] + mean[..., 1:]) / 2, rtol=1e-5)
     refused = lfcal(*export, "--interpolation", "linear")
-    assert refused.code == 2 and "--interpolation: says how --lens-centred" in refused.err
+    assert refused.code == 2 and "--interpolation: expected --lens-centred, got none" in refused.err
     odd = lfcal(*export, "--lens-centred", "--interpolation", "sinc")
     assert odd.code == 2 and "interpolation: expected nearest or linear or cubic or fourier" in odd.err
 
@@ -122,13 +122,16 @@ def test_one_position_as_a_stack_and_an_uncompressed_file(lfcal: Lfcal, H: PSFMa
 @pytest.mark.parametrize(
     ("name", "options", "words"),
     [
-        ("x.mat", ("--transposed",), "holds both H and Ht"),
-        ("x.npy", ("--no-ht",), "expected a .mat file, got .npy"),
-        ("x.h5", ("--rows-first",), "expected a .mat file, got .h5"),
-        ("x.npy", ("--uncompressed",), "expected a .mat or .h5 file"),
-        ("x.mat", ("--position", "1,1"), "expected a .tif or .tiff file"),
-        ("x.tif", ("--lens-centred",), "expected a .mat file, got .tif"),
-        ("x.h5", ("--lens-centred", "--interpolation", "cubic"), "expected a .mat file, got .h5"),
+        ("x.mat", ("--transposed",), "expected a .h5 file or a .npy file or a .tif file, got a .mat file"),
+        ("x.npy", ("--no-ht",), "expected a .mat file, got a .npy file"),
+        ("x.h5", ("--rows-first",), "expected a .mat file, got a .h5 file"),
+        ("x.npy", ("--uncompressed",), "expected a .mat file or a .h5 file"),
+        ("x.mat", ("--position", "1,1"), "expected a .tif file"),
+        ("x.tif", ("--lens-centred",), "expected a .mat file, got a .tif file"),
+        ("x.h5", ("--lens-centred", "--interpolation", "cubic"), "expected a .mat file, got a .h5 file"),
+        ("x.tif", ("--dtype", "rounded"), "expected a .h5 file, got a .tif file"),
+        ("x.tif", ("--resume",), "expected work that is done in units, got a .tif file"),
+        ("x.tif", ("--position", "1"), "--position: expected y,x, got '1'"),
         ("x", ("--no-ht",), "got no suffix"),
     ],
 )

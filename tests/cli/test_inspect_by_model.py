@@ -101,7 +101,7 @@ def test_a_fit_that_is_none_or_not_used_is_refused(lfcal: Lfcal, place: Path) ->
     save(matrix(clean()), place / "H.h5")
     for words, what in (
         (("--fit", "nowhere"), "nowhere"),
-        (("--fit", "nowhere", "--seconds", 0), "time to compare with it"),
+        (("--fit", "nowhere", "--seconds", 0), "--fit: expected --seconds above 0, got 0"),
     ):
         run = lfcal("inspect", "H.h5", *words)
         assert run.code == 2 and what in run.err and len(run.err.splitlines()) == 1

@@ -82,7 +82,7 @@ def test_planes_are_kept_until_the_report_is_written(lfcal: Lfcal, H: Path, monk
         raise StorageError("out: no space is left")
 
     with monkeypatch.context() as patch:
-        patch.setattr("lfcal.cli.inspect._write", full)
+        patch.setattr("lfcal.tasks.inspect.Inspect._iter_report", full)
         assert lfcal(*words, "--executor", "threads").code == 2
     status = lfcal("status", "out")
     assert "inspect H.h5: 3 of 3 units done; not running" in status.out
@@ -96,7 +96,7 @@ def test_planes_are_kept_until_the_report_is_written(lfcal: Lfcal, H: Path, monk
 def test_without_a_report_nothing_is_kept(lfcal: Lfcal, H: Path) -> None:
     for words in (("--executor", "threads"), ("--resume",), ("--scheduler", "tcp://a:1")):
         run = lfcal("inspect", "H.h5", *words)
-        assert run.code == 2 and "expected --report beside it" in run.err
+        assert run.code == 2 and "expected --report, got none" in run.err
     run = lfcal("inspect", "H.h5", "--report", "out", "--executor", "magic")
     assert run.code == 2 and "dask or processes or threads" in run.err
     assert {path.name for path in H.parent.iterdir()} == {"H.h5"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -85,7 +86,7 @@ def test_a_refused_plane_keeps_those_that_are_done(lfcal: Lfcal, place: Path) ->
 def test_a_tolerance_is_a_share(lfcal: Lfcal, place: Path, tolerance: str) -> None:
     run = lfcal("reduce", "H.h5", "-o", "out.h5", "--tolerance", tolerance)
     assert run.code == 2 and run.err.count("\n") == 1
-    assert "expected a share above 0 and below 1" in run.err and "0.005 is 0.5 %" in run.err
+    assert "--tolerance: expected a number" in run.err
 
 
 @pytest.mark.parametrize("more", [(), ("--executor", "threads")])
@@ -114,6 +115,9 @@ def test_simulated_into_a_small_file(lfcal: Lfcal, place: Path, more: tuple[obje
     assert run.code == 0, run.err
     assert "error with that of storage: " in run.err and "(4 % asked for)" in run.err
     two, one = (contents(place / name) for name in ("reduced.h5", "small.h5"))
+    for found in (two, one):  # but for the tasks that made them
+        known = json.loads(found["@provenance"])
+        found["@provenance"] = {key: known[key] for key in known.keys() - {"task", "earlier_tasks"}}
     assert one == two
     for other in (("--progressive", "-o", "o.h5"), ("--frames", "frames")):
         refused = lfcal("simulate", "plan.json", *other, "--store-tolerance", 0.01)

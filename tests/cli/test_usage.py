@@ -12,7 +12,7 @@ WRONG = {
     "no such command": (("nosuch",), "No such command 'nosuch'; see lfcal --help"),
     "no such option": (("transpose", "H.h5", "--nosuch"), "No such option: --nosuch"),
     "another type": (("plan", "bench", "--average", "abc"), "Invalid value for '--average'"),
-    "an argument missing": (("export",), "Missing argument 'source'; see lfcal export --help"),
+    "an argument missing": (("export",), "Missing argument 'SOURCE'; see lfcal export --help"),
     "an option without its value": (("export", "H.h5", "-o"), "Option '-o' requires an argument"),
     "a command misspelt": (("asemble",), "No such command 'asemble'. Did you mean 'assemble'? See lfcal --help"),
     "a command of a group misspelt": (("camera", "sho"), "Did you mean 'show'? See lfcal camera --help"),
@@ -20,7 +20,10 @@ WRONG = {
     "a long option behind one dash": (("transpose", "H.h5", "-force"), "Did you mean --force? See lfcal transpose"),
     "a letter that no option has": (("transpose", "H.h5", "-q"), "No such option: -q; see lfcal transpose --help"),
     "a preset misspelt": (("camera", "show", "benhc"), "did you mean bench?"),
-    "a number out of range": (("transpose", "H.h5", "-o", "a.h5", "--workers", "0"), "'--workers'"),
+    "a number out of range": (
+        ("transpose", "H.h5", "-o", "a.h5", "--workers", "0"),
+        "--workers: expected a whole number ≥ 1",
+    ),
 }
 
 

@@ -1,0 +1,326 @@
+"""H for other programs: a kind of task for each format."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from lfcal.base import InputError, Work
+from lfcal.records import INTERPOLATIONS, STORED_TYPES, opt, read_position, record, required, show_pair
+from lfcal.tasks.matrices import MatrixTask, report_dark, report_regions, with_task
+from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
+
+if TYPE_CHECKING:
+    from lfcal.psf import ExportOptions, PSFMatrix
+    from lfcal.work import RunChoice
+
+__all__ = ["EXPORT", "ExportH5", "ExportMat", "ExportNpy", "ExportTiff", "ExportedFiles"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportedFiles(TaskResult):
+    """The files that were written.
+
+    Attributes
+    ----------
+    out
+        The file that was asked for.
+    files
+        Those that were written: of a large H as TIFF, one for each plane.
+    shape
+        Of the matrix.
+    seconds
+        Time it took.
+    dark
+        Planes without light.
+    notes
+        What readers of the files should know.
+    """
+
+    out: Path
+    files: tuple[Path, ...]
+    shape: tuple[int, ...]
+    seconds: float
+    dark: tuple[int, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def bytes(self) -> int:
+        """Size of all files."""
+        return sum(file.stat().st_size for file in self.files)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as plain values."""
+        return {
+            "out": self.out,
+            "files": [{"file": file, "bytes": file.stat().st_size} for file in self.files],
+            "shape": self.shape,
+            "file_bytes": self.bytes,
+            "seconds": self.seconds,
+            "dark": self.dark,
+            "notes": self.notes,
+        }
+
+
+@record
+class _Export(MatrixTask):
+    """What all formats have."""
+
+    name: ClassVar[str] = "export"
+    suffixes: ClassVar[tuple[str, ...]]
+
+    out: Path = required(
+        "File to write. Its suffix is the format: .mat, .h5, .npy or .tif.", label="File", short="-o", file="out"
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        super().__post_init__()
+        if self.out.suffix.lower() not in self.suffixes:
+            raise InputError.expected("out", self.input_words, self.out.name, "name the file so")
+
+    def options(self) -> ExportOptions:
+        """Return what differs from what the format does anyway."""
+        raise NotImplementedError
+
+    def exported(self, H: PSFMatrix) -> PSFMatrix:
+        """Return what is written: H, or a view of it."""
+        return H
+
+    def _iter_write(self, matrix: PSFMatrix, workers: int | None, run: RunChoice | None) -> Work[Path]:
+        from lfcal.psf import iter_export
+
+        return iter_export(matrix, self.out, **self.options().given(), run=run)
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[ExportedFiles, ...]]:
+        """Write H in the format."""
+        from lfcal.psf import export_files, export_notes, open_psf, opening_notes
+
+        start, run, options = time.perf_counter(), run or RunSettings(), self.options()
+        # how the file was read is among the notes of the result
+        with open_psf(self.source, mat_order=self.mat_order) as H:
+            matrix = self.exported(H)
+            # long exports are done in units only where that is asked for: they need twice the space
+            choice = run.choice(self.out) if self.in_units else None
+            work = self._iter_write(matrix, run.workers, choice)  # refuses what the format cannot hold
+            report_regions(self.source, H, "written")
+            dark = report_dark(matrix)
+            yield from work
+            made = ExportedFiles(
+                out=self.out,
+                files=tuple(export_files(matrix, self.out, options.position)),
+                shape=matrix.shape,
+                seconds=time.perf_counter() - start,
+                dark=dark,
+                notes=(*opening_notes(H), *export_notes(matrix, self.out, options)),
+            )
+        return (made,)
+
+
+@record
+class _ExportView(_Export):
+    """What formats have that hold one matrix."""
+
+    transposed: bool = opt(False, "Export HT instead of H.", label="HT instead of H")
+
+    def exported(self, H: PSFMatrix) -> PSFMatrix:
+        """Return H, or HT."""
+        return H.T if self.transposed else H
+
+
+def _missing() -> bool:
+    """Declare the field of formats that hold nothing but values."""
+    return opt(
+        False,
+        "Write zeros for positions that were never recorded, which this format cannot mark.",
+        label="Zeros for missing positions",
+        more=True,
+    )
+
+
+def _uncompressed() -> bool:
+    """Declare the field of formats that are compressed."""
+    return opt(False, "Do not compress the file, which makes it larger and faster to read.", more=True)
+
+
+@record
+class ExportMat(_Export):
+    """Export H and Ht to a MATLAB file (v7.3), for a deconvolution code.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import ExportMat
+    >>> (made,) = ExportMat(source="H.h5", out="made.mat", no_ht=True, allow_missing=True).run()
+    >>> print([file.name for file in made.files], made.shape)
+    ['made.mat'] (2, 19, 33, 55, 55)
+    """
+
+    input_words: ClassVar[str] = "a .mat file"
+    in_units: ClassVar[bool] = True
+    suffixes: ClassVar[tuple[str, ...]] = (".mat",)
+
+    no_ht: bool = opt(False, "Leave out Ht, which halves the file.", label="Without Ht")
+    rows_first: bool = opt(False, "Store H(t,s,y,x,z), for codes whose images have rows first.")
+    lens_centred: bool = opt(
+        False,
+        "Put the centre of a lens on pixel ceil(Nnum/2), as codes based on Prevedel's expect.",
+        label="Lens centred",
+    )
+    interpolation: str = opt(
+        "",
+        "How patterns are moved by the fraction of a pixel that remains when a lens is centred.",
+        choices=INTERPOLATIONS,
+        empty="nearest: not moved",
+        needs=("lens_centred", ""),
+    )
+    uncompressed: bool = _uncompressed()
+    allow_missing: bool = _missing()
+
+    def options(self) -> ExportOptions:
+        """Return what differs from what the format does anyway."""
+        from lfcal.psf import ExportOptions
+
+        return ExportOptions(
+            compress=False if self.uncompressed else None,
+            include_transpose=False if self.no_ht else None,
+            rows_first=self.rows_first or None,
+            lens_centred=self.lens_centred or None,
+            interpolation=self.interpolation or None,
+            allow_missing=self.allow_missing or None,
+        )
+
+
+@record
+class ExportH5(_ExportView):
+    """Export H, or HT, to an H file of lfcal.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import ExportH5
+    >>> (made,) = ExportH5(source="H.h5", out="made.h5", transposed=True, uncompressed=True).run()
+    >>> print([file.name for file in made.files], made.shape)
+    ['made.h5'] (2, 19, 33, 55, 55)
+    """
+
+    input_words: ClassVar[str] = "a .h5 file"
+    in_units: ClassVar[bool] = True
+    suffixes: ClassVar[tuple[str, ...]] = (".h5",)
+
+    dtype: str = opt(
+        "",
+        "Stored type. rounded: 16 bits with a scale for each plane.",
+        label="Stored type",
+        choices=STORED_TYPES,
+        empty="that of the source",
+        more=True,
+    )
+    uncompressed: bool = _uncompressed()
+
+    def options(self) -> ExportOptions:
+        """Return what differs from what the format does anyway."""
+        from lfcal.psf import ExportOptions
+
+        return ExportOptions(compress=False if self.uncompressed else None, dtype=self.dtype or None)
+
+    def _iter_write(self, matrix: PSFMatrix, workers: int | None, run: RunChoice | None) -> Work[Path]:
+        from lfcal.psf import iter_save
+
+        return iter_save(
+            matrix,
+            self.out,
+            dtype=self.dtype or None,
+            compression="none" if self.uncompressed else "gzip",
+            workers=workers,
+            provenance=with_task(self, matrix),
+            run=run,
+        )
+
+
+@record
+class ExportNpy(_ExportView):
+    """Export H, or HT, to a NumPy file.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import ExportNpy
+    >>> (made,) = ExportNpy(source="H.h5", out="made.npy", allow_missing=True).run()
+    >>> print([file.name for file in made.files], made.shape)
+    ['made.npy'] (2, 19, 33, 55, 55)
+    """
+
+    input_words: ClassVar[str] = "a .npy file"
+    in_units: ClassVar[bool] = True
+    suffixes: ClassVar[tuple[str, ...]] = (".npy",)
+
+    allow_missing: bool = _missing()
+
+    def options(self) -> ExportOptions:
+        """Return what differs from what the format does anyway."""
+        from lfcal.psf import ExportOptions
+
+        return ExportOptions(allow_missing=self.allow_missing or None)
+
+
+@record
+class ExportTiff(_ExportView):
+    """Export H, or HT, to TIFF hyperstacks, which ImageJ shows; of a large H one for each plane.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import ExportTiff
+    >>> (made,) = ExportTiff(source="H.h5", out="made.tif", position=(9, 16)).run()
+    >>> print([file.name for file in made.files], made.shape)
+    ['made.tif'] (2, 19, 33, 55, 55)
+    """
+
+    input_words: ClassVar[str] = "a .tif file"
+    suffixes: ClassVar[tuple[str, ...]] = (".tif", ".tiff")
+
+    position: tuple[int, int] | None = opt(
+        None,
+        "One position (Y,X), whose stack over depth is written.",
+        empty="all positions",
+        read=read_position,
+        show=show_pair,
+    )
+    allow_missing: bool = _missing()
+
+    def options(self) -> ExportOptions:
+        """Return what differs from what the format does anyway."""
+        from lfcal.psf import ExportOptions
+
+        return ExportOptions(position=self.position, allow_missing=self.allow_missing or None)
+
+    def files(self, way: str) -> tuple[Path, ...]:
+        """Return its files; the size of H decides how many are written."""
+        if way != "out":
+            return super().files(way)
+        from lfcal.psf import export_files, open_psf
+
+        with open_psf(self.source, mat_order=self.mat_order) as H:
+            return tuple(export_files(self.exported(H), self.out, self.position))
+
+
+KINDS: tuple[type[_Export], ...] = (ExportMat, ExportH5, ExportNpy, ExportTiff)
+
+
+def kind_of(given: Mapping[str, Any]) -> type[Task]:
+    """Return the format that the name of the file asks for."""
+    suffix = Path(given["out"]).suffix.lower()
+    for kind in KINDS:
+        if suffix in kind.suffixes:
+            return kind
+    known = " ".join(suffix for kind in KINDS for suffix in kind.suffixes)
+    raise InputError.expected("--out", known, suffix or "no suffix", "name the file so")
+
+
+EXPORT = TaskSet(
+    "export",
+    KINDS,
+    kind_of,
+    "lfcal export H.h5 -o H.mat",
+    "Export H (and Ht) for a deconvolution code or another program.\n\nThe suffix of the file is its format.",
+)

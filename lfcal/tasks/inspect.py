@@ -1,0 +1,228 @@
+"""How good an H is."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from lfcal.base import InputError, Work
+from lfcal.records import opt, record
+from lfcal.tasks.cameras import tell_assumed
+from lfcal.tasks.matrices import MatrixTask, open_matrix
+from lfcal.tasks.notes import note
+from lfcal.tasks.task import RunSettings, TaskResult, TaskSet
+
+if TYPE_CHECKING:
+    from lfcal.fit import Setup
+    from lfcal.judge import Comparison, Inspection, RegionLoss
+    from lfcal.judge.quality import QualityReport
+    from lfcal.psf import PSFMatrix
+    from lfcal.work import RunChoice
+
+__all__ = ["INSPECT", "Inspect", "InspectedMatrix"]
+
+REGIONS_PICTURE = "regions.png"
+"""The map of several regions of the field, in the report's folder."""
+
+RATE = 200e6
+"""Bytes of H that are read and measured in a second of processor time, about."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class InspectedMatrix(TaskResult):
+    """The quality of an H.
+
+    Attributes
+    ----------
+    task
+        What was asked for.
+    matrix
+        H, whose file is closed.
+    found
+        Its metrics and faults, and the verdict.
+    comparison
+        With the reference, if there is one.
+    loss
+        What is lost between the regions of the field, of an H of several.
+    page
+        The report, if one was written.
+    """
+
+    task: Inspect
+    matrix: PSFMatrix
+    found: Inspection
+    comparison: Comparison | None = None
+    loss: RegionLoss | None = None
+    page: Path | None = None
+
+    @property
+    def failed(self) -> bool:
+        """Whether H has to be good, and is not."""
+        return self.task.strict and self.found.merit not in ("good", "fair")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as plain values."""
+        camera = self.matrix.camera
+        found = self.found.to_dict(every=self.task.every)
+        found |= {} if self.comparison is None else {"comparison": self.comparison.to_dict()}
+        found |= {} if self.loss is None else {"regions": self.loss.to_dict()}
+        found |= {"assumed": [] if camera is None else camera.marks.paths("assumed")}
+        return found if self.page is None else found | {"report": self.page}
+
+
+@record
+class Inspect(MatrixTask):
+    """Measure the quality of H: every metric with its merit, the aperture of each plane, what to do.
+
+    Where its camera is known, patterns are compared with what it should give. Faults are named by what differs.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import Inspect
+    >>> (made,) = Inspect(source="H.h5", seconds=0).run()
+    >>> print(made.found.quality.shape, made.found.merit)
+    (2, 19, 33, 55, 55) unknown
+    """
+
+    name: ClassVar[str] = "inspect"
+    input_words: ClassVar[str] = "H"
+    in_units: ClassVar[bool] = True
+
+    report: Path | None = opt(None, "Folder for an HTML report with redo.json.", file="out", empty="none is written")
+    reference: Path | None = opt(None, "H of the same shape to compare with.", label="Reference H", file="in")
+    session: Path | None = opt(
+        None,
+        "Session folder with control frames. They show how well one period of H represents the whole field.",
+        file="in",
+        more=True,
+    )
+    fit: Path | None = opt(
+        None,
+        "Folder of a fit of this scan (lfcal fit). Patterns are compared with the camera as found.",
+        label="Camera of a fit",
+        file="in",
+        empty="the camera as H describes it",
+        needs=("seconds", ""),
+    )
+    seconds: float = opt(
+        1800.0,
+        "Longest time of the comparison with the camera. If it is reached, the verdict is “not fully judged”. "
+        "0 leaves the comparison out.",
+        label="Time limit",
+        unit="s",
+        at_least=0,
+    )
+    patterns: int = opt(
+        60,
+        "Number of patterns compared with the camera. More show smaller faults and take longer.",
+        at_least=1,
+        needs=("seconds", ""),
+        more=True,
+    )
+    every: bool = opt(
+        False, "List all metrics, also those that are good or do not apply.", label="All metrics", flag="--all"
+    )
+    strict: bool = opt(
+        False,
+        "End with exit code 1 unless H is shown to be good, or usable after a look at it.",
+        label="Fail unless good",
+        more=True,
+    )
+
+    def files(self, way: str) -> tuple[Path, ...]:
+        """Return its files; a report consists of several."""
+        if way != "out" or self.report is None:
+            return super().files(way)
+        from lfcal.judge.report import report_files
+
+        return (*report_files(self.report), self.report / REGIONS_PICTURE)
+
+    def unit_outputs(self) -> tuple[Path, ...]:
+        """Return the folder of the report, next to which planes are kept."""
+        return () if self.report is None else (self.report,)
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[InspectedMatrix, ...]]:
+        """Measure H, compare it with its camera, and write the report."""
+        from lfcal.judge import iter_compare, iter_inspection
+        from lfcal.judge.quality import METRICS
+        from lfcal.work import discard, note_joining, parts_folder
+
+        run = run or RunSettings()
+        self._check_units(run)
+        for why in METRICS.failures().values():
+            note(f"left out: {why}")
+        with ExitStack() as files:
+            H = files.enter_context(self.opened())
+            # the metrics are about the images of points: an HT file is inspected as the H it came from
+            H = H.T if H.is_transposed else H
+            tell_assumed(H.camera, self.source.name)
+            other, comparison = None, None
+            if self.reference is not None:
+                other = files.enter_context(open_matrix(self.reference, mat_order=self.mat_order))
+                comparison = yield from iter_compare(H, other, by_index=True, workers=run.workers)
+            setup = self._setup(H)
+            choice = None if self.report is None else run.choice(self.report, H.nbytes / RATE)
+            quality = yield from self._iter_quality(H, choice, run.workers)
+            found = yield from iter_inspection(H, quality, setup=setup, seconds=self.seconds, patterns=self.patterns)
+            if choice is not None and self.report is not None:
+                note_joining(parts_folder(self.report))
+            page = yield from self._iter_report(H, other, found, run.workers)
+            loss = yield from self._iter_loss(run.workers)
+            if choice is not None and self.report is not None:
+                discard(parts_folder(self.report))
+        return (InspectedMatrix(task=self, matrix=H, found=found, comparison=comparison, loss=loss, page=page),)
+
+    def _check_units(self, run: RunSettings) -> None:
+        asked = [name for name in ("executor", "scheduler", "resume") if getattr(run, name)]
+        if asked and self.report is None:
+            raise InputError.expected(f"--{asked[0]}", "--report", "none", "name the folder of the report")
+
+    def _setup(self, H: PSFMatrix) -> Setup | None:
+        """Return what a fit found of the camera; raises where it is of another scan."""
+        if self.fit is None:
+            return None
+        from lfcal.fit import read_fit
+        from lfcal.judge import plan_of
+
+        stored, plan = read_fit(self.fit), plan_of(H)
+        if plan is None:
+            raise InputError.expected("H", "a camera's matrix", "one without a camera", "assemble H with --camera")
+        stored.check(plan)
+        return stored.setup
+
+    def _iter_quality(self, H: PSFMatrix, choice: RunChoice | None, workers: int | None) -> Work[QualityReport]:
+        from lfcal.judge.quality import iter_inspect
+        from lfcal.tasks._inspect_planes import control_frames, iter_inspect_units
+
+        controls = None if self.session is None else control_frames(self.session, H)
+        if choice is not None and self.report is not None:
+            return (yield from iter_inspect_units(H, self.report, self.session, choice))
+        return (yield from iter_inspect(H, controls=controls, workers=workers))
+
+    def _iter_report(
+        self, H: PSFMatrix, other: PSFMatrix | None, found: Inspection, workers: int | None
+    ) -> Work[Path | None]:
+        if self.report is None:
+            return None
+        from lfcal.judge.report import iter_report
+
+        how: dict[str, Any] = {"reference": other, "workers": workers, "inspection": found, "every": self.every}
+        return (yield from iter_report(H, self.report, **how))
+
+    def _iter_loss(self, workers: int | None) -> Work[RegionLoss | None]:
+        """Compare the regions of the field, where the file has several."""
+        from lfcal.psf import regions_of
+
+        if len(regions_of(self.source)) < 2:
+            return None
+        from lfcal.judge import draw_region_loss, iter_region_loss
+
+        loss = yield from iter_region_loss(self.source, workers=workers)
+        if self.report is not None:
+            draw_region_loss(loss, self.report / REGIONS_PICTURE)
+        return loss
+
+
+INSPECT = TaskSet("inspect", (Inspect,), lambda given: Inspect, "lfcal inspect H.h5 --report report/")

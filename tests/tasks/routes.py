@@ -1,0 +1,31 @@
+"""The routes of a task: command, copied Python, job file."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+
+from lfcal.tasks import Task, command_of, job_of, python_of
+from tests.cli.conftest import Run
+
+Lfcal = Callable[..., Run]
+
+
+def go_every_route(lfcal: Lfcal, task: Task, out: Path) -> list[Path]:
+    """Do a task, whose output is ``out``, in each way; return what was written, that of the task itself first."""
+    folder, made = out.parent, [out]
+
+    def moved(text: str, route: str) -> str:
+        made.append(folder / f"by_{route}{out.suffix}")
+        return text.replace(str(out), str(made[-1]))
+
+    for one in task.run():
+        one.close()
+    done = lfcal(*shlex.split(moved(command_of(task), "command"))[1:])
+    assert done.code == 0, done.err
+    exec(moved(python_of(task), "python"), {})
+    (folder / "job.toml").write_text(moved(job_of(task), "job"))
+    done = lfcal("run", folder / "job.toml")
+    assert done.code == 0, done.err
+    return made
