@@ -94,13 +94,20 @@ def _help(tasks: TaskSet, cls: type[CommandWithParts] | None) -> str:
 
 
 def _only(tasks: TaskSet, row: FieldRow) -> str:
-    """Return which kinds of input a field applies to, where not to all of them."""
+    """Return which kinds of input, or of a record within, a field applies to, where not to all of them."""
+    if row.only and row.variants is not None:
+        every = [row.variants.name_of(kind) for kind in row.variants.kinds]
+        return _except([name for name in every if name in row.only], [name for name in every if name not in row.only])
     having = [kind for kind in tasks.kinds if row.name in {one.name for one in rows(kind)}]
     lacking = [kind for kind in tasks.kinds if kind not in having]
+    return _except([kind.input_words for kind in having], [kind.input_words for kind in lacking])
+
+
+def _except(having: list[str], lacking: list[str]) -> str:
     if not lacking:
         return ""
-    word, kinds = ("Not for", lacking) if len(lacking) < len(having) else ("Only for", having)
-    return f" {word} {' and '.join(kind.input_words for kind in kinds)}."
+    word, names = ("Not for", lacking) if len(lacking) < len(having) else ("Only for", having)
+    return f" {word} {' and '.join(names)}."
 
 
 def _parameter(row: FieldRow, heading: str, only: str = "") -> inspect.Parameter:

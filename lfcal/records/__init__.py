@@ -4,6 +4,8 @@
 - ``reading``: what texts of values mean, the same for every command, form and job file
 - ``corrections``: which corrections are made of frames
 - ``assembly``: how frames become H, and how H is stored
+- ``solvers``: settings of each solver of volumes
+- ``light_fields``: how frames are brought onto H, projected, and written as voxels
 """
 
 from typing import TYPE_CHECKING

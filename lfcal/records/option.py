@@ -1,7 +1,8 @@
 """Fields that people set, declared once: command line, form, job file, script and provenance are made of them.
 
 A field is an attribute of a frozen dataclass that is declared by `opt`, or by `required` where it has no default.
-`panel` declares a record within a record. `rows` gives the fields of a record and of those within it, in order.
+`panel` declares a record within a record, and `one_of` one of several kinds, each with fields of its own. `rows` gives
+the fields of a record and of those within it, in order.
 """
 
 from __future__ import annotations
@@ -20,16 +21,19 @@ from lfcal.records.reading import read_as
 __all__ = [
     "FieldRow",
     "Opt",
+    "Variants",
     "check_needs",
     "check_record",
     "flat",
     "from_dict",
     "from_flat",
+    "one_of",
     "opt",
     "panel",
     "record",
     "required",
     "rows",
+    "rows_of",
     "to_dict",
     "value_at",
 ]
@@ -131,6 +135,39 @@ def panel(default: T, title: str, without: tuple[str, ...] = ()) -> T:
     return dataclasses.field(default=default, metadata={"panel": (title, without)})
 
 
+@dataclass(frozen=True)
+class Variants:
+    """Kinds of a record within a record, of which the value of one field decides.
+
+    A field that several kinds have is declared alike in all of them.
+
+    Attributes
+    ----------
+    kinds
+        Those whose fields are known beforehand, the default first.
+    by
+        The field that names the kind; every kind has it, with its own name as the default.
+    find
+        Returns the kind of a name, which may be none of ``kinds``; raises `InputError` where there is none.
+    names
+        Returns the names of all kinds.
+    """
+
+    kinds: tuple[type, ...]
+    by: str
+    find: Callable[[str], type]
+    names: Callable[[], tuple[str, ...]]
+
+    def name_of(self, kind: type) -> str:
+        """Return the name of a kind."""
+        return str(_defaults(kind)[self.by])
+
+
+def one_of(default: T, title: str, variants: Variants) -> T:
+    """Declare a record within a record that is one of several kinds: the heading of their fields, and the kinds."""
+    return dataclasses.field(default=default, metadata={"panel": (title, ()), "variants": variants})
+
+
 @typing.dataclass_transform(frozen_default=True, kw_only_default=True)
 def record(kind: type[T]) -> type[T]:
     """Make a frozen dataclass of fields by name, whose docstring lists them with their help."""
@@ -141,7 +178,10 @@ def record(kind: type[T]) -> type[T]:
         if "opt" in field.metadata:
             lines += [f"    {field.name}", f"        {_described(field.metadata['opt'])}"]
         elif "panel" in field.metadata:
-            lines += [f"    {field.name}", f"        {field.metadata['panel'][0]}: `{type(field.default).__name__}`."]
+            variants = field.metadata.get("variants")
+            kinds = variants.kinds if variants else (type(field.default),)
+            names = ", ".join(f"`{kind.__name__}`" for kind in kinds)
+            lines += [f"    {field.name}", f"        {field.metadata['panel'][0]}: {names}."]
     made.__doc__ = said.rstrip() + "\n" + "\n".join(lines) + "\n" + mark + examples
     return made
 
@@ -170,6 +210,9 @@ class FieldRow:
         What people should know of it.
     panel
         Heading that it is under; empty: that of the outermost record.
+    variants, only
+        Of a record that is one of several kinds: these kinds, and the names of those that have the field; no names:
+        all of them.
     """
 
     path: tuple[str, ...]
@@ -179,6 +222,8 @@ class FieldRow:
     default: Any
     opt: Opt
     panel: str
+    variants: Variants | None = None
+    only: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -304,10 +349,42 @@ def _rows(kind: type, path: tuple[str, ...], heading: str, without: tuple[str, .
         here = (*path, field.name)
         if field.name in without:
             continue
-        if "panel" in field.metadata:
+        if "variants" in field.metadata:
+            yield from _rows_of_kinds(field.metadata["variants"], here, field.metadata["panel"][0])
+        elif "panel" in field.metadata:
             yield from _rows(type(field.default), here, *field.metadata["panel"])
         elif "opt" in field.metadata:
             yield FieldRow(here, *_kind(hints[field.name]), field.default, field.metadata["opt"], heading)
+
+
+def _rows_of_kinds(variants: Variants, path: tuple[str, ...], heading: str) -> Iterator[FieldRow]:
+    """Yield the fields of all kinds, those of the default first."""
+    first: dict[str, FieldRow] = {}
+    having: dict[str, list[str]] = {}
+    for kind in variants.kinds:
+        for row in _rows(kind, path, heading, ()):
+            first.setdefault(row.name, row)
+            having.setdefault(row.name, []).append(variants.name_of(kind))
+    for row in first.values():
+        said = dataclasses.replace(row.opt, examples=variants.names) if row.name == variants.by else row.opt
+        names = having[row.name]
+        only = () if len(names) == len(variants.kinds) else tuple(names)
+        yield dataclasses.replace(row, opt=said, variants=variants, only=only)
+
+
+def rows_of(whole: Any) -> tuple[FieldRow, ...]:
+    """Return the fields that a record has: of one within it that is one of several kinds, those of its kind."""
+    return tuple(row for row in rows(type(whole)) if row.variants is None or _has(whole, row))
+
+
+def _has(whole: Any, row: FieldRow) -> bool:
+    for name in row.path[:-1]:
+        whole = getattr(whole, name)
+    return hasattr(whole, row.name)
+
+
+def _defaults(kind: type) -> dict[str, Any]:
+    return {field.name: field.default for field in dataclasses.fields(cast(Any, kind))}
 
 
 def _kind(hint: Any) -> tuple[type, bool, bool]:
@@ -328,19 +405,29 @@ def value_at(whole: Any, row: FieldRow) -> Any:
 
 def check_record(whole: Any) -> None:
     """Raise `InputError` if a value is out of its range, not among its choices, or would have no effect."""
-    for row in rows(type(whole)):
+    known = rows_of(whole)
+    for row in known:
         row.check(value_at(whole, row), row.name)
-    values = {row.name: value_at(whole, row) for row in rows(type(whole))}
-    check_needs(rows(type(whole)), values, lambda row: row.name)
+    check_needs(known, {row.name: value_at(whole, row) for row in known}, lambda row: row.name)
+    for field in dataclasses.fields(whole):
+        inner = getattr(whole, field.name)
+        for name in field.metadata.get("panel", ("", ()))[1]:
+            if getattr(inner, name) != _defaults(type(inner))[name]:
+                raise InputError.expected(
+                    f"{field.name}.{name}", "its default", repr(getattr(inner, name)), "leave it out"
+                )
 
 
 def check_needs(known: tuple[FieldRow, ...], values: Mapping[str, Any], called: Callable[[FieldRow], str]) -> None:
     """Raise `InputError` for the first value that has no effect without a value of another field.
 
-    ``values`` by the names of fields; one that is at its default is not taken for given.
+    ``values`` by the names of fields; one that is at its default is not taken for given, unless its kind of record
+    does not have the field.
     """
     paths = {row.path: row for row in known}
     for row in known:
+        if row.variants is not None and row.name in values:
+            _check_kind(row, paths[(*row.path[:-1], row.variants.by)], values, called)
         if row.opt.needs is None or values.get(row.name, row.default) == row.default:
             continue
         name, wanted = row.opt.needs
@@ -363,10 +450,19 @@ def _check_suffix(called: str, known: tuple[FieldRow, ...], values: Mapping[str,
         raise InputError.expected(called, f"a {suffix} file", names or "none", "leave it out")
 
 
+def _check_kind(row: FieldRow, by: FieldRow, values: Mapping[str, Any], called: Callable[[FieldRow], str]) -> None:
+    """Raise `InputError` where the kind of record that the value of ``by`` names does not have a field."""
+    assert row.variants is not None
+    name = values.get(by.name, by.default)
+    if row.name not in _defaults(row.variants.find(name)):
+        names = row.only or tuple(row.variants.name_of(kind) for kind in row.variants.kinds)
+        raise InputError.expected(called(row), f"{called(by)} {' or '.join(names)}", name, "leave it out")
+
+
 def to_dict(whole: Any) -> dict[str, Any]:
     """Return a record as plain JSON types, every field of it, with records within it as objects."""
     found: dict[str, Any] = {}
-    for row in rows(type(whole)):
+    for row in rows_of(whole):
         place = found
         for name in row.path[:-1]:
             place = place.setdefault(name, {})
@@ -420,6 +516,20 @@ def from_flat(kind: type[T], values: Mapping[str, Any]) -> T:
             (given if len(row.path) == 1 else inner.setdefault(row.path[0], {}))[row.name] = values[row.name]
         elif row.default is MISSING:
             raise InputError.expected(row.called, "a value", "none", "give it")
-    defaults = {field.name: field.default for field in dataclasses.fields(cast(Any, kind))}
-    parts: dict[str, Any] = {name: dataclasses.replace(cast(Any, defaults[name]), **own) for name, own in inner.items()}
+    check_needs(tuple(row for row in rows(kind) if row.variants), values, lambda row: row.name)
+    parts = {
+        field.name: _part(field, inner[field.name])
+        for field in dataclasses.fields(cast(Any, kind))
+        if field.name in inner
+    }
     return kind(**given, **parts)
+
+
+def _part(field: Any, own: Mapping[str, Any]) -> Any:
+    """Return the record within a record that has the values ``own``."""
+    default, variants = field.default, field.metadata.get("variants")
+    if variants is not None:
+        chosen = variants.find(own.get(variants.by, getattr(default, variants.by)))
+        if chosen is not type(default):
+            return chosen(**own)
+    return dataclasses.replace(default, **own)

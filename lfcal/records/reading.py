@@ -10,18 +10,23 @@ from typing import Any, TypeVar
 from lfcal.base import InputError
 
 __all__ = [
+    "check_count",
     "check_planes",
+    "check_voxel",
     "read_as",
+    "read_count",
     "read_cutout",
     "read_cutout_or_auto",
     "read_depths",
     "read_length_um",
     "read_orientation",
     "read_pair",
+    "read_pixel",
     "read_planes",
     "read_position",
     "read_share",
     "read_virtual_depths",
+    "read_voxel",
     "show_pair",
     "show_planes",
 ]
@@ -149,3 +154,44 @@ def _plane(field: str, lengths: bool) -> float:
 def read_orientation(text: str) -> str:
     """Return the name of an orientation as options have it: ``"mirror x"`` is ``"mirror-x"``."""
     return "-".join(text.split())
+
+
+def read_pixel(text: str) -> tuple[float, float]:
+    """Return the pixel ``"12,7"`` (row, column), which may be between pixels."""
+    fields = [field.strip() for field in text.split(",")]
+    if len(fields) != 2 or not all(re.fullmatch(NUMBER, field) for field in fields):
+        raise InputError.expected("pixel", "ROW,COLUMN", repr(text), "for example 12,7")
+    return _number(fields[0]), _number(fields[1])
+
+
+def read_count(text: str, at_least: int, words: tuple[str, ...]) -> int | str:
+    """Return a whole number that is not below ``at_least``, or one of ``words``."""
+    value = int(text) if re.fullmatch(r"\s*[-+]?\d+\s*", text) else text.strip()
+    check_count("number", value, at_least, *words)
+    return value
+
+
+def check_count(name: str, value: object, at_least: int, *words: str) -> None:
+    """Raise `InputError` unless ``value`` is a whole number, or one of ``words``."""
+    if value in words:
+        return
+    if isinstance(value, bool) or not isinstance(value, int) or value < at_least:
+        raise InputError.expected(
+            name, f"a whole number ≥ {at_least}, or {' or '.join(words)}", repr(value), "correct it"
+        )
+
+
+def read_voxel(text: str) -> float | str:
+    """Return the side of a voxel in µm, or ``"auto"``."""
+    try:
+        return text.strip() if text.strip() == "auto" else read_length_um(text)
+    except InputError:
+        raise InputError.expected("voxel", "a number of µm, or auto", repr(text), "correct it") from None
+
+
+def check_voxel(name: str, value: object) -> None:
+    """Raise `InputError` unless ``value`` is None, ``"auto"`` or a length in µm."""
+    if value in (None, "auto"):
+        return
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:
+        raise InputError.expected(name, "a positive number of µm, or auto", repr(value), "correct it")

@@ -5,6 +5,7 @@
 - ``text``: tasks as commands, Python and job files
 - ``assemble``: frames to H
 - ``transpose``, ``reduce``, ``export``, ``inspect``: H to HT, to a smaller file, to other programs, and its quality
+- ``reconstruct``: light-field frames to volumes
 - ``scan_frames``, ``target_frames``, ``cameras``, ``matrices``, ``lattice_file``: inputs as tasks open them
 - ``outputs``: what may be written where
 - ``notes``: what a task says by the way

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from lfcal.tasks._solving import solver_settings
 from lfcal.tasks.assemble import Assemble, AssembleRegions, AssembleTarget
 from lfcal.tasks.export import ExportH5, ExportMat, ExportNpy, ExportTiff
 from lfcal.tasks.inspect import Inspect
+from lfcal.tasks.reconstruct import Reconstruct, ReconstructForecast, ReconstructSeries
 from lfcal.tasks.reduce import Reduce
 from lfcal.tasks.text import command_of, job_of, python_of
 from lfcal.tasks.transpose import Transpose
@@ -18,9 +20,13 @@ __all__ = [
     "ExportNpy",
     "ExportTiff",
     "Inspect",
+    "Reconstruct",
+    "ReconstructForecast",
+    "ReconstructSeries",
     "Reduce",
     "Transpose",
     "command_of",
     "job_of",
     "python_of",
+    "solver_settings",
 ]

@@ -12,6 +12,7 @@ from lfcal.tasks.matrices import check_mat_files, open_matrix, report_missing, r
 from lfcal.tasks.notes import notes_to
 from lfcal.tasks.outputs import RECORDINGS, check_output, check_outputs, files_of
 from lfcal.tasks.planned import planned_scan, ready_plan, ready_regions
+from lfcal.tasks.reconstruct import Reconstructed, ReconstructionForecast
 from lfcal.tasks.reduce import ReducedFile
 from lfcal.tasks.scan_frames import ScanFrames, find_plan, tell_size
 from lfcal.tasks.sets import task_set
@@ -29,6 +30,8 @@ __all__ = [
     "ChannelPart",
     "ExportedFiles",
     "InspectedMatrix",
+    "Reconstructed",
+    "ReconstructionForecast",
     "ReducedFile",
     "RunSettings",
     "ScanFrames",

@@ -15,6 +15,7 @@ TASKS = {
     "inspect": "lfcal.tasks.inspect:INSPECT",
     "reduce": "lfcal.tasks.reduce:REDUCE",
     "transpose": "lfcal.tasks.transpose:TRANSPOSE",
+    "reconstruct": "lfcal.tasks.reconstruct:RECONSTRUCT",
 }
 """Where the kinds of each task are, by the name of the command; a module is imported when its task is asked for."""
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from lfcal.base import InputError, Work, drain
-from lfcal.records import check_needs, check_record, from_flat, opt, record, rows, to_dict, value_at
+from lfcal.records import check_needs, check_record, from_flat, opt, record, rows, rows_of, to_dict, value_at
 from lfcal.tasks.notes import note
 
 if TYPE_CHECKING:
@@ -121,9 +121,8 @@ class Task:
     def __post_init__(self) -> None:
         """Check every field, and those of the records within; a text stands for a path."""
         for row in rows(type(self)):
-            value = value_at(self, row)
             if len(row.path) == 1:
-                object.__setattr__(self, row.name, row.value(value, row.name))
+                object.__setattr__(self, row.name, row.value(value_at(self, row), row.name))
         check_record(self)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[TaskResult, ...]]:
@@ -136,7 +135,7 @@ class Task:
 
     def files(self, way: str) -> tuple[Path, ...]:
         """Return its files: ``"in"`` or ``"out"``."""
-        given = [(row, value_at(self, row)) for row in rows(type(self)) if row.opt.file == way]
+        given = [(row, value_at(self, row)) for row in rows_of(self) if row.opt.file == way]
         return tuple(path for row, value in given for path in row.paths_of(value))
 
     def unit_outputs(self) -> tuple[Path, ...]:
@@ -154,7 +153,7 @@ class Task:
             Name the files to write, too.
         """
         found = {"task": self.name, **to_dict(self)}
-        for row in rows(type(self)):
+        for row in rows_of(self):
             value, place = value_at(self, row), found
             for name in row.path[:-1]:
                 place = place[name]

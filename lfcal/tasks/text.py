@@ -12,21 +12,26 @@ from types import MappingProxyType
 from typing import Any
 
 from lfcal.base import FileFormatError, InputError, choose, parse_json, read_text
-from lfcal.records import FieldRow, flat, from_flat, rows, value_at
+from lfcal.records import OWN_SOLVERS, FieldRow, SolverFields, flat, from_flat, rows, rows_of, value_at
 from lfcal.tasks.sets import task_set
 from lfcal.tasks.task import RunSettings, Task
 
 __all__ = ["command_of", "job_of", "load_job", "python_of", "read_job", "words_of"]
 
 
-FACES = {"CorrectionRecipe": "lfcal.frames", "AssemblySettings": "lfcal.psf"}
+FACES = {
+    "CorrectionRecipe": "lfcal.frames",
+    "AssemblySettings": "lfcal.psf",
+    **dict.fromkeys(("LightFieldSettings", "ProjectionSettings", "VoxelGrid"), "lfcal.reconstruct"),
+    **{kind.__name__: "lfcal.reconstruct" for kind in OWN_SOLVERS},
+}
 """Packages that records are imported from."""
 
 
 def words_of(task: Task) -> tuple[str, ...]:
     """Return the words of a command line behind ``lfcal``: what differs from the defaults."""
     inputs, options = [], []
-    for row in rows(type(task)):
+    for row in rows_of(task):
         value = value_at(task, row)
         if row.opt.argument:
             inputs += [str(one) for one in value] if row.many else [str(value)]
@@ -74,8 +79,11 @@ def python_of(task: Task) -> str:
 
 def _call(whole: Any, names: set[tuple[str, str]], depth: int) -> str:
     kind = type(whole)
-    names.add((FACES.get(kind.__name__, "lfcal.tasks"), kind.__name__))
-    given = []
+    # solvers of other distributions have no class that could be imported
+    foreign = isinstance(whole, SolverFields) and kind.__name__ not in FACES
+    called = "solver_settings" if foreign else kind.__name__
+    names.add((FACES.get(called, "lfcal.tasks"), called))
+    given = [repr(whole.name)] if foreign else []
     for field in dataclasses.fields(whole):
         value = getattr(whole, field.name)
         if value != field.default:
@@ -83,7 +91,7 @@ def _call(whole: Any, names: set[tuple[str, str]], depth: int) -> str:
             given.append(f"{field.name}={_call(value, names, depth + 1) if inner else _literal(value, names)}")
     end = "    " * depth
     inside = "".join(f"\n{end}    {one}," for one in given)
-    return f"{kind.__name__}({inside}\n{end})" if inside else f"{kind.__name__}()"
+    return f"{called}({inside}\n{end})" if inside else f"{called}()"
 
 
 def _literal(value: Any, names: set[tuple[str, str]]) -> str:

@@ -90,11 +90,11 @@ def test_a_light_field_is_resampled_by_a_lattice_measured_before(
         ("a.npy", ("--white", "white.tif")),
         ("b.npy", ("--white", "white.tif", "--lattice", "lattice.json")),
     ):
-        done = lfcal(*words, out, "--resample", *own)
+        done = lfcal(*words, out, "--resample", "always", *own)
         assert done.code == 0, done.err
     np.testing.assert_allclose(np.load("b.npy"), np.load("a.npy"), rtol=1e-3)
     # a lattice that is given is there to resample by
     assert lfcal(*words, "c.npy", "--white", "white.tif", "--lattice", "lattice.json").code == 0
     np.testing.assert_array_equal(np.load("c.npy"), np.load("b.npy"))
-    done = lfcal(*words, "d.npy", "--lattice", "lattice.json", "--as-is")
-    assert done.code == 2 and "--as-is: expected no --lattice" in done.err
+    done = lfcal(*words, "d.npy", "--lattice", "lattice.json", "--resample", "never")
+    assert done.code == 2 and "resample: expected auto or always" in done.err

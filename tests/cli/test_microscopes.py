@@ -139,7 +139,7 @@ def test_a_three_type_array_of_broken_period_from_the_plan_to_the_volume(lfcal: 
     # the lattice's type-0 lenslet at the middle of the sensor is the origin of the grid, on its own scale
     scale, zero = np.array(plan.resample_factors), np.array(plan.camera.sensor.centre_px)
     volume = tmp_path / "volume.npy"
-    work = ("reconstruct", tmp_path / "H.h5", frame, "--resample", "--background", black)
+    work = ("reconstruct", tmp_path / "H.h5", frame, "--resample", "always", "--background", black)
     own = ("--white", session / "white") if by == "white" else ()
     succeeded(lfcal(*work, *own, "-n", 30, "-o", volume))
     found = np.load(volume)[0]

@@ -101,5 +101,5 @@ def test_reconstruct_says_so_once_for_all_frames(lfcal: Lfcal, H: PSFMatrix) -> 
     Path("frames").mkdir()
     for k in range(2):
         Path(f"frame{k}.tif").rename(f"frames/{k}.tif")
-    two = lfcal("reconstruct", "H.h5", "--batch", "frames", "-o", "volumes", "-n", "1", "--executor", "threads")
+    two = lfcal("reconstruct", "H.h5", "frames", "-o", "volumes", "-n", "1", "--executor", "threads")
     assert two.code == 0 and two.err.count(SAID) == 1, two.err

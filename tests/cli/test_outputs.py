@@ -129,7 +129,7 @@ def test_force_replaces_through_a_link(lfcal: Lfcal, place: Path, name: str) -> 
         ("reconstruct H.h5 frame.tif -o H.h5", "H.h5"),
         ("reconstruct H.h5 frame.tif -o frame.tif", "frame.tif"),
         ("reconstruct H.h5 frame.tif --dark white.tif -o white.tif", "white.tif"),
-        ("reconstruct H.h5 --batch frames -o frames", "frames/a.tif"),
+        ("reconstruct H.h5 frames -o frames", "frames/a.tif"),
         ("plan camera.json --virtual-depths 3 -o camera.json", "camera.json"),
         ("simulate scan.json -o scan.json", "scan.json"),
         ("accuracy H.h5 --draw H.h5", "H.h5"),
@@ -201,7 +201,7 @@ def test_frames_of_one_file_become_volumes_of_one_file(lfcal: Lfcal, place: Path
 
     run = lfcal("reconstruct", "H.h5", "stack.tif", "-n", 2, "-o", f"all{suffix}", "--json")
     assert run.code == 0, run.err
-    assert lfcal("reconstruct", "H.h5", "--batch", "stack.tif", "-n", 2, "-o", "single").code == 0
+    assert lfcal("reconstruct", "H.h5", "stack.tif", "-n", 2, "-o", "single").code == 0
     single = [tifffile.imread(place / "single" / f"stack_000{k}.tif").reshape(1, 40, 40) for k in range(2)]
     if suffix == ".npy":
         made = np.load(place / "all.npy")

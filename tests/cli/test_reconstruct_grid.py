@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from lfcal.base.errors import InputError
 from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Sensor, preset
-from lfcal.cli._reconstruct_grid import view_of
 from lfcal.cli._white_files import save_lattice
 from lfcal.lattice import fit_lattice
 from lfcal.psf import PSFMatrix, save
 from lfcal.reconstruct import Projector, SolverChoice, reconstruct
 from lfcal.reconstruct.resample import resampling_for
+from lfcal.tasks._reconstruct_optics import view_of
 from tests.cli.conftest import Run
 from tests.lattice.white_frames import WhiteFrame, draw_white
 
@@ -90,7 +90,7 @@ def test_frames_are_resampled_where_the_lattice_drifts(
     lfcal: Callable[..., Run], drifting: PSFMatrix, run: tuple[str, ...]
 ) -> None:
     """They were reconstructed as they are, without a word; a white image without lenslets changes nothing."""
-    asked, _ = solved(lfcal, "frame.tif", "--resample", *run)
+    asked, _ = solved(lfcal, "frame.tif", "--resample", "always", *run)
     usual, said = solved(lfcal, "frame.tif", *run)
     np.testing.assert_array_equal(usual, asked)
     view = resampling_for(drifting, SHAPE)
@@ -102,12 +102,12 @@ def test_frames_are_resampled_where_the_lattice_drifts(
 
 
 def test_frames_are_used_as_they_are_where_that_is_asked_for(lfcal: Callable[..., Run], drifting: PSFMatrix) -> None:
-    found, said = solved(lfcal, "frame.tif", "--as-is")
+    found, said = solved(lfcal, "frame.tif", "--resample", "never")
     image = tifffile.imread("frame.tif").astype(np.float32)
     P = Projector(drifting, SHAPE)
     result = reconstruct(P, image, SolverChoice("rl", 2))
     np.testing.assert_allclose(found, result.volume, rtol=1e-5)
-    assert "warning: the lattice drifts by 3.46 px over the frame" in said and "leave --as-is out" in said
+    assert "warning: the lattice drifts by 3.46 px over the frame" in said and "leave --resample never out" in said
     assert any("drifts by 3.46 px" in note and "resampling_for" in note for note in result.notes)
     # a frame whose place is given, or of another size, is not moved
     placed, said = solved(lfcal, "frame.tif", "--anchor", "60,63")
@@ -115,8 +115,6 @@ def test_frames_are_used_as_they_are_where_that_is_asked_for(lfcal: Callable[...
     assert "warning: the lattice drifts by 3.46 px" in said and "--anchor" in said
     part, said = solved(lfcal, "part.tif")
     assert part.shape == (1, 100, 90) and "drift" not in said
-    done = lfcal("reconstruct", "H.h5", "frame.tif", "--as-is", "--resample", "-o", "w.npy")
-    assert done.code == 2 and "--as-is: expected no --resample" in done.err
 
 
 def test_frames_that_keep_step_are_used_as_they_are(lfcal: Callable[..., Run], drifting: PSFMatrix) -> None:

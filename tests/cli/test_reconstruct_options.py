@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 import tifffile
 
-from lfcal.cli._reconstruct_units import device_for, device_hints
 from lfcal.psf import PSFMatrix, save
 from lfcal.reconstruct import Projector, SolverChoice, load_volume, reconstruct
 from lfcal.reconstruct.projectors import device as devices
+from lfcal.tasks._reconstruct_units import device_for, device_hints
 from lfcal.work.unit import numbered
 from tests.cli.conftest import Run
 from tests.reconstruct.oracles import lenslet_psf
@@ -52,12 +52,10 @@ def by_the_library(folder: Path, projector: dict[str, Any], choice: dict[str, An
 
 
 def test_the_command_and_the_library_do_as_many_iterations_where_none_are_asked_for() -> None:
-    from inspect import signature
+    from lfcal.tasks import Reconstruct
 
-    from lfcal.cli.reconstruct import command
-
-    asked = {name: signature(command).parameters[name].default.default for name in ("solver", "iterations")}
-    assert asked == {"solver": SolverChoice().name, "iterations": str(SolverChoice().iterations)}
+    asked = Reconstruct(psf="H.h5", frames="f.tif", out="v.tif").solver
+    assert (asked.name, asked.iterations) == (SolverChoice().name, SolverChoice().iterations)
 
 
 CASES: dict[str, tuple[tuple[object, ...], dict[str, Any], dict[str, Any]]] = {
@@ -172,7 +170,7 @@ def test_frames_of_a_series_on_the_device_of_their_worker(
     for name in ("a", "b"):
         shutil.copy(folder / "frame.png", tmp_path / "frames" / f"{name}.png")
     done = lfcal(
-        "reconstruct", folder / "H.h5", "--batch", tmp_path / "frames", "--out", tmp_path / "v", "--format", ".npy",
+        "reconstruct", folder / "H.h5", tmp_path / "frames", "--out", tmp_path / "v", "--format", ".npy",
         "--solver", "rl", "--iterations", 2, "--executor", "threads", "--device", "auto",
     )  # fmt: skip
     assert done.code == 0, done.err
@@ -215,33 +213,33 @@ def test_it_stops_by_the_noise_that_it_is_told(lfcal: Callable[..., Run], folder
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--gain", 0), "gain (counts per photo-electron): expected a number > 0"),
+        (("--gain", 0), "--gain: expected a number > 0"),
         (("--iterations", "auto:luck"), "auto or auto:discrepancy"),
         (("--solver", "rl", "--subsets", 2), "osem"),
         (("--threshold", 2), "threshold"),
         (("--method", "magic"), "polyphase"),
         (("--iterations", 0), "iterations"),
-        (("--iterations", "many"), "a number, or auto"),
+        (("--iterations", "many"), "a whole number ≥ 1, or auto"),
         (("--margin", -1), "--margin"),
-        (("--margin", "wide"), "a number of pixels, or auto"),
+        (("--margin", "wide"), "a whole number ≥ 0, or auto"),
         (("--tolerance", -1), "tolerance"),
         (("--workers", 0), "--workers"),
         (("--device", "gpu"), "auto, cpu, cuda or cuda:NUMBER"),
-        (("--anchor", "nan,1"), "anchor (pixels): expected a number"),
-        (("--anchor", "1,inf"), "anchor (pixels): expected a number"),
+        (("--anchor", "nan,1"), "--anchor: expected ROW,COLUMN"),
+        (("--anchor", "1,inf"), "--anchor: expected ROW,COLUMN"),
         (("--anchor", "1,1e30"), "anchor (pixels): expected a number"),
-        (("--memory", "nan"), "--memory (GB): expected a number > 0"),
-        (("--memory", "inf"), "--memory (GB): expected a number > 0"),
-        (("--memory", -1), "--memory (GB): expected a number > 0"),
-        (("--background", 1e308), "background (counts): expected a number"),
-        (("--read-noise", "nan"), "read noise (counts): expected a number"),
-        (("--read-noise", 1e308), "read noise (counts): expected a number"),
-        (("--saturation", 0), "saturation (counts): expected a number > 0"),
-        (("--saturation", "nan"), "saturation (counts): expected a number > 0"),
-        (("--tolerance", "inf"), "tolerance: expected a number"),
-        (("--solver", "rl-tv", "--strength", "nan"), "strength: expected a number"),
-        (("--solver", "phase-space", "--subsets", -1), "subsets: expected a whole number ≥ 1"),
-        (("--iterations", "auto:discrepancy", "--gain", 1e308), "gain (counts per photo-electron): expected a number"),
+        (("--memory", "nan"), "--memory: expected a number > 0"),
+        (("--memory", "inf"), "--memory: expected a number > 0"),
+        (("--memory", -1), "--memory: expected a number > 0"),
+        (("--background", 1e308), "--background: expected a number"),
+        (("--read-noise", "nan"), "--read-noise: expected a number"),
+        (("--read-noise", 1e308), "--read-noise: expected a number"),
+        (("--saturation", 0), "--saturation: expected a number > 0"),
+        (("--saturation", "nan"), "--saturation: expected a number > 0"),
+        (("--tolerance", "inf"), "--tolerance: expected a number"),
+        (("--solver", "rl-tv", "--strength", "nan"), "--strength: expected a number"),
+        (("--solver", "phase-space", "--subsets", -1), "--subsets: expected a whole number ≥ 1"),
+        (("--iterations", "auto:discrepancy", "--gain", 1e308), "--gain: expected a number"),
     ],
 )
 def test_values_that_make_no_sense_are_refused(
@@ -273,7 +271,7 @@ def one_bad(folder: Path, tmp_path: Path) -> Path:
 def test_one_bad_frame_does_not_end_the_others(
     lfcal: Callable[..., Run], folder: Path, one_bad: Path, tmp_path: Path, more: tuple[str, ...]
 ) -> None:
-    words = ("reconstruct", folder / "H.h5", "--batch", one_bad, "--solver", "rl", "-n", 2, *more)
+    words = ("reconstruct", folder / "H.h5", one_bad, "--solver", "rl", "-n", 2, *more)
     done = lfcal(*words, "--out", tmp_path / "each")
     assert done.code == 1 and done.out.count("residual") == 2
     assert sorted(path.name for path in (tmp_path / "each").iterdir()) == ["0.tif", "4.tif"]
@@ -300,6 +298,6 @@ def test_frames_that_tell_nothing_are_refused(
     assert not list(tmp_path.glob("v.npy*"))
     for name in ("0.npy", "3.tif", "4.npy"):
         (one_bad / name).unlink()
-    none = lfcal(*words, "--batch", one_bad)
+    none = lfcal(*words, one_bad)
     assert none.code == 2 and "none of the 2 frames has a volume" in none.err and "kept" not in none.err
     assert not list(tmp_path.glob("v.npy*"))

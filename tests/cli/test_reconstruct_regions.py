@@ -84,7 +84,6 @@ def test_in_units(lfcal: Lfcal, place: Path, executor: str) -> None:
     words = (
         "reconstruct",
         "all.h5",
-        "--batch",
         "frames.tif",
         *RL,
         "--region",
@@ -116,7 +115,7 @@ def test_the_forecast_is_that_of_all(lfcal: Lfcal, place: Path) -> None:
         (("--region", "all"), "expected other regions than the first of H2.h5, got none; leave it out"),
         (("--region", "H2.h5"), "a place of its own for each, got 1 and 2 at one"),
         (("--region", "frame.tif"), "frame.tif"),
-        (("--region", "H17.h5", "--resample"), "--resample: expected H of one region"),
+        (("--region", "H17.h5", "--resample", "always"), "--resample: expected H of one region"),
     ],
 )
 def test_what_is_no_other_region_is_refused(lfcal: Lfcal, place: Path, more: tuple[str, ...], words: str) -> None:

@@ -1,4 +1,4 @@
-"""``lfcal reconstruct --batch SESSION``: recorded frames as a time series, where on the sensor they were included."""
+"""``lfcal reconstruct`` of a session: recorded frames as a time series, with their place on the sensor."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_frames_of_a_session_are_a_series(lfcal: Lfcal, place: Path, by: tuple[str, ...]) -> None:
     row, column = map(int, (place / "origin").read_text().split(","))
     assert (row, column) != (0, 0)
-    run = lfcal("reconstruct", "H.h5", "--batch", "session", *RL, *by, "-o", "v.npy")
+    run = lfcal("reconstruct", "H.h5", "session", *RL, *by, "-o", "v.npy")
     assert run.code == 0, run.err
     anchor = f"{50 - row},{45 - column}"
     assert lfcal("reconstruct", "H.h5", "stack.tif", *RL, "--anchor", anchor, "-o", "w.npy").code == 0
     np.testing.assert_array_equal(np.load("v.npy"), np.load("w.npy"))
-    assert lfcal("reconstruct", "H.h5", "--batch", "session", *RL, "-o", "out").code == 0
+    assert lfcal("reconstruct", "H.h5", "session", *RL, "-o", "out").code == 0
     assert sorted(path.name for path in Path("out").iterdir()) == [f"session_000{k}.tif" for k in range(3)]
 
 
 def test_times_are_kept(lfcal: Lfcal, place: Path) -> None:
     zarr = pytest.importorskip("zarr", reason="zarr is not installed")
-    assert lfcal("reconstruct", "H.h5", "--batch", "session", *RL, "-o", "v.ome.zarr").code == 0
+    assert lfcal("reconstruct", "H.h5", "session", *RL, "-o", "v.ome.zarr").code == 0
     said = dict(zarr.open_group("v.ome.zarr", mode="r").attrs)
     times = said["lfcal"]["times_s"]
     with RecordingSource(place / "session") as source:
@@ -63,9 +63,9 @@ def test_times_are_kept(lfcal: Lfcal, place: Path) -> None:
 def test_frames_that_follow_their_spots_are_no_series(lfcal: Lfcal, place: Path) -> None:
     plan = small_plan(planes=1)
     record(place / "scan", plan, rig_for(plan), CAREFUL)
-    run = lfcal("reconstruct", "H.h5", "--batch", "scan", *RL, "-o", "out")
+    run = lfcal("reconstruct", "H.h5", "scan", *RL, "-o", "out")
     assert run.code == 2 and run.err.count("\n") == 1 and "expected one place of the sensor, got 9 places" in run.err
-    run = lfcal("reconstruct", "H.h5", "--batch", "session", *RL, "--resample", "-o", "out")
+    run = lfcal("reconstruct", "H.h5", "session", *RL, "--resample", "always", "-o", "out")
     assert run.code == 2 and "--resample: expected whole frames, got a part from" in run.err
     assert not Path("out").exists()
 
@@ -74,5 +74,5 @@ def test_a_session_is_never_replaced(lfcal: Lfcal, place: Path) -> None:
     recording = next(path for path in (place / "session").iterdir() if path.name.startswith("recording"))
     before = recording.read_bytes()
     out = recording.rename(recording.with_suffix(".h5")) if recording.suffix != ".h5" else recording
-    run = lfcal("reconstruct", "H.h5", "--batch", "session", *RL, "-o", out, "--force")
+    run = lfcal("reconstruct", "H.h5", "session", *RL, "-o", out, "--force")
     assert run.code == 2 and out.read_bytes() == before

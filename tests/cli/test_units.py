@@ -91,7 +91,7 @@ def test_transpose(lfcal: Lfcal, place: Path, method: str) -> None:
 )
 def test_reconstruct(lfcal: Lfcal, place: Path, executor: str, warm: bool) -> None:
     more = ("--warm",) if warm else ()
-    words = ("reconstruct", "H.h5", "--batch", "frames.tif", "-n", 3, "--method", "direct", *more, "-o")
+    words = ("reconstruct", "H.h5", "frames.tif", "-n", 3, "--method", "direct", *more, "-o")
     assert lfcal(*words, "one").code == 0
     run = lfcal(*words, "two", "--executor", executor)
     if warm and executor == "processes":
@@ -117,7 +117,7 @@ def test_a_series_in_one_ome_zarr(lfcal: Lfcal, place: Path, warm: bool) -> None
     """The same volumes as in files of their own, whether or not the work was in units."""
     zarr = pytest.importorskip("zarr", reason="zarr is not installed")
     more = ("--warm",) if warm else ()
-    words = ("reconstruct", "H.h5", "--batch", "frames.tif", "-n", 2, "--method", "sparse", *more, "-o")
+    words = ("reconstruct", "H.h5", "frames.tif", "-n", 2, "--method", "sparse", *more, "-o")
     for out, by in (("one.ome.zarr", ()), ("two.ome.zarr", ("--executor", "threads")), ("single", ())):
         run = lfcal(*words, out, *by)
         assert run.code == 0, run.err
@@ -134,8 +134,8 @@ def test_a_series_in_one_ome_zarr(lfcal: Lfcal, place: Path, warm: bool) -> None
 @pytest.mark.parametrize(
     ("words", "out", "writer"),
     [
-        ("reconstruct H.h5 --batch frames.tif -n 1 --format .npy", "out", "lfcal.reconstruct.volumes.replace_whole"),
-        ("reconstruct H.h5 --batch frames.tif -n 1", "out.npy", "lfcal.work.choice.discard"),
+        ("reconstruct H.h5 frames.tif -n 1 --format .npy", "out", "lfcal.reconstruct.volumes.replace_whole"),
+        ("reconstruct H.h5 frames.tif -n 1", "out.npy", "lfcal.work.choice.discard"),
         ("transpose H.h5", "out.h5", "lfcal.work.choice.discard"),
         ("simulate plan.json --level geometric", "out.h5", "lfcal.work.choice.discard"),
     ],
@@ -183,8 +183,8 @@ def test_a_run_that_goes_on_projects_as_it_was_begun(
     lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What is quickest differs from moment to moment: volumes of one run are all made in one way."""
-    words = ("reconstruct", "H.h5", "--batch", "frames.tif", "-n", 1, "--executor", "threads", "-o", "out", "--resume")
-    read = importlib.import_module("lfcal.cli._reconstruct_frames").read_frame
+    words = ("reconstruct", "H.h5", "frames.tif", "-n", 1, "--executor", "threads", "-o", "out", "--resume")
+    read = importlib.import_module("lfcal.tasks._reconstruct_frames").read_frame
 
     def damaged(file: Path, page: int | None) -> Any:
         if page == 2:
@@ -193,7 +193,7 @@ def test_a_run_that_goes_on_projects_as_it_was_begun(
 
     with monkeypatch.context() as patch:
         patch.setattr("lfcal.reconstruct.projectors.projector.Projector.recipe", "sparse")
-        patch.setattr("lfcal.cli._reconstruct_frames.read_frame", damaged)
+        patch.setattr("lfcal.tasks._reconstruct_frames.read_frame", damaged)
         assert "the third frame cannot be read" in lfcal(*words).err
     monkeypatch.setattr("lfcal.reconstruct.projectors.projector.Projector.recipe", "direct")
     run = lfcal(*words)
@@ -206,7 +206,7 @@ def test_a_run_that_goes_on_projects_as_it_was_begun(
     [
         ("simulate plan.json --level geometric -o out.h5", "out.h5"),
         ("transpose H.h5 -o out.h5", "out.h5"),
-        ("reconstruct H.h5 --batch frames.tif -n 1 -o out", "out"),
+        ("reconstruct H.h5 frames.tif -n 1 -o out", "out"),
     ],
 )
 def test_what_an_earlier_run_left(lfcal: Lfcal, place: Path, command: str, out: str) -> None:
@@ -235,7 +235,6 @@ def test_a_refusal_says_what_is_kept(lfcal: Lfcal, place: Path) -> None:
     words = (
         "reconstruct",
         "H.h5",
-        "--batch",
         "frames",
         "-n",
         1,
@@ -267,7 +266,7 @@ def test_a_stop_says_what_stays_and_no_more(
     lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
 ) -> None:
     """Before the first unit is done nothing stays, not even the folder; behind it the whole ones do."""
-    words = ("reconstruct", "H.h5", "--batch", "frames.tif", "-n", 1, "--executor", "threads", "-o", "out")
+    words = ("reconstruct", "H.h5", "frames.tif", "-n", 1, "--executor", "threads", "-o", "out")
     begun = 0
 
     def stop(_: str) -> None:
@@ -276,7 +275,7 @@ def test_a_stop_says_what_stays_and_no_more(
         if begun == last:
             signal.raise_signal(number)
 
-    monkeypatch.setattr("lfcal.cli._reconstruct_units._begun_from", stop)
+    monkeypatch.setattr("lfcal.tasks._reconstruct_units._begun_from", stop)
     last = 1
     run = lfcal(*words)
     assert (run.code, run.err) == (128 + number, "lfcal: stopped; nothing half-written stays behind\n")
@@ -298,7 +297,7 @@ def test_a_run_that_failed_before_its_first_unit_leaves_nothing(
 ) -> None:
     tifffile.imwrite(place / "frame.tif", np.full((30, 31), 50, np.uint16))
     monkeypatch.setattr(
-        "lfcal.cli._reconstruct_units._tool_for", lambda *_: (_ for _ in ()).throw(StorageError("gone"))
+        "lfcal.tasks._reconstruct_units._tool_for", lambda *_: (_ for _ in ()).throw(StorageError("gone"))
     )
     run = lfcal("reconstruct", "H.h5", "frame.tif", "-n", 1, "--executor", "threads", "-o", "v.tif")
     assert run.code == 2 and run.err == "lfcal: gone\n" and not parts_folder(place / "v.tif").exists()

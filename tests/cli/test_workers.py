@@ -45,6 +45,7 @@ COMPUTING = (
 IDLE = {
     ("plan",),
     ("status",),
+    ("solvers",),
     ("trend",),
     ("doctor",),
     ("install-desktop",),

@@ -13,15 +13,18 @@ from lfcal.records import (
     AssemblySettings,
     CorrectionRecipe,
     FieldRow,
+    Variants,
     check_record,
     flat,
     from_dict,
     from_flat,
+    one_of,
     opt,
     panel,
     record,
     required,
     rows,
+    rows_of,
     to_dict,
     value_at,
 )
@@ -178,3 +181,87 @@ def test_each_of_several_numbers_is_checked() -> None:
     exposure.check((0.1, 0.2), "--exposure")
     with pytest.raises(InputError, match="--exposure: expected a number > 0, got -1"):
         exposure.check((0.1, -1.0), "--exposure")
+
+
+# -- a record within a record that is one of several kinds -----------------------------------------------------
+@record
+class Plain:
+    """What all ways have."""
+
+    way: str = opt("plain", "The way.", flag="--by")
+    size: float = opt(1.0, "Its size.", above=0)
+
+
+@record
+class Sharp(Plain):
+    """A way with an edge."""
+
+    way: str = opt("sharp", "The way.", flag="--by")
+    edge: int = opt(2, "Its edge.", at_least=1)
+
+
+@record
+class Soft(Plain):
+    """A way with a width, of somebody else."""
+
+    way: str = opt("soft", "The way.", flag="--by")
+    edge: int = opt(2, "Its edge.", at_least=1)
+
+
+def find(name: str) -> type:
+    kinds: dict[str, type] = {"plain": Plain, "sharp": Sharp, "soft": Soft}
+    if name not in kinds:
+        raise InputError.expected("way", "a known one", name, "correct it")
+    return kinds[name]
+
+
+WAYS = Variants((Plain, Sharp), "way", find, lambda: ("plain", "sharp", "soft"))
+
+
+@record
+class Chosen:
+    """A record whose way decides which fields it has."""
+
+    name: str = opt("", "A name.")
+    by: Plain = one_of(Plain(), "Way", WAYS)
+
+
+def test_fields_of_all_kinds_are_rows_and_say_which_kinds_have_them() -> None:
+    found = {row.name: row for row in rows(Chosen)}
+    assert list(found) == ["name", "way", "size", "edge"]
+    assert [row.only for row in found.values()] == [(), (), (), ("sharp",)]
+    assert found["edge"].path == ("by", "edge") and found["edge"].panel == "Way"
+    assert found["way"].offered == ("plain", "sharp", "soft")
+    assert [row.name for row in rows_of(Chosen())] == ["name", "way", "size"]
+    assert [row.name for row in rows_of(Chosen(by=Sharp()))] == ["name", "way", "size", "edge"]
+    assert "Way: `Plain`, `Sharp`." in str(Chosen.__doc__)
+
+
+@pytest.mark.parametrize("by", [Plain(size=2.0), Sharp(edge=7), Soft(edge=3, size=0.5)])
+def test_every_kind_goes_to_plain_values_and_back(by: Plain) -> None:
+    one = Chosen(name="n", by=by)
+    plain = to_dict(one)
+    assert plain["by"]["way"] == by.way and ("edge" in plain["by"]) == (type(by) is not Plain)
+    assert from_dict(Chosen, plain) == one
+    assert from_flat(Chosen, {row.name: value_at(one, row) for row in rows_of(one)}) == one
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        ({"by": {"edge": 3}}, "edge: expected way sharp, got plain; leave it out"),
+        ({"by": {"edge": 2}}, "edge: expected way sharp, got plain; leave it out"),
+        ({"by": {"way": "sharp", "edge": 0}}, "by.edge: expected a whole number ≥ 1"),
+        ({"by": {"way": "blunt"}}, "way: expected a known one, got blunt"),
+        ({"by": {"way": "sharp", "width": 1}}, "got by.width"),
+    ],
+)
+def test_a_field_of_another_kind_is_refused(data: dict[str, object], words: str) -> None:
+    with pytest.raises(InputError) as error:
+        from_dict(Chosen, data)
+    assert words in str(error.value)
+
+
+def test_a_value_that_a_panel_leaves_out_is_refused() -> None:
+    with pytest.raises(InputError, match=r"corrections.dark: expected its default, got 'd'; leave it out"):
+        check_record(Whole(frames=Path("f"), corrections=CorrectionRecipe(dark="d")))

@@ -45,10 +45,10 @@ CASES = {
     "transpose": Case("transpose H.h5", "out.h5", 6),
     "reduce": Case("reduce H.h5", "out.h5", 6),
     # the method is named: what is quickest here may be another one in the run that these are held against
-    "reconstruct": Case("reconstruct H.h5 --batch frames.tif -n 4 --solver rl --method direct", "out", 6),
+    "reconstruct": Case("reconstruct H.h5 frames.tif -n 4 --solver rl --method direct", "out", 6),
 }
 if find_spec("zarr"):
-    words = "reconstruct H.h5 --batch frames.tif -n 4 --solver rl --method polyphase:2x2"
+    words = "reconstruct H.h5 frames.tif -n 4 --solver rl --method polyphase:2x2"
     CASES["series"] = Case(words, "out.ome.zarr", 6)
 
 
@@ -147,7 +147,7 @@ def test_killed_while_a_series_is_written(own: Path, out: str) -> None:
     """Half of what it makes is there: ``--resume`` writes it again, and nothing is reconstructed twice."""
     if out.endswith(".zarr"):
         pytest.importorskip("zarr", reason="zarr is not installed")
-    words = ["reconstruct", "H.h5", "--batch", "frames.tif", "-n", "2", "--solver", "rl", "--executor", "threads"]
+    words = ["reconstruct", "H.h5", "frames.tif", "-n", "2", "--solver", "rl", "--executor", "threads"]
     # the method is named: under load the run that this is held against may take another one
     words += ["--method", "direct", "--workers", "1", "-o"]
     subprocess.run([sys.executable, "-m", "lfcal", *words, f"whole_{out}"], cwd=own, check=True, capture_output=True)

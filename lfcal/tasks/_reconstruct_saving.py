@@ -1,4 +1,4 @@
-"""Where the volumes of ``lfcal reconstruct`` go: a file each, or one file for all."""
+"""Where volumes go: a file each, or one file for all."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lfcal.cli._reconstruct_frames import FrameFile
     from lfcal.reconstruct import MetricGrid, Projector
+    from lfcal.tasks._reconstruct_frames import FrameFile
 
 __all__ = ["Save", "Saved", "saving", "targets_of"]
 

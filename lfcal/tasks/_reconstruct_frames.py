@@ -1,4 +1,4 @@
-"""The frames that ``lfcal reconstruct`` is given, and what is done to each before it is reconstructed."""
+"""The frames of a reconstruction, and what is done to each before it is reconstructed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lfcal.base import InputError
-from lfcal.tasks import files_of
+from lfcal.tasks.outputs import files_of
 from lfcal.work import stamp_of
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix
     from lfcal.reconstruct import Resampling
 
-__all__ = ["Cleaner", "FrameFile", "cleaner", "frames_of", "is_session", "placed_anchor", "read_frame"]
+__all__ = ["Cleaner", "FrameFile", "cleaner", "frames_of", "is_series", "placed_anchor", "read_frame"]
 
 Cleaner = Callable[["NDArray[Any]"], "NDArray[Any]"]
 """What is done to a frame before it is reconstructed."""
@@ -110,6 +110,19 @@ def is_session(path: Path) -> bool:
     return (path / NAME).is_file()
 
 
+def is_series(path: Path) -> bool:
+    """Return whether frames are several: a folder or session of them, or an image file of several pages."""
+    if path.is_dir():
+        return True
+    if not path.is_file():
+        return False
+    from lfcal.frames import open_image
+
+    image = open_image(path)
+    image.close()
+    return image.pages > 1
+
+
 def _session(path: Path) -> tuple[RecordingSource, tuple[int, ...]]:
     """Return a session, and the numbers of its frames in the order in which they were recorded."""
     return _opened(os.path.abspath(path), stamp_of(FrameFile("", path, 0).inputs))
@@ -134,19 +147,24 @@ def _frames_of_session(path: Path) -> list[FrameFile]:
     return [FrameFile(f"{path.name}_{n:04d}", path, n, t) for n, t in enumerate(times)]
 
 
-def placed_anchor(path: Path, H: PSFMatrix, *, resample: bool) -> str:
-    """Return the anchor of frames that are a part of the sensor, as ``--anchor`` would say it; empty: H's own."""
+def placed_anchor(path: Path, H: PSFMatrix, resample: bool | None) -> tuple[float, float] | None:
+    """Return the anchor of H in frames that are a part of the sensor; None: that of H.
+
+    ``resample``: whether they are resampled in any case.
+    """
     if not is_session(path):
-        return ""
+        return None
     row, column = _session(path)[0].info(0).origin
     if (row, column) == (0, 0):
-        return ""
+        return None
     if resample:
-        raise InputError.expected("--resample", "whole frames", f"a part from {(row, column)} on", "record whole ones")
-    return f"{H.anchor[0] - row},{H.anchor[1] - column}"
+        raise InputError.expected(
+            "--resample", "whole frames", f"a part from {(row, column)} on", "record whole frames"
+        )
+    return H.anchor[0] - row, H.anchor[1] - column
 
 
-def cleaner(dark: Path | None, white: Path | None, view: Resampling | None) -> Cleaner:
+def cleaner(dark: str | os.PathLike[str], white: str | os.PathLike[str], view: Resampling | None) -> Cleaner:
     """Return what is done to each frame: dark, white, resampling."""
     import numpy as np
 

@@ -12,62 +12,24 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.cli._reconstruct_frames import FrameFile
-from lfcal.cli._reconstruct_regions import files_of_regions
-from lfcal.tasks import files_of
+from lfcal.tasks._reconstruct_frames import FrameFile
+from lfcal.tasks._reconstruct_optics import SharedOptics
 from lfcal.work import ProcessCache, Unit, file_name, parts_folder, stamp_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lfcal.base import Work
-    from lfcal.cli._reconstruct_saving import Saved
     from lfcal.reconstruct import FrameResult, Projector, Resampling, SolverChoice
     from lfcal.reconstruct.projectors import ArrayDevice
+    from lfcal.tasks._reconstruct_saving import Saved
 
-__all__ = ["Settings", "device_for", "device_hints", "do_frame", "frame_units", "iter_collect"]
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What all frames of a series have in common: the options of ``lfcal reconstruct``, by its words."""
-
-    psf: Path
-    dark: Path | None
-    white: Path | None
-    lattice: Path | None
-    resample: bool
-    anchor: str
-    method: str
-    double: bool
-    threshold: float
-    within: float
-    regions: tuple[str, ...] = ()
-    mat_order: str = ""
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """The files among them; of a folder its images."""
-        found = (self.psf, *files_of_regions(self.psf, self.regions), self.dark, self.white, self.lattice)
-        return tuple(os.path.abspath(file) for path in found for file in sorted(files_of(path)))
-
-    def plain(self) -> dict[str, Any]:
-        """Return them as plain JSON types, paths absolute."""
-        found = asdict(self)
-        plain = {key: os.path.abspath(value) if isinstance(value, Path) else value for key, value in found.items()}
-        others = {str(path): os.path.abspath(path) for path in files_of_regions(self.psf, self.regions)}
-        return plain | {"regions": [others.get(str(Path(name)), name) for name in self.regions]}
-
-    @classmethod
-    def of(cls, values: Mapping[str, Any]) -> Settings:
-        """Return what `plain` gave."""
-        paths = {key: None if values[key] is None else Path(values[key]) for key in ("psf", "dark", "white", "lattice")}
-        return cls(**{**values, **paths, "regions": tuple(values["regions"])})
+__all__ = ["device_for", "device_hints", "do_frame", "frame_units", "iter_collect"]
 
 
 def frame_units(
     frames: Sequence[FrameFile],
-    settings: Settings,
+    optics: SharedOptics,
     choice: SolverChoice,
     out: Path,
     hints: Mapping[str, Any],
@@ -80,7 +42,7 @@ def frame_units(
     ``hints`` are the memory that projections may use, and `device_hints`; ``recipe`` is how they are quickest here.
     """
     hints = {**hints, "alone": len(frames) == 1}
-    shared = {"settings": settings.plain(), "choice": asdict(choice)}
+    shared = {"optics": optics.plain(), "choice": asdict(choice)}
     units: list[Unit] = []
     before = ""
     for frame in frames:
@@ -89,7 +51,7 @@ def frame_units(
             f"frame {frame.name}",
             f"{__name__}:{do_frame.__name__}",
             shared | own,
-            (*settings.inputs, *frame.inputs),
+            (*optics.inputs, *frame.inputs),
             hints=hints,
             settled={"projection": recipe},
         )
@@ -106,8 +68,8 @@ def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
     Of a frame of several that has no volume the file says why, and holds what the next one begins with.
     """
     from lfcal.base import FileFormatError, InputError
-    from lfcal.cli._reconstruct_frames import read_frame
     from lfcal.reconstruct import SolverChoice, iter_frame, save_volume
+    from lfcal.tasks._reconstruct_frames import read_frame
 
     began = time.perf_counter()
     initial = _begun_from(arguments["initial"])
@@ -118,11 +80,11 @@ def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
             raise
         _save_nothing(out, initial, error, began)
         return
-    settings = Settings.of(arguments["settings"])
+    optics = SharedOptics.of(arguments["optics"])
     choice = SolverChoice(**arguments["choice"])
     place = device_for(arguments.get("device", "cpu"), arguments.get("device_room"))
     how = (arguments["projection"], arguments["memory"], workers, choice.margin, place)
-    tool = _tool_for(settings, image.shape, how)
+    tool = _tool_for(optics, image.shape, how)
     if not choice.solver.in_parts:
         yield from tool.projector.iter_prepare()
     weights = None if tool.view is None else tool.view.inside(image.shape)
@@ -209,37 +171,32 @@ def device_for(text: str, room: int | None) -> ArrayDevice | None:
     return None if found is None else replace(found, room=room)
 
 
-def _tool_for(settings: Settings, shape: tuple[int, ...], how: How) -> _Tool:
+def _tool_for(optics: SharedOptics, shape: tuple[int, ...], how: How) -> _Tool:
     """Return what frames of ``shape`` need."""
-    key = (json.dumps(settings.plain(), sort_keys=True), stamp_of(settings.inputs), shape, how)
-    return _HELD.get(key, lambda: _made(settings, shape, how))
+    key = (json.dumps(optics.plain(), sort_keys=True), stamp_of(optics.inputs), shape, how)
+    return _HELD.get(key, lambda: _made(optics, shape, how))
 
 
-def _made(settings: Settings, shape: tuple[int, ...], how: How) -> _Tool:
-    from lfcal.cli._reconstruct_frames import cleaner
-    from lfcal.cli._reconstruct_grid import anchor_of, known_view, wide
-    from lfcal.cli._reconstruct_regions import open_regions, projector_of
+def _made(optics: SharedOptics, shape: tuple[int, ...], how: How) -> _Tool:
+    from lfcal.tasks._reconstruct_frames import cleaner
 
+    method, memory, workers, margin, device = how
     with ExitStack() as stack:
-        matrices = open_regions(settings.psf, settings.regions, stack, mat_order=settings.mat_order, quiet=True)
-        first = matrices[0]
+        matrices = optics.open(stack, quiet=True)
         frame = shape[0], shape[1]
-        view = known_view(first, frame, settings.white, settings.lattice, quiet=True) if settings.resample else None
-        frame = frame if view is None else view.shape
-        wider, anchor = wide(frame, anchor_of(settings.anchor, view, first), first, how[3])
-        projector = projector_of(
+        view = optics.view(matrices[0], frame)
+        projector = optics.projector(
             matrices,
-            wider,
-            anchor,
-            how[0],
-            dtype="float64" if settings.double else "float32",
-            threshold=settings.threshold,
-            tolerance=settings.within,
-            memory_limit=how[1],
-            workers=how[2],
-            device="cpu" if how[4] is None else how[4],
+            frame,
+            view,
+            margin,
+            memory=memory,
+            workers=workers,
+            device="cpu" if device is None else device,
+            method=method,
         )
-        return _Tool(projector, view, cleaner(settings.dark, settings.white, view), stack.pop_all())
+        clean = cleaner(optics.light_field.dark, optics.light_field.white, view)
+        return _Tool(projector, view, clean, stack.pop_all())
 
 
 def iter_collect(parts: Sequence[Path], names: Sequence[str], saved: Saved, results: list[FrameResult]) -> Work[None]:

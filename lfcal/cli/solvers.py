@@ -1,0 +1,28 @@
+"""``lfcal solvers``: solvers of volumes, those of other distributions among them."""
+
+from __future__ import annotations
+
+import typer
+
+from lfcal.cli._options import JsonOption
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``solvers`` to the app."""
+    app.command("solvers")(command)
+
+
+def command(*, json: JsonOption = False) -> None:
+    """List the solvers of lfcal reconstruct, those of other distributions among them.
+
+    Example: `lfcal solvers`
+    """
+    from lfcal.cli._console import print_json, print_table, report
+    from lfcal.reconstruct import SOLVERS
+
+    for reason in SOLVERS.failures().values():
+        report(f"left out: {reason}")
+    if json:
+        print_json([{"name": solver.name, "title": solver.title} for solver in SOLVERS])
+        return
+    print_table(["solver", "what it does"], [[solver.name, solver.title] for solver in SOLVERS])

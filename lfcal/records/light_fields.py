@@ -1,0 +1,158 @@
+"""How frames are brought onto H, projected, and written as voxels."""
+
+from __future__ import annotations
+
+import os
+from functools import partial
+
+from lfcal.base import InputError
+from lfcal.records.option import check_record, opt, record
+from lfcal.records.reading import check_count, check_voxel, read_count, read_pixel, read_share, read_voxel, show_pair
+
+__all__ = ["LightFieldSettings", "ProjectionSettings", "VoxelGrid"]
+
+PROJECTIONS = ("auto", "polyphase", "direct", "sparse", "reduced", "fft")
+RESAMPLING = ("auto", "always", "never")
+
+MOST_MEMORY = 1e6
+"""Largest memory (GB) that can be asked for: more than any machine has."""
+
+
+@record
+class LightFieldSettings:
+    """What is done to each frame before it is reconstructed.
+
+    Examples
+    --------
+    >>> from lfcal.reconstruct import LightFieldSettings
+    >>> print(LightFieldSettings(white="white.tif").resample)
+    auto
+    """
+
+    dark: str | os.PathLike[str] = opt(
+        "", "Dark frame, or a folder of dark frames to average.", label="Dark frame", file="in", empty="none"
+    )
+    white: str | os.PathLike[str] = opt(
+        "", "White image, or a folder of white images to average.", label="White image", file="in", empty="none"
+    )
+    resample: str = opt(
+        "auto",
+        "Whether frames are resampled to the period of H. auto: where the lattice of micro-images drifts by more than "
+        "0.5 px over the frame.",
+        choices=RESAMPLING,
+    )
+    lattice: str | os.PathLike[str] = opt(
+        "",
+        "Resample by this measured lattice (lattice.json of lfcal white).",
+        file="in",
+        empty="the lattice in the white image, else that of the camera of H",
+        more=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_record(self)
+        if self.lattice and self.resample == "never":
+            raise InputError.expected("resample", "auto or always, for a lattice is given", "never", "leave one out")
+
+    @property
+    def asked(self) -> bool | None:
+        """Whether to resample frames; None: where the lattice drifts."""
+        return {"always": True, "never": False}.get(self.resample, True if self.lattice else None)
+
+
+@record
+class VoxelGrid:
+    """Where voxels are.
+
+    Examples
+    --------
+    >>> from lfcal.reconstruct import VoxelGrid
+    >>> print(VoxelGrid(voxel="auto").margin)
+    auto
+    """
+
+    voxel: float | str | None = opt(
+        None,
+        "Side of the voxels of all planes. auto: the smallest one. Behind a main lens each plane has its own.",
+        label="Voxel size",
+        unit="µm",
+        empty="pixel by pixel",
+        read=read_voxel,
+        examples=("auto",),
+    )
+    margin: int | str = opt(
+        "auto",
+        "Width by which the volume extends beyond the frame, for light from outside it. auto: as far as H reaches.",
+        unit="px",
+        read=partial(read_count, at_least=0, words=("auto",)),
+        examples=("auto", "0"),
+        more=True,
+    )
+    anchor: tuple[float, float] | None = opt(
+        None,
+        "Pixel ROW,COLUMN of a frame on which position (0, 0) of H is imaged.",
+        unit="px",
+        empty="as H states",
+        read=read_pixel,
+        show=show_pair,
+        more=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_record(self)
+        check_voxel("voxel", self.voxel)
+        check_count("margin", self.margin, 0, "auto")
+
+
+@record
+class ProjectionSettings:
+    """How H is applied to volumes.
+
+    Examples
+    --------
+    >>> from lfcal.reconstruct import ProjectionSettings
+    >>> print(ProjectionSettings(within=0.005).method)
+    auto
+    """
+
+    method: str = opt(
+        "auto", "Way to project. auto: the fastest that fits into memory.", label="Projection", examples=PROJECTIONS
+    )
+    device: str = opt(
+        "auto",
+        "Where projections are computed: cpu; cuda or cuda:1, with PyTorch or CuPy. auto: on an accelerator, if any.",
+        examples=("auto", "cpu", "cuda"),
+    )
+    threshold: float = opt(
+        0.0,
+        "Entries of H below this share of the peak of their plane count as 0.",
+        label="Ignore H below",
+        at_least=0,
+        below=1,
+        read=read_share,
+        more=True,
+    )
+    within: float = opt(
+        0.0,
+        "Share of the light that projections may miss. 0.005 is several times faster; 0 is exact.",
+        label="Light missed",
+        at_least=0,
+        below=1,
+        read=read_share,
+    )
+    double: bool = opt(False, "Compute in double precision.", label="Double precision", more=True)
+    memory: float | None = opt(
+        None,
+        "Largest memory of the reconstruction.",
+        unit="GB",
+        above=0,
+        at_most=MOST_MEMORY,
+        empty="80 % of what is free",
+        more=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_record(self)

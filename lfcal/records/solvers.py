@@ -1,0 +1,291 @@
+"""Settings of each solver of volumes: a solver has the fields that it uses, and no others.
+
+Solvers of other distributions have a record that `solver_kind` makes of the options they use.
+"""
+
+from __future__ import annotations
+
+from functools import cache, partial
+from typing import Any
+
+from lfcal.base import InputError
+from lfcal.records.option import check_record, opt, record
+from lfcal.records.reading import check_count, read_count
+
+__all__ = [
+    "OWN_SOLVERS",
+    "SOLVER_ENDS",
+    "IsraSolver",
+    "OsemSolver",
+    "PhaseSpaceSolver",
+    "RlBiggsSolver",
+    "RlNesterovSolver",
+    "RlSolver",
+    "RlTikhonovSolver",
+    "RlTvSolver",
+    "SieveSolver",
+    "SolverFields",
+    "solver_kind",
+]
+
+SOLVER_ENDS = {"auto": "left-out", "auto:discrepancy": "discrepancy"}
+"""What may be given in place of a number of iterations, and by what such a run ends."""
+
+
+def _named(name: str) -> str:
+    return opt(name, "Solver; lfcal solvers lists all.", label="Solver", flag="--solver")
+
+
+@record
+class SolverFields:
+    """What every solver has."""
+
+    name: str = _named("")
+    iterations: int | str = opt(
+        15,
+        "Number of iterations. auto: stop when the prediction of held-out pixels no longer improves. auto:discrepancy: "
+        "stop when the volume agrees with the frame to within the noise of gain and read noise.",
+        short="-n",
+        read=partial(read_count, at_least=1, words=tuple(SOLVER_ENDS)),
+        examples=tuple(SOLVER_ENDS),
+    )
+    goal: str = opt(
+        "view",
+        "With iterations auto. view: a volume to look at. measure: sums over regions, with more iterations.",
+        choices=("view", "measure"),
+        needs=("iterations", "auto"),
+        more=True,
+    )
+    gain: float | None = opt(
+        None,
+        "Counts per photo-electron, for chi2 per pixel and for iterations auto:discrepancy.",
+        unit="counts",
+        above=0,
+        empty="the noise stored in H; 1 for auto:discrepancy",
+        more=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_record(self)
+        check_count("iterations", self.iterations, 1, *SOLVER_ENDS)
+        own = type(self).__dataclass_fields__["name"].default
+        if self.name != own:
+            raise InputError.expected("name", repr(own), repr(self.name), "choose the record of that solver")
+
+
+@record
+class _Background:
+    background: float = opt(0.0, "Expected value of a pixel without any source.", unit="counts", at_least=0)
+
+
+@record
+class _Saturation:
+    saturation: float | None = opt(
+        None,
+        "Leave out pixels at or above this value.",
+        unit="counts",
+        above=0,
+        empty="none is left out",
+    )
+
+
+@record
+class _Tolerance:
+    tolerance: float = opt(0.0, "Stop when the relative change of the volume falls below.", at_least=0, more=True)
+
+
+@record
+class _ReadNoise:
+    read_noise: float = opt(0.0, "Read noise, rms.", unit="counts", at_least=0)
+
+
+@record
+class _Strength:
+    strength: float | None = opt(
+        None,
+        "Weight of the penalty.",
+        at_least=0,
+        empty="0.002 of rl-tv, 0.02 of rl-tikhonov",
+    )
+
+
+@record
+class _Subsets:
+    subsets: int | None = opt(
+        None,
+        "Number of subsets of pixels (osem), or blocks of views along each axis (phase-space, sieve).",
+        at_least=1,
+        empty="4 of osem, 3 of phase-space, 1 of sieve",
+        more=True,
+    )
+
+
+FIELDS: dict[str, type] = {
+    "background": _Background,
+    "read_noise": _ReadNoise,
+    "saturation": _Saturation,
+    "strength": _Strength,
+    "subsets": _Subsets,
+    "tolerance": _Tolerance,
+}
+"""Records of a single field, by the option of a solver that it is."""
+
+
+@record
+class _Common(_Tolerance, _Saturation, _Background, SolverFields):
+    """What every solver of lfcal has."""
+
+
+@record
+class _Em(_ReadNoise, _Common):
+    """What every variant of Richardson-Lucy has."""
+
+
+@record
+class SieveSolver(_Subsets, _Em):
+    """Accelerated Richardson-Lucy within a sieve: few lenslets in the native plane, no rings.
+
+    Examples
+    --------
+    >>> from lfcal.reconstruct import SieveSolver
+    >>> print(SieveSolver(iterations="auto", goal="measure").iterations)
+    auto
+    """
+
+    name: str = _named("sieve")
+
+
+@record
+class RlSolver(_Em):
+    """Richardson-Lucy, as published.
+
+    Examples
+    --------
+    >>> from lfcal.reconstruct import RlSolver
+    >>> print(RlSolver(background=5.0).iterations)
+    15
+    """
+
+    name: str = _named("rl")
+
+
+@record
+class RlTvSolver(_Strength, _Em):
+    """Richardson-Lucy with total variation: less noise, edges kept.
+
+    Examples
+    --------
+    >>> from lfcal.reconstruct import RlTvSolver
+    >>> print(RlTvSolver(strength=0.005).strength)
+    0.005
+    """
+
+    name: str = _named("rl-tv")
+
+
+@record
+class RlTikhonovSolver(_Strength, _Em):
+    """Richardson-Lucy with Tikhonov-Miller: less noise, softer.
+
+    Examples
+    --------
+    >>> from lfcal.reconstruct import RlTikhonovSolver
+    >>> print(RlTikhonovSolver(strength=0.02).strength)
+    0.02
+    """
+
+    name: str = _named("rl-tikhonov")
+
+
+@record
+class RlBiggsSolver(_Em):
+    """Richardson-Lucy, accelerated along the last two updates.
+
+    Examples
+    --------
+    >>> from lfcal.reconstruct import RlBiggsSolver
+    >>> print(RlBiggsSolver(iterations=5).iterations)
+    5
+    """
+
+    name: str = _named("rl-biggs")
+
+
+@record
+class RlNesterovSolver(_Em):
+    """Richardson-Lucy, accelerated by the iteration number.
+
+    Examples
+    --------
+    >>> from lfcal.reconstruct import RlNesterovSolver
+    >>> print(RlNesterovSolver(iterations=5).iterations)
+    5
+    """
+
+    name: str = _named("rl-nesterov")
+
+
+@record
+class OsemSolver(_Subsets, _Em):
+    """Ordered subsets of pixels: fewer iterations.
+
+    Examples
+    --------
+    >>> from lfcal.reconstruct import OsemSolver
+    >>> print(OsemSolver(subsets=8).subsets)
+    8
+    """
+
+    name: str = _named("osem")
+
+
+@record
+class PhaseSpaceSolver(_Subsets, _Em):
+    """View by view, brightest first.
+
+    Examples
+    --------
+    >>> from lfcal.reconstruct import PhaseSpaceSolver
+    >>> print(PhaseSpaceSolver(subsets=2).subsets)
+    2
+    """
+
+    name: str = _named("phase-space")
+
+
+@record
+class IsraSolver(_Common):
+    """Least squares without negative values.
+
+    Examples
+    --------
+    >>> from lfcal.reconstruct import IsraSolver
+    >>> print(IsraSolver(saturation=4095).saturation)
+    4095
+    """
+
+    name: str = _named("isra")
+
+
+OWN_SOLVERS: tuple[type[SolverFields], ...] = (
+    SieveSolver,
+    RlSolver,
+    RlTvSolver,
+    RlTikhonovSolver,
+    RlBiggsSolver,
+    RlNesterovSolver,
+    OsemSolver,
+    PhaseSpaceSolver,
+    IsraSolver,
+)
+"""Records of lfcal's solvers, the default first."""
+
+
+@cache
+def solver_kind(name: str, options: frozenset[str]) -> type[SolverFields]:
+    """Return the record of a solver that uses ``options``, names of `FIELDS` among others."""
+    bases = tuple(one for option, one in reversed(FIELDS.items()) if option in options)
+    own: dict[str, Any] = {"__annotations__": {"name": "str"}, "name": _named(name), "__module__": __name__}
+    own["__doc__"] = f"Settings of solver {name}."
+    return record(type(f"{name}Solver", (*bases, SolverFields), own))
