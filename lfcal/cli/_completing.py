@@ -10,7 +10,6 @@ __all__ = [
     "complete_executor",
     "complete_mat_order",
     "complete_orientation",
-    "complete_solver",
 ]
 
 
@@ -54,15 +53,8 @@ def _orientations() -> Iterable[str]:
     return (CHECK, AUTO, *(one.option for one in ORIENTATIONS.values()))
 
 
-def _solvers() -> Iterable[str]:
-    from lfcal.reconstruct import SOLVERS
-
-    return ("list", *SOLVERS.names())
-
-
 complete_camera = _among(_presets)
 complete_compression = _among(_compressions)
 complete_executor = _among(_executors)
 complete_mat_order = _among(_mat_orders)
 complete_orientation = _among(_orientations)
-complete_solver = _among(_solvers)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from lfcal.base import InputError
 from lfcal.tasks.outputs import files_of
-from lfcal.work import stamp_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -125,6 +124,8 @@ def is_series(path: Path) -> bool:
 
 def _session(path: Path) -> tuple[RecordingSource, tuple[int, ...]]:
     """Return a session, and the numbers of its frames in the order in which they were recorded."""
+    from lfcal.work import stamp_of
+
     return _opened(os.path.abspath(path), stamp_of(FrameFile("", path, 0).inputs))
 
 

@@ -59,7 +59,8 @@ class SharedOptics:
     def inputs(self) -> tuple[str, ...]:
         """The files among them; of a folder its images."""
         own = self.light_field
-        found = (self.psf, *files_of_regions(self.psf, self.regions), own.dark, own.white, own.lattice)
+        others = [str(path) for path in (own.dark, own.white, own.lattice)]
+        found = (str(self.psf), *map(str, files_of_regions(self.psf, self.regions)), *others)
         return tuple(os.path.abspath(file) for path in found for file in sorted(files_of(path)))
 
     def plain(self) -> dict[str, Any]:
