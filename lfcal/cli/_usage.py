@@ -14,7 +14,10 @@ if TYPE_CHECKING:
 __all__ = ["refuse", "usage_line"]
 
 
-RENAMED: dict[tuple[str, str], str] = {}
+RENAMED: dict[tuple[str, str], str] = {
+    ("lfcal reconstruct", "--batch"): "lfcal reconstruct H FRAMES",
+    ("lfcal reconstruct", "--as-is"): "--resample never",
+}
 """What is typed now in place of an option, by the words of the command and the option."""
 
 

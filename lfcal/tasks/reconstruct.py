@@ -27,7 +27,7 @@ from lfcal.tasks._reconstruct_frames import FrameFile, cleaner, frames_of, is_se
 from lfcal.tasks._reconstruct_optics import SharedOptics, files_of_regions, view_for, wide
 from lfcal.tasks._reconstruct_saving import Save, Saved, saving, targets_of
 from lfcal.tasks._solving import SOLVER_KINDS, choice_of
-from lfcal.tasks.matrices import check_mat_files, report_missing, report_regions
+from lfcal.tasks.matrices import MAT_ORDERS, check_mat_files, report_missing, report_regions, with_task
 from lfcal.tasks.notes import note
 from lfcal.tasks.outputs import check_outputs
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet, may_replace
@@ -49,7 +49,6 @@ __all__ = [
 ]
 
 FORMATS = (".tif", ".ome.tif", ".ome.zarr", ".h5", ".npy")
-MAT_ORDERS = ("rows-first", "columns-first")
 
 USUAL = 20
 """Iterations of a run that stops automatically, for a forecast; it may take half or twice as many."""
@@ -374,7 +373,7 @@ class Reconstruct(_Reconstruct):
             known["device"] = P.device.name
         if self.regions:
             known["regions"] = [one.region or Path(one.path).name for one in found.matrices]
-        return known | {"task": self.to_dict(absolute=True, outputs=False)}
+        return known | with_task(self, *found.matrices)
 
 
 @record
