@@ -8,7 +8,7 @@ from lfcal.tasks.cameras import assumed_in_words, load_camera, load_file, tell_a
 from lfcal.tasks.export import ExportedFiles
 from lfcal.tasks.inspect import InspectedMatrix
 from lfcal.tasks.lattice_file import LATTICE_FORMAT, LATTICE_VERSION, load_lattice
-from lfcal.tasks.matrices import check_mat_files, open_matrix, report_missing, report_regions
+from lfcal.tasks.matrices import check_mat_files, open_matrix
 from lfcal.tasks.notes import notes_to
 from lfcal.tasks.outputs import RECORDINGS, check_output, check_outputs, files_of
 from lfcal.tasks.planned import planned_scan, ready_plan, ready_regions
@@ -56,8 +56,6 @@ __all__ = [
     "planned_scan",
     "ready_plan",
     "ready_regions",
-    "report_missing",
-    "report_regions",
     "task_set",
     "tell_assumed",
     "tell_size",
