@@ -6,7 +6,7 @@ import dataclasses
 import json
 import shlex
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -54,8 +54,8 @@ def command_of(task: Task) -> str:
     return shlex.join(("lfcal", *words_of(task)))
 
 
-def python_of(task: Task) -> str:
-    """Return the Python that does the same.
+def python_of(task: Task, imported: Collection[str] = ()) -> str:
+    """Return the Python that does the same; ``imported`` are modules whose names a script has already.
 
     Examples
     --------
@@ -72,8 +72,9 @@ def python_of(task: Task) -> str:
     """
     names: set[tuple[str, str]] = set()
     call = _call(task, names, 0)
-    modules = sorted({module for module, _ in names}, key=lambda module: (module != "pathlib", module))
-    imports = [f"from {m} import {', '.join(sorted(name for other, name in names if other == m))}" for m in modules]
+    modules = {module for module, _ in names}.difference(imported)
+    ordered = sorted(modules, key=lambda module: (module != "pathlib", module))
+    imports = [f"from {m} import {', '.join(sorted(name for other, name in names if other == m))}" for m in ordered]
     return "\n".join([*imports, "", f"made = {call}.run()", ""])
 
 

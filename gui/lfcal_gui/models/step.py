@@ -7,12 +7,15 @@ import importlib.util
 import shlex
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lfcal.base import InputError
 from lfcal.camera import ScanPlan
 from lfcal_gui.models.page import PageSpec
 from lfcal_gui.models.project import ProjectState
+
+if TYPE_CHECKING:
+    from lfcal.tasks import Task
 
 __all__ = ["CAMERA_FILE", "PLAN_FILE", "CommandStep", "needed_file", "needed_plan", "options_of", "step_of"]
 
@@ -38,6 +41,13 @@ class CommandStep:
     arguments: tuple[str, ...]
     python: str
     files: tuple[tuple[str, str], ...] = ()
+
+    @classmethod
+    def of(cls, task: Task, files: tuple[tuple[str, str], ...] = ()) -> CommandStep:
+        """Return the step that does a task."""
+        from lfcal.tasks import python_of, words_of
+
+        return cls(words_of(task), python_of(task, imported=("pathlib",)), files)
 
     def shell(self) -> str:
         """Return lines for a POSIX shell."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from lfcal.base import InputError, Work
 from lfcal.psf import (
@@ -16,9 +16,12 @@ from lfcal.psf import (
     export_notes,
     lens_centre_of,
 )
-from lfcal_gui.models import PageSettings, going_on, said_in_window
+from lfcal_gui.models import PageSettings, said_in_window
 
-__all__ = ["KINDS", "Choice", "ExportIntent", "ExportSettings", "iter_exported"]
+if TYPE_CHECKING:
+    from lfcal.tasks import Task
+
+__all__ = ["KINDS", "Choice", "ExportIntent", "ExportSettings", "export_task", "iter_exported"]
 
 KINDS = (
     (".mat", "MATLAB v7.3, for deconvolution codes"),
@@ -174,16 +177,36 @@ class ExportSettings(PageSettings):
         return replace(intent, suffix=self.suffix, sixteen=self.sixteen, compress=self.compress)
 
 
+def export_task(psf: str, out: str, intent: ExportIntent) -> Task:
+    """Return the task that exports the H of a file as it was asked for."""
+    from lfcal.tasks import task_set
+
+    chosen = intent.options
+    given = {
+        "source": psf,
+        "out": out,
+        "transposed": intent.transposed and intent.suffix != ".mat",
+        "no_ht": chosen.include_transpose is False,
+        "rows_first": chosen.rows_first,
+        "lens_centred": chosen.lens_centred,
+        "interpolation": chosen.interpolation,
+        "dtype": chosen.dtype,
+        "uncompressed": chosen.compress is False,
+        "position": chosen.position,
+        "allow_missing": chosen.allow_missing,
+    }
+    return task_set("export").make({name: value for name, value in given.items() if value}, str)
+
+
 def iter_exported(psf: str, intent: ExportIntent, path: str) -> Work[Path]:
     """Write the H of a file as it was asked for; opened for itself, as the window may close its own meanwhile.
 
-    Planes that are done stay where it is stopped; called again it goes on from them.
+    Planes that are done stay where it is stopped; called again it continues from them.
     """
-    from lfcal.psf import iter_export, open_psf
+    from lfcal.tasks import RunSettings
 
-    with open_psf(psf) as opened:
-        matrix = opened.T if intent.transposed and intent.suffix != ".mat" else opened
-        return (yield from iter_export(matrix, path, **intent.options.given(), run=going_on()))
+    yield from export_task(psf, path, intent).work(RunSettings(resume=True))
+    return Path(path)
 
 
 def _settled(intent: ExportIntent) -> ExportIntent:

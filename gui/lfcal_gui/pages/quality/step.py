@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+from lfcal.tasks import Inspect
 from lfcal_gui.models import CommandStep, ProjectState, needed_file, options_of
 from lfcal_gui.pages.quality.model import QualitySettings
 
@@ -11,23 +14,11 @@ __all__ = ["compared", "step"]
 def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how H is inspected; a fit that is in no folder is not known to a command."""
     psf, chosen = needed_file(project.psf, "H", "PSF"), QualitySettings.of(project)
-    folder = out or "report"
-    saved = chosen.fit if chosen.camera == "saved" else ""
-    pairs = (("--seconds", f"{chosen.seconds:g}"), ("--fit", saved), ("--report", folder))
-    python = f"""
-from lfcal.judge import iter_inspection
-from lfcal.base.progress import drain
-from lfcal.psf import open_psf
-from lfcal.judge.quality import inspect
-from lfcal.judge.report import iter_report
-
-with open_psf({psf!r}) as H:
-    quality = inspect(H)
-    found = drain(iter_inspection(H, quality, seconds={chosen.seconds!r}))
-    print(found.verdict)
-    drain(iter_report(H, Path({folder!r}), inspection=found))
-"""
-    return CommandStep(("inspect", psf, *options_of(pairs)), python)
+    # without time for the comparison no camera is needed
+    fit = chosen.fit if chosen.camera == "saved" and chosen.seconds else ""
+    return CommandStep.of(
+        Inspect(source=Path(psf), report=Path(out or "report"), seconds=chosen.seconds, fit=Path(fit) if fit else None)
+    )
 
 
 def compared(first: str, second: str, out: str = "", *, by_number: bool = False) -> CommandStep:

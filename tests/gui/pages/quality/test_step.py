@@ -1,0 +1,52 @@
+"""Inspection by the window, its copied command and its copied Python: the same report."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lfcal.base.progress import drain
+from lfcal.psf import PSFMatrix, save
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models.stamp import stamp_of
+from lfcal_gui.pages.quality.model import QualitySettings
+from lfcal_gui.pages.quality.model_run import InspectionRun, asked_of, iter_judge, iter_write_report
+from lfcal_gui.pages.quality.step import step
+from tests.cli import conftest
+from tests.cli.test_inspect_units import alike
+from tests.judge.plain_report import undrawn
+from tests.tasks.routes import Lfcal
+from tests.tasks.test_inspect import measured
+
+lfcal = conftest.lfcal
+
+
+def test_window_command_and_python_write_the_same_report(
+    lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    undrawn(monkeypatch)
+    monkeypatch.chdir(tmp_path)
+    axes = np.mgrid[:15, :15] - 7.0
+    spot = 100 * np.exp(-0.5 * (axes**2).sum(0) / 2.5**2)
+    save(PSFMatrix(spot + np.random.default_rng(5).random((2, 3, 3, 15, 15))), "H.h5")
+    chosen = QualitySettings(seconds=20.0)
+    project = ProjectState(psf="H.h5", settings={"quality": chosen.to_dict()})
+    kept, stamp = InspectionRun(), stamp_of("H.h5")
+    assert stamp is not None
+    drain(iter_judge(asked_of(stamp, chosen, None), kept))
+    drain(iter_write_report("H.h5", "by_window", kept.inspection))
+    done = lfcal(*shlex.split(step(project, "by_command").shell())[1:])
+    assert done.code == 0, done.err
+    exec(compile(step(project, "by_python").script(), "script", "exec"), {})
+    for folder in ("by_command", "by_python"):
+        assert alike(measured(Path(folder)), measured(Path("by_window"))), folder
+
+
+def test_a_fit_is_named_where_there_is_time_for_the_comparison() -> None:
+    for seconds, named in ((1800.0, True), (0.0, False)):
+        chosen = QualitySettings(camera="saved", fit="fit", seconds=seconds)
+        copied = step(ProjectState(psf="H.h5", settings={"quality": chosen.to_dict()}))
+        assert ("--fit=fit" in copied.arguments) is named
