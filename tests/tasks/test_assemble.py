@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import shlex
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ import pytest
 from lfcal.base import FileFormatError, InputError
 from lfcal.frames import CorrectionRecipe
 from lfcal.psf import AssemblySettings
+from lfcal.psf.store import MatrixGroup
 from lfcal.records import rows
 from lfcal.tasks import Assemble, AssembleRegions, AssembleTarget, command_of, job_of, load_job, python_of, task_set
 from tests.cli import conftest
@@ -22,7 +24,8 @@ from tests.cli.conftest import Run
 
 Lfcal = Callable[..., Run]
 lfcal = conftest.lfcal
-SAMPLE = Path(__file__).parents[2] / "sample_data" / "recorded"
+ROOT = Path(__file__).parents[2]
+SAMPLE = ROOT / "sample_data" / "recorded"
 
 
 def values(path: Path) -> np.ndarray:
@@ -119,3 +122,24 @@ def test_provenance_has_every_value(kind: type[Assemble]) -> None:
             place = place[name]
         assert row.name in place
     assert dataclasses.is_dataclass(kind)
+
+
+def test_from_the_command_to_h_few_files_are_passed_and_few_values_handed_on(
+    lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is on the way when a plane of H is written: where one has to look who follows a value."""
+    passed: list[tuple[str, int]] = []
+    write = MatrixGroup.write_plane
+
+    def noted(*args: Any, **more: Any) -> Any:
+        for frame, _ in traceback.walk_stack(None):
+            code, path = frame.f_code, Path(frame.f_code.co_filename)
+            if path.is_relative_to(ROOT / "lfcal"):
+                passed.append((path.relative_to(ROOT).as_posix(), code.co_argcount + code.co_kwonlyargcount))
+        return write(*args, **more)
+
+    monkeypatch.setattr(MatrixGroup, "write_plane", noted)
+    assert lfcal("assemble", SAMPLE, "-o", tmp_path / "H.h5", "--workers", 1).code == 0
+    files = {file for file, _ in passed}
+    assert {"lfcal/cli/_task_command.py", "lfcal/tasks/assemble.py", "lfcal/psf/make.py"} < files
+    assert len(files) <= 15 and max(values for _, values in passed) <= 12
