@@ -158,7 +158,7 @@ def iter_record(
     if scan is not plan and (only is not None or len(kept_aside)):
         raise InputError.expected("positions to record", "none beside a target", "some", "its frames show many at once")
     if not isinstance(plan, ScanPlan) and plan.lit is not None and not rig.switches:
-        remedy = "show its pictures (lfcal plan --patterns), and assemble the folder of frames"
+        remedy = "show its pictures (lfcal plan target --patterns), and assemble the folder of frames"
         raise InputError.expected("plan", "a target that a stage moves", "frames of a display", remedy)
     goes_on = resume or redo is not None
     if not goes_on:

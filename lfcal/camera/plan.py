@@ -473,7 +473,7 @@ def half_cell(plan: ScanPlan) -> HalfCell:
         there, or one of another type, or it lies more than 0.05 px beside whole pixels.
     """
     ny, nx = plan.period
-    what, remedy = "half-cell scan", "scan the whole period, or choose positions for a fit (lfcal plan --for-fit)"
+    what, remedy = "half-cell scan", "scan the whole period, or choose positions for a fit (lfcal plan fit)"
     if plan.resample:
         raise InputError.expected(what, "frames as they are", "frames to be resampled", remedy)
     if ny % 2 or nx % 2:

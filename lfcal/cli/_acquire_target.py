@@ -52,7 +52,7 @@ def simulated_options(plan: ScanPlan | TargetPlan, path: Path, backend: str, opt
     if isinstance(plan, ScanPlan):
         return options
     if plan.lit is not None and backend != "sim":
-        remedy = "show its pictures (lfcal plan --patterns), and assemble the folder of frames"
+        remedy = "show its pictures (lfcal plan target --patterns), and assemble the folder of frames"
         raise InputError.expected(str(path), "a target that a stage moves", "frames of a display", remedy)
     if backend != "sim" or "target" in options:
         return options

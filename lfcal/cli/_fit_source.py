@@ -125,7 +125,7 @@ def parse_noise(text: str) -> tuple[float, float] | None:
 
 def read_patterns(source: Path, how: PatternReading, *, quiet: bool) -> tuple[Measured, dict[str, Any]]:
     """Return the patterns to fit, and what is known of their source for the provenance of what is made of them."""
-    from lfcal.cli._listed import report_notes
+    from lfcal.cli._console import report_notes
     from lfcal.fit import HELD_OUT, check_optics, measured_of
     from lfcal.tasks import tell_assumed
 
@@ -244,9 +244,8 @@ def _picked(
 
     Of a session of positions chosen for a fit all are taken, unless their number is given.
     """
-    from lfcal.cli._console import run_work
+    from lfcal.cli._console import report_notes, run_work
     from lfcal.cli._fit_first import of_one_channel, without_positions
-    from lfcal.cli._listed import report_notes
     from lfcal.cli._orientation import upright
     from lfcal.frames import colours_of, corrected_view
     from lfcal.psf import iter_pick, scan_noise

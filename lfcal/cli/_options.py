@@ -23,6 +23,7 @@ __all__ = [
     "JsonOption",
     "MatOrderOption",
     "MatrixArgument",
+    "OriginOption",
     "PresetOption",
     "ResumeOption",
     "SchedulerOption",
@@ -115,6 +116,16 @@ CameraArgument: TypeAlias = Annotated[
     ),
 ]
 """A described camera."""
+
+OriginOption: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        "--origin",
+        metavar="ROW,COLUMN",
+        help="Sensor row and column of the first pixel, of frames that are a part of it.",
+    ),
+]
+"""Where on the sensor frames lie that are a camera's region of interest."""
 
 DepthsOption: TypeAlias = Annotated[
     str,

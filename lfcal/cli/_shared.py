@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from lfcal.cli.doctor import examine
-from lfcal.cli.plan_coding import coding_verdict, coding_words
 from lfcal.cli.sample import sample_session
 from lfcal.cli.verify import matrix_lines, session_lines
 from lfcal.cli.window_libraries import ON_X11, missing_libraries, shows_on_x11, why_no_window, without
 
 __all__ = [
     "ON_X11",
-    "coding_verdict",
-    "coding_words",
     "examine",
     "matrix_lines",
     "missing_libraries",

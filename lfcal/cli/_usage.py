@@ -14,9 +14,25 @@ if TYPE_CHECKING:
 __all__ = ["refuse", "usage_line"]
 
 
+def _moved(command: str, now: str, *options: str) -> dict[tuple[str, str], str]:
+    return {(command, option): f"{now} {option}" for option in options}
+
+
+FIT, TARGET = "lfcal plan fit PLAN --count N", "lfcal plan target PLAN SOURCE"
+
 RENAMED: dict[tuple[str, str], str] = {
     ("lfcal reconstruct", "--batch"): "lfcal reconstruct H FRAMES",
     ("lfcal reconstruct", "--as-is"): "--resample never",
+    ("lfcal plan", "--for-fit"): FIT,
+    ("lfcal plan", "--beside"): f"{FIT} --position-error",
+    **_moved("lfcal plan", FIT, "--candidates", "--draw", "--from", "--full", "--unknowns"),
+    ("lfcal plan fit", "--for-fit"): "--count",
+    ("lfcal plan fit", "--list"): "--out",
+    ("lfcal plan fit", "--beside"): "--position-error",
+    ("lfcal plan", "--source"): TARGET,
+    **_moved("lfcal plan", TARGET, "--crosstalk", "--most-frames", "--patterns", "--pose", "--pose-within"),
+    **_moved("lfcal plan", TARGET, "--signal", "--tolerance"),
+    ("lfcal plan target", "--source"): TARGET,
 }
 """What is typed now in place of an option, by the words of the command and the option."""
 

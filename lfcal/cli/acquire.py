@@ -17,7 +17,7 @@ from lfcal.cli._acquire_outcome import list_suspects, show_outcome, simulated_op
 from lfcal.cli._acquire_until import adapted_facts, parse_goal, show_adapted, tell_step
 from lfcal.cli._acquire_words import numbers, options_of, pairs, read_plan, reported_holds
 from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
-from lfcal.cli._plan_pace import WITHOUT_READOUT, FrameRateOption
+from lfcal.tasks import WITHOUT_READOUT
 
 if TYPE_CHECKING:
     from lfcal.acquire import Control, LiveCoverage, LiveQuality, Options, Outcome, RedoList
@@ -49,7 +49,7 @@ def command(
         None, "--redo", help="Record these positions again, or further ones (list from lfcal inspect or lfcal plan)."
     ),
     positions: Path | None = typer.Option(
-        None, "--positions", help="Record these positions and no others (list from lfcal plan --for-fit)."
+        None, "--positions", help="Record these positions and no others (list from lfcal plan fit)."
     ),
     until_error: str = typer.Option(
         "", "--until-error", help="Record, fit, choose the next positions, until H is this good, e.g. 0.5%."
@@ -100,7 +100,9 @@ def command(
     assemble: Path | None = typer.Option(None, "--assemble", help="Assemble H into this file at the end (.h5)."),
     pack: bool = typer.Option(True, help="Compress the finished recording."),
     dry_run: bool = typer.Option(False, "--dry-run", help="Check everything and say what it will cost; move nothing."),
-    frame_rate: FrameRateOption = None,
+    frame_rate: float | None = typer.Option(
+        None, "--frame-rate", help="Largest frame rate of the camera (frames/s); without it readout is not counted."
+    ),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,

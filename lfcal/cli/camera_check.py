@@ -10,8 +10,7 @@ import typer
 from lfcal.base import InputError, replace_whole
 from lfcal.cli._colour_planes import read_white
 from lfcal.cli._console import print_json, print_table, report
-from lfcal.cli._listed import OriginOption
-from lfcal.cli._options import CameraArgument, ForceOption, JsonOption, WorkersOption
+from lfcal.cli._options import CameraArgument, ForceOption, JsonOption, OriginOption, WorkersOption
 from lfcal.cli._usage import refuse
 from lfcal.tasks import check_output, load_camera
 

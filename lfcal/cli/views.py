@@ -13,8 +13,7 @@ from lfcal.base import InputError, check_choice, check_number
 from lfcal.camera import Camera
 from lfcal.cli._colour_planes import CHANNELS, ColourReading, read_planes
 from lfcal.cli._console import print_json, print_table
-from lfcal.cli._listed import OriginOption
-from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
+from lfcal.cli._options import ForceOption, JsonOption, OriginOption, WorkersOption
 from lfcal.cli._usage import refuse
 from lfcal.cli._views_files import save_picture, save_stack, stack_names, view_names
 from lfcal.cli._views_input import Given, ViewedFrame, cutting_of

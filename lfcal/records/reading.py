@@ -19,6 +19,7 @@ __all__ = [
     "read_cutout_or_auto",
     "read_depths",
     "read_length_um",
+    "read_names",
     "read_orientation",
     "read_pair",
     "read_pixel",
@@ -27,6 +28,7 @@ __all__ = [
     "read_share",
     "read_virtual_depths",
     "read_voxel",
+    "show_names",
     "show_pair",
     "show_planes",
 ]
@@ -195,3 +197,13 @@ def check_voxel(name: str, value: object) -> None:
         return
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:
         raise InputError.expected(name, "a positive number of µm, or auto", repr(value), "correct it")
+
+
+def read_names(text: str) -> tuple[str, ...]:
+    """Return the names of ``"A,B,C"``, each of them once."""
+    return tuple(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
+
+
+def show_names(value: tuple[str, ...]) -> str:
+    """Return the text that `read_names` reads."""
+    return ",".join(value)

@@ -7,6 +7,7 @@
 - ``transpose``, ``reduce``, ``export``, ``inspect``: H to HT, to a smaller file, to other programs, and its quality
 - ``reconstruct``: light-field frames to volumes
 - ``scan_frames``, ``target_frames``, ``cameras``, ``matrices``, ``lattice_file``: inputs as tasks open them
+- ``plan``, ``plan_fit``, ``plan_target``: scans, positions for a fit, frames of a target
 - ``outputs``: what may be written where
 - ``notes``: what a task says by the way
 """

@@ -6,6 +6,9 @@ from lfcal.tasks._solving import solver_settings
 from lfcal.tasks.assemble import Assemble, AssembleRegions, AssembleTarget
 from lfcal.tasks.export import ExportH5, ExportMat, ExportNpy, ExportTiff
 from lfcal.tasks.inspect import Inspect
+from lfcal.tasks.plan import PlanRecorded, PlanRegions, PlanScan
+from lfcal.tasks.plan_fit import PlanFit
+from lfcal.tasks.plan_target import PlanDisplay, PlanTarget
 from lfcal.tasks.reconstruct import Reconstruct, ReconstructForecast, ReconstructSeries
 from lfcal.tasks.reduce import Reduce
 from lfcal.tasks.text import command_of, job_of, python_of
@@ -20,6 +23,12 @@ __all__ = [
     "ExportNpy",
     "ExportTiff",
     "Inspect",
+    "PlanDisplay",
+    "PlanFit",
+    "PlanRecorded",
+    "PlanRegions",
+    "PlanScan",
+    "PlanTarget",
     "Reconstruct",
     "ReconstructForecast",
     "ReconstructSeries",

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from lfcal.tasks._channels import ChannelPart
+from lfcal.tasks._coding import coding_verdict, coding_words, display_words
+from lfcal.tasks._pace import WITHOUT_READOUT
 from lfcal.tasks.assemble import Assembled, AssemblyRun
 from lfcal.tasks.cameras import assumed_in_words, load_camera, load_file, tell_assumed
 from lfcal.tasks.export import ExportedFiles
@@ -11,10 +13,13 @@ from lfcal.tasks.lattice_file import LATTICE_FORMAT, LATTICE_VERSION, load_latti
 from lfcal.tasks.matrices import check_mat_files, open_matrix
 from lfcal.tasks.notes import notes_to
 from lfcal.tasks.outputs import RECORDINGS, check_output, check_outputs, files_of
-from lfcal.tasks.planned import planned_scan, ready_plan, ready_regions
+from lfcal.tasks.plan import RegionsPlanned, ScanPlanned
+from lfcal.tasks.plan_fit import PositionsPlanned
+from lfcal.tasks.plan_target import TargetPlanned
+from lfcal.tasks.planned import planned_scan, ready_regions
 from lfcal.tasks.reconstruct import Reconstructed, ReconstructionForecast
 from lfcal.tasks.reduce import ReducedFile
-from lfcal.tasks.scan_frames import ScanFrames, find_plan, tell_size
+from lfcal.tasks.scan_frames import ScanFrames, find_plan
 from lfcal.tasks.sets import task_set
 from lfcal.tasks.target_frames import left_words, opened_target, wanted_target
 from lfcal.tasks.task import RunSettings, Task, TaskSet, may_replace
@@ -25,16 +30,21 @@ __all__ = [
     "LATTICE_FORMAT",
     "LATTICE_VERSION",
     "RECORDINGS",
+    "WITHOUT_READOUT",
     "Assembled",
     "AssemblyRun",
     "ChannelPart",
     "ExportedFiles",
     "InspectedMatrix",
+    "PositionsPlanned",
     "Reconstructed",
     "ReconstructionForecast",
     "ReducedFile",
+    "RegionsPlanned",
     "RunSettings",
     "ScanFrames",
+    "ScanPlanned",
+    "TargetPlanned",
     "Task",
     "TaskSet",
     "TransposedFile",
@@ -42,6 +52,9 @@ __all__ = [
     "check_mat_files",
     "check_output",
     "check_outputs",
+    "coding_verdict",
+    "coding_words",
+    "display_words",
     "files_of",
     "find_plan",
     "left_words",
@@ -54,11 +67,9 @@ __all__ = [
     "open_matrix",
     "opened_target",
     "planned_scan",
-    "ready_plan",
     "ready_regions",
     "task_set",
     "tell_assumed",
-    "tell_size",
     "wanted_target",
     "words_of",
 ]

@@ -41,6 +41,8 @@ def check_output(out: Path, *inputs: Path | str | None, force: bool) -> None:
 def check_outputs(outs: Iterable[Path], *inputs: Path | str | None, force: bool) -> None:
     """Check several outputs as `check_output` does; what else lies beside them is left alone."""
     files = list(outs)
+    if len({out.absolute() for out in files}) < len(files):
+        raise InputError.expected("outputs", "each under a name of its own", str(files[-1]), "choose other names")
     taken: set[tuple[int, int]] = set()
     # only a file that is there can be an input.
     if any(out.exists() for out in files):

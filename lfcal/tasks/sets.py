@@ -16,6 +16,9 @@ TASKS = {
     "reduce": "lfcal.tasks.reduce:REDUCE",
     "transpose": "lfcal.tasks.transpose:TRANSPOSE",
     "reconstruct": "lfcal.tasks.reconstruct:RECONSTRUCT",
+    "plan": "lfcal.tasks.plan:PLAN",
+    "plan fit": "lfcal.tasks.plan_fit:PLAN_FIT",
+    "plan target": "lfcal.tasks.plan_target:PLAN_TARGET",
 }
 """Where the kinds of each task are, by the name of the command; a module is imported when its task is asked for."""
 

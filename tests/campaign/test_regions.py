@@ -149,8 +149,6 @@ def test_options_of_one_region_are_refused(
     (tmp_path / "plan.json").write_text(PLAN.to_json())
     assert run("acquire", tmp_path / "plan.json", "-o", tmp_path / "s", *words, monkeypatch=monkeypatch) == 2
     assert "is of one region" in capsys.readouterr().err and not (tmp_path / "s").exists()
-    for other in ("--for-fit", "--half-cell"):
-        more = {"--for-fit": ["5"], "--half-cell": []}[other]
-        begin = ("plan", "bench", "--virtual-depths", "4", "--regions", "3x3")
-        assert run(*begin, other, *more, monkeypatch=monkeypatch) == 2
-        assert "leave it out beside --regions" in capsys.readouterr().err
+    begin = ("plan", "bench", "--virtual-depths", "4", "--regions", "3x3")
+    assert run(*begin, "--half-cell", monkeypatch=monkeypatch) == 2
+    assert "--half-cell: expected a scan of one region, got a scan of several regions" in capsys.readouterr().err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +11,10 @@ from numpy.typing import NDArray
 
 from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.campaign.turned_frames import SeenPattern, find_turned_frames, seen_patterns
-from lfcal.cli._listed import _tell_turned
 from lfcal.frames import ORIENTATIONS
 from lfcal.frames.lists.listing import Listing
 from lfcal.simulate import SimulatedCamera
+from lfcal.tasks._listed import _tell_turned
 
 Scan = tuple[ScanPlan, NDArray[np.uint16], NDArray[np.intp]]
 
@@ -65,7 +66,7 @@ def test_arrays_of_an_assumed_place_and_other_cameras_tell_nothing(
     assert find_turned_frames([], plan) is None
 
 
-def test_plan_calls_mirrored_frames_mirrored(scan: Scan, capsys: pytest.CaptureFixture[str]) -> None:
+def test_plan_calls_mirrored_frames_mirrored(scan: Scan, caplog: pytest.LogCaptureFixture) -> None:
     """What `lfcal plan --positions` says of its list: a warning with the option that turns them."""
     plan, frames, places = scan
     positions = np.array(list(np.ndindex(plan.shape[:3])))
@@ -78,8 +79,8 @@ def test_plan_calls_mirrored_frames_mirrored(scan: Scan, capsys: pytest.CaptureF
         return frames[near[z, y, x]][:, ::-1]
 
     _tell_turned(listing, plan, read)
-    said = capsys.readouterr().err
-    assert "warning: the frames are mirrored left to right against the camera" in said
+    ((_, level, said),) = caplog.record_tuples
+    assert level == logging.WARNING and said.startswith("the frames are mirrored left to right against the camera")
     assert "make the plan again with --orientation mirror-x, and assemble with it" in said
     _tell_turned(listing, plan, lambda k: read(k)[:, ::-1])
-    assert capsys.readouterr().err == ""
+    assert len(caplog.records) == 1

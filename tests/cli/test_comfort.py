@@ -40,7 +40,8 @@ def parsed(words: list[str]) -> tuple[str, dict[str, Any]]:
         word, command, rest = command.resolve_command(context, [*context._protected_args, *context.args])
         name = f"{name} {word}".strip()
         context = command.make_context(word, rest, parent=context)
-    return name, context.params
+    # a command with others behind its name has made the context of the one that was named
+    return context.command_path.partition(" ")[2], context.params
 
 
 def test_there_are_commands_and_groups() -> None:

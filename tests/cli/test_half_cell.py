@@ -56,12 +56,15 @@ def test_half_a_scan_makes_a_whole_h(lfcal: Lfcal, place: Path) -> None:
     [
         ("plan odd.json --virtual-depths 3 --cutout 31 --half-cell --list a.json", "half of it lies half a pixel off"),
         ("plan bench --virtual-depths 3 --half-cell -o a.json", "got 19 x 33"),
-        ("plan camera.json --virtual-depths 3 --cutout 31 --half-cell --for-fit 9", "leave it out beside --for-fit"),
+        ("plan camera.json --virtual-depths 3 --cutout 31 --list a.json", "--list: expected --half-cell"),
         (
-            "plan camera.json --virtual-depths 3 --cutout 31 --half-cell --draw a.png",
-            "--draw: is of positions for a fit",
+            "plan camera.json --virtual-depths 3 --half-cell --positions a.csv",
+            "got a recorded scan (--positions); leave it out",
         ),
-        ("plan camera.json --virtual-depths 3 --cutout 31 --half-cell --list a.json --speed -1", "speed"),
+        (
+            "plan camera.json --virtual-depths 3 --cutout 31 --half-cell --list a.json --speed -1",
+            "--speed: expected a number > 0",
+        ),
     ],
 )
 def test_what_is_refused(lfcal: Lfcal, place: Path, words: str, what: str) -> None:

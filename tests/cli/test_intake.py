@@ -253,7 +253,7 @@ def test_options_of_a_list_need_one(lfcal: Callable[..., Run], folder: Path) -> 
     camera = ("plan", folder / "camera.json", "--depths=-40mm")
     for words in (("--frames", folder / "tiffs"), ("--columns", "x=1"), ("--orientation", "rot90")):
         done = lfcal(*camera, *words)
-        assert done.code == 2 and "--positions LIST" in done.err
+        assert done.code == 2 and f"{words[0]}: expected a recorded scan (--positions)" in done.err
     done = lfcal(*of_positions(folder, folder / "stage.csv"), "--average", "2")
     assert done.code == 2 and "--average" in done.err
 

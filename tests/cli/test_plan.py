@@ -60,7 +60,7 @@ def test_a_time_without_readout_says_so(run: Run) -> None:
     assert told[0]["bytes_per_s"] == pytest.approx(635.2e6, rel=1e-3)
 
 
-def test_regions_and_positions_for_a_fit_are_read_out_too(run: Run) -> None:
+def test_regions_and_positions_for_a_fit_are_read_out_too(run: Run, tmp_path: Path) -> None:
     words, rate = ("plan", "bench", "--virtual-depths", "4"), ("--frame-rate", "5")
     regions = (*words, "--regions", "2x1")
     assert "in all without readout (--frame-rate); one region" in run(*regions)[1]
@@ -68,7 +68,8 @@ def test_regions_and_positions_for_a_fit_are_read_out_too(run: Run) -> None:
     told = [json.loads(run(*regions, *more, "--json")[1]) for more in ((), rate)]
     assert told[0]["readout_hours"] is None
     assert (told[1]["hours"] - told[0]["hours"]) * 3600 == pytest.approx(told[1]["frames"] / 5)
-    fit = (*words, "--for-fit", "4", "--candidates", "12", "--cutout", "15")
+    assert run(*words, "--cutout", "15", "-o", str(tmp_path / "plan.json"))[0] == 0
+    fit = ("plan", "fit", str(tmp_path / "plan.json"), "-n", "4", "--candidates", "12")
     assert "without readout (--frame-rate), each pattern" in run(*fit)[1]
     told = [json.loads(run(*fit, *more, "--json")[1]) for more in ((), rate)]
     for few, many in zip(told[0]["curve"], told[1]["curve"], strict=True):

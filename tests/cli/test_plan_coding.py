@@ -1,4 +1,4 @@
-"""``lfcal plan --source``: whether showing several frames of a target at once pays, and a display that does."""
+"""``lfcal plan target``: whether showing several frames of a target at once pays, and a display that does."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
-from lfcal.cli.plan_coding import coding_facts, coding_verdict, coding_words, planned_for_display
 from lfcal.frames import open_frames
 from lfcal.targets import Display, Target, TargetPlan, Wishes, iter_plan_display
+from lfcal.tasks._coding import coding_facts, coding_verdict, coding_words, planned_for_display
 from tests.cli.conftest import Run
 from tests.targets.common import scan_of, small
 
 Lfcal = Callable[..., Run]
 SCAN = scan_of(small(200))
 DISPLAY = Display((2000, 2000), 5.0)
-PLAN = ("plan", "camera.json", "--virtual-depths", "4", "--cutout", "31", "--tolerance", "0.3", "--crosstalk", "0.02")
-SOURCE = ("--source", "display:2000x2000@5um")
+PLAN = ("plan", "target", "scan.json", "--tolerance", "0.3", "--crosstalk", "0.02")
+SOURCE = ("display:2000x2000@5um",)
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def plan() -> TargetPlan:
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    (tmp_path / "camera.json").write_text(small(200).to_json())
+    (tmp_path / "scan.json").write_text(SCAN.to_json())
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -81,7 +81,7 @@ def test_nothing_is_said_of_a_single_point_or_few_frames(plan: TargetPlan) -> No
 
 
 def test_the_command_says_it_in_a_line(lfcal: Lfcal, place: Path) -> None:
-    array = ("--source", "array:4x4@800um", "--most-frames", "7")
+    array = ("array:4x4@800um", "--most-frames", "7")
     run = lfcal(*PLAN, *array)
     (line,) = [one for one in run.out.splitlines() if "coded" in one]
     assert run.code == 0 and line.startswith("showing 7 frames at once, coded: does not pay"), run.err
@@ -92,18 +92,16 @@ def test_the_command_says_it_in_a_line(lfcal: Lfcal, place: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--source", "display:2x3"), "display: expected display:ROWSxCOLUMNS@PITCH"),
-        (("--source", "display:20x20@5um"), "room for two points"),
-        (("--source", "array:4x4@800um", "--patterns", "p"), "--patterns: is of a display"),
-        (("--signal", "5"), "--signal: is of a target"),
-        ((*SOURCE, "--most-frames", "7", "--signal", "0"), "--signal (electrons)"),
-        (("--source", "point", "--most-frames", "2", "--signal", "5"), "--signal: is of frames shown at once"),
-        ((*SOURCE, "--pose", "rotation=1"), "--pose: is of a target that a stage moves"),
+        (("display:2x3",), "display: expected display:ROWSxCOLUMNS@PITCH"),
+        (("display:20x20@5um",), "room for two points"),
+        (("array:4x4@800um", "--patterns", "p"), "--patterns: expected a display, got a target that a stage moves"),
+        ((*SOURCE, "--most-frames", "7", "--signal", "0"), "--signal: expected a number > 0"),
+        (("point", "--most-frames", "2", "--signal", "5"), "--signal: is of frames shown at once"),
+        ((*SOURCE, "--pose", "rotation=1"), "--pose: expected a target that a stage moves, got a display"),
     ],
 )
 def test_bad_input_ends_in_a_line(lfcal: Lfcal, place: Path, words: tuple[str, ...], said: str) -> None:
-    begin = PLAN if "--source" in words else PLAN[:6]
-    run = lfcal(*begin, *words, "-o", "out.json")
+    run = lfcal(*PLAN, *words, "-o", "out.json")
     assert run.code == 2 and run.err.count("\n") == 1 and said in run.err, run.err
     assert not (place / "out.json").exists()
 
@@ -154,5 +152,5 @@ def test_frames_of_a_display_are_not_asked_of_a_stage(lfcal: Lfcal, place: Path,
     found = planned_for_display(plan, DISPLAY, coding_verdict(plan, signal_e=100.0))
     (place / "plan.json").write_text(found.to_json())
     run = lfcal("acquire", "plan.json", "-o", "s", "--backend", "micromanager")
-    assert run.code == 2 and "lfcal plan --patterns" in run.err, run.err
+    assert run.code == 2 and "lfcal plan target --patterns" in run.err, run.err
     assert not (place / "s").exists()

@@ -1,4 +1,4 @@
-"""``lfcal plan --for-fit``: few positions chosen, recorded, fitted, and further ones chosen from that fit."""
+"""``lfcal plan fit``: few positions chosen, recorded, fitted, and further ones chosen from that fit."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pytest
 
 from lfcal.acquire.redo import RedoList
 from lfcal.acquire.session_file import SessionFile
+from lfcal.camera import ScanPlan
 from lfcal.fit.setup import described_effects
 from lfcal.psf import open_psf
 from lfcal.simulate.effects.described import Entry, entries_json
@@ -27,29 +28,19 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "camera.json").write_text(camera.to_json())
     entries = [Entry(one, one.name, {}, "on") for one in described_effects(camera)]
     (tmp_path / "effects.json").write_text(entries_json(entries))
+    plan = ScanPlan.for_camera(camera, virtual_depths=(2.2,), cutout=15)
+    (tmp_path / "plan.json").write_text(plan.to_json())
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 def planned(lfcal: Lfcal, *more: str) -> Run:
-    return lfcal(
-        "plan",
-        "camera.json",
-        "--virtual-depths",
-        "2.2",
-        "--cutout",
-        "15",
-        "--for-fit",
-        "10",
-        "--candidates",
-        "40",
-        *more,
-    )
+    return lfcal("plan", "fit", "plan.json", "--count", "10", "--candidates", "40", *more)
 
 
 @pytest.mark.long
 def test_positions_are_chosen_recorded_and_fitted(lfcal: Lfcal, place: Path) -> None:
-    run = planned(lfcal, "-o", "plan.json", "--list", "list.json", "--draw", "curve.png", "--unknowns", SOME)
+    run = planned(lfcal, "-o", "list.json", "--draw", "curve.png", "--unknowns", SOME)
     assert run.code == 0 and "8 positions to fit, 2 kept aside" in run.out and "the whole scan instead: 627" in run.out
     assert (place / "curve.png").stat().st_size > 5000
     listed = RedoList.read(place / "list.json")
@@ -80,14 +71,15 @@ def test_positions_are_chosen_recorded_and_fitted(lfcal: Lfcal, place: Path) -> 
     # further positions, from what the fit knows: added to the same session
     more = lfcal(
         "plan",
+        "fit",
         "plan.json",
-        "--for-fit",
+        "--count",
         "4",
         "--from",
         "fit",
-        "--list",
+        "-o",
         "next.json",
-        "--beside",
+        "--position-error",
         "0",
         "--full",
         "0.7",
@@ -110,14 +102,14 @@ def test_positions_are_chosen_recorded_and_fitted(lfcal: Lfcal, place: Path) -> 
 
 
 def test_errors_below_that_of_the_computation_are_named(lfcal: Lfcal, place: Path) -> None:
-    run = planned(lfcal, "--unknowns", "iris", "--full", "1", "--beside", "0", "--for-fit", "20")
+    run = planned(lfcal, "--unknowns", "iris", "--full", "1", "--position-error", "0", "--count", "20")
     assert run.code == 0 and "the computation of patterns itself errs by about 0.06 %" in run.err, run.out
     assert "itself errs" not in planned(lfcal, "--unknowns", SOME, "--full", "0.1").err
 
 
 @pytest.mark.long
 def test_all_positions_of_such_a_session_can_be_thinned(lfcal: Lfcal, place: Path) -> None:
-    assert planned(lfcal, "-o", "plan.json", "--list", "list.json").code == 0
+    assert planned(lfcal, "-o", "list.json").code == 0
     assert lfcal("acquire", "plan.json", "--positions", "list.json", "-o", "s", *SIMULATED).code == 0
     run = lfcal("fit", "s", "-o", "fit", "--unknowns", "iris", "--no-h", "--positions", "6")
     assert run.code == 0, run.err
@@ -129,22 +121,23 @@ def test_all_positions_of_such_a_session_can_be_thinned(lfcal: Lfcal, place: Pat
 @pytest.mark.parametrize(
     ("words", "what"),
     [
-        ("plan camera.json --virtual-depths 2.2 --list a.json", "--list: is of positions for a fit; say how many"),
-        ("plan camera.json --virtual-depths 2.2 --from fit", "--from: is of positions for a fit"),
-        ("plan camera.json --virtual-depths 2.2 --draw a.png", "--draw: is of positions for a fit"),
-        ("plan camera.json --virtual-depths 2.2 --cutout 15 --for-fit 2", "positions to record: expected"),
-        ("plan camera.json --virtual-depths 2.2 --cutout 15 --for-fit 9 --from nowhere", "a folder of lfcal fit"),
-        (
-            "plan camera.json --virtual-depths 2.2 --cutout 15 --for-fit 9 --unknowns gap",
-            "expected groups of unknowns",
-        ),
-        ("plan camera.json --virtual-depths 2.2 --cutout 15 --for-fit 9 --unknowns depths", "needs two planes or more"),
-        ("plan camera.json --virtual-depths 2.2 --cutout 15 --for-fit 9 --full 2", "full well"),
-        ("plan camera.json --virtual-depths 2.2 --cutout 15 --for-fit 9 --list list.json", "exists"),
-        ("plan camera.json --virtual-depths 2.2 --for-fit 9 --list camera.json --force", "another file than the input"),
-        ("plan camera.json --virtual-depths 2.2 --for-fit 9 --list a.json -o a.json", "each under a name of its own"),
-        ("plan camera.json --virtual-depths 2.2 --for-fit 9 --list a.json --draw a.json", "each under a name"),
-        ("plan plan.json --virtual-depths 2.2 --for-fit 9", "expected those of the plan"),
+        ("plan camera.json --virtual-depths 2.2 --from fit", "type lfcal plan fit PLAN --count N --from"),
+        ("plan camera.json --for-fit 9", "--for-fit: expected another spelling; type lfcal plan fit PLAN --count N"),
+        ("plan fit plan.json --for-fit 9", "--for-fit: expected another spelling; type --count"),
+        ("plan fit plan.json --count 9 --list a.json", "--list: expected another spelling; type --out"),
+        ("plan fit plan.json --count 9 --beside 0", "--beside: expected another spelling; type --position-error"),
+        ("plan fit plan.json", "Missing option '--count'"),
+        ("plan fit plan.json --count 2", "positions to record: expected"),
+        ("plan fit plan.json --count 9 --from nowhere", "a folder of lfcal fit"),
+        ("plan fit plan.json --count 9 --unknowns gap", "--unknowns: expected geometry or"),
+        ("plan fit plan.json --count 9 --unknowns depths", "needs two planes or more"),
+        ("plan fit plan.json --count 9 --full 2", "--full: expected a number > 0 and ≤ 1"),
+        ("plan fit plan.json --count 9 --speed 0", "--speed: expected a number > 0"),
+        ("plan fit plan.json --count 9 -o list.json", "exists"),
+        ("plan fit plan.json --count 9 -o plan.json --force", "another file than the input"),
+        ("plan fit plan.json --count 9 -o a.json --draw a.json", "each under a name of its own"),
+        ("plan fit camera.json --count 9", "PLAN: expected a scan plan (.json), got camera.json"),
+        ("plan fit bench --count 9", "PLAN: expected a scan plan (.json), got the camera bench"),
         ("acquire plan.json --positions list.json --resume -o s", "--positions: is of a new session"),
         ("acquire plan.json --positions camera.json -o s", "lfcal-redo"),
         ("acquire plan.json --positions far.json -o s", "inside (1, 19, 33)"),
@@ -153,7 +146,6 @@ def test_all_positions_of_such_a_session_can_be_thinned(lfcal: Lfcal, place: Pat
     ],
 )
 def test_what_is_refused(lfcal: Lfcal, place: Path, words: str, what: str) -> None:
-    assert lfcal("plan", "camera.json", "--virtual-depths", "2.2", "--cutout", "15", "-o", "plan.json").code == 0
     RedoList.of([(0, 0, 0)]).write(place / "list.json")
     RedoList.of([(0, 0, 99)]).write(place / "far.json")
     RedoList.of([]).write(place / "none.json")

@@ -1,10 +1,11 @@
-"""``lfcal plan --source``: a target beside the scan of a single point."""
+"""``lfcal plan target``: a target beside the scan of a single point."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,12 +17,14 @@ from tests.cli.conftest import Run
 from tests.targets.common import small
 
 Lfcal = Callable[..., Run]
-PLAN = ("plan", "camera.json", "--virtual-depths", "4", "--cutout", "31", "--source")
+PLAN = ("plan", "target", "scan.json")
+SCAN = ScanPlan.for_camera(small(), virtual_depths=(4.0,), cutout=31)
 
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "camera.json").write_text(small().to_json())
+    (tmp_path / "scan.json").write_text(SCAN.to_json())
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -36,12 +39,13 @@ def test_a_target_is_planned_beside_a_single_point(lfcal: Lfcal, place: Path) ->
     plan = TargetPlan.from_json((place / "target.json").read_text())
     assert plan.target == Target("square", (6, 6), (1021.3, 1021.3), 20.0)
     assert len(plan.offsets_px[0]) == 12 and plan.tolerance_px == 0.1
-    assert plan.scan == ScanPlan.for_camera(small(), virtual_depths=(4.0,), cutout=31)
+    assert plan.scan == SCAN
 
 
 def test_json_holds_what_the_table_says(lfcal: Lfcal, place: Path) -> None:
     (place / "t.json").write_text(Target("square", (6, 6), (1021.3, 1021.3)).to_json())
-    options = ("--tolerance", "0.4", "--crosstalk", "0.02", "--pose", "rotation=1,tilt_right=2", "--exposure", "0.5")
+    options = ("--tolerance", "0.4", "--crosstalk", "0.02", "--pose", "rotation=1,tilt_right=2")
+    (place / "scan.json").write_text(replace(SCAN, exposure_s=0.5).to_json())
     said = lfcal(*PLAN, "t.json", *options, "--pose-within", "rotation=0.5", "--json").json
     assert isinstance(said, dict)
     (plane,) = said["planes"]
@@ -91,12 +95,12 @@ WRONG = {
     "no such file": (("nothing.json",), "nothing.json"),
     "pose": (("array:6x6@1mm", "--pose", "turn=1"), "pose: expected rotation"),
     "bounds": (("array:6x6@1mm", "--pose-within", "rotation=-1"), "bound of the target's pose"),
-    "tolerance": (("array:6x6@1mm", "--tolerance", "0"), "tolerance of a phase"),
-    "crosstalk": (("array:6x6@1mm", "--crosstalk", "2"), "crosstalk allowed"),
-    "speed": (("array:6x6@1mm", "--speed", "0"), "stage speed"),
-    "frame rate": (("array:6x6@1mm", "--frame-rate", "0"), "frame rate"),
-    "half a cell": (("array:6x6@1mm", "--half-cell"), "--half-cell: is of single points"),
-    "for a fit": (("array:6x6@1mm", "--for-fit", "10"), "--for-fit: is of single points"),
+    "tolerance": (("array:6x6@1mm", "--tolerance", "0"), "--tolerance: expected a number > 0 and ≤ 0.5"),
+    "crosstalk": (("array:6x6@1mm", "--crosstalk", "2"), "--crosstalk: expected a number > 0 and < 1"),
+    "speed": (("array:6x6@1mm", "--speed", "0"), "--speed: expected a number > 0"),
+    "frame rate": (("array:6x6@1mm", "--frame-rate", "0"), "--frame-rate: expected a number > 0"),
+    "option before": (("--source", "array:6x6@1mm"), "type lfcal plan target PLAN SOURCE"),
+    "the plan itself": (("array:6x6@1mm", "-o", "scan.json"), "another file than the input"),
     "the target itself": (("t.json", "-o", "t.json"), "another file than the input"),
 }
 
@@ -113,9 +117,9 @@ def test_bad_input_ends_in_a_line(lfcal: Lfcal, place: Path, name: str) -> None:
 @pytest.mark.parametrize("option", ["--tolerance", "--crosstalk", "--pose", "--pose-within", "--most-frames"])
 def test_options_of_a_target_need_one(lfcal: Lfcal, place: Path, option: str) -> None:
     del place
-    value = "rotation=1" if "pose" in option else "1"
-    run = lfcal("plan", "camera.json", "--virtual-depths", "4", option, value)
-    assert run.code == 2 and run.err == f"lfcal: {option}: is of a target of many points; name it with --source\n"
+    run = lfcal("plan", "camera.json", "--virtual-depths", "4", option, "1")
+    said = f"{option}: expected another spelling; type lfcal plan target PLAN SOURCE {option}"
+    assert run.code == 2 and run.err == f"lfcal: {said}\n"
 
 
 def test_a_plan_of_a_target_is_no_scan_plan(lfcal: Lfcal, place: Path) -> None:

@@ -28,8 +28,21 @@ def test_from_a_plan_to_h_of_two_regions(lfcal: Lfcal, tmp_path: Path, monkeypat
     true = replace(camera, sensor=replace(camera.sensor, shape=(300, 300)))
     Path("camera.json").write_text(true.to_json())
     Path("effects.json").write_text(json.dumps(EFFECTS))
-    begin = ("plan", "camera.json", "--virtual-depths", "4", "--cutout", "49", "--source", ARRAY)
-    run = lfcal(*begin, "--most-frames", "3", "--tolerance", "0.5", "--regions", "1x2", "-o", "target.json")
+    assert lfcal("plan", "camera.json", "--virtual-depths", "4", "--cutout", "49", "-o", "scan.json").code == 0
+    run = lfcal(
+        "plan",
+        "target",
+        "scan.json",
+        ARRAY,
+        "--most-frames",
+        "3",
+        "--tolerance",
+        "0.5",
+        "--regions",
+        "1x2",
+        "-o",
+        "target.json",
+    )
     assert run.code == 0 and "2 regions, all in the same frames" in run.out, run.err
     optics = ("--option", "optics=wave", "--option", "effects=effects.json", "--option", "brightness=0.1")
     run = lfcal(

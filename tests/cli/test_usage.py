@@ -11,7 +11,7 @@ from tests.cli.conftest import Run
 WRONG = {
     "no such command": (("nosuch",), "No such command 'nosuch'; see lfcal --help"),
     "no such option": (("transpose", "H.h5", "--nosuch"), "No such option: --nosuch"),
-    "another type": (("plan", "bench", "--average", "abc"), "Invalid value for '--average'"),
+    "another type": (("plan", "bench", "--average", "abc"), "--average: expected a whole number ≥ 1, got 'abc'"),
     "an argument missing": (("export",), "Missing argument 'SOURCE'; see lfcal export --help"),
     "an option without its value": (("export", "H.h5", "-o"), "Option '-o' requires an argument"),
     "a command misspelt": (("asemble",), "No such command 'asemble'. Did you mean 'assemble'? See lfcal --help"),

@@ -40,6 +40,9 @@ class Writer(NamedTuple):
 
 WRITERS = {
     "plan": Writer("plan bench --virtual-depths 3,4 -o out.json", "out.json", 500),
+    "plan fit": Writer("plan fit scan.json --count 3 --unknowns iris -o out.json", "out.json", 100),
+    "plan target": Writer("plan target scan.json array:3x3@2mm --most-frames 2 -o out.json", "out.json", 500),
+    "run": Writer("run job.toml -o out.json", "out.json", 500),
     "camera new": Writer("camera new --preset r29 --yes -o out.json", "out.json", 500),
     "camera import": Writer("camera import camera.json -o out.json", "out.json", 500),
     "camera check": Writer("camera check camera.json white.tif -o out.json --anyway", "out.json", 500),
@@ -99,6 +102,7 @@ def make_inputs(folder: Path) -> None:
     for name, day in (("a", 0), ("b", 30)):
         write_fit(folder / "fits" / name, day)
     (folder / "scan.json").write_text(small_plan((2, 2), 1).to_json())
+    (folder / "job.toml").write_text('task = "plan"\ncamera = "bench"\nvirtual_depths = [3, 4]\n')
     white = draw_white((200, 240), pitch=16.0, edges=(3.9, 2.6, 1.6), fill=0.85, step=2).frame
     tifffile.imwrite(folder / "white.tif", white)
     types = tuple(LensType.focused_at(v, 400.0) for v in (2.0, 3.0, 5.0))

@@ -81,7 +81,7 @@ TABLE = ("plane", "frames", "at least", "points a frame", "phases covered", "cro
 
 @dataclass(frozen=True)
 class TargetSettings(PageSettings):
-    """The source in the words of ``lfcal plan --source``, and what its plan must keep (as `lfcal.targets.Wishes`)."""
+    """The source in the words of ``lfcal plan target``, and what its plan must keep (as `lfcal.targets.Wishes`)."""
 
     page: ClassVar[str] = "plan"
     source: str = POINT
@@ -275,7 +275,7 @@ def iter_drawn(plan: TargetPlan, regions: tuple[int, int] | None = None) -> Work
 
 def _coding(plan: TargetPlan) -> str:
     """Return whether showing several frames at once would pay, at the exposure of a session."""
-    from lfcal.cli import coding_verdict, coding_words  # a command line is slow to load
+    from lfcal.tasks import coding_verdict, coding_words  # here: a page is shown before simulators are loaded
 
     if plan.lit is not None:
         return "Frames of a display that shows several subsets of points at once, by an S-matrix."

@@ -1,10 +1,13 @@
-"""The scan plan, or the target that stands for it, as a command. No Qt."""
+"""The scan plan, or the plan of a target that shows its positions, as a command. No Qt."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
-from lfcal_gui.models import CAMERA_FILE, PLAN_FILE, CommandStep, ProjectState, needed_plan, options_of
+from lfcal.camera import ScanPlan
+from lfcal.tasks import PlanScan, PlanTarget, python_of, words_of
+from lfcal_gui.models import CAMERA_FILE, PLAN_FILE, CommandStep, ProjectState, needed_plan
 from lfcal_gui.pages.plan.model_target import TargetSettings
 
 __all__ = ["scan_step", "step", "target_step"]
@@ -19,63 +22,47 @@ def step(project: ProjectState, out: str = "") -> CommandStep:
 
 
 def scan_step(project: ProjectState, out: str = "") -> CommandStep:
-    """Return how the plan is made; the command knows one exposure for all planes, Python takes the plan as it is."""
-    python = f"""
+    """Return how the plan is made; of a recorded scan with another period, Python takes the plan as it is."""
+    plan, out = needed_plan(project), out or "plan.json"
+    stage = f"{plan.stage.right},{plan.stage.down},{plan.stage.away}"
+    known: dict[str, Any] = {"cutout": plan.cutout, "anchor": plan.anchor, "resample": plan.resample}
+    task = PlanScan(
+        camera=CAMERA_FILE,
+        depths=plan.depths_um,
+        order=plan.order,
+        stage=stage,
+        exposure=plan.exposure_s,
+        settle=plan.settle_s,
+        average=plan.frames_averaged,
+        out=Path(out),
+        **known,
+    )
+    files = ((CAMERA_FILE, project.camera.to_json()), (PLAN_FILE, plan.to_json()))
+    whole = ScanPlan.for_camera(plan.camera, depths_um=plan.depths_um, **known).period == plan.period
+    return CommandStep(words_of(task), python_of(task) if whole else _as_it_is(out), files)
+
+
+def _as_it_is(out: str) -> str:
+    return f"""
 from lfcal.camera import Forecast, ScanPlan
 
 plan = ScanPlan.from_json(Path({PLAN_FILE!r}).read_text(encoding="utf-8"))
-Path({out or "plan.json"!r}).write_text(plan.to_json(), encoding="utf-8")
+Path({out!r}).write_text(plan.to_json(), encoding="utf-8")
 print(Forecast.of(plan))
 """
-    return _step(project, (("--out", out or "plan.json"),), python)
 
 
 def target_step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how the plan of the target is made."""
-    asked, out = TargetSettings.of(project), out or "target_plan.json"
-    pairs = (
-        ("--source", asked.source),
-        ("--tolerance", repr(asked.tolerance_px)),
-        ("--crosstalk", repr(asked.crosstalk)),
-        ("--most-frames", asked.most_frames),
-        ("--pose", asked.pose),
-        ("--regions", asked.regions),
-        ("--out", out),
+    asked, plan = TargetSettings.of(project), needed_plan(project)
+    task = PlanTarget(
+        plan=Path(PLAN_FILE),
+        source=asked.source,
+        tolerance=asked.tolerance_px,
+        crosstalk=asked.crosstalk,
+        most_frames=asked.most_frames,
+        pose=asked.pose,
+        regions=asked.regions,
+        out=Path(out or "target_plan.json"),
     )
-    hole = asked.proposed_hole()
-    made, name = f"parse_target({asked.source!r})", "parse_target"
-    if hole is not None:
-        made, name = f"propose_target(scan, wishes, hole_um={hole!r})", "propose_target"
-    names = [name, "plan_target"]
-    if asked.pose:
-        names, made = [*names, "Pose"], f"replace({made}, pose=Pose.parse({asked.pose!r}))"
-    first = "from dataclasses import replace\n\n" if asked.pose else ""
-    python = f"""
-{first}from lfcal.camera import ScanPlan
-from lfcal.targets import {", ".join(sorted([*names, "Wishes"], key=lambda one: (one.islower(), one)))}
-
-scan = ScanPlan.from_json(Path({PLAN_FILE!r}).read_text(encoding="utf-8"))
-wishes = Wishes({asked.tolerance_px!r}, {asked.crosstalk!r}, {asked.most_frames!r})
-target_plan = plan_target(scan, {made}, wishes)
-Path({out!r}).write_text(target_plan.to_json(), encoding="utf-8")
-print(target_plan.forecast())
-"""
-    return _step(project, pairs, python)
-
-
-def _step(project: ProjectState, more: tuple[tuple[str, Any], ...], python: str) -> CommandStep:
-    plan = needed_plan(project)
-    pairs = (
-        ("--depths", ",".join(repr(z) for z in plan.depths_um)),
-        ("--cutout", f"{plan.cutout[0]},{plan.cutout[1]}"),
-        ("--anchor", f"{plan.anchor[0]!r},{plan.anchor[1]!r}"),
-        ("--resample", plan.resample),
-        ("--order", plan.order),
-        ("--stage", f"{plan.stage.right},{plan.stage.down},{plan.stage.away}"),
-        ("--exposure", repr(plan.exposures[0])),
-        ("--settle", repr(plan.settle_s)),
-        ("--average", plan.frames_averaged),
-        *more,
-    )
-    files = ((CAMERA_FILE, project.camera.to_json()), (PLAN_FILE, plan.to_json()))
-    return CommandStep(("plan", CAMERA_FILE, *options_of(pairs)), python, files)
+    return CommandStep(words_of(task), python_of(task), ((PLAN_FILE, plan.to_json()),))

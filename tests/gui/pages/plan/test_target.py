@@ -156,7 +156,7 @@ def test_the_file_is_what_the_command_and_the_script_write(
     assert run.exit_code == 0, run.output
     planned.save_file("plan.json")
     scanned = context.history.taken[-1].step
-    assert scanned is not None and "--source" not in " ".join(scanned.arguments)
+    assert scanned is not None and "target" not in scanned.arguments
 
 
 @pytest.mark.long
@@ -172,8 +172,8 @@ def test_no_copied_step_replaces_the_other_plan(planned: Any, context: Context, 
 def test_a_proposed_pitch_is_asked_for_in_both(state: ProjectState) -> None:
     asked = TargetSettings("array,hole=20um", 0.2)
     made = step(replace(state, settings=asked.into(state)))
-    assert {"--source=array,hole=20um", "--tolerance=0.2", "--out=target_plan.json"} <= set(made.arguments)
-    assert "propose_target(scan, wishes, hole_um=20.0)" in made.python and "parse_target" not in made.python
+    assert {"array,hole=20um", "--tolerance=0.2", "--out=target_plan.json"} <= set(made.arguments)
+    assert "source='array,hole=20um'" in made.python and "tolerance=0.2" in made.python
 
 
 def test_a_saved_target_plan_is_opened_again(planned: Any, context: Context, qtbot: QtBot, tmp_path: Path) -> None:

@@ -1,14 +1,13 @@
-"""What the commands share of lists of frames that other programs wrote."""
+"""The plan of a scan from the list of its frames that another program wrote."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from lfcal.cli._console import report
+from lfcal.tasks.notes import note, warn
+from lfcal.tasks.scan_frames import tell_size
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -16,30 +15,7 @@ if TYPE_CHECKING:
     from lfcal.camera import Camera, ScanPlan, StageAxes
     from lfcal.frames.lists import Listing
 
-__all__ = ["ColumnsOption", "OriginOption", "plan_from_list", "report_notes"]
-
-ColumnsOption: TypeAlias = Annotated[
-    str,
-    typer.Option("--columns", help="What columns of a list hold: file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp."),
-]
-"""Which column is what, where their names do not tell."""
-
-
-def report_notes(notes: Iterable[str]) -> None:
-    """Print what was guessed, a line each."""
-    for note in notes:
-        report(f"note: {note}")
-
-
-OriginOption: TypeAlias = Annotated[
-    str,
-    typer.Option(
-        "--origin",
-        metavar="ROW,COLUMN",
-        help="Sensor row and column of the first pixel, of frames that are a part of it.",
-    ),
-]
-"""Where on the sensor frames lie that are a camera's region of interest."""
+__all__ = ["plan_from_list"]
 
 
 def plan_from_list(
@@ -74,15 +50,16 @@ def plan_from_list(
     except StorageError as error:
         if folder is not None:
             raise
-        report(f"note: the frames are not there to be looked at ({error}); --frames names their folder")
+        note(f"the frames are not there to be looked at ({error}); --frames names their folder")
         read = None
     else:
         _check_size(turn.shape(shape), camera, roi, place, str(root))
         if colour is not None:
-            report(f"note: light: of the {colour} of colour pictures; lfcal assemble takes one with --channel")
+            note(f"light: of the {colour} of colour pictures; lfcal assemble takes one with --channel")
     part = None if place is None else Part(place, turn.name)
     plan, notes = plan_of_list(listing, camera, read=read, stage=stage, part=part, **settings)
-    report_notes(notes)
+    for one in notes:
+        note(one)
     if read is not None and part is None:
         _tell_turned(listing, plan, read)
     return plan
@@ -100,7 +77,7 @@ def _tell_turned(listing: Listing, plan: ScanPlan, read: Callable[[int], NDArray
         return  # damaged frames are refused, or left out, where all frames are read
     found = find_turned_frames(seen, plan)
     if found is not None:
-        report(f"warning: the frames are {found.words}; make the plan again with {found.options}, and assemble with it")
+        warn(f"the frames are {found.words}; make the plan again with {found.options}, and assemble with it")
 
 
 def _check_size(
@@ -119,6 +96,4 @@ def _check_size(
         stated = stated_origin(roi, shape)
         raise part_refusal(shape, camera.sensor.shape, stated, "as their metadata say")
     else:
-        from lfcal.tasks import tell_size
-
         tell_size(shape, camera, folder=folder)

@@ -1,0 +1,48 @@
+"""``lfcal plan fit``: choose the few positions of a scan that a fit of the optics needs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import typer
+
+from lfcal.cli._console import print_table, report
+from lfcal.cli._task_command import add_task
+from lfcal.tasks import task_set
+
+if TYPE_CHECKING:
+    from lfcal.tasks import PositionsPlanned
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``plan fit`` to the app."""
+    add_task(app, task_set("plan fit"), show)
+
+
+def show(made: tuple[PositionsPlanned]) -> None:
+    """Print the expected error by the number of positions."""
+    from lfcal.base import format_seconds, format_share
+    from lfcal.fit import ERRORS, Fineness
+
+    (one,) = made
+    found, whole, earlier = one.design, one.whole, one.earlier
+    rows = [
+        [str(p.positions), format_seconds(3600 * p.hours), format_share(p.error), format_share(p.spread_error)]
+        for p in found.curve
+    ]
+    head = ["positions", "on the stage", "error of H expected", "spread evenly instead"]
+    print_table(head, rows, title=f"{len(found.fitted)} positions to fit, {len(found.held_out)} kept aside")
+    if found.start_error is not None:
+        typer.echo(f"error of H by the earlier fit: {format_share(found.start_error)}")
+    typer.echo(
+        f"the whole scan instead: {whole.positions} positions, {format_seconds(3600 * whole.hours)}{one.pace.note}, "
+        f"each pattern with {format_share(found.pattern_error)} of noise"
+    )
+    if earlier is not None and not earlier.complete:
+        report("note: the model of the earlier fit is incomplete: more patterns do not help where it does not suffice")
+    floor = ERRORS[Fineness.finest]
+    if found.curve[-1].error < floor:
+        report(f"note: the computation of patterns itself errs by about {format_share(floor)}, whatever is recorded")
+    report("note: expected errors hold where the unknowns suffice; what they do not contain stays in the model")
+    for path in one.files:
+        typer.echo(f"written: {path}")

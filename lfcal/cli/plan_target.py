@@ -1,0 +1,100 @@
+"""``lfcal plan target``: plan the frames of a target of many points that show the positions of a scan."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from lfcal.base import format_length, format_seconds, format_share
+from lfcal.cli._console import print_table, report
+from lfcal.cli._task_command import add_task
+from lfcal.tasks import WITHOUT_READOUT, task_set
+
+if TYPE_CHECKING:
+    from lfcal.tasks import TargetPlanned
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``plan target`` to the app."""
+    add_task(app, task_set("plan target"), show)
+
+
+def show(made: tuple[TargetPlanned]) -> None:
+    """Print the frames of the target and of a single point, and the expected error."""
+    from lfcal.tasks import coding_words, display_words
+
+    (one,) = made
+    plan, facts = one.plan, one.facts
+    head = ["plane", "frames", "at least", "points a frame", "phases shown", "crosstalk"]
+    rows = []
+    for depth, found in zip(plan.scan.depths_um, facts["planes"], strict=True):
+        few, many = found["points_a_frame"]
+        points = f"{few}" if few == many else f"{few} … {many}"
+        shown, crossing = format_share(found["coverage"]), format_share(found["crosstalk"])
+        rows.append([format_length(depth), str(found["frames"]), str(found["least_frames"]), points, shown, crossing])
+    ny, nx = plan.scan.period
+    print_table(head, rows, title=f"{ny * nx} phases within {plan.tolerance_px:g} px by {facts['target']}")
+    single, hours = facts["single_point"], facts["hours"]
+    rows = [
+        ["this target", str(facts["frames"]), format_seconds(3600 * hours)],
+        ["a single point", str(single["frames"]), format_seconds(3600 * single["hours"])],
+    ]
+    unread = "" if facts["readout_hours"] is not None else f" {WITHOUT_READOUT}"
+    print_table(["source", "frames", f"time in all{unread}"], rows)
+    middle = len(facts["expected_error"]) // 2
+    _show_expected(facts["expected_error"][middle], plan.scan.depths_um[middle])
+    if "regions" in facts:
+        _show_regions(facts["regions"])
+    _note_what_is_not_shown(one)
+    if one.verdict is not None:
+        typer.echo(coding_words(one.verdict))
+    if one.display is not None:
+        typer.echo(display_words(plan, one.display))
+    for path in one.files:
+        typer.echo(f"written: {path}")
+
+
+def _note_what_is_not_shown(one: TargetPlanned) -> None:
+    plan, facts = one.plan, one.facts
+    for found in facts["planes"]:
+        drawn = found["coverage_within_pose"]
+        if drawn is not None:
+            report(
+                f"note: with the pose within these bounds {format_share(float(drawn.mean()))} of the phases are shown "
+                f"({format_share(float(drawn.min()))} at worst of {len(drawn)} poses drawn): record one frame, measure "
+                "the pose, and plan again with it"
+            )
+            break
+    if plan.tails == "geometric":
+        report("note: crosstalk is by rays, whose patterns end")
+    if min(found["coverage"] for found in facts["planes"]) < 1:
+        report("note: not all phases are shown: record the rest with other offsets, or fit the optics to what is shown")
+
+
+def _show_regions(found: dict[str, Any]) -> None:
+    """Print how many points each region has, and what is to be done with them."""
+    rows = []
+    for one in found["regions"]:
+        (row, column), points = one["anchor"], one["points"]
+        all_of = f"{points[0]}" if len(points) == 1 else f"{min(points)} … {max(points)}"
+        rows.append([one["name"], f"{row:g}, {column:g}", str(one["fewest_points"]), all_of])
+    head = ["region", "anchor (row, column)", "points a frame, at least", "points a plane"]
+    print_table(head, rows, title=f"{len(rows)} regions, all in the same frames")
+    single = found["single_point"]
+    hours = format_seconds(3600 * single["hours"])
+    typer.echo(f"a single point would need {single['frames']} frames for these regions, {hours}")
+    typer.echo("H of every region: lfcal fit FRAMES --regions, in the same words")
+    empty = [one["name"] for one in found["regions"] if not min(one["points"])]
+    if empty:
+        report(f"note: no point lies near {', '.join(empty)}: H there is what the rest of the field tells")
+
+
+def _show_expected(found: dict[str, Any], depth_um: float) -> None:
+    """Print phases shown and expected error of a plane after some of its frames."""
+    count = len(found["shown"])
+    chosen = sorted({max(1, round(count * share)) for share in (0.25, 0.5, 0.75, 1.0)})
+    rows = [[str(n), format_share(found["shown"][n - 1]), format_share(found["error"][n - 1])] for n in chosen if count]
+    rows.append(["a single point", "100 %", format_share(found["single_point"])])
+    title = f"expected error of a pattern by noise, plane {format_length(depth_um)}"
+    print_table(["frames", "phases shown", "error of a pattern"], rows, title=title)

@@ -1,0 +1,421 @@
+"""Scan plans: of one region, of several regions of the field, or of a scan that was recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from lfcal.base import InputError, Work
+from lfcal.records import (
+    check_planes,
+    opt,
+    read_cutout,
+    read_depths,
+    read_orientation,
+    read_pair,
+    read_virtual_depths,
+    record,
+    required,
+    show_pair,
+    show_planes,
+)
+from lfcal.tasks._pace import Pace, frame_rate, speed
+from lfcal.tasks._scan_plan import is_file, presets, write_plan
+from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from lfcal.camera import Forecast, RegionPlan, ScanPlan, StageAxes
+
+__all__ = [
+    "PLAN",
+    "PlanRecorded",
+    "PlanRegions",
+    "PlanScan",
+    "RegionsPlanned",
+    "ScanPlanned",
+]
+
+
+def _exposures(text: str) -> float | tuple[float, ...]:
+    try:
+        values = tuple(float(one) for one in text.split(","))
+        return values if len(values) > 1 else values[0]
+    except ValueError:
+        raise InputError.expected("exposure", "numbers", repr(text), "for example 0.02 or 0.02,0.05") from None
+
+
+def _show(values: float | tuple[float, ...]) -> str:
+    return show_planes(values if isinstance(values, tuple) else (values,))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanPlanned(TaskResult):
+    """The plan of a scan, and what the scan costs.
+
+    Attributes
+    ----------
+    plan
+        The plan.
+    pace
+        Speed of stage and camera in the forecast.
+    forecast
+        What the scan costs.
+    computed
+        Which of ``"depths"`` and ``"virtual depths"`` follow from other values.
+    half
+        Of a half-cell scan: its positions ``(n, 3)``.
+    files
+        Files that were written.
+    """
+
+    plan: ScanPlan
+    pace: Pace
+    forecast: Forecast
+    computed: tuple[str, ...]
+    half: NDArray[np.intp] | None = None
+    files: tuple[Path, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as plain values."""
+        plan, forecast = self.plan, self.forecast
+        costs = {name: getattr(forecast, name) for name in forecast.__slots__}
+        return {
+            "period_px": plan.camera.period_px,
+            "period": plan.period,
+            "period_residual_px": plan.period_residual_px,
+            "tilt_residual_px": plan.tilt_residual_px,
+            "resample_factors": plan.resample_factors,
+            "cutout": plan.cutout,
+            "anchor_px": plan.anchor,
+            "lattice_anchor_px": plan.lattice_anchor,
+            "depths_um": plan.depths_um,
+            "virtual_depths": plan.virtual_depths,
+            "steps_um": [plan.step_um(z) for z in range(len(plan.depths_um))],
+            "assumed": plan.camera.marks.paths("assumed"),
+            "forecast": {
+                **costs,
+                "hours": forecast.hours,
+                "bytes_per_s": forecast.bytes_per_s,
+                "ht_float32_bytes": forecast.ht_float32_bytes,
+            },
+            "plan": plan.to_dict(),
+            "half_cell": self.half,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionsPlanned(TaskResult):
+    """The plan of several regions, and what they cost.
+
+    Attributes
+    ----------
+    plan
+        The plan.
+    pace
+        Speed of stage and camera in the forecast.
+    single
+        What the scan of one region costs.
+    files
+        Files that were written.
+    """
+
+    plan: RegionPlan
+    pace: Pace
+    single: Forecast
+    files: tuple[Path, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as plain values."""
+        plan, one = self.plan, self.single
+        return {
+            "regions": [
+                {"name": name, "anchor": plan.anchors[k], "residual_px": plan.residual_px(k)}
+                for k, name in enumerate(plan.names)
+            ],
+            "frames": len(plan) * one.frames,
+            "hours": len(plan) * one.hours,
+            "readout_hours": None if one.readout_hours is None else len(plan) * one.readout_hours,
+            "single_region": {"frames": one.frames, "hours": one.hours},
+            "plan": plan.to_dict(),
+        }
+
+
+@record
+class _Plan(Task):
+    """What all kinds have."""
+
+    name: ClassVar[str] = "plan"
+
+    camera: str = required(
+        "Camera: a preset, or a file (camera.json, Raytrix XML, oLaF yaml, napari-LF metadata and others).",
+        argument=True,
+        file="in",
+        is_path=is_file,
+        examples=presets,
+    )
+    depths: str | tuple[float, ...] = opt(
+        (),
+        "Depth planes, away from the camera: a,b,c or start:stop:step, in µm or with mm.",
+        label="Depth planes",
+        unit="µm",
+        read=read_depths,
+        show=show_planes,
+    )
+    virtual_depths: str | tuple[float, ...] = opt(
+        (),
+        "Depth planes by the virtual depths v = a/B of their images behind the main lens.",
+        label="Virtual depths",
+        read=read_virtual_depths,
+        show=show_planes,
+    )
+    cutout: str | tuple[int, int] | None = opt(
+        None,
+        "Odd number of pixels, or ROWS,COLUMNS.",
+        unit="px",
+        empty="as large as the pattern, by geometry",
+        read=read_cutout,
+        show=show_pair,
+    )
+    anchor: str | tuple[float, float] | None = opt(
+        None,
+        "Sensor ROW,COLUMN of the image of position y = x = 0.",
+        unit="px",
+        empty="centred",
+        read=read_pair,
+        show=_show,
+    )
+    resample: bool = opt(
+        False, "Scale the frames so that the period is a whole number of pixels.", label="Resample frames"
+    )
+    order: str = opt("serpentine", "Order of the positions.", choices=("serpentine", "raster"), more=True)
+    stage: str = opt(
+        "+x,+y,+z",
+        "Stage axes that move the image right and down, and the source away.",
+        label="Stage axes",
+        more=True,
+    )
+    exposure: float | tuple[float, ...] | str = opt(
+        0.02, "Exposure, or one for each plane.", unit="s", above=0, read=_exposures, show=_show
+    )
+    settle: float = opt(0.05, "Wait after each move.", label="Settling time", unit="s", at_least=0)
+    speed: float = speed()
+    frame_rate: float | None = frame_rate()
+    out: Path | None = opt(
+        None, "Plan to write (.json).", label="Plan file", short="-o", file="out", empty="only shown"
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value, and that planes are given in one way."""
+        super().__post_init__()
+        if self.depths or self.virtual_depths or not isinstance(self, PlanRecorded):
+            check_planes(self.depths, self.virtual_depths)
+
+    @property
+    def pace(self) -> Pace:
+        """Speed of stage and camera."""
+        return Pace(self.speed, self.frame_rate)
+
+    @property
+    def axes(self) -> StageAxes:
+        """Stage axes by name."""
+        from lfcal.camera import StageAxes
+
+        axes = [axis.strip() for axis in self.stage.split(",")]
+        if len(axes) != 3:
+            raise InputError.expected("stage axes", "three, such as +x,-y,+z", repr(self.stage), "correct them")
+        return StageAxes(axes[0], axes[1], axes[2])
+
+    def _settings(self) -> dict[str, Any]:
+        """Return what `ScanPlan.for_camera` and plans of lists have in common."""
+        return {
+            "cutout": self.cutout,
+            "anchor": self.anchor,
+            "order": self.order,
+            "exposure_s": self.exposure,
+            "settle_s": self.settle,
+            "resample": self.resample,
+        }
+
+    def _scan(self, average: int) -> ScanPlan:
+        """Return the plan of the scan of one region."""
+        from lfcal.camera import ScanPlan
+        from lfcal.tasks.cameras import load_camera
+
+        settings = self._settings() | {"stage": self.axes, "frames_averaged": average}
+        planes: dict[str, Any] = {"depths_um": self.depths or None, "virtual_depths": self.virtual_depths or None}
+        return ScanPlan.for_camera(load_camera(self.camera), **planes, **settings)
+
+    def _planned(
+        self, plan: ScanPlan, half: NDArray[np.intp] | None = None, positions: Path | None = None
+    ) -> ScanPlanned:
+        """Write the plan where asked, and return it with its forecast."""
+        # what cannot be forecast leaves no file behind
+        forecast = self.pace.forecast(plan, half)
+        write_plan(plan.to_json(), self.out)
+        if half is not None and positions is not None:
+            from lfcal.acquire import RedoList
+
+            RedoList.of(half.tolist()).write(positions)
+        # of a list that states neither, both follow from the steps
+        given = (("depths", self.depths), ("virtual depths", self.virtual_depths))
+        return ScanPlanned(
+            plan=plan,
+            pace=self.pace,
+            forecast=forecast,
+            computed=tuple(name for name, value in given if not value),
+            half=half,
+            files=self.files("out"),
+        )
+
+
+def _average() -> int:
+    return opt(1, "Number of frames averaged at each position.", label="Frames averaged", at_least=1)
+
+
+@record
+class PlanRegions(_Plan):
+    """Plan the scan of several regions of the field in one session.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import PlanRegions
+    >>> (planned,) = PlanRegions(camera="bench", virtual_depths=(4,), regions="3x3").run()
+    >>> print(planned.plan.names[0], "and", len(planned.plan) - 1, "more")
+    centre and 8 more
+    """
+
+    input_words: ClassVar[str] = "a scan of several regions (--regions)"
+
+    regions: str = required(
+        "Several regions of the field, ROWSxCOLUMNS over the sensor; 3x3: centre, edges and corners.",
+    )
+    average: int = _average()
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[RegionsPlanned, ...]]:
+        """Plan the scan, and spread it over the field."""
+        from lfcal.camera import RegionPlan, parse_regions
+
+        yield from ()
+        scan = self._scan(self.average)
+        one = self.pace.forecast(scan)
+        plan = RegionPlan.spread(scan, parse_regions(self.regions))
+        write_plan(plan.to_json(), self.out)
+        return (RegionsPlanned(plan=plan, pace=self.pace, single=one, files=self.files("out")),)
+
+
+@record
+class PlanRecorded(_Plan):
+    """Make the plan of a scan that was recorded, from the list of its stage coordinates.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import PlanRecorded
+    >>> task = PlanRecorded(camera="session/camera.json", positions="stage.csv", frames="session/frames")
+    >>> print(task.orientation, task.files("in")[1])
+    as-is stage.csv
+    """
+
+    input_words: ClassVar[str] = "a recorded scan (--positions)"
+
+    positions: Path = required(
+        "List of the stage coordinates of a scan that was recorded, whose plan is made.", file="in"
+    )
+    frames: Path | None = opt(None, "Folder of the frames that are listed.", file="in", empty="next to the list")
+    columns: str = opt(
+        "",
+        "What the columns of the list hold: file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp.",
+        empty="by their names",
+        more=True,
+    )
+    origin: str = opt(
+        "",
+        "Sensor row and column of the first pixel (ROW,COLUMN), of frames that are a part of the sensor.",
+        unit="px",
+        empty="the whole sensor",
+        more=True,
+    )
+    orientation: str = opt(
+        "as-is",
+        "What turns the frames upright, as in lfcal assemble.",
+        read=read_orientation,
+        more=True,
+    )
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[ScanPlanned, ...]]:
+        """Read the list and look at its frames."""
+        from lfcal.tasks._listed import plan_from_list
+        from lfcal.tasks.cameras import load_camera
+
+        yield from ()
+        axes, settings, camera = self.axes, self._settings(), load_camera(self.camera)
+        planes = self.depths or tuple(camera.depth_of(float(v)) for v in self.virtual_depths) or None
+        plan = plan_from_list(
+            self.positions,
+            camera,
+            folder=self.frames,
+            columns=self.columns,
+            orientation=self.orientation,
+            origin=self.origin,
+            stage=axes,
+            depths_um=planes,
+            **settings,
+        )
+        return (self._planned(plan),)
+
+
+@record
+class PlanScan(_Plan):
+    """Plan a scan, and show its positions, time, disk space and memory.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import PlanScan
+    >>> (planned,) = PlanScan(camera="bench", virtual_depths="3,4", exposure=0.1).run()
+    >>> print(planned.forecast.positions, "positions:", planned.plan.shape)
+    1254 positions: (2, 19, 33, 49, 49)
+    """
+
+    input_words: ClassVar[str] = "a scan of one region"
+
+    average: int = _average()
+    half_cell: bool = opt(
+        False, "Record half of a hexagonal period, where the other half has the same patterns.", more=True
+    )
+    list_file: Path | None = opt(
+        None,
+        "List of the positions of a half-cell scan to write (.json), for lfcal acquire.",
+        label="List of positions",
+        flag="--list",
+        file="out",
+        needs=("half_cell", ""),
+        empty="not written",
+        more=True,
+    )
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[ScanPlanned, ...]]:
+        """Plan it."""
+        from lfcal.camera import half_cell
+
+        yield from ()
+        plan = self._scan(self.average)
+        return (self._planned(plan, half_cell(plan).half(plan) if self.half_cell else None, self.list_file),)
+
+
+def kind_of(given: Mapping[str, Any]) -> type[Task]:
+    """Return which kind of plan is asked for."""
+    if given.get("positions"):
+        return PlanRecorded
+    return PlanRegions if given.get("regions") else PlanScan
+
+
+PLAN = TaskSet(
+    "plan",
+    (PlanScan, PlanRegions, PlanRecorded),
+    kind_of,
+    "lfcal plan r29 --virtual-depths 2:5.5:0.35 -o plan.json",
+)

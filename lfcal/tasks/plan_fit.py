@@ -1,0 +1,198 @@
+"""Few positions of a scan for a fit of the optics, and the error to expect."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from lfcal.base import Work
+from lfcal.records import opt, read_names, read_share, record, required, show_names
+from lfcal.tasks._pace import Pace, frame_rate, speed
+from lfcal.tasks._scan_plan import scan_of
+from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
+
+if TYPE_CHECKING:
+    from lfcal.camera import Forecast, ScanPlan
+    from lfcal.fit import Earlier, PositionDesign, Spread
+
+__all__ = ["PLAN_FIT", "PlanFit", "PositionsPlanned"]
+
+POSITION_ERROR = 0.05
+"""Rms of the error of source positions where no fit states it (px)."""
+
+CHOSEN, HELD_OUT = "tells most of the optics", "kept aside: tells how good the fit is"
+
+
+def _groups() -> tuple[str, ...]:
+    from lfcal.fit import GROUPS
+
+    return tuple(GROUPS.names())
+
+
+@dataclass(frozen=True, kw_only=True)
+class PositionsPlanned(TaskResult):
+    """Positions that were chosen for a fit, and what to expect of them.
+
+    Attributes
+    ----------
+    design
+        The positions, with the expected error of H by their number.
+    whole
+        What the whole scan costs.
+    earlier
+        The fit that they continue.
+    pace
+        Speed of stage and camera.
+    files
+        Files that were written.
+    """
+
+    design: PositionDesign
+    whole: Forecast
+    earlier: Earlier | None
+    pace: Pace
+    files: tuple[Path, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as plain values."""
+        found, whole = self.design, self.whole
+        return {
+            "positions": found.positions,
+            "kept_aside": found.held_out,
+            "curve": list(found.curve),
+            "pattern_error": found.pattern_error,
+            "start_error": found.start_error,
+            "sigmas": found.sigmas,
+            "candidates": found.candidates,
+            "whole_scan": {"positions": whole.positions, "hours": whole.hours, "readout_hours": whole.readout_hours},
+            "files": self.files,
+        }
+
+
+@record
+class PlanFit(Task):
+    """Choose the few positions of a scan that a fit of the optics needs, and predict the error of H.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import PlanFit
+    >>> (chosen,) = PlanFit(plan="session/plan.json", count=5, unknowns="iris", candidates=12).run()
+    >>> print(len(chosen.design.fitted), "positions to fit,", len(chosen.design.held_out), "to check the fit")
+    4 positions to fit, 1 to check the fit
+    """
+
+    name: ClassVar[str] = "plan fit"
+
+    plan: Path = required("Scan plan (.json), made by lfcal plan.", argument=True, file="in")
+    count: int = required(
+        "Number of positions to choose; a fifth of them is held out to check the fit.",
+        label="Positions",
+        short="-n",
+        at_least=1,
+    )
+    out: Path | None = opt(
+        None,
+        "List of the positions to write (.json), for lfcal acquire.",
+        label="List of positions",
+        short="-o",
+        file="out",
+        empty="only shown",
+    )
+    earlier: Path | None = opt(
+        None,
+        "Continue from the fit in this folder (lfcal fit): choose the positions to add.",
+        label="Earlier fit",
+        flag="--from",
+        file="in",
+        empty="no fit",
+    )
+    unknowns: str | tuple[str, ...] = opt(
+        (),
+        "Groups of unknowns of the fit, A,B,C.",
+        choices=_groups,
+        read=read_names,
+        show=show_names,
+        empty="those of the earlier fit, or geometry,focal_lengths,iris",
+    )
+    full: float = opt(
+        0.8,
+        "Brightest pixel of the scan, as a share of the full well.",
+        label="Brightest pixel",
+        above=0,
+        at_most=1,
+        read=read_share,
+        more=True,
+    )
+    position_error: float | None = opt(
+        None,
+        "Error of the source positions (rms).",
+        unit="px",
+        at_least=0,
+        at_most=5,
+        empty="of the earlier fit, or 0.05",
+        more=True,
+    )
+    candidates: int = opt(
+        300, "Number of positions to choose from, spread evenly; 0: all positions.", at_least=0, more=True
+    )
+    draw: Path | None = opt(
+        None,
+        "Picture of the expected error to write (.png).",
+        label="Picture",
+        file="out",
+        empty="not drawn",
+        more=True,
+    )
+    speed: float = speed()
+    frame_rate: float | None = frame_rate()
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[PositionsPlanned, ...]]:
+        """Choose positions, and write the list and the picture."""
+        from lfcal.acquire import RedoList
+        from lfcal.fit import Expected, draw_design, iter_next_positions, read_earlier
+
+        pace, plan = Pace(self.speed, self.frame_rate), scan_of(self.plan)
+        earlier = None if self.earlier is None else read_earlier(self.earlier)
+        whole = pace.forecast(plan)
+        found = yield from iter_next_positions(
+            plan,
+            self.count,
+            groups=self.unknowns or None,
+            earlier=earlier,
+            expected=Expected(self.full, **asdict(self._spread(earlier))),
+            candidates=self.candidates,
+            stage_um_per_s=self.speed,
+            workers=run.workers if run else None,
+        )
+        found = _read_out(found, plan, pace)
+        fitted, held_out = found.fitted.tolist(), found.held_out.tolist()
+        if self.out is not None:
+            reasons = [CHOSEN] * len(fitted) + [HELD_OUT] * len(held_out)
+            RedoList.of([*fitted, *held_out], reasons, kept_aside=held_out).write(self.out)
+        if self.draw is not None:
+            draw_design(found, self.draw, whole.positions, whole.hours)
+        planned = PositionsPlanned(design=found, whole=whole, earlier=earlier, pace=pace, files=self.files("out"))
+        return (planned,)
+
+    def _spread(self, earlier: Earlier | None) -> Spread:
+        """Return what an earlier fit found, or else what is usual, with the position error that was given."""
+        from lfcal.fit import Spread
+
+        found = Spread(POSITION_ERROR) if earlier is None else earlier.spread
+        return found if self.position_error is None else replace(found, stage_px=self.position_error)
+
+
+def _read_out(found: PositionDesign, plan: ScanPlan, pace: Pace) -> PositionDesign:
+    """Return what was found with the readout of its frames in its times."""
+    each = pace.reading(plan.frames_averaged)
+    return replace(found, curve=tuple(replace(p, hours=p.hours + p.positions * each) for p in found.curve))
+
+
+def kind_of(given: Mapping[str, Any]) -> type[Task]:
+    """Return the only kind."""
+    return PlanFit
+
+
+PLAN_FIT = TaskSet("plan fit", (PlanFit,), kind_of, "lfcal plan fit plan.json -n 24 -o positions.json")

@@ -1,0 +1,127 @@
+"""Plans: every route writes the same file, and what has no effect is refused in each."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lfcal.base import InputError
+from lfcal.camera import ScanPlan, preset
+from lfcal.records import rows
+from lfcal.tasks import (
+    PlanDisplay,
+    PlanFit,
+    PlanRecorded,
+    PlanRegions,
+    PlanScan,
+    PlanTarget,
+    Task,
+    command_of,
+    job_of,
+    load_job,
+    task_set,
+)
+from tests.cli import conftest
+from tests.tasks.routes import Lfcal, go_every_route
+
+lfcal = conftest.lfcal
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Write a small camera, the plan of its scan, and the list of its stage coordinates."""
+    camera = preset("bench")
+    camera = replace(camera, sensor=replace(camera.sensor, shape=(200, 200)))
+    scan = ScanPlan.for_camera(camera, virtual_depths=(4.0,), cutout=31)
+    (tmp_path / "camera.json").write_text(camera.to_json())
+    (tmp_path / "scan.json").write_text(scan.to_json())
+    lines = [f"{k}.tif,{x!r},{y!r}" for k, (x, y, _) in enumerate(scan.stage_um().tolist())]
+    (tmp_path / "stage.csv").write_text("\n".join(["file,x_um,y_um", *lines]) + "\n")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def tasks_of(place: Path) -> dict[str, Task]:
+    out, scan = place / "out.json", place / "scan.json"
+    camera: dict[str, Any] = {"camera": str(place / "camera.json"), "cutout": (31, 33), "out": out}
+    wishes: dict[str, Any] = {"plan": scan, "out": out, "tolerance": 0.5, "most_frames": 2}
+    return {
+        "scan": PlanScan(
+            **camera, depths=(-20000.0, -26000.0 / 3), exposure=(0.02, 0.05), anchor=(60.5, 70.0), stage="-y,+x,-z"
+        ),
+        "preset": PlanScan(camera="bench", virtual_depths="3,4", half_cell=False, average=2, resample=True, out=out),
+        "regions": PlanRegions(**camera, virtual_depths=(4.0,), regions="1x2", settle=0.1),
+        "recorded": PlanRecorded(**camera, positions=place / "stage.csv", depths=(-26000.0,)),
+        "fit": PlanFit(plan=scan, count=4, candidates=12, unknowns="iris,geometry", position_error=0.1, out=out),
+        "target": PlanTarget(**wishes, source="array:3x3@2mm", pose="rotation=1", crosstalk=0.02),
+        "display": PlanDisplay(**wishes, source="display:2000x2000@5um"),
+    }
+
+
+@pytest.mark.parametrize("name", ["scan", "preset", "regions", "recorded", "fit", "target", "display"])
+def test_every_route_writes_the_same_plan(lfcal: Lfcal, place: Path, name: str) -> None:
+    first, *others = go_every_route(lfcal, tasks_of(place)[name], place / "out.json")
+    assert len(others) == 3 and {path.read_bytes() for path in others} == {first.read_bytes()}
+
+
+def test_a_preset_is_no_path(place: Path) -> None:
+    task = tasks_of(place)["preset"]
+    (place / "job.toml").write_text(job_of(task))
+    assert load_job(place / "job.toml")[0] == task and task.to_dict(absolute=True)["camera"] == "bench"
+    assert task.files("in") == () and "lfcal plan bench --virtual-depths=3,4" in command_of(task)
+
+
+@pytest.mark.parametrize("name", ["plan", "plan target"])
+def test_a_field_of_another_kind_is_refused(name: str) -> None:
+    tasks = task_set(name)
+    for kind in tasks.kinds:
+        for other in {row.name for one in tasks.kinds for row in rows(one)} - {row.name for row in rows(kind)}:
+            with pytest.raises(InputError) as error:
+                tasks.refuse(kind, [other])
+            assert str(error.value).endswith(f"got {kind.input_words}; leave it out")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("plan bench --virtual-depths 3 --frames f", "--frames: expected a recorded scan (--positions), got a scan of"),
+        ("plan bench --positions l.csv --average 2", "--average: expected a scan of one region or a scan of several"),
+        ("plan bench --positions l.csv --regions 2x2", "--regions: expected a scan of several regions (--regions)"),
+        ("plan bench --virtual-depths 3 --regions 2x2 --half-cell", "--half-cell: expected a scan of one region"),
+        ("plan bench --virtual-depths 3 --exposure 0.1,-1", "--exposure: expected a number > 0, got -1"),
+        ("plan bench --virtual-depths 3 --exposure fast", "--exposure: expected numbers, got 'fast'"),
+        ("plan bench --virtual-depths 3 --cutout auto", "--cutout: expected one number or two"),
+        ("plan target scan.json array --patterns p", "--patterns: expected a display, got a target that a stage moves"),
+        ("plan target scan.json display:9x9@5um --pose tilt_right=1", "--pose: expected a target that a stage moves"),
+    ],
+)
+def test_what_does_not_apply_is_refused_on_the_command_line(lfcal: Lfcal, place: Path, words: str, said: str) -> None:
+    done = lfcal(*words.split(), "-o", "o.json")
+    assert done.code == 2 and said in done.err and done.err.count("\n") == 1, done.err
+    assert not (place / "o.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("job", "said"),
+    [
+        ('task = "plan"\ncamera = "bench"\nvirtual_depths = [3]\nframes = "f"', "frames: expected a recorded scan"),
+        ('task = "plan"\ncamera = "bench"\nvirtual_depths = [3]\ndepths = [1]', "planes: give --depths (µm) or"),
+        ('task = "plan fit"\nplan = "scan.json"', "--count: expected a value"),
+        ('task = "plan target"\nplan = "p"\nsource = "array"\npatterns = "p"', "patterns: expected a display"),
+    ],
+)
+def test_what_does_not_apply_is_refused_in_a_job(place: Path, job: str, said: str) -> None:
+    (place / "job.toml").write_text(job)
+    with pytest.raises(InputError) as error:
+        load_job(place / "job.toml")
+    assert said in str(error.value)
+
+
+def test_python_knows_the_fields_of_a_kind_only() -> None:
+    with pytest.raises(TypeError, match="frames"):
+        PlanScan(camera="bench", virtual_depths=(3.0,), frames="f")  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match="patterns"):
+        PlanTarget(plan=Path("p"), source="array", patterns=Path("p"))  # type: ignore[call-arg]
