@@ -87,5 +87,9 @@ class AssemblySettings:
     def __post_init__(self) -> None:
         """Check every value."""
         check_record(self)
+        if isinstance(self.cutout, tuple):
+            from lfcal.base import check_cutout  # which needs numpy
+
+            check_cutout(*self.cutout)
         if isinstance(self.cutout, str) and self.cutout != "auto":
             raise InputError.expected("cutout", "(rows, columns) or auto", repr(self.cutout), "correct it")

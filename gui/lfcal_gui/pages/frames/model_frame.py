@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -51,6 +51,9 @@ def load_frame(opened: Opened, position: Position) -> Loaded:
     raw = turned(opened.source, opened.plan, opened.delivered.orientation).read(index)
     fixed = opened.view.samples(index)
     cutout = Cutout.for_plan(opened.plan, interpolation=opened.interpolation)
+    wanted = opened.chosen.option_values.get("cutout")
+    # the smallest one that loses little light is found from all frames, when H is assembled
+    cutout = replace(cutout, shape=wanted) if isinstance(wanted, tuple) else cutout
     corner = cutout.window(position)
     row, column = opened.plan.image_px(position).tolist()
     top, left = info.origin

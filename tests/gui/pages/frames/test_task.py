@@ -13,11 +13,13 @@ import pytest
 
 from lfcal.base import drain
 from lfcal.camera import ScanPlan
+from lfcal.frames import Position
 from lfcal.records import rows
 from lfcal.tasks import Assemble
 from lfcal_gui.models import CommandStep, ProjectState, check_of, fields_of, options_in, shown_of
 from lfcal_gui.pages.frames._assembly import iter_assembly
 from lfcal_gui.pages.frames.model import HELD, FrameSettings, open_imported, task_of
+from lfcal_gui.pages.frames.model_frame import load_frame
 from lfcal_gui.pages.frames.step import step
 from tests.cli import conftest
 from tests.cli.conftest import Run
@@ -80,6 +82,8 @@ def test_the_window_its_command_and_its_python_give_the_same_bits(
     opened = open_imported(frames, settings, plan)
     report = drain(iter_assembly(opened, "window.h5"))
     report.matrix.close()
+    loaded = load_frame(opened, Position(0, 9, 9))
+    assert loaded.window[2:] == (41, 31) and loaded.crop is not None and loaded.crop[1].shape == (41, 31)
     opened.close()
     project = ProjectState(frames=frames, plan=plan, settings={"frames": settings.to_dict()})
     steps: list[CommandStep] = [step(project, name) for name in ("command.h5", "python.h5")]
