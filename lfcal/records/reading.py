@@ -87,7 +87,12 @@ def read_position(text: str) -> tuple[int, int]:
 
 def show_pair(value: Any) -> str:
     """Return the text that `read_pair` and `read_cutout` read."""
-    return value if isinstance(value, str) else f"{value[0]:g},{value[1]:g}"
+    return value if isinstance(value, str) else ",".join(map(_exact, value))
+
+
+def _exact(number: float) -> str:
+    """Return a short text that is read back as the same number."""
+    return short if float(short := f"{number:g}") == number else repr(float(number))
 
 
 def read_share(text: str) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from lfcal.tasks._channels import ChannelPart
 from lfcal.tasks._coding import coding_verdict, coding_words, display_words
 from lfcal.tasks._pace import WITHOUT_READOUT
+from lfcal.tasks._solving import choice_of
 from lfcal.tasks.assemble import Assembled, AssemblyRun
 from lfcal.tasks.cameras import assumed_in_words, load_camera, load_file, tell_assumed
 from lfcal.tasks.export import ExportedFiles
@@ -52,6 +53,7 @@ __all__ = [
     "check_mat_files",
     "check_output",
     "check_outputs",
+    "choice_of",
     "coding_verdict",
     "coding_words",
     "display_words",

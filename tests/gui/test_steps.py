@@ -114,8 +114,8 @@ def test_options_of_the_command_are_those_of_the_page(project: ProjectState) -> 
     assert (frames["background"], frames["interpolation"], frames["orientation"]) == ("border", "linear", "as-is")
     assert frames["dark"] is None and not frames["defects"]
     solved = of("reconstruct")
-    assert (solved["iterations"], solved["anchor"], solved["threshold"]) == ("2", "10.0,11.5", 0.01)
-    assert solved["margin"] == "auto" and solved["device"] == "cpu"
+    assert (solved["iterations"], solved["anchor"], solved["threshold"]) == ("2", "10,11.5", "0.01")
+    assert solved["margin"] is None and solved["device"] == "cpu", "what is at its default is left out"
     acquire = of("acquire")
     assert acquire["option"] == ["optics=pattern"] and acquire["darks"] == 2 and acquire["reference_every"] == 0
 

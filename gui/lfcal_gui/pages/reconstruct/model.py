@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from lfcal.base import InputError, format_bytes, format_seconds
@@ -12,13 +13,18 @@ from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import (
     METHODS,
     SOLVERS,
+    LightFieldSettings,
+    ProjectionSettings,
     Resampling,
     SolverChoice,
+    VoxelGrid,
     lattice_anchor_of,
     resampling_for,
     usual_margin,
 )
-from lfcal.reconstruct.solvers import GOALS, MOST_ITERATIONS, OPTIONS, STOPS
+from lfcal.reconstruct.solvers import GOALS, OPTIONS, STOPS
+from lfcal.records import SOLVER_ENDS, SolverFields
+from lfcal.tasks import Reconstruct, choice_of, solver_settings
 from lfcal_gui.models import Field, PageSettings
 from lfcal_gui.pages.reconstruct.model_device import DEVICE
 
@@ -30,8 +36,12 @@ __all__ = [
     "ReconstructSettings",
     "forecast_words",
     "projector_for",
+    "task_of",
     "used_by",
 ]
+
+ENDS = {end: words for words, end in SOLVER_ENDS.items()}
+"""What a task is given in place of a number of iterations, by what ends a run."""
 
 FIELDS = (
     Field(
@@ -257,18 +267,20 @@ class ReconstructSettings(PageSettings):
         """Raise `InputError` where solver and settings do not go together."""
         self.choice()
 
-    def choice(self) -> SolverChoice:
+    def solver_fields(self) -> SolverFields:
         """Return the solver with the settings it uses; those the page greys out stay as they are, for another one."""
         options = ("background", "read_noise", "saturation", "strength", "subsets")
         used = {key: getattr(self, key) for key in options if used_by(self.solver, key)}
         if self.ends_by_itself:
-            used["stop"] = self.stop
+            used["iterations"] = ENDS[self.stop]
             used["goal"] = self.goal if self.stop == STOPS[0] else GOALS[0]
         if self.ends_by_itself and self.stop == "discrepancy":
             used["gain"] = self.gain
-        margin = self.margin or 0 if used_by(self.solver, "margin") else 0
-        count = MOST_ITERATIONS if self.ends_by_itself else self.iterations
-        return SolverChoice(self.solver, count, auto=self.ends_by_itself, margin=margin, **used)
+        return solver_settings(self.solver, **{"iterations": self.iterations, **used})
+
+    def choice(self) -> SolverChoice:
+        """Return what the library is asked for, without a margin that is to be found."""
+        return choice_of(self.solver_fields(), margin=self.margin or 0 if used_by(self.solver, "margin") else 0)
 
     def choice_for(self, H: PSFMatrix, shape: tuple[int, int]) -> SolverChoice:
         """Return the solver for the used region of a light field of ``shape``, its margin found where none is said."""
@@ -324,6 +336,32 @@ class ReconstructSettings(PageSettings):
     def changed(self, key: str, value: Any) -> ReconstructSettings:
         """Return the settings with one field changed; raises `InputError` if it cannot be."""
         return replace(self, **{key: value})
+
+
+def task_of(settings: ReconstructSettings, psf: str, frame: str, out: str) -> Reconstruct:
+    """Return how a light field in a file becomes a volume; the task knows no region of it."""
+    margin = settings.margin if used_by(settings.solver, "margin") else 0
+    side = settings.voxel if settings.voxel in ("", "auto") else _side(settings.voxel)
+    row, column = settings.anchor or (0.0, 0.0)
+    return Reconstruct(
+        psf=Path(psf),
+        frames=Path(frame),
+        out=Path(out),
+        solver=settings.solver_fields(),
+        light_field=LightFieldSettings(resample="never" if settings.as_is else "auto"),
+        grid=VoxelGrid(
+            voxel=side or None,
+            margin="auto" if margin is None else margin,
+            anchor=(row, column) if settings.anchor else None,
+        ),
+        projection=ProjectionSettings(
+            method=settings.method,
+            device=settings.device,
+            threshold=settings.threshold,
+            within=settings.within,
+            double=settings.double,
+        ),
+    )
 
 
 def _side(text: str) -> float:

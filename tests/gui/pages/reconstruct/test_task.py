@@ -1,0 +1,70 @@
+"""Reconstruct as a task: the page, its command, its Python and its job file give the same volume."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from lfcal.base import drain
+from lfcal.psf import PSFMatrix, save
+from lfcal.tasks import Reconstruct, command_of, job_of
+from lfcal_gui.models import ProjectState
+from lfcal_gui.pages.reconstruct.model import ReconstructSettings, task_of
+from lfcal_gui.pages.reconstruct.model_solving import Solving
+from lfcal_gui.pages.reconstruct.step import step
+from tests.cli import conftest
+from tests.cli.conftest import Run
+from tests.reconstruct.oracles import lenslet_psf
+
+Lfcal = Callable[..., Run]
+lfcal = conftest.lfcal
+
+
+@pytest.fixture
+def frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> np.ndarray:
+    """Write H and a light field into the current folder."""
+    monkeypatch.chdir(tmp_path)
+    save(PSFMatrix(lenslet_psf(2, 5, 15).astype(np.float32), anchor=(1.0, 2.0), depths=(-5.0, 5.0)), "H.h5")
+    image = np.random.default_rng(0).poisson(50.0, (30, 31)).astype(np.uint16)
+    tifffile.imwrite("frame.tif", image)
+    return image
+
+
+CHOSEN = {
+    "as it is": ReconstructSettings(device="cpu"),
+    "a penalty": ReconstructSettings("rl-tv", 4, strength=0.01, background=2.0, anchor=(3.1234567, 1.5), margin=4),
+    "by left-out pixels": ReconstructSettings("osem", stop="left-out", goal="measure", subsets=2, threshold=0.01),
+    "by noise": ReconstructSettings("isra", stop="discrepancy", gain=1.5, saturation=80.0, double=True, margin=0),
+}
+
+
+@pytest.mark.parametrize("case", CHOSEN)
+def test_all_routes_give_the_same_volume(lfcal: Lfcal, frame: np.ndarray, case: str) -> None:
+    settings = CHOSEN[case]
+    solving = Solving("H.h5", frame, settings)
+    drain(solving.work())
+    shown = np.asarray(solving.placed(settings).volume, np.float32)
+    solving.close()
+    project = ProjectState(psf="H.h5", light_field="frame.tif")
+    copied = step(replace(project, settings=settings.into(project)), "command.npy")
+    task = task_of(settings, "H.h5", "frame.tif", "command.npy")
+    assert copied.arguments == tuple(shlex.split(command_of(task))[1:])
+    assert lfcal(*copied.arguments).code == 0
+    exec(copied.script().replace("command.npy", "script.npy"), {})
+    Path("job.toml").write_text(job_of(task).replace("command.npy", "job.npy"))
+    assert lfcal("run", "job.toml").code == 0
+    for name in ("command", "script", "job"):
+        np.testing.assert_array_equal(np.load(f"{name}.npy"), shown, err_msg=name)
+
+
+def test_fields_that_the_solver_does_not_use_are_left_out_of_the_task() -> None:
+    task = task_of(ReconstructSettings("isra", read_noise=3.0, subsets=2, strength=0.1), "H.h5", "f.tif", "v.tif")
+    assert isinstance(task, Reconstruct) and command_of(task) == (
+        "lfcal reconstruct H.h5 f.tif --solver=isra --out=v.tif"
+    )
