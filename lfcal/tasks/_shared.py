@@ -10,6 +10,7 @@ from lfcal.tasks.assemble import Assembled, AssemblyRun
 from lfcal.tasks.cameras import assumed_in_words, load_camera, load_file, tell_assumed
 from lfcal.tasks.export import ExportedFiles
 from lfcal.tasks.inspect import InspectedMatrix
+from lfcal.tasks.inspect_planes import control_frames
 from lfcal.tasks.lattice_file import LATTICE_FORMAT, LATTICE_VERSION, load_lattice
 from lfcal.tasks.matrices import check_mat_files, open_matrix
 from lfcal.tasks.notes import notes_to
@@ -56,6 +57,7 @@ __all__ = [
     "choice_of",
     "coding_verdict",
     "coding_words",
+    "control_frames",
     "display_words",
     "files_of",
     "find_plan",

@@ -91,11 +91,14 @@ class Inspect(MatrixTask):
     in_units: ClassVar[bool] = True
 
     report: Path | None = opt(None, "Folder for an HTML report with redo.json.", file="out", empty="none is written")
-    reference: Path | None = opt(None, "H of the same shape to compare with.", label="Reference H", file="in")
+    reference: Path | None = opt(
+        None, "H of the same shape to compare with.", label="Reference H", file="in", empty="none"
+    )
     session: Path | None = opt(
         None,
         "Session folder with control frames. They show how well one period of H represents the whole field.",
         file="in",
+        empty="none",
         more=True,
     )
     fit: Path | None = opt(
@@ -194,7 +197,7 @@ class Inspect(MatrixTask):
 
     def _iter_quality(self, H: PSFMatrix, choice: RunChoice | None, workers: int | None) -> Work[QualityReport]:
         from lfcal.judge.quality import iter_inspect
-        from lfcal.tasks._inspect_planes import control_frames, iter_inspect_units
+        from lfcal.tasks.inspect_planes import control_frames, iter_inspect_units
 
         controls = None if self.session is None else control_frames(self.session, H)
         if choice is not None and self.report is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import InputError
-from lfcal_gui.models import Field, PageSettings
+from lfcal.records import rows
+from lfcal.tasks import Inspect
+from lfcal_gui.models import Field, PageSettings, fields_of
 
 if TYPE_CHECKING:
     from lfcal.judge import FoundFault, Inspection
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = [
     "CAMERAS",
     "FIELDS",
+    "HELD",
     "FaultRow",
     "MetricRow",
     "QualitySettings",
@@ -47,14 +49,13 @@ SECONDS_0_1 = 10.0
 CAMERAS = (("fitted", "fitted, else described"), ("own", "as H describes it"))
 """Which camera patterns are compared with; the folder of a fit that was saved stands beside these."""
 
+HELD = frozenset({"source", "mat_order", "report", "reference", "fit", "every", "strict"})
+"""Fields of `lfcal.tasks.Inspect` that other widgets show, or that have no meaning in a window."""
+
+ROWS = {row.name: row for row in rows(Inspect) if row.name not in HELD}
+
 FIELDS = (
-    Field(
-        "seconds",
-        "Time limit",
-        "s",
-        tip="Longest time of the comparison with the camera. If it is reached, the verdict is “not fully judged”.\n"
-        "0 leaves the comparison out.",
-    ),
+    *fields_of(Inspect, without=HELD),
     Field(
         "camera",
         "Camera",
@@ -74,8 +75,8 @@ class QualitySettings(PageSettings):
 
     Attributes
     ----------
-    seconds
-        Longest time of the comparison with the camera; 0 leaves that out.
+    seconds, patterns, session
+        As of `lfcal.tasks.Inspect`; an empty session: none.
     camera
         One of `CAMERAS`, or ``"saved"``: that of ``fit``.
     fit
@@ -86,7 +87,9 @@ class QualitySettings(PageSettings):
 
     page: ClassVar[str] = "quality"
 
-    seconds: float = 1800.0
+    seconds: float = ROWS["seconds"].default
+    patterns: int = ROWS["patterns"].default
+    session: str = ""
     camera: str = "fitted"
     fit: str = ""
     by_number: bool = False
@@ -108,8 +111,8 @@ class QualitySettings(PageSettings):
 
     def __post_init__(self) -> None:
         """Check every value."""
-        if not (math.isfinite(self.seconds) and 0 <= self.seconds <= 3600):
-            raise InputError.expected("seconds", "0 to 3600", self.seconds, "correct it")
+        for name, row in ROWS.items():
+            row.value(getattr(self, name), row.label)
         if self.camera not in (*dict(CAMERAS), "saved"):
             raise InputError.expected("camera", " or ".join(dict(CAMERAS)), self.camera, "choose one of these")
 

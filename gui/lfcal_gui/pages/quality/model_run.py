@@ -38,8 +38,10 @@ class InspectionRequest:
     ----------
     stamp
         File of H as it was when it was asked for.
-    seconds
-        Time for the comparison with the camera; 0: none.
+    seconds, patterns
+        Time for the comparison with the camera, 0: none; and how many patterns are compared.
+    session
+        Session whose control frames are looked at; empty: none.
     setup
         The camera as page Fit found it, None: another.
     folder
@@ -48,8 +50,15 @@ class InspectionRequest:
 
     stamp: Stamp
     seconds: float
+    patterns: int
+    session: str
     setup: Setup | None
     folder: str
+
+    @property
+    def choices(self) -> tuple[object, ...]:
+        """All but the file."""
+        return self.seconds, self.patterns, self.session, self.setup, self.folder
 
     @property
     def name(self) -> str:
@@ -91,7 +100,8 @@ def asked_of(stamp: Stamp, settings: QualitySettings, fitted: FittedCamera | Non
     setup = None
     if settings.camera == "fitted" and fitted is not None and fitted.stamp == stamp:
         setup = fitted.setup
-    return InspectionRequest(stamp, settings.seconds, setup, settings.fit if settings.camera == "saved" else "")
+    folder = settings.fit if settings.camera == "saved" else ""
+    return InspectionRequest(stamp, settings.seconds, settings.patterns, settings.session, setup, folder)
 
 
 def iter_judge(asked: InspectionRequest, kept: InspectionRun) -> Work[None]:
@@ -99,13 +109,16 @@ def iter_judge(asked: InspectionRequest, kept: InspectionRun) -> Work[None]:
     from lfcal.judge import iter_inspection
     from lfcal.judge.quality import iter_inspect
     from lfcal.psf import open_psf
+    from lfcal.tasks import control_frames
 
     with open_psf(asked.stamp[0]) as opened:
         matrix = opened.T if opened.is_transposed else opened
         setup = _setup_of(asked, matrix)
-        report = yield from iter_inspect(matrix)
+        controls = control_frames(Path(asked.session), matrix) if asked.session else None
+        report = yield from iter_inspect(matrix, controls=controls)
         kept.depths, kept.report, kept.camera = np.array(matrix.known_depths), report, matrix.camera is not None
-        found = yield from iter_inspection(matrix, report, setup=setup, seconds=asked.seconds)
+        work = iter_inspection(matrix, report, setup=setup, seconds=asked.seconds, patterns=asked.patterns)
+        found = yield from work
         # what takes a fault out of patterns holds on to them
         kept.inspection = replace(found, faults=tuple(replace(one, repair=None) for one in found.faults))
 

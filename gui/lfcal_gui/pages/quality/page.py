@@ -114,13 +114,17 @@ class Page(BasePage):
 
     def _check(self, key: str, value: Any) -> str:
         try:
-            replace(self.settings, **{key: value})
+            self._with(key, value)
         except InputError as error:
             return str(error)
         return ""
 
+    def _with(self, key: str, value: Any) -> QualitySettings:
+        changed: dict[str, Any] = {key: "" if value is None else value}
+        return replace(self.settings, **changed)
+
     def _edited(self, key: str, value: Any) -> None:
-        settings = replace(self.settings, **{key: value})
+        settings = self._with(key, value)
         self.context.project.merge(f"quality: {key}", settings=settings.into(self.context.state))
 
     def choose_fit(self, folder: str = "") -> None:
@@ -262,7 +266,7 @@ class Page(BasePage):
         words = summary_of(found, asked.source)
         if self._stamp is not None:
             now = asked_of(self._stamp, self.settings, self.context.fitted)
-            if (now.seconds, now.setup, now.folder) != (asked.seconds, asked.setup, asked.folder):
+            if now.choices != asked.choices:
                 words += " Choices changed since: press Inspect to use them."
         return words
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from lfcal.tasks import Inspect
 from lfcal_gui.models import CommandStep, ProjectState, needed_file, options_of
@@ -14,11 +15,10 @@ __all__ = ["compared", "step"]
 def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how H is inspected; a fit that is in no folder is not known to a command."""
     psf, chosen = needed_file(project.psf, "H", "PSF"), QualitySettings.of(project)
-    # without time for the comparison no camera is needed
-    fit = chosen.fit if chosen.camera == "saved" and chosen.seconds else ""
-    return CommandStep.of(
-        Inspect(source=Path(psf), report=Path(out or "report"), seconds=chosen.seconds, fit=Path(fit) if fit else None)
-    )
+    given: dict[str, Any] = {"seconds": chosen.seconds, "session": chosen.session or None}
+    if chosen.seconds:  # what else concerns the comparison with the camera alone
+        given |= {"patterns": chosen.patterns, "fit": chosen.fit if chosen.camera == "saved" else None}
+    return CommandStep.of(Inspect(source=Path(psf), report=Path(out or "report"), **given))
 
 
 def compared(first: str, second: str, out: str = "", *, by_number: bool = False) -> CommandStep:

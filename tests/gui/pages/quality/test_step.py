@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from lfcal.base import InputError
 from lfcal.base.progress import drain
 from lfcal.psf import PSFMatrix, save
+from lfcal.records import rows
+from lfcal.tasks import Inspect
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.models.stamp import stamp_of
-from lfcal_gui.pages.quality.model import QualitySettings
+from lfcal_gui.pages.quality.model import FIELDS, HELD, QualitySettings
 from lfcal_gui.pages.quality.model_run import InspectionRun, asked_of, iter_judge, iter_write_report
 from lfcal_gui.pages.quality.step import step
 from tests.cli import conftest
@@ -43,6 +48,34 @@ def test_window_command_and_python_write_the_same_report(
     exec(compile(step(project, "by_python").script(), "script", "exec"), {})
     for folder in ("by_command", "by_python"):
         assert alike(measured(Path(folder)), measured(Path("by_window"))), folder
+
+
+def test_every_field_is_in_the_form_or_elsewhere_in_the_window() -> None:
+    """``mat_order`` belongs to opening H, ``strict`` to the exit code of a command."""
+    in_form = {field.key for field in FIELDS} - {"camera"}
+    assert in_form | HELD == {row.name for row in rows(Inspect)} and not in_form & HELD
+
+
+def test_choices_of_the_form_are_in_the_command_where_they_have_an_effect() -> None:
+    chosen = QualitySettings(patterns=24, session="session")
+    for seconds, more in ((600.0, ["--patterns=24"]), (0.0, [])):
+        settings = {"quality": replace(chosen, seconds=seconds).to_dict()}
+        copied = step(ProjectState(psf="H.h5", settings=settings)).arguments
+        assert [word for word in copied if word.startswith("--pat")] == more and "--session=session" in copied
+    for name, value in (("patterns", 0), ("seconds", -1.0), ("seconds", math.inf)):
+        with pytest.raises(InputError, match="expected"):
+            QualitySettings(**{name: value})
+
+
+def test_the_window_reads_the_control_frames_of_a_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lfcal.tasks.inspect_planes.read_checks", lambda _: [])
+    save(PSFMatrix(np.ones((1, 3, 3, 15, 15))), tmp_path / "H.h5")
+    stamp = stamp_of(str(tmp_path / "H.h5"))
+    assert stamp is not None
+    asked = asked_of(stamp, QualitySettings(session="session"), None)
+    with pytest.raises(InputError, match="session: expected control frames, got none"):
+        drain(iter_judge(asked, InspectionRun()))
+    assert asked.choices != asked_of(stamp, QualitySettings(), None).choices
 
 
 def test_a_fit_is_named_where_there_is_time_for_the_comparison() -> None:
