@@ -1,4 +1,4 @@
-"""``lfcal run``: do what a job file says, or make an H again as it was made."""
+"""``lfcal run``: do what a job file says, or make an H or a volume again as it was made."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    job: Path = typer.Argument(help="Job file (.toml, .json), or an H file, which is made again as it was made."),
+    job: Path = typer.Argument(help="Job file (.toml, .json), or an H or volume file (.h5), which is made again."),
     *,
     out: Path | None = typer.Option(None, "--out", "-o", help="File to write instead of the one that the job names."),
     workers: WorkersOption = None,

@@ -171,8 +171,22 @@ def _value(row: FieldRow | None, value: Any, called: str, known: Mapping[tuple[s
     return row.placed(found, lambda path: root / path)
 
 
+def _made_by(path: Path) -> Any:
+    """Return what an H or volume file says of the task that made it; None: nothing."""
+    from lfcal.base.h5 import H5File
+    from lfcal.psf import open_psf
+    from lfcal.reconstruct import VOLUME_FORMAT
+
+    with H5File(path) as file:
+        if file.attributes().text("format", "") == VOLUME_FORMAT:
+            details = parse_json(file.attributes().text("details", "{}"), str(path))
+            return details.get("task") if isinstance(details, Mapping) else None
+    with open_psf(path) as matrix:
+        return matrix.provenance.get("task")
+
+
 def load_job(path: Path, more: Mapping[str, Any] = MappingProxyType({})) -> tuple[Task, RunSettings]:
-    """Return the job in a file (.toml, .json), or the one that made an H file, with the values ``more`` in its place.
+    """Return the job in a file (.toml, .json), or the one that made an H or volume file (.h5), changed by ``more``.
 
     Raises
     ------
@@ -180,12 +194,9 @@ def load_job(path: Path, more: Mapping[str, Any] = MappingProxyType({})) -> tupl
         If there is no such file, or no job in it.
     """
     if path.suffix.lower() in (".h5", ".hdf5"):
-        from lfcal.psf import open_psf
-
-        with open_psf(path) as matrix:
-            made = matrix.provenance.get("task")
+        made = _made_by(path)
         if not isinstance(made, Mapping):
-            raise FileFormatError.expected(str(path), "an H that a task made", "none", "give a job file")
+            raise FileFormatError.expected(str(path), "an H or a volume that a task made", "none", "give a job file")
         return read_job({**made, **more}, str(path), path.parent)
     text = read_text(path)
     if path.suffix.lower() == ".json":

@@ -102,13 +102,15 @@ def test_every_route_gives_the_same_bits(lfcal: Lfcal, place: Path, make: Callab
         np.testing.assert_array_equal(found, before, err_msg=path.name)
 
 
-def test_a_volume_says_of_which_task_it_is(lfcal: Lfcal, place: Path) -> None:
+def test_a_volume_says_of_which_task_it_is_and_is_made_again(lfcal: Lfcal, place: Path) -> None:
     task = one(place)
     task.run()
     with h5py.File(task.out) as file:
         said = json.loads(str(file.attrs["details"]))["task"]
     assert said == json.loads(json.dumps(task.to_dict(absolute=True, outputs=False)))
     assert said["solver"]["strength"] == 0.01 and "subsets" not in said["solver"] and "out" not in said
+    assert lfcal("run", task.out, "-o", place / "again.h5").code == 0
+    np.testing.assert_array_equal(load_volume(place / "again.h5"), load_volume(task.out))
 
 
 @pytest.mark.parametrize(
