@@ -130,8 +130,10 @@ def html_paragraphs(lines: Iterable[str]) -> str:
 
 
 def add_html_section(page: Path, added: str) -> None:
-    """Add a section to the end of a page that `html_page` made."""
+    """Add a section to the end of a page that `html_page` made, in place of one with the same heading."""
     body, footer, rest = page.read_text(encoding="utf-8").rpartition("\n<footer>")
+    before, there, after = body.partition("\n" + added.partition("\n")[0])
+    body = before + after.partition("</section>")[2] if there else body
     with replace_whole(page) as part:
         part.write_text(f"{body}\n{added}{footer}{rest}", encoding="utf-8")
 

@@ -130,7 +130,7 @@ def _parameter(row: FieldRow, heading: str, only: str = "") -> inspect.Parameter
     if not needed:
         annotation = annotation | None
     if opt.argument:
-        how["metavar"] = row.called + "..." * row.many
+        how["metavar"] = row.called
         how["rich_help_panel"] = "Input"
         return inspect.Parameter(row.name, kind, default=typer.Argument(start, **how), annotation=annotation)
     how["metavar"] = _metavar(row)

@@ -33,6 +33,13 @@ RENAMED: dict[tuple[str, str], str] = {
     **_moved("lfcal plan", TARGET, "--crosstalk", "--most-frames", "--patterns", "--pose", "--pose-within"),
     **_moved("lfcal plan", TARGET, "--signal", "--tolerance"),
     ("lfcal plan target", "--source"): TARGET,
+    ("lfcal fit", "--check"): "lfcal fit check OLD.h5 FRAMES",
+    ("lfcal fit", "--limit"): "lfcal fit check OLD.h5 FRAMES --limit 2%",
+    ("lfcal fit", "--validate"): "lfcal fit SOURCE -o fit, then lfcal fit validate fit SOURCE",
+    ("lfcal fit", "--validate-on"): "lfcal fit SOURCE -o fit, then lfcal fit validate fit OTHER --other",
+    ("lfcal fit", "--object"): "lfcal fit SOURCE -o fit, then lfcal fit object fit FRAME --scene VOLUME",
+    ("lfcal fit", "--scene"): "lfcal fit SOURCE -o fit, then lfcal fit object fit FRAME --scene VOLUME",
+    ("lfcal fit", "--effects"): "--effect, once for each",
 }
 """What is typed now in place of an option, by the words of the command and the option."""
 

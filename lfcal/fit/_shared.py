@@ -8,7 +8,7 @@ from lfcal.fit.design import PositionDesign, draw_design, iter_next_positions
 from lfcal.fit.drawing import leftover_of
 from lfcal.fit.earlier import Earlier, read_earlier
 from lfcal.fit.field import FieldFit, FieldRegion, Regional, iter_fit_field
-from lfcal.fit.field_files import field_dict, field_outputs, iter_write_field
+from lfcal.fit.field_files import FIELD, field_dict, field_outputs, iter_write_field
 from lfcal.fit.field_report import wavefront_table
 from lfcal.fit.files import (
     CAMERA,
@@ -43,7 +43,7 @@ from lfcal.fit.select import GroupSelection, gain_of
 from lfcal.fit.setup import RegionPlace, described_effects, starting_effects, with_given
 from lfcal.fit.solver import descend
 from lfcal.fit.spread import spread_out
-from lfcal.fit.stored import Filler, read_fit
+from lfcal.fit.stored import Filler, StoredFit, read_fit
 from lfcal.fit.validate import PointError, Validation, draw_validation, iter_validate, predicted_frame
 
 __all__ = [
@@ -51,6 +51,7 @@ __all__ = [
     "DARK",
     "EFFECTS",
     "ERRORS",
+    "FIELD",
     "FORMAT",
     "HELD_OUT",
     "MODEL",
@@ -82,6 +83,7 @@ __all__ = [
     "Regional",
     "ScanScales",
     "Spread",
+    "StoredFit",
     "Validation",
     "Vector",
     "add_picture",

@@ -27,6 +27,7 @@ from lfcal.fit.files import FORMAT, VERSION
 from lfcal.fit.hybrid import model_uncertainty
 from lfcal.fit.model import Fineness, PlaneModel
 from lfcal.fit.problem import ERRORS
+from lfcal.fit.result import Fit
 from lfcal.fit.setup import Setup
 from lfcal.fit.spread import spread_out
 from lfcal.psf import Facts, Filled, Origin
@@ -48,7 +49,7 @@ OTHER_LIGHT = 0.05
 
 @dataclass(frozen=True, eq=False)
 class StoredFit:
-    """What a fit's folder holds, as far as positions are filled by it.
+    """What a fit's folder holds, as far as patterns are predicted by it.
 
     Attributes
     ----------
@@ -59,9 +60,18 @@ class StoredFit:
     depths_um, period, anchor
         Of the scan that was fitted.
     gains
-        Light of each plane in the units of the data ``(nz,)``; NaN where no pattern of it was fitted.
+        Light of each plane in the units of the data ``(nz,)``; of planes without a pattern that between their
+        neighbours.
     error
         Stated relative error (L2) of the model.
+    positions
+        Positions (z, y, x) that were fitted, kept aside, or left out with a reason.
+    fitted_planes
+        Planes of which patterns were fitted.
+    stage_scale
+        By how much the steps of the stage are larger than planned, relative.
+    response
+        By how much pixels respond unevenly (rms, relative).
     """
 
     folder: Path
@@ -71,6 +81,38 @@ class StoredFit:
     anchor: tuple[float, float]
     gains: NDArray[np.float64]
     error: float
+    positions: frozenset[tuple[int, int, int]] = frozenset()
+    fitted_planes: frozenset[int] = frozenset()
+    stage_scale: float = 0.0
+    response: float = 0.0
+
+    @classmethod
+    def of(cls, fit: Fit) -> StoredFit:
+        """Return what the folder of a fit would hold."""
+        plan = fit.planned
+        return cls(
+            folder=Path(),
+            setup=fit.ideal_places,
+            depths_um=plan.depths_um,
+            period=plan.period,
+            anchor=plan.anchor,
+            gains=fit.levels.gains,
+            error=math.hypot(fit.held_out_error.value, ERRORS[Fineness.finest]),
+            positions=frozenset(fit.residuals),
+            fitted_planes=frozenset(z for z, _, _ in fit.residuals),
+            stage_scale=fit.setup.stage_scale,
+            response=fit.spread.response,
+        )
+
+    @property
+    def whole_setup(self) -> Setup:
+        """The setup with sources where the stage had them."""
+        return replace(self.setup, stage_scale=self.stage_scale)
+
+    def is_of(self, plan: ScanPlan) -> bool:
+        """Return whether a plan's positions are those of the scan that was fitted."""
+        own, theirs = (self.anchor, self.period, self.depths_um), (plan.anchor, plan.period, plan.depths_um)
+        return own == theirs
 
     def check(self, plan: ScanPlan) -> None:
         """Raise `InputError` where a plan's scan is not the one that was fitted; its cutout may be another."""
@@ -114,22 +156,39 @@ def read_fit(folder: Path) -> StoredFit:
         depth_errors = tuple(float(v) for v in found["depth_errors_um"])
         setup = Setup(camera, given, depth_errors, aside_px=(rows, columns))
         gains = np.array([float(v) for v in found["gains"]])
-        fitted = {int(at[0]) for at in found["positions"]}
+        fitted = frozenset(_position(at) for at in found["positions"])
+        outliers = frozenset(_position((one["z"], one["y"], one["x"])) for one in found.get("outliers", ()))
         depths = tuple(float(v) for v in found["depths_um"])
         period, anchor = (tuple(found["scan"][name]) for name in ("period", "anchor"))
         error = float(found["left_out_error"]["value"])
+        scale, response = float(found.get("stage_scale", 0.0)), float(found.get("spread", {}).get("response", 0.0))
         good = (
             len(gains) == len(depths) == len(setup.depth_errors_um)
-            and np.isfinite([*gains, *depths, error, rows, columns]).all()
+            and np.isfinite([*gains, *depths, error, rows, columns, scale, response]).all()
         )
         (ny, nx), (row, column) = (int(v) for v in period), (float(v) for v in anchor)
-    except (KeyError, IndexError, TypeError, ValueError):
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError):
         good = False
     if not good:
         raise FileFormatError.expected(str(path), "numbers of a fit", "others", again)
-    gains[[z for z in range(len(gains)) if z not in fitted]] = np.nan
-    whole = math.hypot(error, ERRORS[Fineness.finest])
-    return StoredFit(folder, setup, depths, (ny, nx), (row, column), gains, whole)
+    return StoredFit(
+        folder=folder,
+        setup=setup,
+        depths_um=depths,
+        period=(ny, nx),
+        anchor=(row, column),
+        gains=gains,
+        error=math.hypot(error, ERRORS[Fineness.finest]),
+        positions=fitted | outliers,
+        fitted_planes=frozenset(z for z, _, _ in fitted),
+        stage_scale=scale,
+        response=response,
+    )
+
+
+def _position(at: Any) -> tuple[int, int, int]:
+    z, y, x = (int(v) for v in at)
+    return z, y, x
 
 
 class Filler:
@@ -167,7 +226,7 @@ class Filler:
         if not len(missing):
             return Filled(facts, None)
         gain = self._fit.gains[z]
-        if not math.isfinite(gain):
+        if z not in self._fit.fitted_planes:
             raise InputError.expected(
                 f"{self._fit.folder}, plane {z}", "a pattern of it among the fitted", "none", "fit one of each plane"
             )

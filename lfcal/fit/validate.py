@@ -16,6 +16,7 @@ from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, PlaneModel
 from lfcal.fit.model_error import ModelError
 from lfcal.fit.result import Fit
+from lfcal.fit.stored import StoredFit
 
 __all__ = ["PointError", "Validation", "draw_validation", "iter_validate", "predicted_frame", "validate"]
 
@@ -141,7 +142,7 @@ class _ByModel:
         return 0.0
 
 
-def iter_validate(fit: Fit, withheld: Measured, *, another: bool = False) -> Work[Validation]:
+def iter_validate(fit: Fit | StoredFit, withheld: Measured, *, another: bool = False) -> Work[Validation]:
     """Return how well a fit predicts patterns that it never saw.
 
     Gain, background and place of the source are found for each pattern; what is left beyond its noise is the error.
@@ -149,7 +150,7 @@ def iter_validate(fit: Fit, withheld: Measured, *, another: bool = False) -> Wor
     Parameters
     ----------
     fit
-        The fitted camera.
+        The fitted camera, or what its folder holds (`lfcal.fit.stored.read_fit`).
     withheld
         Patterns of the same scan that were not fitted, or of another one, at other places of the field.
     another
@@ -165,23 +166,23 @@ def iter_validate(fit: Fit, withheld: Measured, *, another: bool = False) -> Wor
     InputError
         If all of them were fitted, or they are of another sensor.
     """
-    done = {tuple(at) for at in fit.residuals}
-    same = all(getattr(withheld.plan, name) == getattr(fit.planned, name) for name in ("anchor", "period", "depths_um"))
-    seen = done if same and not another else set()
+    known_of = fit if isinstance(fit, StoredFit) else StoredFit.of(fit)
+    same = known_of.is_of(withheld.plan)
+    seen = known_of.positions if same and not another else frozenset()
     known = [k for k, at in enumerate(withheld.index.tolist()) if tuple(at) not in seen]
     if not known:
         raise InputError.expected("withheld points", "some that were not fitted", "none", "record more positions")
-    if withheld.plan.camera.sensor.shape != fit.camera.sensor.shape:
-        shapes = fit.camera.sensor.shape, withheld.plan.camera.sensor.shape
+    if withheld.plan.camera.sensor.shape != known_of.setup.camera.sensor.shape:
+        shapes = known_of.setup.camera.sensor.shape, withheld.plan.camera.sensor.shape
         raise InputError.expected("withheld points", f"a sensor of {shapes[0]} pixels", shapes[1], "name its session")
     clock = Clock("predict withheld points", len(known))
     yield clock.at(0)
     points = []
     for z in np.unique(withheld.index[known, 0]).tolist():
-        model, near = _models(fit, withheld, z, periodic=not same)
+        model, near = _models(known_of, withheld, z, periodic=not same)
         for k in known:
             if withheld.index[k, 0] == z:
-                points.append(_point(fit, withheld, k, model, near))
+                points.append(_point(known_of, withheld, k, model, near))
                 yield clock.at(len(points))
     return Validation(tuple(sorted(points, key=lambda one: one.field)))
 
@@ -237,20 +238,20 @@ def predicted_frame(light: F8, frame: NewFrame, noise: tuple[float, float], cuto
     return compared_with(_Image(light, margin), frame, at, noise)
 
 
-def _models(fit: Fit, withheld: Measured, z: int, *, periodic: bool) -> tuple[PlaneModel, PlaneModel | None]:
+def _models(fit: StoredFit, withheld: Measured, z: int, *, periodic: bool) -> tuple[PlaneModel, PlaneModel | None]:
     """Return the fitted camera at the places of a plane's points, and where it was fitted."""
     depth = withheld.plan.depths_um[z]
-    order = np.argsort(fit.planned.depths_um)
-    planes, errors = np.array(fit.planned.depths_um)[order], np.array(fit.setup.depth_errors_um)[order]
-    setup = replace(fit.setup, depth_errors_um=(float(np.interp(depth, planes, errors)),))
+    order = np.argsort(fit.depths_um)
+    planes, errors = np.array(fit.depths_um)[order], np.array(fit.setup.depth_errors_um)[order]
+    setup = replace(fit.whole_setup, depth_errors_um=(float(np.interp(depth, planes, errors)),))
     here = replace(withheld.plan, depths_um=(depth,), exposure_s=withheld.plan.exposures[z])
-    there = replace(here, anchor=fit.planned.anchor, period=fit.planned.period)
+    there = replace(here, anchor=fit.anchor, period=fit.period)
     model = PlaneModel(setup, setup.plan(here), 0, Fineness.finest)
     ideal = replace(setup, stage_scale=0.0)
     return model, PlaneModel(ideal, setup.plan(there), 0, Fineness.finest) if periodic else None
 
 
-def _point(fit: Fit, withheld: Measured, k: int, model: PlaneModel, near: PlaneModel | None) -> PointError:
+def _point(fit: StoredFit, withheld: Measured, k: int, model: PlaneModel, near: PlaneModel | None) -> PointError:
     plan = withheld.plan
     z, y, x = (int(v) for v in withheld.index[k])
     row, column = math.floor(plan.anchor[0] + 0.5) + y, math.floor(plan.anchor[1] + 0.5) + x
@@ -264,12 +265,12 @@ def _point(fit: Fit, withheld: Measured, k: int, model: PlaneModel, near: PlaneM
         label=f"(z, y, x) = ({z}, {y}, {x})",
     )
     noise = (float(withheld.noise[k, 0]), float(withheld.noise[k, 1]))
-    at, response = LocatedPattern(z, y, x, row, column, 1.0), fit.spread.response
+    at, response = LocatedPattern(z, y, x, row, column, 1.0), fit.response
     beside = compared_with(_ByModel(model, y, x, plan.cutout, response), frame, at, noise)
     periodic = None
     if near is not None:
-        base = [math.floor(a + 0.5) for a in fit.planned.anchor]
-        phase = [(v - b) % n for v, b, n in zip((row, column), base, fit.planned.period, strict=True)]
+        base = [math.floor(a + 0.5) for a in fit.anchor]
+        phase = [(v - b) % n for v, b, n in zip((row, column), base, fit.period, strict=True)]
         periodic = compared_with(_ByModel(near, phase[0], phase[1], plan.cutout, response), frame, at, noise)
     sensor = plan.camera.sensor
     away = [abs(v - c) / (n / 2) for v, c, n in zip(place, sensor.centre_px, sensor.shape, strict=True)]

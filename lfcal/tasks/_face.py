@@ -5,6 +5,10 @@ from __future__ import annotations
 from lfcal.tasks._solving import solver_settings
 from lfcal.tasks.assemble import Assemble, AssembleRegions, AssembleTarget
 from lfcal.tasks.export import ExportH5, ExportMat, ExportNpy, ExportTiff
+from lfcal.tasks.fit import FitFrames, FitMatrix, FitTarget
+from lfcal.tasks.fit_check import CheckMatrix, CheckMatrixByScan
+from lfcal.tasks.fit_object import PredictObject
+from lfcal.tasks.fit_validate import ValidateFit, ValidateFitByFrames
 from lfcal.tasks.inspect import Inspect
 from lfcal.tasks.plan import PlanRecorded, PlanRegions, PlanScan
 from lfcal.tasks.plan_fit import PlanFit
@@ -18,10 +22,15 @@ __all__ = [
     "Assemble",
     "AssembleRegions",
     "AssembleTarget",
+    "CheckMatrix",
+    "CheckMatrixByScan",
     "ExportH5",
     "ExportMat",
     "ExportNpy",
     "ExportTiff",
+    "FitFrames",
+    "FitMatrix",
+    "FitTarget",
     "Inspect",
     "PlanDisplay",
     "PlanFit",
@@ -29,11 +38,14 @@ __all__ = [
     "PlanRegions",
     "PlanScan",
     "PlanTarget",
+    "PredictObject",
     "Reconstruct",
     "ReconstructForecast",
     "ReconstructSeries",
     "Reduce",
     "Transpose",
+    "ValidateFit",
+    "ValidateFitByFrames",
     "command_of",
     "job_of",
     "python_of",

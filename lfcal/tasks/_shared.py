@@ -9,6 +9,10 @@ from lfcal.tasks._solving import choice_of
 from lfcal.tasks.assemble import Assembled, AssemblyRun
 from lfcal.tasks.cameras import assumed_in_words, load_camera, load_file, tell_assumed
 from lfcal.tasks.export import ExportedFiles
+from lfcal.tasks.fit import FitOutcome
+from lfcal.tasks.fit_check import CheckedMatrix
+from lfcal.tasks.fit_object import PredictedObject
+from lfcal.tasks.fit_validate import Validated
 from lfcal.tasks.inspect import InspectedMatrix
 from lfcal.tasks.inspect_planes import control_frames
 from lfcal.tasks.lattice_file import LATTICE_FORMAT, LATTICE_VERSION, load_lattice
@@ -21,9 +25,9 @@ from lfcal.tasks.plan_target import TargetPlanned
 from lfcal.tasks.planned import planned_scan, ready_regions
 from lfcal.tasks.reconstruct import Reconstructed, ReconstructionForecast
 from lfcal.tasks.reduce import ReducedFile
-from lfcal.tasks.scan_frames import ScanFrames, find_plan
+from lfcal.tasks.scan_frames import ScanFrames
 from lfcal.tasks.sets import task_set
-from lfcal.tasks.target_frames import left_words, opened_target, wanted_target
+from lfcal.tasks.target_frames import left_words
 from lfcal.tasks.task import RunSettings, Task, TaskSet, may_replace
 from lfcal.tasks.text import load_job, words_of
 from lfcal.tasks.transpose import TransposedFile
@@ -36,9 +40,12 @@ __all__ = [
     "Assembled",
     "AssemblyRun",
     "ChannelPart",
+    "CheckedMatrix",
     "ExportedFiles",
+    "FitOutcome",
     "InspectedMatrix",
     "PositionsPlanned",
+    "PredictedObject",
     "Reconstructed",
     "ReconstructionForecast",
     "ReducedFile",
@@ -50,6 +57,7 @@ __all__ = [
     "Task",
     "TaskSet",
     "TransposedFile",
+    "Validated",
     "assumed_in_words",
     "check_mat_files",
     "check_output",
@@ -60,7 +68,6 @@ __all__ = [
     "control_frames",
     "display_words",
     "files_of",
-    "find_plan",
     "left_words",
     "load_camera",
     "load_file",
@@ -69,11 +76,9 @@ __all__ = [
     "may_replace",
     "notes_to",
     "open_matrix",
-    "opened_target",
     "planned_scan",
     "ready_regions",
     "task_set",
     "tell_assumed",
-    "wanted_target",
     "words_of",
 ]

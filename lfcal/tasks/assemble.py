@@ -52,7 +52,7 @@ RATE = 100e6
 """Bytes of frames that are read, corrected and cropped in a second of processor time, about."""
 
 
-def _orientations() -> tuple[str, ...]:
+def orientations() -> tuple[str, ...]:
     from lfcal.frames import ORIENTATIONS
     from lfcal.psf import AUTO, CHECK
 
@@ -209,7 +209,7 @@ class AssembleRegions(_Assemble):
         "check",
         "What turns the frames upright: as-is, rot90, rot180, rot270 (anticlockwise), mirror-x (left to right), "
         "mirror-y, transpose, anti-transpose. auto: find it. check: as-is, but stop if that is certainly wrong.",
-        choices=_orientations,
+        choices=orientations,
         read=read_orientation,
     )
     shift: str = opt(

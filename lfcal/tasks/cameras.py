@@ -11,7 +11,14 @@ from lfcal.tasks.notes import note, warn
 if TYPE_CHECKING:
     from lfcal.camera import Camera, ImportOptions, Quantity
 
-__all__ = ["assumed_in_words", "load_camera", "load_file", "tell", "tell_assumed"]
+__all__ = ["assumed_in_words", "is_camera_file", "load_camera", "load_file", "tell", "tell_assumed"]
+
+
+def is_camera_file(name: str) -> bool:
+    """Return whether the name of a camera is that of a file, and not of a preset."""
+    from lfcal.camera import PRESETS
+
+    return name not in PRESETS
 
 
 def load_camera(name: str) -> Camera:

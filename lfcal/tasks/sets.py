@@ -19,6 +19,10 @@ TASKS = {
     "plan": "lfcal.tasks.plan:PLAN",
     "plan fit": "lfcal.tasks.plan_fit:PLAN_FIT",
     "plan target": "lfcal.tasks.plan_target:PLAN_TARGET",
+    "fit": "lfcal.tasks.fit:FIT",
+    "fit check": "lfcal.tasks.fit_check:FIT_CHECK",
+    "fit object": "lfcal.tasks.fit_object:FIT_OBJECT",
+    "fit validate": "lfcal.tasks.fit_validate:FIT_VALIDATE",
 }
 """Where the kinds of each task are, by the name of the command; a module is imported when its task is asked for."""
 

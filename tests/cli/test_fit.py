@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+import shutil
 from base64 import b64encode
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,17 +17,17 @@ import pytest
 
 import lfcal.fit
 from lfcal.base.errors import InputError
-from lfcal.base.progress import Work
+from lfcal.base.progress import Work, drain
 from lfcal.camera import Camera, ScanPlan
-from lfcal.cli._fit_source import PatternReading, parse_noise, read_patterns
-from lfcal.cli._fit_validate import withheld_points
 from lfcal.fit import Fit, Measured
 from lfcal.fit.model import Fineness, predict
-from lfcal.frames import CorrectionRecipe
+from lfcal.fit.stored import StoredFit, read_fit
+from lfcal.fit.validate import iter_validate
 from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal.psf.facts import Facts
 from lfcal.simulate.effects import Crosstalk
 from lfcal.simulate.effects.described import parse_entries
+from lfcal.tasks._patterns import PatternReading, iter_patterns, read_noise
 from tests.cli.conftest import Run
 from tests.fit.commands import typed, undrawn
 from tests.fit.common import few_patterns, setup_of, small_plan
@@ -160,18 +161,19 @@ def test_frames_are_corrected_and_cut_out(lfcal: Lfcal, place: Path, fitted: lis
 
 
 def test_of_many_positions_some_are_taken(place: Path) -> None:
-    how = PatternReading(None, 5, None, None, CorrectionRecipe(), "check")
-    found, known = read_patterns(place / "few.h5", how, quiet=True)
+    how = PatternReading(most=5)
+    found, known = drain(iter_patterns(place / "few.h5", how))
     assert len(found) == 5 and found.held_out.sum() == 1 and known == {"source": "few.h5"}
     for most in (0, 1000):
-        assert len(read_patterns(place / "few.h5", replace(how, most=most), quiet=True)[0]) == 6
+        assert len(drain(iter_patterns(place / "few.h5", replace(how, most=most)))[0]) == 6
 
 
 @pytest.mark.long
 def test_withheld_points_are_predicted(lfcal: Lfcal, place: Path, fitted: list[Measured]) -> None:
     """Of another recording: at the same positions, but never fitted."""
     save(few_patterns(), place / "later.h5")
-    run = lfcal("fit", "few.h5", "--validate-on", "later.h5", "--no-h")
+    assert lfcal("fit", "few.h5", "--no-h").code == 0
+    run = lfcal("fit", "validate", "fit", "later.h5", "--other")
     assert run.code == 0 and "6 withheld points: error below" in run.out, run.err
     found = json.loads((place / "fit" / "validation.json").read_text())
     assert found["source"] == "later.h5"
@@ -182,8 +184,12 @@ def test_withheld_points_are_predicted(lfcal: Lfcal, place: Path, fitted: list[M
     page = (place / "fit" / "report" / "index.html").read_text()
     assert b64encode(picture).decode() in page and page.count("<section") == 6 and page.rstrip().endswith("</html>")
     assert "Points that were not fitted" in page and "6 withheld points: error below" in page
-    again = lfcal("fit", "few.h5", "--validate-on", "later.h5", "--no-h")
+    again = lfcal("fit", "validate", "fit", "later.h5", "--other")
     assert again.code == 2 and "exists; add --force" in again.err
+    # once more is no second section
+    assert lfcal("fit", "validate", "fit", "later.h5", "--other", "--force", "--positions", 4).code == 0
+    page = (place / "fit" / "report" / "index.html").read_text()
+    assert page.count("<section") == 6 and "4 withheld points" in page and "6 withheld points" not in page
 
 
 @pytest.mark.long
@@ -204,15 +210,33 @@ def test_a_plane_without_patterns_is_told(lfcal: Lfcal, place: Path) -> None:
     assert 0.5 < light[1] / light[0] < 2
 
 
-def test_where_every_position_is_fitted_none_is_left_to_predict(lfcal: Lfcal, place: Path) -> None:
-    run = lfcal("fit", "few.h5", "--validate", "--no-h")
+def test_a_fit_from_its_folder_predicts_as_it_did(whole: tuple[Path, str]) -> None:
+    stored, direct = read_fit(whole[0] / "fit"), StoredFit.of(FOUND[0])
+    later = drain(iter_patterns(whole[0] / "few.h5", PatternReading()))[0]
+    found, wanted = (drain(iter_validate(fit, later, another=True)) for fit in (stored, direct))
+    for one, other in zip(found.points, wanted.points, strict=True):
+        assert one.model.error.squared == pytest.approx(other.model.error.squared, rel=1e-9, abs=1e-12)
+        assert one.place_px == other.place_px and one.model.gain == pytest.approx(other.model.gain, rel=1e-12)
+    assert stored.positions == direct.positions and stored.response == direct.response
+
+
+def test_where_every_position_is_fitted_none_is_left_to_predict(
+    lfcal: Lfcal, place: Path, whole: tuple[Path, str]
+) -> None:
+    shutil.copytree(whole[0] / "fit", place / "fit")
+    run = lfcal("fit", "validate", "fit", "few.h5")
     assert run.code == 2 and "few.h5, recorded positions: expected some besides those fitted, got none" in run.err
-    how = PatternReading(None, 3, None, None, CorrectionRecipe(), "check")
-    first, _ = read_patterns(place / "few.h5", how, quiet=True)
-    rest = withheld_points(place / "few.h5", None, how, first, quiet=True)
-    assert len(rest) == 3 and not {tuple(at) for at in rest.index.tolist()} & {tuple(at) for at in first.index.tolist()}
-    missing = lfcal("fit", "few.h5", "--validate-on", "none.h5", "--no-h")
-    assert missing.code == 2 and "none.h5" in missing.err and not (place / "fit").exists()
+    stored = read_fit(place / "fit")
+    three = frozenset(sorted(stored.positions)[:3])
+    how = PatternReading(fit=replace(stored, positions=three))
+    rest = drain(iter_patterns(place / "few.h5", how))[0]
+    assert len(rest) == 3 and not {tuple(at) for at in rest.index.tolist()} & three
+    missing = lfcal("fit", "validate", "fit", "none.h5", "--other")
+    assert missing.code == 2 and "none.h5" in missing.err and not (place / "fit" / "validation.json").exists()
+    nowhere = lfcal("fit", "validate", "nowhere", "few.h5")
+    assert nowhere.code == 2 and "nowhere" in nowhere.err and nowhere.err.count("\n") == 1
+    two = lfcal("fit", "validate", "fit", "few.h5", "other.h5", "--other")
+    assert two.code == 2, two.err
 
 
 def object_frame(volume: np.ndarray, gap: float, gain: float) -> np.ndarray:
@@ -238,26 +262,29 @@ def test_a_known_objects_frame_is_predicted(lfcal: Lfcal, place: Path, fitted: l
     np.save(place / "object.npy", volume.astype(np.float32))
     for name, gap in (("right.tif", GAP), ("wrong.tif", 1.06 * GAP)):
         cv2.imwrite(str(place / name), object_frame(volume, gap, 1.0).astype(np.uint16))
-    words = ("--scene", "object.npy", "--noise", "16,1", "--black-level", 70, "--json", "--force")
+    words = ("--scene", "object.npy", "--noise", "16,1", "--black-level", 70, "--json")
+    assert lfcal("fit", "few.h5").code == 0
     errors = {}
     for name in ("right.tif", "wrong.tif"):
-        run = lfcal("fit", "few.h5", "--object", name, *words)
+        run = lfcal("fit", "object", "fit", name, *words)
         assert run.code == 0 and isinstance(run.json, dict), run.err
-        errors[name] = run.json["object"]
+        errors[name] = run.json
+    assert "right.tif: predicted with an error" in lfcal("fit", "object", "fit", "right.tif", *words[:-1]).out
     right, wrong = errors["right.tif"], errors["wrong.tif"]
     assert abs(right["chi2"] - 1) < 0.25 and max(right["error"]["value"], right["error"]["limit"]) < 0.04
     assert wrong["error"]["known"] and wrong["error"]["value"] > 0.08
     np.save(place / "small.npy", volume[:, :60])
     for more, what in (
-        (("--object", "right.tif"), "--object: expected a frame, its --scene, and H"),
-        (("--object", "right.tif", "--scene", "object.npy", "--no-h"), "--object: expected"),
-        (("--object", "right.tif", "--scene", "small.npy"), "small.npy, volume: expected (1, 120, 120)"),
-        (("--object", "none.tif", "--scene", "object.npy"), "none.tif"),
-        (("--object", "right.tif", "--scene", "none.npy"), "none.npy"),
+        (("right.tif",), "Missing option '--scene'"),
+        (("right.tif", "--scene", "small.npy"), "small.npy, volume: expected (1, 120, 120)"),
+        (("none.tif", "--scene", "object.npy"), "none.tif"),
+        (("right.tif", "--scene", "none.npy"), "none.npy"),
     ):
-        run = lfcal("fit", "few.h5", *more, "--black-level", 70, "-o", "b")
+        run = lfcal("fit", "object", "fit", *more, "--black-level", 70)
         assert run.code == 2 and run.err.count("\n") == 1 and what in run.err, run.err
-    assert not (place / "b").exists()
+    (place / "fit" / "H.h5").unlink()
+    bare = lfcal("fit", "object", "fit", "right.tif", *words)
+    assert bare.code == 2 and "H.h5: expected H of the fit, got none" in bare.err
 
 
 def simulated(plan: ScanPlan, index: np.ndarray) -> np.ndarray:
@@ -350,10 +377,10 @@ def test_a_recorded_session_is_fitted(lfcal: Lfcal, place: Path) -> None:
 
 
 def test_noise_in_words() -> None:
-    assert parse_noise("") is None and parse_noise("64, 0.5") == (64.0, 0.5)
+    assert read_noise("") is None and read_noise("64, 0.5") == (64.0, 0.5)
     for text in ("a,b", "1,2,3", ","):
-        with pytest.raises(InputError, match="--noise"):
-            parse_noise(text)
+        with pytest.raises(InputError, match="noise"):
+            read_noise(text)
 
 
 @pytest.mark.long
@@ -364,6 +391,6 @@ def test_effects_are_given_beside_the_described_ones(place: Path, lfcal: Lfcal) 
     assert run.code == 0
     settings, effects = parse_entries(place / "fit" / "effects.json")
     assert Crosstalk(0.01) in effects and "exact_angles" not in settings and settings["lens_types"] == "on"
-    bad = lfcal("fit", "few.h5", "-o", "other", "--effects", "shot_noise=on")
+    bad = lfcal("fit", "few.h5", "-o", "other", "--effect", "shot_noise=on")
     assert bad.code == 2 and "effects of a fit: expected those of the light of a point" in bad.err
     assert not (place / "other").exists()

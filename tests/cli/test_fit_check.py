@@ -1,4 +1,4 @@
-"""``lfcal fit --check``: whether an old H still holds, as a user asks it."""
+"""``lfcal fit check``: whether an old H still holds, as a user asks it."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def write(path: Path, frame: np.ndarray) -> None:
 
 
 def check(lfcal: Lfcal, *words: object) -> Run:
-    return lfcal("fit", "--check", *words, *NOISE, "--black-level", 100)
+    return lfcal("fit", "check", *words, *NOISE, "--black-level", 100)
 
 
 @pytest.mark.long
@@ -74,7 +74,7 @@ def test_what_has_changed_is_named_and_ends_with_1(lfcal: Lfcal, place: Path) ->
     assert gap["name"] == "gap_um" and abs(gap["change"] - 0.01 * lattice.gap_um) < 4 * gap["sigma"]
     assert found["frames"][0]["position"] == [0, *AT] and abs(found["frames"][0]["background"]) < 3
     # a limit beyond the change
-    assert check(lfcal, "old.h5", "new0.tif", "--limit", 20).code == 0
+    assert check(lfcal, "old.h5", "new0.tif", "--limit", "20%").code == 0
 
 
 @pytest.mark.long
@@ -119,7 +119,7 @@ def test_an_h_without_a_camera_gives_numbers(lfcal: Lfcal, place: Path) -> None:
     run = check(lfcal, "bare.h5", "same.tif")
     assert run.code == 0 and "no camera is known behind H" in run.err, run.err
     # whose samples' photons nobody can count
-    bare = lfcal("fit", "--check", "bare.h5", "same.tif", "--black-level", 100)
+    bare = lfcal("fit", "check", "bare.h5", "same.tif", "--black-level", 100)
     assert bare.code in (0, 1) and "that of its light is not known" in bare.err and "does not hold" not in bare.out
 
 
@@ -200,12 +200,13 @@ def test_ht_is_taken_for_its_h(lfcal: Lfcal, place: Path) -> None:
 
 def test_bad_words_end_in_one_line(lfcal: Lfcal, place: Path) -> None:
     for words, what in (
-        (("--limit", 0), "largest error of an H that holds"),
-        (("--limit", "nan"), "largest error of an H that holds"),
+        (("--limit", 0), "--limit: expected a number > 0 and < 1, got 0"),
+        (("--limit", "nan"), "--limit: expected"),
+        (("--limit", "2"), "--limit: expected a number > 0 and < 1, got 2"),
         (("--noise", "much"), "--noise: expected CONSTANT,SLOPE"),
         (("--noise=-1,0",), "noise: constant"),
     ):
-        run = lfcal("fit", "--check", "old.h5", "same.tif", *words)
+        run = lfcal("fit", "check", "old.h5", "same.tif", *words)
         assert run.code == 2 and run.err.count("\n") == 1 and what in run.err, run.err
     run = lfcal("fit", "old.h5", "same.tif", "--noise", "4,1")
     assert run.code == 2 and run.err.count("\n") == 1 and "same.tif" in run.err, run.err
@@ -213,25 +214,30 @@ def test_bad_words_end_in_one_line(lfcal: Lfcal, place: Path) -> None:
 
 @pytest.mark.long
 def test_a_camera_whose_noise_is_stated_needs_no_words(lfcal: Lfcal, place: Path) -> None:
-    run = lfcal("fit", "--check", "old.h5", "same.tif", "--json")
+    run = lfcal("fit", "check", "old.h5", "same.tif", "--json")
     assert run.code == 0 and isinstance(run.json, dict), run.err
     assert run.json["noise_from"] == "as the frames are described"
     assert abs(run.json["chi2"]["lit"] - 1) < 0.3 and json.dumps(run.json["notes"]) == "[]"
 
 
-def test_options_of_a_fit_are_not_ignored_beside_a_check(lfcal: Lfcal, place: Path) -> None:
-    for more, named in (
-        (("-o", "other"), "-o"),
-        (("--unknowns", "geometry"), "--unknowns"),
-        (("--effect", "crosstalk=0.01"), "--effect"),
-        (("--camera", "bench"), "--camera"),
-        (("--no-h",), "--no-h"),
-        (("--hybrid",), "--hybrid"),
-        (("--validate",), "--validate"),
-    ):
-        run = lfcal("fit", "--check", "H.h5", "any.tif", *more)
-        assert run.code == 2 and len(run.err.splitlines()) == 1
-        assert f"--check: expected frames alone: nothing is fitted or written, got {named}; leave it out" in run.err
-    run = lfcal("fit", "H.h5", "--limit", "3")
-    assert run.code == 2 and "--limit: expected --check H with it" in run.err
-    assert not (place / "other").exists()
+def test_options_of_a_fit_are_no_options_of_a_check(lfcal: Lfcal, place: Path) -> None:
+    for option in ("-o", "--unknowns", "--effect", "--camera", "--no-h", "--hybrid"):
+        run = lfcal("fit", "check", "H.h5", "any.tif", option, "x")
+        assert run.code == 2 and len(run.err.splitlines()) == 1 and f"No such option: {option}" in run.err, run.err
+
+
+@pytest.mark.parametrize(
+    ("words", "now"),
+    [
+        (("--check", "old.h5", "same.tif"), "--check: expected another spelling; type lfcal fit check OLD.h5 FRAMES"),
+        (("H.h5", "--limit", "3"), "type lfcal fit check OLD.h5 FRAMES --limit 2%"),
+        (("H.h5", "--validate"), "type lfcal fit SOURCE -o fit, then lfcal fit validate fit SOURCE"),
+        (("H.h5", "--validate-on", "b.h5"), "then lfcal fit validate fit OTHER --other"),
+        (("H.h5", "--object", "a.tif", "--scene", "b.npy"), "then lfcal fit object fit FRAME --scene VOLUME"),
+        (("H.h5", "--effects", "a.json"), "--effects: expected another spelling; type --effect"),
+    ],
+)
+def test_what_is_a_command_now_is_named(lfcal: Lfcal, place: Path, words: tuple[str, ...], now: str) -> None:
+    run = lfcal("fit", *words)
+    assert run.code == 2 and now in run.err and len(run.err.splitlines()) == 1, run.err
+    assert not (place / "fit").exists()

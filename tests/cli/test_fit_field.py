@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from lfcal.camera import Camera, ScanPlan
-from lfcal.cli._fit_object import ObjectPlace, nearest, object_error
 from lfcal.fit import Setup
 from lfcal.fit.locate import NewFrame
 from lfcal.fit.model import Fineness, predict
@@ -25,6 +24,7 @@ from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal.psf.facts import Facts
 from lfcal.simulate.effects import FieldAberrations
 from lfcal.simulate.effects.described import parse_entries
+from lfcal.tasks.fit_object import ObjectPlace, nearest, object_error
 from tests.cli.conftest import Run
 from tests.fit.commands import typed
 from tests.fit.field_common import ANCHORS, camera
@@ -58,9 +58,8 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+BLACK: tuple[object, ...] = ("--black-level", 50)
 WORDS: tuple[object, ...] = ("--unknowns", "field_wavefront", "--positions", "4")
-MORE: tuple[object, ...] = ("--hybrid", "--validate", "--validate-on", "there.h5")
-MORE += ("--object", "points.tif", "--scene", "points.npy", "--noise", "64,1", "--black-level", 50)
 
 
 def known_object(read: float = 8.0) -> tuple[np.ndarray, np.ndarray]:
@@ -100,8 +99,16 @@ def judged(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, An
     volume, frame = known_object()
     np.save(folder / "points.npy", volume)
     cv2.imwrite(str(folder / "points.tif"), frame)
-    said, _ = typed(folder, "fit", "centre.h5", "edge.h5", *WORDS, *MORE, "--workers", 1, "--json", pictures=False)
-    return folder, json.loads(said)
+    more = ("--workers", 1, "--json")
+    told: dict[str, Any] = {}
+    for name, words in {
+        "fit": ("fit", "centre.h5", "edge.h5", *WORDS, "--hybrid", "--noise", "64,1"),
+        "here": ("fit", "validate", "fit", "centre.h5", "edge.h5", "--positions", 4, "--noise", "64,1"),
+        "there": ("fit", "validate", "fit", "there.h5", "--other", "--positions", 4, "--noise", "64,1"),
+        "object": ("fit", "object", "fit", "points.tif", "--scene", "points.npy", "--noise", "64,1", *BLACK),
+    }.items():
+        told[name] = json.loads(typed(folder, *words, *more, pictures=False)[0])
+    return folder, told
 
 
 @pytest.mark.long
@@ -147,7 +154,8 @@ def test_a_fit_of_regions_is_told_in_words(place: Path, lfcal: Lfcal) -> None:
 @pytest.mark.long
 def test_hybrid_and_validation_are_each_regions_own(judged: tuple[Path, dict[str, Any]]) -> None:
     place, told = judged
-    assert set(told["hybrid"]) == {"centre", "edge"} and set(told["validation"]) == {"centre", "edge", "there"}
+    validation = {one["name"]: one for one in told["here"]} | {told["there"]["name"]: told["there"]}
+    assert set(told["fit"]["hybrid"]) == {"centre", "edge"} and set(validation) == {"centre", "edge", "there"}
     for name in ("centre", "edge"):
         folder = place / "fit" / name
         with open_psf(folder / "H.h5") as H, open_psf(place / f"{name}.h5") as measured:
@@ -156,7 +164,8 @@ def test_hybrid_and_validation_are_each_regions_own(judged: tuple[Path, dict[str
                 (H.recorded == measured.recorded).all() and H.facts.origin is not None and H.uncertainty(0, 0, 0).any()
             )
         found = json.loads((folder / "validation.json").read_text())
-        assert len(found["points"]) == 3 and found == told["validation"][name] | {"source": f"{name}.h5"}
+        assert len(found["points"]) == 3 and found["points"] == validation[name]["points"]
+        assert found["source"] == f"{name}.h5"
         assert "Points that were not fitted" in (folder / "report" / "index.html").read_text()
     # at a place that no fit saw the law's wavefront predicts, one period taken as the other does not
     there = json.loads((place / "fit" / "validation.json").read_text())
@@ -207,12 +216,10 @@ def test_each_point_of_an_object_is_seen_by_h_of_the_nearest_region(judged: tupl
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("centre.h5", "centre.h5"), "SOURCE: expected regions of different names, got centre twice"),
+        (("centre.h5", "centre.h5"), "sources: expected regions of different names, got centre twice"),
         (("centre.h5", "other.h5"), "region 'other': expected 30 px or more from 'centre', got 0 px"),
-        (("centre.h5", "edge.h5", "--object", "centre.h5"), "--object: expected a frame, its --scene, and H, got one"),
         (("centre.h5", "edge.h5", "--hybrid", "--no-h"), "--hybrid: expected an H to write, got --no-h"),
-        (("centre.h5", "report.h5"), "SOURCE: expected a region of another name, got report, the folder of all"),
-        (("centre.h5", "edge.h5", "--validate"), "centre.h5, recorded positions: expected some besides those fitted"),
+        (("centre.h5", "report.h5"), "sources: expected a region of another name, got report, the folder of all"),
         (("centre.h5", "--unknowns", "field_wavefront"), "which needs patterns of several regions"),
     ],
 )

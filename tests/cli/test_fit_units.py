@@ -101,9 +101,10 @@ def test_what_has_no_units_is_refused(lfcal: Lfcal, tmp_path: Path, monkeypatch:
     for words, said in (
         (("--hybrid", "--executor", "processes"), "--hybrid; leave one of them out"),
         (("--no-h", "--resume"), "--no-h; leave one of them out"),
-        (("--check", "few.h5", "--scheduler", "tcp://a:1"), "frames alone"),
         (("--executor", "threads", "--scheduler", "tcp://a:1"), "an executor that has one (dask)"),
     ):
         run = lfcal("fit", "few.h5", *words)
         assert run.code == 2 and said in run.err, run.err
+    run = lfcal("fit", "check", "few.h5", "few.tif", "--scheduler", "tcp://a:1")
+    assert run.code == 2 and "No such option: --scheduler" in run.err
     assert {path.name for path in tmp_path.iterdir()} == {"few.h5"}

@@ -67,13 +67,15 @@ REFUSED: tuple[tuple[tuple[str, ...], str], ...] = (
     (("export", "H.h5", "-o", "out.npy", "--rows-first"), "--rows-first"),
     (("export", "H.h5", "-o", "out.h5", "--allow-missing"), "--allow-missing"),
     (("fit", "H.h5", "--plan", "plan.json"), "--plan"),
-    (("fit", "H.h5", "--plan", "plan.json", "--validate-on", "frames"), "--plan"),
-    (("fit", "frame.tif", "--check", "H.h5", "--plan", "plan.json"), "--plan"),
+    (("fit", "validate", "fit", "H.h5", "--plan", "plan.json"), "--plan"),
+    (("fit", "check", "H.h5", "frame.tif", "--plan", "plan.json"), "--plan"),
     (("fit", "H.h5", "--dark", "none"), "--dark"),
     (("fit", "H.h5", "--black-level", "0"), "--black-level"),
     (("fit", "H.h5", "--white", "frames"), "--white"),
     (("fit", "H.h5", "--orientation", "rot90"), "--orientation"),
-    (("fit", "H.h5", "--orientation", "rot90", "--object", "frame.tif", "--scene", "frame.tif"), "--orientation"),
+    (("fit", "validate", "fit", "H.h5", "--orientation", "rot90"), "--orientation"),
+    (("fit", "validate", "fit", "H.h5", "--white", "frames"), "--white"),
+    (("fit", "H.h5", "--regions", "3x3"), "--regions"),
 )
 """A command on a kind of input, and its option that does not apply."""
 

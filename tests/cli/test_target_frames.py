@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import pytest
 
+from lfcal.base import InputError
 from lfcal.targets import TargetPlan
 from tests.campaign.points import frames_of_drawn, plan_of
 from tests.cli.conftest import Run
@@ -53,7 +54,7 @@ def test_frames_of_a_target_are_assembled_and_inspected(lfcal: Lfcal, recorded: 
         (("assemble", "--first", "1"), "--first"),
         (("assemble", "--columns", "x=a,y=b"), "--columns"),
         (("fit", "--hybrid"), "--hybrid"),
-        (("fit", "--validate"), "--validate"),
+        (("fit", "--executor", "threads"), "--executor"),
         (("fit", "--noise", "1,1"), "--noise"),
     ],
 )
@@ -89,8 +90,13 @@ def test_a_fit_begins_with_the_camera_that_is_named(
     other = replace(camera, lattice=replace(camera.lattice, gap_um=camera.lattice.gap_um + 1))
     (tmp_path / "other.json").write_text(other.to_json())
     begun: list[TargetPlan] = []
-    monkeypatch.setattr("lfcal.cli._fit_target.fit_target", lambda _, plan, *__, **___: begun.append(plan))
+
+    def begin(_: object, plan: TargetPlan) -> object:
+        begun.append(plan)
+        raise InputError("begun")
+
+    monkeypatch.setattr("lfcal.campaign.iter_points_of", begin)
     for options in ((), ("--camera", tmp_path / "other.json")):
         run = lfcal("fit", recorded / "frames", *options, "-o", tmp_path / "out")
-        assert run.code == 0, run.err
+        assert run.code == 2 and "begun" in run.err, run.err
     assert [plan.scan.camera for plan in begun] == [camera, other]

@@ -109,7 +109,7 @@ def test_options_of_the_command_are_those_of_the_page(project: ProjectState) -> 
         return parsed(step_of(SPECS[key], project).arguments)
 
     fit = of("fit")
-    assert (fit["positions"], fit["noise"], fit["unknowns"]) == (9, "2.0,0.5", "geometry,focal_lengths,iris")
+    assert (fit["positions"], fit["noise"], fit["unknowns"]) == ("9", "2.0,0.5", "geometry,focal_lengths,iris")
     frames = of("frames")
     assert (frames["background"], frames["interpolation"], frames["orientation"]) == ("border", "linear", "as-is")
     assert frames["dark"] is None and not frames["defects"]

@@ -15,14 +15,15 @@ import tifffile
 from numpy.typing import NDArray
 
 from lfcal.acquire import Options, record
+from lfcal.base.progress import drain
 from lfcal.camera import Marks, ScanPlan
-from lfcal.cli._fit_source import PatternReading, read_patterns
 from lfcal.devices import simulated_rig
 from lfcal.frames import ArraySource, CorrectionRecipe, corrected_view, open_frames
 from lfcal.frames.described import sensor_noise
 from lfcal.psf import AssemblySettings, PSFMatrix, assemble_plan, open_psf, save
 from lfcal.psf.measured_noise import scan_noise
 from lfcal.psf.provenance import noise_of
+from lfcal.tasks._patterns import PatternReading, iter_patterns
 from tests.simulate.common import small_camera
 
 BLACK = 100.0
@@ -198,20 +199,21 @@ def test_noise_that_is_stated_is_kept() -> None:
     assert found.slope == pytest.approx(1 / sensor.electrons_per_count)
 
 
-def test_fit_takes_the_noise_that_was_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_fit_takes_the_noise_that_was_measured(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """After ``assemble --dark``, ``fit`` needs no --noise, and says where the noise is known from."""
     recipe = CorrectionRecipe(dark=darks(tmp_path / "dark", 4.0, 8))
     view = corrected_view(frames(4.0, 0.25, 3000.0), recipe, plan())
     assemble_plan(view, plan(), tmp_path / "H.h5").matrix.close()
-    how = PatternReading(camera=None, most=None, noise=None, plan=None, recipe=CorrectionRecipe(), orientation="check")
-    measured, known = read_patterns(tmp_path / "H.h5", how, quiet=True)
+    how = PatternReading()
+    caplog.set_level("INFO", logger="lfcal")
+    measured, known = drain(iter_patterns(tmp_path / "H.h5", how))
     np.testing.assert_allclose(measured.noise, np.broadcast_to([4.5, 0.25], measured.noise.shape), rtol=0.15)
-    assert "noise of the frames: floor from darks, slope from neighbouring positions" in capsys.readouterr().err
+    assert "noise of the frames: floor from darks, slope from neighbouring positions" in caplog.text
     assert known["noise"]["floor"] == pytest.approx(4.5, rel=0.05)
     with open_psf(tmp_path / "H.h5") as H:  # the facts of another program's H may lack it
         other = PSFMatrix(H[:], depths=H.depths, camera=H.camera, anchor=H.anchor, provenance=H.provenance)
         save(other, tmp_path / "other.h5")
-    assert read_patterns(tmp_path / "other.h5", how, quiet=True)[0].noise[0, 0] == pytest.approx(4.5, rel=0.05)
+    assert drain(iter_patterns(tmp_path / "other.h5", how))[0].noise[0, 0] == pytest.approx(4.5, rel=0.05)
 
 
 def recorded(folder: Path) -> ScanPlan:

@@ -1,34 +1,45 @@
-"""What ``lfcal fit`` reads: an H file, or frames, of which no more than the chosen positions are cut out."""
+"""Patterns to fit or to predict: those of an H file, or of frames, of which only the chosen positions are cut out."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from lfcal.base import FileFormatError, InputError, LfcalError
+from lfcal.base import FileFormatError, InputError, LfcalError, Work
+from lfcal.records import CorrectionRecipe
+from lfcal.tasks._assembled_first import of_one_channel, without_positions
+from lfcal.tasks.cameras import tell_assumed
+from lfcal.tasks.matrices import open_matrix
+from lfcal.tasks.notes import note
+from lfcal.tasks.scan_frames import ScanFrames
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
-    from lfcal.camera import Camera
-    from lfcal.fit import Measured
-    from lfcal.frames import CorrectionRecipe
+    from lfcal.camera import Camera, ScanPlan
+    from lfcal.fit import Measured, StoredFit
     from lfcal.psf import PSFMatrix
 
 __all__ = [
+    "SOME",
     "PatternReading",
-    "check_frame_options",
     "is_matrix",
+    "iter_patterns",
+    "names_of",
     "open_upright",
     "own_words",
-    "parse_noise",
-    "read_patterns",
+    "read_noise",
+    "show_noise",
 ]
+
+REPORT = "report"
+"""Folder of the report of all regions."""
+
+AS_RECORDED = CorrectionRecipe()
 
 SOME = 40
 """Positions that are taken of a source that has more."""
@@ -52,17 +63,38 @@ class PatternReading:
         Corrections of frames.
     orientation
         What makes frames upright.
-    without
-        Positions (z, y, x) that are not taken.
+    fit
+        A fit whose positions are not taken, where the source is of the scan that was fitted.
     """
 
-    camera: Camera | None
-    most: int | None
-    noise: tuple[float, float] | None
-    plan: Path | None
-    recipe: CorrectionRecipe
-    orientation: str
-    without: frozenset[tuple[int, int, int]] = frozenset()
+    camera: Camera | None = None
+    most: int | None = None
+    noise: tuple[float, float] | None = None
+    plan: Path | None = None
+    recipe: CorrectionRecipe = AS_RECORDED
+    orientation: str = "check"
+    fit: StoredFit | None = None
+
+    def without(self, plan: ScanPlan) -> frozenset[tuple[int, int, int]]:
+        """Return the positions (z, y, x) of a scan that are not taken."""
+        return self.fit.positions if self.fit is not None and self.fit.is_of(plan) else frozenset()
+
+
+def names_of(sources: Sequence[Path]) -> list[str]:
+    """Return what the regions are called: as their files or folders are.
+
+    Raises
+    ------
+    InputError
+        If two have one name.
+    """
+    names = [path.stem if path.suffix else path.name for path in sources]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError.expected("sources", "regions of different names", f"{twice} twice", "rename a file")
+    if REPORT in names:
+        raise InputError.expected("sources", "a region of another name", f"{REPORT}, the folder of all", "rename it")
+    return names
 
 
 def is_matrix(path: Path) -> bool:
@@ -77,13 +109,6 @@ def is_matrix(path: Path) -> bool:
 
     with H5File(path) as file:
         return file.attributes().text("format") == FORMAT
-
-
-def check_frame_options(given: Mapping[str, object], frames: Sequence[Path | None]) -> None:
-    """Raise where options of frames were ``given``, and none of the sources that they apply to holds frames."""
-    option = next((name for name, said in given.items() if said), None)
-    if option is not None and not any(path is not None and not is_matrix(path) for path in frames):
-        raise InputError.expected(option, "frames, which it applies to", "H alone", "leave it out")
 
 
 @contextmanager
@@ -101,17 +126,15 @@ def own_words(without: str = "") -> Iterator[None]:
         raise type(error)(told) from None
 
 
-def open_upright(path: Path) -> PSFMatrix:
+def open_upright(path: Path, *, quiet: bool = False) -> PSFMatrix:
     """Return the H of a file, which may hold HT."""
-    from lfcal.tasks import open_matrix
-
-    matrix = open_matrix(path)
+    matrix = open_matrix(path, quiet=quiet)
     return matrix.T if matrix.is_transposed else matrix
 
 
-def parse_noise(text: str) -> tuple[float, float] | None:
+def read_noise(text: str) -> tuple[float, float] | None:
     """Return constant and slope of a variance written as ``64,1``; None for empty."""
-    if not text:
+    if not text.strip():
         return None
     try:
         values = [float(part) for part in text.split(",")]
@@ -119,15 +142,20 @@ def parse_noise(text: str) -> tuple[float, float] | None:
         values = []
     if len(values) != 2:
         wanted = "CONSTANT,SLOPE of the variance of a sample"
-        raise InputError.expected("--noise", wanted, repr(text), "for example 64,1: variance 64 + 1 x value")
+        raise InputError.expected("noise", wanted, repr(text), "for example 64,1: variance 64 + 1 x value")
     return values[0], values[1]
 
 
-def read_patterns(source: Path, how: PatternReading, *, quiet: bool) -> tuple[Measured, dict[str, Any]]:
-    """Return the patterns to fit, and what is known of their source for the provenance of what is made of them."""
-    from lfcal.cli._console import report_notes
+def show_noise(value: tuple[float, float]) -> str:
+    """Return the text that `read_noise` reads."""
+    return f"{value[0]!r},{value[1]!r}"
+
+
+def iter_patterns(source: Path, how: PatternReading) -> Work[tuple[Measured, dict[str, Any]]]:
+    """Return the patterns of a source, and what is known of it for the provenance of what is made of them."""
+    import numpy as np
+
     from lfcal.fit import HELD_OUT, check_optics, measured_of
-    from lfcal.tasks import tell_assumed
 
     with ExitStack() as stack:
         if is_matrix(source):
@@ -135,18 +163,19 @@ def read_patterns(source: Path, how: PatternReading, *, quiet: bool) -> tuple[Me
             known: dict[str, Any] = {"source": source.name}
             aside = _aside_of(matrix)
         else:
-            matrix, known, aside = _picked(source, how, stack, quiet=quiet)
-        camera = how.camera or matrix.camera
+            matrix, known, aside = yield from _iter_picked(source, how, stack)
+        camera = how.camera or matrix.camera or (how.fit.setup.camera if how.fit else None)
         if camera is None:
             raise InputError.expected(str(source), "an H with its camera", "none", "name it with --camera")
         check_optics(matrix)
         how, words = _with_noise(matrix, how)
         _check_noise(matrix, source, how)
-        report_notes([words] if words else [])
+        if words:
+            note(words)
         known |= {"noise": matrix.provenance["noise"]} if words else {}
-        tell_assumed(matrix.camera if how.camera is None else None, source.name, quiet=quiet)
-        if how.without:
-            left = _left(np.argwhere(matrix.recorded > 0), how, matrix.period)
+        tell_assumed(matrix.camera if how.camera is None else None, source.name)
+        if how.fit is not None and how.without(plan := _plan_of(matrix, camera)):
+            left = _left(np.argwhere(matrix.recorded > 0), how, plan)
             if not len(left):
                 raise _none_left(source)
             return measured_of(matrix, camera, positions=left, noise=how.noise), known
@@ -154,6 +183,13 @@ def read_patterns(source: Path, how: PatternReading, *, quiet: bool) -> tuple[Me
         all_of_them = not most or int((matrix.recorded > 0).sum()) <= most
         apart = aside if aside and all_of_them else HELD_OUT
         return measured_of(matrix, camera, noise=how.noise, most=most or None, held_out=apart), known
+
+
+def _plan_of(matrix: PSFMatrix, camera: Camera) -> ScanPlan:
+    from lfcal.camera import ScanPlan
+
+    depths = tuple(float(z) for z in matrix.depths)
+    return ScanPlan(camera, matrix.period, matrix.cutout, depths, matrix.anchor)
 
 
 def _most(how: PatternReading, aside: list[list[int]]) -> int:
@@ -176,23 +212,25 @@ def _aside_of(matrix: PSFMatrix) -> list[list[int]]:
 
 
 def _none_left(source: Path) -> InputError:
-    remedy = "fit fewer with --positions, or name another session with --validate-on"
+    remedy = "fit fewer positions, or name another recording"
     return InputError.expected(f"{source}, recorded positions", "some besides those fitted", "none", remedy)
 
 
 def _left(
-    index: NDArray[np.intp], how: PatternReading, period: tuple[int, int], aside: list[list[int]] | None = None
+    index: NDArray[np.intp], how: PatternReading, plan: ScanPlan, aside: list[list[int]] | None = None
 ) -> NDArray[np.intp]:
     """Return positions that may be taken, spread evenly, no more than are asked for."""
     from lfcal.fit import spread_out
 
-    most = _most(how, aside or [])
-    found = index[[tuple(at) not in how.without for at in index.tolist()]] if len(index) else index
-    return found[spread_out(found, most, period)] if most and len(found) > most else found
+    most, without = _most(how, aside or []), how.without(plan)
+    found = index[[tuple(at) not in without for at in index.tolist()]] if len(index) else index
+    return found[spread_out(found, most, plan.period)] if most and len(found) > most else found
 
 
 def _with_noise(matrix: PSFMatrix, how: PatternReading) -> tuple[PatternReading, str]:
     """Return how patterns are read, with the noise that H states of its frames, and where that is known from."""
+    import numpy as np
+
     from lfcal.psf import noise_of
 
     found = noise_of(matrix.provenance)
@@ -205,6 +243,8 @@ def _with_noise(matrix: PSFMatrix, how: PatternReading) -> tuple[PatternReading,
 
 
 def _check_noise(matrix: PSFMatrix, source: Path, how: PatternReading) -> None:
+    import numpy as np
+
     if how.noise is not None:
         return
     noise = None if matrix.facts.noise is None else matrix.facts.noise[matrix.recorded > 0]
@@ -237,19 +277,17 @@ def _recorded(source: Path) -> dict[str, Any]:
     return {"recorded": ended[-1]} if ended else {}
 
 
-def _picked(
-    source: Path, how: PatternReading, stack: ExitStack, *, quiet: bool
-) -> tuple[PSFMatrix, dict[str, Any], list[list[int]]]:
+def _iter_picked(
+    source: Path, how: PatternReading, stack: ExitStack
+) -> Work[tuple[PSFMatrix, dict[str, Any], list[list[int]]]]:
     """Return patterns of positions of a folder of frames or a session, corrected and cut out, and which to keep aside.
 
     Of a session of positions chosen for a fit all are taken, unless their number is given.
     """
-    from lfcal.cli._console import report_notes, run_work
-    from lfcal.cli._fit_first import of_one_channel, without_positions
-    from lfcal.cli._orientation import upright
-    from lfcal.frames import colours_of, corrected_view
-    from lfcal.psf import iter_pick, scan_noise
-    from lfcal.tasks import ScanFrames
+    import numpy as np
+
+    from lfcal.frames import colours_of, corrected_view, oriented
+    from lfcal.psf import iter_pick, iter_upright, scan_noise
 
     try:
         frames, plan = ScanFrames(source, how.plan, orientation=how.orientation).open()
@@ -264,19 +302,22 @@ def _picked(
     if colours:
         one = of_one_channel(source, how.plan, colours)
         raise InputError.expected(str(source), "frames of one colour", f"a mosaic of {', '.join(colours)}", one)
-    report_notes(frames.metadata.notes)
-    view, lie = upright(corrected_view(frames, how.recipe, plan), plan, how.orientation, quiet=quiet)
+    for one in frames.metadata.notes:
+        note(one)
+    corrected = corrected_view(frames, how.recipe, plan)
+    turn, lie = yield from iter_upright(corrected, plan, how.orientation)
+    view = oriented(corrected, turn, plan.camera.sensor.shape)
     if how.camera is not None:
         plan = replace(plan, camera=how.camera)
     index = np.unique(
         np.array([tuple(view.info(k).position) for k in range(len(view))], np.intp).reshape(-1, 3), axis=0
     )
     aside = [list(p) for p in frames.metadata.kept_aside]
-    taken = _left(index, how, plan.period, aside)
+    taken = _left(index, how, plan, aside)
     if not len(taken):
         raise _none_left(source)
     with own_words():
         noise = scan_noise(view, plan) if how.noise is None else None
-        matrix = run_work(iter_pick(view, plan, taken, noise=noise), quiet=quiet)
+        matrix = yield from iter_pick(view, plan, taken, noise=noise)
     known = _recorded(source) | {"source": source.name, "corrections": view.metadata.corrections, **lie}
     return matrix, known, aside if len(taken) == len(index) else []

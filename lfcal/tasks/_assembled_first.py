@@ -1,4 +1,4 @@
-"""What must be done before ``lfcal fit`` takes frames: the very command to type."""
+"""What must be done before frames can be fitted: the command to type."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lfcal.base import InputError, LfcalError
+from lfcal.tasks.scan_frames import find_plan
 
 __all__ = ["assembled_first", "of_one_channel", "without_positions"]
 
 LISTED = ("--order", "--manifest", "--pattern")
-"""Options of ``lfcal assemble`` that tell positions; ``lfcal fit`` has none of them."""
+"""Options of ``lfcal assemble`` that state positions; ``lfcal fit`` has none of them."""
 
 
 def assembled_first(source: Path, plan: Path | None, *options: str) -> str:
@@ -52,7 +53,6 @@ def without_positions(error: InputError, source: Path, plan: Path | None, dark: 
 def _below(source: Path, plan: Path | None) -> Path | None:
     """Return the only folder in ``source`` whose frames tell their positions, or None."""
     from lfcal.frames import open_frames
-    from lfcal.tasks import find_plan
 
     if not source.is_dir():
         return None

@@ -1,111 +1,155 @@
-"""``lfcal fit --check``: whether an old H still holds, from new frames."""
+"""Whether an old H still holds, from new frames."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
-
-from lfcal.base import InputError
+from lfcal.base import InputError, Work
+from lfcal.records import CorrectionRecipe, opt, panel, read_orientation, read_share, record, required
+from lfcal.tasks._patterns import SOME, open_upright, own_words, read_noise, show_noise
+from lfcal.tasks.assemble import orientations
+from lfcal.tasks.scan_frames import ScanFrames, find_plan
+from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
     from lfcal.fit import Compared, NewFrame
-    from lfcal.frames import CorrectionRecipe, FrameSource
+    from lfcal.frames import FrameSource
     from lfcal.judge import Check
     from lfcal.psf import PSFMatrix
 
-__all__ = ["CheckRequest", "check_h", "new_frame", "single_frames"]
+__all__ = ["FIT_CHECK", "CheckMatrix", "CheckMatrixByScan", "CheckedMatrix", "new_frame", "single_frames"]
 
 NAMES = ("*z{z}_y{y}_x{x}.*", "*y{y}_x{x}.*")
 """Names of single files that say where their source is."""
 
 NEAR_DEPTH = 0.02
-"""Share of a depth by which that of a plane may be another and be the same."""
+"""Largest relative distance between a depth and that of a plane that is taken for the same."""
 
 
-@dataclass(frozen=True)
-class CheckRequest:
-    """What is asked of an old H, and how frames are read.
+@dataclass(frozen=True, kw_only=True)
+class CheckedMatrix(TaskResult):
+    """What new frames show of an old H."""
 
-    Attributes
-    ----------
-    noise
-        Constant and slope of a sample's variance; None: what frames or H state.
-    limit
-        Error up to which H holds (relative L2).
-    most
-        Frames that are taken of a folder or session, spread evenly; 0: all.
-    plan
-        Scan plan of frames in a folder.
-    recipe
-        Their corrections.
-    orientation
-        What makes them upright.
+    check: Check
+    matrix: Path
+    frames: tuple[Path, ...]
+
+    @property
+    def failed(self) -> bool:
+        """Whether H does not hold, or the frames do not decide it."""
+        return self.check.holds is not True
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as plain values."""
+        return check_dict(self.check) | {"h": self.matrix, "frames_from": list(self.frames)}
+
+
+@record
+class CheckMatrix(Task):
+    """Check whether an old H still holds for new frames of a point source.
+
+    Nothing is fitted or written. Exit code 1: H does not hold, or the frames do not decide it.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import CheckMatrix
+    >>> task = CheckMatrix(matrix="H.h5", frames="frame.tif", noise="64,1", limit="3%")
+    >>> print(task.frames, task.noise, task.limit)
+    (PosixPath('frame.tif'),) (64.0, 1.0) 0.03
     """
 
-    noise: tuple[float, float] | None
-    limit: float
-    most: int
-    plan: Path | None
-    recipe: CorrectionRecipe
-    orientation: str
+    name: ClassVar[str] = "fit check"
+    input_words: ClassVar[str] = "files of single frames"
+
+    matrix: Path = required("H file to check.", argument=True, file="in")
+    frames: tuple[Path, ...] = required(
+        "New frames of a point source: files, folders of frames, or recorded sessions.", argument=True, file="in"
+    )
+    limit: float = opt(0.02, "Largest error (relative L2) of an H that holds.", above=0, below=1, read=read_share)
+    positions: int = opt(SOME, "Number of frames to take of each input, spread evenly; 0 takes all.", at_least=0)
+    noise: tuple[float, float] | None = opt(
+        None,
+        "CONSTANT,SLOPE: a sample of value v has the variance constant + slope v.",
+        empty="as the frames or H state",
+        read=read_noise,
+        show=show_noise,
+    )
+    orientation: str = opt(
+        "check",
+        "What turns the frames upright, as when H is assembled.",
+        choices=orientations,
+        read=read_orientation,
+    )
+    corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[CheckedMatrix, ...]]:
+        """Compare the frames with H."""
+        from lfcal.judge import iter_check
+
+        with open_upright(self.matrix) as H, ExitStack() as stack:
+            frames = []
+            for source in self.frames:
+                frames += yield from _iter_frames(H, source, self, stack)
+            found = yield from iter_check(H, frames, noise=self.noise, limit=self.limit)
+        return (CheckedMatrix(check=found, matrix=self.matrix, frames=self.frames),)
 
 
-def check_h(old: Path, sources: list[Path], asked: CheckRequest, *, json: bool) -> bool:
-    """Hold new frames against an old H; print the answer, and return whether it holds."""
-    from lfcal.cli._console import print_json, run_work
-    from lfcal.judge import iter_check
-    from lfcal.tasks import open_matrix
+@record
+class CheckMatrixByScan(CheckMatrix):
+    """Check an old H by the frames of a scan.
 
-    with open_matrix(old) as opened:
-        H = opened.T if opened.is_transposed else opened
-        with ExitStack() as stack:
-            frames = [frame for source in sources for frame in _frames(H, source, asked, stack, quiet=json)]
-            found = run_work(iter_check(H, frames, noise=asked.noise, limit=asked.limit), quiet=json)
-    if json:
-        print_json(check_dict(found) | {"h": old, "frames_from": sources})
-    else:
-        _show(found)
-    return found.holds is True
+    Examples
+    --------
+    >>> from lfcal.tasks import CheckMatrixByScan
+    >>> print(CheckMatrixByScan(matrix="H.h5", frames="session", positions=10).files("in"))
+    (PosixPath('H.h5'), PosixPath('session'))
+    """
+
+    input_words: ClassVar[str] = "a folder of frames"
+
+    plan: Path | None = opt(None, "Scan plan (.json) of the frames.", short="-p", file="in", empty="with the frames")
 
 
-def _frames(H: PSFMatrix, source: Path, asked: CheckRequest, stack: ExitStack, *, quiet: bool) -> list[NewFrame]:
+def _iter_frames(H: PSFMatrix, source: Path, task: CheckMatrix, stack: ExitStack) -> Work[list[NewFrame]]:
     """Return the frames of a file, a folder or a session, with what is known of where their sources are."""
-    from lfcal.cli._orientation import upright
+    import numpy as np
+
     from lfcal.frames import corrected_view, named_orientation, oriented
     from lfcal.judge import plan_of
-    from lfcal.psf import AUTO, CHECK
-    from lfcal.tasks import ScanFrames, find_plan
+    from lfcal.psf import AUTO, CHECK, iter_upright
 
-    own = plan_of(H)
-    scanned = source.is_dir() and ((source / "session.json").is_file() or find_plan(source, asked.plan) is not None)
+    own, named = plan_of(H), task.plan if isinstance(task, CheckMatrixByScan) else None
+    scanned = source.is_dir() and ((source / "session.json").is_file() or find_plan(source, named) is not None)
     if scanned:
-        scan, plan = ScanFrames(source, asked.plan, orientation=asked.orientation).open()
+        scan, plan = ScanFrames(source, named, orientation=task.orientation).open()
         stack.enter_context(scan)
         _check_colours(scan, plan, source)
-        view, _ = upright(corrected_view(scan, asked.recipe, plan), plan, asked.orientation, quiet=quiet)
+        corrected = corrected_view(scan, task.corrections, plan)
+        turn, _ = yield from iter_upright(corrected, plan, task.orientation)
+        view = oriented(corrected, turn, plan.camera.sensor.shape)
         _check_grid(H, view, plan, source)
-        return [_of_scan(H, view, plan, k) for k in _chosen(view, plan, asked.most)]
+        return [_of_scan(H, view, plan, k) for k in _chosen(view, plan, task.positions)]
     single = single_frames(source, stack)
     if own is not None:
         _check_colours(single, own, source)
-    seen: FrameSource = corrected_view(single, asked.recipe, own)
-    if asked.orientation not in (AUTO, CHECK):
+    seen: FrameSource = corrected_view(single, task.corrections, own)
+    if task.orientation not in (AUTO, CHECK):
         shape = seen.shape if own is None else own.camera.sensor.shape
-        seen = oriented(seen, named_orientation(asked.orientation), shape)
+        seen = oriented(seen, named_orientation(task.orientation), shape)
     _check_grid(H, seen, own, source)
-    names = range(len(seen)) if not asked.most else np.unique(np.linspace(0, len(seen) - 1, asked.most).astype(int))
+    most = task.positions
+    names = range(len(seen)) if not most else np.unique(np.linspace(0, len(seen) - 1, most).astype(int))
     return [_of_file(H, seen, int(k)) for k in names]
 
 
 def single_frames(source: Path, stack: ExitStack) -> FrameSource:
     """Return frames of which nobody knows the places: every page of a file, or of a folder's files."""
     from lfcal.base import StorageError
-    from lfcal.cli._fit_source import own_words
     from lfcal.frames import FolderSource, FrameEntry, Manifest, Position, natural_key, open_image
     from lfcal.frames.formats import image_suffixes
 
@@ -152,6 +196,8 @@ def _check_grid(H: PSFMatrix, view: FrameSource, plan: ScanPlan | None, source: 
 
 
 def _chosen(view: FrameSource, plan: ScanPlan, most: int) -> list[int]:
+    import numpy as np
+
     from lfcal.fit import spread_out
 
     index = np.array([tuple(view.info(k).position) for k in range(len(view))], np.intp).reshape(-1, 3)
@@ -161,6 +207,8 @@ def _chosen(view: FrameSource, plan: ScanPlan, most: int) -> list[int]:
 
 
 def _of_scan(H: PSFMatrix, view: FrameSource, plan: ScanPlan, k: int) -> NewFrame:
+    import numpy as np
+
     info = view.info(k)
     z, y, x = info.position
     drift = info.drift or (0.0, 0.0)
@@ -190,7 +238,8 @@ def _of_file(H: PSFMatrix, view: FrameSource, k: int) -> NewFrame:
 
 def new_frame(view: FrameSource, k: int, place: tuple[float, float] | None, plane: int | None, label: str) -> NewFrame:
     """Return frame ``k`` of a corrected view with its noise, where that is known."""
-    from lfcal.cli._fit_source import own_words
+    import numpy as np
+
     from lfcal.fit import NewFrame
 
     with own_words(without="" if place else ", (z, y, x) = (0, 0, 0)"):
@@ -260,25 +309,9 @@ def _frame_dict(one: Compared) -> dict[str, Any]:
     }
 
 
-def _show(found: Check) -> None:
-    from lfcal.cli._console import print_table, report
-    from lfcal.cli._findings import show_judgement
-    from lfcal.judge import judgement_of
+def kind_of(given: Mapping[str, Any]) -> type[Task]:
+    """Return which kind of frames H is checked by."""
+    return CheckMatrixByScan if any(Path(one).is_dir() for one in given["frames"]) else CheckMatrix
 
-    rows = [
-        [
-            one.label,
-            f"{one.found.z}, {one.found.y}, {one.found.x}",
-            f"{one.displacement_px[0]:+.3f}, {one.displacement_px[1]:+.3f}",
-            f"{one.gain:.4g}",
-            f"{one.background:.4g}",
-            f"{one.chi_square.lit:.2f}",
-            str(one.error),
-        ]
-        for one in found.frames
-    ]
-    print_table(["frame", "z, y, x", "beside (px)", "light", "background", "chi²", "error"], rows)
-    show_judgement(judgement_of(found), found.answer)
-    report(f"note: noise: {found.noise_from}")
-    for note in found.notes:
-        report(f"note: {note}")
+
+FIT_CHECK = TaskSet("fit check", (CheckMatrix, CheckMatrixByScan), kind_of, "lfcal fit check old.h5 frame.tif")

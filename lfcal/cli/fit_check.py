@@ -1,0 +1,46 @@
+"""``lfcal fit check``: check whether an old H still holds for new frames of a point source."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import typer
+
+from lfcal.cli._task_command import add_task
+from lfcal.tasks import task_set
+
+if TYPE_CHECKING:
+    from lfcal.tasks import CheckedMatrix
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``check`` to the app."""
+    add_task(app, task_set("fit check"), show)
+
+
+def show(made: tuple[CheckedMatrix, ...]) -> None:
+    """Print what the frames show of H."""
+    from lfcal.cli._console import print_table, report
+    from lfcal.cli._findings import show_judgement
+    from lfcal.judge import judgement_of
+
+    for found in (one.check for one in made):
+        rows = [
+            [
+                one.label,
+                f"{one.found.z}, {one.found.y}, {one.found.x}",
+                f"{one.displacement_px[0]:+.3f}, {one.displacement_px[1]:+.3f}",
+                f"{one.gain:.4g}",
+                f"{one.background:.4g}",
+                f"{one.chi_square.lit:.2f}",
+                str(one.error),
+            ]
+            for one in found.frames
+        ]
+        print_table(["frame", "z, y, x", "beside (px)", "light", "background", "chi²", "error"], rows)
+        show_judgement(judgement_of(found), found.answer)
+        report(f"note: noise: {found.noise_from}")
+        for note in found.notes:
+            report(f"note: {note}")

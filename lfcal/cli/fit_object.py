@@ -1,0 +1,26 @@
+"""``lfcal fit object``: predict the frame of a known object by H of a fit."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import typer
+
+from lfcal.cli._task_command import add_task
+from lfcal.tasks import task_set
+
+if TYPE_CHECKING:
+    from lfcal.tasks import PredictedObject
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``object`` to the app."""
+    add_task(app, task_set("fit object"), show)
+
+
+def show(made: tuple[PredictedObject, ...]) -> None:
+    """Print how well the frame was predicted."""
+    for found in (one.compared for one in made):
+        typer.echo(f"{found.label}: predicted with an error {found.error}, chi² {found.chi_square.lit:.3f}")

@@ -1,0 +1,53 @@
+"""``lfcal fit validate``: predict recorded points that were not fitted."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import typer
+
+from lfcal.cli._task_command import add_task
+from lfcal.tasks import task_set
+
+if TYPE_CHECKING:
+    from lfcal.fit import Validation
+    from lfcal.tasks import Validated
+
+__all__ = ["register"]
+
+LISTED = 8
+"""Points with the largest errors that are listed; validation.json has all."""
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``validate`` to the app."""
+    add_task(app, task_set("fit validate"), show)
+
+
+def show(made: tuple[Validated, ...]) -> None:
+    """Print the points with the largest errors, and what all of them say."""
+    for one in made:
+        if one.name:
+            typer.echo(f"{one.name}:")
+        _show_one(one.validation)
+
+
+def _show_one(found: Validation) -> None:
+    from lfcal.cli._console import print_table
+
+    worst = sorted(found.points, key=lambda one: -one.model.error.squared)[:LISTED]
+    rows = [
+        [
+            f"{one.z}, {one.y}, {one.x}",
+            f"{one.field:.2f}",
+            str(one.model.error),
+            "" if one.periodic is None else str(one.periodic.error),
+            f"{one.model.chi_square.lit:.2f}",
+            f"{one.model.displacement_px[0]:+.3f}, {one.model.displacement_px[1]:+.3f}",
+        ]
+        for one in worst
+    ]
+    headers = ["withheld z, y, x", "field", "camera", "H as periodic", "chi²", "beside (px)"]
+    print_table(headers, rows)
+    good = not (found.worse(periodic=False) or found.worse(periodic=True))
+    typer.secho(found.verdict, fg=typer.colors.GREEN if good else typer.colors.RED, bold=True)

@@ -1,0 +1,408 @@
+"""The camera that explains measured patterns, from H, frames of a scan or several, or frames of a target."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from lfcal.base import InputError, Work
+from lfcal.records import CorrectionRecipe, opt, panel, read_orientation, record, required
+from lfcal.tasks._patterns import (
+    PatternReading,
+    is_matrix,
+    iter_patterns,
+    names_of,
+    open_upright,
+    read_noise,
+    show_noise,
+)
+from lfcal.tasks.assemble import orientations
+from lfcal.tasks.cameras import is_camera_file, load_camera
+from lfcal.tasks.target_frames import opened_target, wanted_target
+from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
+
+if TYPE_CHECKING:
+    from lfcal.campaign import Points
+    from lfcal.fit import FieldFit, Fit, HybridSummary, Measured
+    from lfcal.psf import PSFMatrix
+    from lfcal.simulate.effects import Effect
+    from lfcal.work import RunChoice
+
+__all__ = ["FIT", "FitFrames", "FitMatrix", "FitOutcome", "FitTarget"]
+
+FOLDER = Path("fit")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitOutcome(TaskResult):
+    """One camera that was fitted.
+
+    Attributes
+    ----------
+    fit
+        What was found; of several regions, or of parts of the field, that of the first.
+    source
+        What was fitted, the first of it.
+    out
+        Folder that it was written into.
+    files
+        What was written.
+    field
+        The fit of all regions, or of all parts of the field; None: there is one.
+    hybrids
+        What each hybrid H has beyond the model, by the name of its region; an empty name: there is one.
+    points, facts
+        Of a target: the points that were found in its frames, and what they say of it.
+    holes
+        Of a target: what was found of the size of its holes; empty: nothing new.
+    """
+
+    fit: Fit
+    source: Path
+    out: Path
+    files: tuple[Path, ...]
+    field: FieldFit | None = None
+    hybrids: Mapping[str, HybridSummary]
+    points: Points | None = None
+    facts: Mapping[str, Any] | None = None
+    holes: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as plain values."""
+        from lfcal.fit import field_dict, fit_dict
+
+        files = {"files": list(self.files)}
+        hybrids = {name: asdict(one) for name, one in self.hybrids.items()}
+        if self.field is None:
+            return fit_dict(self.fit) | {"source": self.source} | files | ({"hybrid": hybrids[""]} if hybrids else {})
+        if self.points is None:
+            return field_dict(self.field) | files | ({"hybrid": hybrids} if hybrids else {})
+        parts = {name: {"chi2": one.here.chi_square.lit} for name, one in self.field.fits.items() if one.here}
+        return fit_dict(self.fit) | {"source": self.source} | files | {"target": self.facts, "parts": parts}
+
+
+def read_unknowns(text: str) -> str:
+    """Return the groups of unknowns that a text names, separated by commas; ``auto`` and nothing as they are."""
+    from lfcal.fit import GROUPS
+
+    if text == "auto":
+        return text
+    names = tuple(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
+    known = GROUPS.names()
+    wrong = [name for name in names if name not in known]
+    if wrong or not names:
+        got, remedy = wrong[0] if wrong else repr(text), f"groups are {', '.join(known)}"
+        raise InputError.expected("unknowns", "auto or groups of unknowns", got, remedy)
+    return ",".join(names)
+
+
+@record
+class _Fit(Task):
+    """What all kinds have."""
+
+    name: ClassVar[str] = "fit"
+
+    sources: tuple[Path, ...] = required(
+        "H file, of which only recorded positions are used; recorded session; folder of frames; or a file of many "
+        "frames. Several are regions of the field of one camera.",
+        argument=True,
+        file="in",
+    )
+    out: Path = opt(FOLDER, "Folder to write into.", label="Folder", short="-o", file="out")
+    camera: str = opt(
+        "", "Preset or camera file to start from.", file="in", is_path=is_camera_file, empty="that of H or of the plan"
+    )
+    unknowns: str = opt(
+        "auto",
+        "Groups of unknowns: A,B,C. auto: those that lower the error of patterns left out.",
+        examples=("auto",),
+        read=read_unknowns,
+    )
+    effects: tuple[str, ...] = opt(
+        (),
+        "NAME=on|off|VALUE, or a JSON file: what the simulation begins with besides the effects that the camera "
+        "describes, for example index_mismatch=1.38,depth:20um.",
+        flag="--effect",
+        file="in",
+        is_path=lambda text: "=" not in text,
+        empty="none",
+        more=True,
+    )
+    positions: int | None = opt(
+        None,
+        "Number of positions that are used, spread evenly; 0 uses all.",
+        at_least=0,
+        empty="40, or all of a session of chosen positions",
+    )
+    write_h: bool = opt(
+        True, "Whether H of the fitted camera is computed and written.", label="Compute H", flag="--no-h"
+    )
+
+    @property
+    def groups(self) -> str | tuple[str, ...]:
+        """What is asked of the library: auto, or the names of the groups."""
+        return self.unknowns if self.unknowns == "auto" else tuple(self.unknowns.split(","))
+
+    def _begins(self) -> tuple[dict[str, str], tuple[Effect, ...]] | None:
+        """Return settings and effects that are given, None where there are none."""
+        from lfcal.simulate.effects import parse_effects
+
+        return parse_effects(self.effects) if self.effects else None
+
+
+@record
+class FitTarget(_Fit):
+    """Fit one camera to the points of a target, each where it is on the sensor.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import FitTarget
+    >>> task = FitTarget(sources="frames", plan="target.json", regions="3x3", effects=("vignetting=on",))
+    >>> print(task.regions, task.out)
+    3x3 fit
+    """
+
+    input_words: ClassVar[str] = "frames of a target"
+
+    plan: Path | None = opt(None, "Plan of the target (.json).", short="-p", file="in", empty="with the frames")
+    regions: str = opt("", "Write H of several regions to one file, ROWSxCOLUMNS, e.g. 3x3.", empty="one region")
+    corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
+
+    def files(self, way: str) -> tuple[Path, ...]:
+        """Return its files, those in the folder of the fit too."""
+        from lfcal.campaign import point_outputs
+
+        return tuple(point_outputs(self.out)) if way == "out" else super().files(way)
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[FitOutcome, ...]]:
+        """Find the points in the frames, fit the camera, and write it."""
+        from lfcal.camera import RegionPlan, parse_regions
+        from lfcal.campaign import MOST, hole_words, iter_fit_points, iter_points_of, iter_write_points, target_facts
+        from lfcal.fit import starting_effects, with_given
+
+        (source,), workers = self.sources, run.workers if run else None
+        plan, given = wanted_target(source, self.plan), self._begins()
+        assert plan is not None
+        if self.camera:
+            plan = replace(plan, scan=replace(plan.scan, camera=load_camera(self.camera)))
+        spread = RegionPlan.spread(plan.scan, parse_regions(self.regions)) if self.regions else plan.scan
+        begins = None if given is None else with_given(starting_effects(plan.scan), *given)
+        most = MOST if self.positions is None else self.positions or None
+        with opened_target(source, plan, self.corrections) as view:
+            points = yield from iter_points_of(view, plan)
+            fit = yield from iter_fit_points(view, points, self.groups, effects=begins, most=most, workers=workers)
+        facts = target_facts(points)
+        known = {"source": source.name, "target": facts, "task": self.to_dict(absolute=True, outputs=False)}
+        files = yield from iter_write_points(fit, spread, self.out, known, with_h=self.write_h, workers=workers)
+        holes = hole_words(fit.first, asked=self.unknowns != "auto")
+        one = FitOutcome(
+            fit=fit.first,
+            source=source,
+            out=self.out,
+            files=tuple(files),
+            field=fit,
+            hybrids={},
+            points=points,
+            facts=facts,
+            holes=holes,
+        )
+        return (one,)
+
+
+@record
+class FitMatrix(_Fit):
+    """Fit a camera to the recorded patterns of H.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import FitMatrix
+    >>> task = FitMatrix(sources="H.h5", unknowns="geometry,iris", noise="64,1")
+    >>> print(task.groups, task.noise)
+    ('geometry', 'iris') (64.0, 1.0)
+    """
+
+    input_words: ClassVar[str] = "H"
+    in_units: ClassVar[bool] = True
+
+    noise: tuple[float, float] | None = opt(
+        None,
+        "CONSTANT,SLOPE: a sample of value v has the variance constant + slope v.",
+        empty="as the source states",
+        read=read_noise,
+        show=show_noise,
+    )
+    hybrid: bool = opt(
+        False, "Write H with what recorded patterns show beyond the model, and with its uncertainty.", label="Hybrid H"
+    )
+
+    def __post_init__(self) -> None:
+        """Check every field, and those that exclude each other."""
+        super().__post_init__()
+        if self.hybrid and not self.write_h:
+            raise InputError.expected("--hybrid", "an H to write", "--no-h", "leave one of them out")
+
+    def files(self, way: str) -> tuple[Path, ...]:
+        """Return its files, those in the folder of the fit too, of which H is the first."""
+        from lfcal.fit import field_outputs, fit_outputs
+
+        if way == "in":
+            return super().files(way)
+        return tuple(fit_outputs(self.out) if len(self.sources) == 1 else field_outputs(self.out, self._names))
+
+    def unit_outputs(self) -> tuple[Path, ...]:
+        """Return each H that is made in units; of several those that were begun, where some were."""
+        from lfcal.work import parts_folder
+
+        if self.hybrid or not self.write_h:
+            return ()
+        return tuple(place for place in self._places if parts_folder(place).exists()) or self._places
+
+    @property
+    def _places(self) -> tuple[Path, ...]:
+        """Where H is written, or that of each region."""
+        from lfcal.fit import MODEL
+
+        return (self.out / MODEL,) if len(self.sources) == 1 else tuple(self.out / one / MODEL for one in self._names)
+
+    @property
+    def _names(self) -> list[str]:
+        return names_of(self.sources)
+
+    def _reading(self) -> PatternReading:
+        camera = load_camera(self.camera) if self.camera else None
+        return PatternReading(camera=camera, most=self.positions, noise=self.noise)
+
+    def _choice(self, run: RunSettings) -> RunChoice | None:
+        """Return how H is made in units; the first of several answers for all."""
+        if self.hybrid or not self.write_h:
+            if run.executor or run.scheduler or run.resume:
+                got = "--hybrid" if self.hybrid else "--no-h"
+                wanted = "an H of the model, made plane by plane"
+                raise InputError.expected("--executor", wanted, got, "leave one of them out")
+            return None
+        return next((one for one in [run.choice(place) for place in self._places] if one is not None), None)
+
+    def _check_folder(self) -> None:
+        """Raise where H of another fit would stay in the folder: it would be taken for that of this camera."""
+        from lfcal.fit import MODEL, NUMBERS
+
+        matrix = self.out / MODEL
+        if len(self.sources) == 1:
+            if not self.write_h and matrix.exists():
+                remedy = "choose another folder"
+                raise InputError.expected(str(matrix), "no H with --no-h", "one of an earlier fit", remedy)
+            return
+        others = [matrix, self.out / NUMBERS]
+        others += [] if self.write_h else self._places
+        if there := next((path for path in others if path.exists()), None):
+            raise InputError.expected(str(self.out), "no fit of another camera", str(there), "choose another folder")
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[FitOutcome, ...]]:
+        """Read the patterns, fit the camera, and write it."""
+        run = run or RunSettings()
+        self._check_folder()
+        choice, how, given = self._choice(run), self._reading(), self._begins()
+        one = yield from (self._iter_one if len(self.sources) == 1 else self._iter_field)(how, given, choice, run)
+        return (one,)
+
+    def _iter_one(
+        self,
+        how: PatternReading,
+        given: tuple[dict[str, str], tuple[Effect, ...]] | None,
+        choice: RunChoice | None,
+        run: RunSettings,
+    ) -> Work[FitOutcome]:
+        """Fit a camera to the patterns of one region."""
+        from lfcal.fit import iter_fit_camera, iter_write_fit, starting_effects, with_given
+
+        (source,), workers = self.sources, run.workers
+        measured, known = yield from iter_patterns(source, how)
+        known |= {"task": self.to_dict(absolute=True, outputs=False)}
+        begins = with_given(starting_effects(measured.plan), *given) if given else None
+        fit = yield from iter_fit_camera(measured, how.camera, self.groups, effects=begins, workers=workers)
+        with ExitStack() as stack:
+            patterns = self._recorded(source, measured, stack) if self.hybrid else None
+            more: dict[str, Any] = {"noise": how.noise, "with_h": self.write_h, "workers": workers, "run": choice}
+            files, summary = yield from iter_write_fit(fit, measured, self.out, known, patterns=patterns, **more)
+        hybrids = {} if summary is None else {"": summary}
+        return FitOutcome(fit=fit, source=source, out=self.out, files=tuple(files), hybrids=hybrids)
+
+    def _iter_field(
+        self,
+        how: PatternReading,
+        given: tuple[dict[str, str], tuple[Effect, ...]] | None,
+        choice: RunChoice | None,
+        run: RunSettings,
+    ) -> Work[FitOutcome]:
+        """Fit one camera to the patterns of several regions."""
+        from lfcal.fit import iter_fit_field, iter_write_field, starting_effects, with_given
+
+        by_name = dict(zip(self._names, self.sources, strict=True))
+        patterns, known = {}, {}
+        for name, source in by_name.items():
+            patterns[name], known[name] = yield from iter_patterns(source, how)
+            known[name] |= {"task": self.to_dict(absolute=True, outputs=False)}
+        first = next(iter(patterns.values()))
+        begins = with_given(starting_effects(first.plan), *given) if given else None
+        fit = yield from iter_fit_field(patterns, how.camera, self.groups, effects=begins, workers=run.workers)
+        with ExitStack() as stack:
+            recorded = {name: self._recorded(source, patterns[name], stack) for name, source in by_name.items()}
+            hybrids = recorded if self.hybrid else None
+            more: dict[str, Any] = {"noise": how.noise, "with_h": self.write_h, "workers": run.workers, "run": choice}
+            files, found = yield from iter_write_field(fit, patterns, self.out, known, hybrids=hybrids, **more)
+        return FitOutcome(
+            fit=fit.first, source=self.sources[0], out=self.out, files=tuple(files), field=fit, hybrids=found
+        )
+
+    @staticmethod
+    def _recorded(source: Path, measured: Measured, stack: ExitStack) -> PSFMatrix | Measured:
+        """Return what a hybrid is made of: of an H every recorded pattern, not only those that were fitted."""
+        return stack.enter_context(open_upright(source, quiet=True)) if is_matrix(source) else measured
+
+
+@record
+class FitFrames(FitMatrix):
+    """Find the camera that explains measured patterns, and H of it without noise.
+
+    Gap, focal lengths, iris and aberrations are found. Writes camera.json, effects.json, H.h5, fit.json and report/
+    into a folder. Several sources are regions of the field of one camera: how its wavefront changes over the field is
+    found too, and each region has a folder of its own.
+    Points of a target are fitted where they are on the sensor.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import FitFrames
+    >>> from lfcal.frames import CorrectionRecipe
+    >>> task = FitFrames(sources=("centre", "edge"), out="fit", corrections=CorrectionRecipe(dark="dark"))
+    >>> print(task.files("out")[0], task.corrections.dark)
+    fit/camera.json dark
+    """
+
+    input_words: ClassVar[str] = "frames"
+
+    plan: Path | None = opt(None, "Scan plan (.json) of the frames.", short="-p", file="in", empty="with the frames")
+    orientation: str = opt(
+        "check",
+        "What turns the frames upright, as when H is assembled.",
+        choices=orientations,
+        read=read_orientation,
+    )
+    corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
+
+    def _reading(self) -> PatternReading:
+        how = super()._reading()
+        return replace(how, plan=self.plan, recipe=self.corrections, orientation=self.orientation)
+
+
+def kind_of(given: Mapping[str, Any]) -> type[Task]:
+    """Return which kind of fit the sources ask for."""
+    sources = [Path(one) for one in given["sources"]]
+    if len(sources) == 1 and wanted_target(sources[0], given.get("plan")) is not None:
+        return FitTarget
+    return FitMatrix if all(map(is_matrix, sources)) else FitFrames
+
+
+FIT = TaskSet("fit", (FitFrames, FitMatrix, FitTarget), kind_of, "lfcal fit H.h5 -o fit/")

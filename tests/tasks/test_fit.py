@@ -1,0 +1,176 @@
+"""Fits as tasks: every route gives the same bits, kinds of input refuse fields of others, and corrections apply."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from lfcal.base import InputError, Work
+from lfcal.frames import CorrectionRecipe
+from lfcal.psf import save
+from lfcal.records import rows
+from lfcal.tasks import (
+    CheckMatrix,
+    CheckMatrixByScan,
+    FitFrames,
+    FitMatrix,
+    FitTarget,
+    PredictObject,
+    ValidateFit,
+    ValidateFitByFrames,
+    command_of,
+    job_of,
+    load_job,
+    python_of,
+    task_set,
+)
+from lfcal.tasks.task import Task
+from tests.cli import conftest
+from tests.cli.conftest import Run
+from tests.fit.commands import undrawn
+from tests.fit.common import few_patterns
+
+Lfcal = Callable[..., Run]
+lfcal = conftest.lfcal
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    save(few_patterns(), tmp_path / "few.h5")
+    monkeypatch.chdir(tmp_path)
+    undrawn(monkeypatch)
+    return tmp_path
+
+
+def found(folder: Path) -> tuple[np.ndarray, dict[str, Any]]:
+    """Return H of a fit, and its numbers without the time and the place."""
+    numbers = json.loads((folder / "fit.json").read_text())
+    with h5py.File(folder / "H.h5") as file:
+        return np.asarray(file["H"][:]), {key: numbers[key] for key in numbers if key not in ("fitted", "task")}
+
+
+def test_every_route_gives_the_same_bits(lfcal: Lfcal, place: Path) -> None:
+    task = FitMatrix(sources=place / "few.h5", out=place / "direct", unknowns="geometry", noise=(64.0, 1.0))
+    task.run()
+    wanted, numbers = found(place / "direct")
+
+    def moved(text: str, name: str) -> str:
+        return text.replace(str(place / "direct"), str(place / name))
+
+    assert lfcal(*shlex.split(moved(command_of(task), "by_command"))[1:]).code == 0
+    exec(moved(python_of(task), "by_python"), {})
+    (place / "job.toml").write_text(moved(job_of(task), "by_job"))
+    assert lfcal("run", "job.toml").code == 0
+    assert lfcal("run", place / "direct" / "H.h5", "-o", "again").code == 0
+    for name in ("by_command", "by_python", "by_job", "again"):
+        values, told = found(place / name)
+        np.testing.assert_array_equal(values, wanted, err_msg=name)
+        assert told == numbers, name
+    kept = json.loads((place / "direct" / "fit.json").read_text())["task"]
+    assert kept == task.to_dict(absolute=True, outputs=False) and kept["noise"] == [64.0, 1.0]
+
+
+TASKS: tuple[Task, ...] = (
+    FitFrames(sources=("a", "b"), plan="plan.json", corrections=CorrectionRecipe(dark="dark"), hybrid=True),
+    FitMatrix(sources="H.h5", camera="bench", effects=("crosstalk=0.01", "more.json"), write_h=False, positions=0),
+    FitTarget(sources="frames", regions="3x3", unknowns="geometry, iris"),
+    CheckMatrix(matrix="H.h5", frames=("one.tif", "two.tif"), limit="3%", noise="64,0.5"),
+    CheckMatrixByScan(matrix="H.h5", frames="session", plan="plan.json", positions=9),
+    ValidateFit(fit="fit", sources="H.h5", other=True),
+    ValidateFitByFrames(fit="fit", sources="session", orientation="rot90"),
+    PredictObject(fit="fit", frame="frame.tif", scene="object.npy"),
+)
+
+
+@pytest.mark.parametrize("task", TASKS, ids=lambda task: type(task).__name__)
+def test_a_task_goes_to_texts_and_back(task: Task, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    # what the input is decides which kind it is: here nothing is there
+    monkeypatch.setattr(f"{type(task).__module__}.kind_of", None)
+    tasks = task_set(task.name)
+    monkeypatch.setitem(vars(tasks), "choose", lambda _: type(task))
+    Path("job.toml").write_text(job_of(task))
+    read, _ = load_job(Path("job.toml"))
+    assert read == task
+    made: dict[str, Any] = {}
+    exec(python_of(task).replace(".run()", ""), made)
+    assert made["made"] == task
+
+
+@pytest.mark.parametrize("name", ["fit", "fit check", "fit validate"])
+def test_a_field_of_another_kind_of_input_is_refused(name: str) -> None:
+    tasks = task_set(name)
+    every = {row.name for kind in tasks.kinds for row in rows(kind)}
+    refused = 0
+    for kind in tasks.kinds:
+        for field in every - {row.name for row in rows(kind)}:
+            with pytest.raises(InputError, match=f"{field}: expected .*, got {kind.input_words}; leave it out"):
+                tasks.refuse(kind, [field])
+            refused += 1
+    assert refused
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: FitMatrix(sources="H.h5", unknowns="gap"), "unknowns: expected auto or groups of unknowns, got gap"),
+        (lambda: FitMatrix(sources="H.h5", noise="64"), "noise: expected CONSTANT,SLOPE of the variance"),
+        (lambda: FitMatrix(sources="H.h5", positions=-1), "positions: expected a whole number ≥ 0"),
+        (lambda: FitMatrix(sources="H.h5", hybrid=True, write_h=False), "--hybrid: expected an H to write"),
+        (lambda: CheckMatrix(matrix="H.h5", frames="f.tif", limit=2.0), "limit: expected a number > 0 and < 1"),
+    ],
+)
+def test_a_wrong_value_ends_in_one_sentence(make: Callable[[], Task], words: str) -> None:
+    with pytest.raises(InputError) as error:
+        make()
+    assert words in str(error.value) and "\n" not in str(error.value)
+
+
+CORRECTIONS = {
+    "--dark": "dark",
+    "--black-level": "100",
+    "--white": "white.tif",
+    "--white-mode": "pixels",
+    "--white-floor": "0.1",
+    "--background": "border",
+    "--exposure": "none",
+    "--saturation": "4000",
+}
+
+
+@pytest.mark.parametrize(
+    ("words", "kind"),
+    [
+        (("fit", "frames"), FitFrames),
+        (("fit", "check", "H.h5", "frame.tif"), CheckMatrix),
+        (("fit", "validate", "fit", "frames"), ValidateFitByFrames),
+        (("fit", "object", "fit", "frame.tif", "--scene", "object.npy"), PredictObject),
+    ],
+)
+def test_frames_are_corrected_as_when_h_is_assembled(
+    lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], kind: type[Any]
+) -> None:
+    """All corrections of lfcal assemble, so that frames need not be assembled first."""
+    monkeypatch.chdir(tmp_path)
+    seen: list[Any] = []
+
+    def work(task: object, _: object) -> Work[tuple[()]]:
+        seen.append(task)
+        yield from ()
+        return ()
+
+    monkeypatch.setattr(kind, "work", work)
+    monkeypatch.setattr(kind, "files", lambda *_: ())
+    lfcal(*words, "--defects", *(word for pair in CORRECTIONS.items() for word in pair))
+    (task,) = seen
+    recipe = task.corrections
+    assert type(task) is kind and recipe.defects and recipe.saturation == 4000 and recipe.background == "border"
+    assert (recipe.dark, recipe.white, recipe.white_mode, recipe.white_floor) == ("dark", "white.tif", "pixels", 0.1)
+    assert recipe.black_level == 100 and recipe.exposure == "none"
