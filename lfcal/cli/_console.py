@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable
 from contextlib import suppress
 from typing import Any, TypeVar
 
@@ -12,7 +11,7 @@ import typer
 
 from lfcal.base import Progress, Work, drain, format_seconds, plain
 
-__all__ = ["KEPT", "done_text", "print_json", "print_table", "report", "report_notes", "run_work"]
+__all__ = ["KEPT", "done_text", "print_json", "print_table", "report", "run_work"]
 
 R = TypeVar("R")
 
@@ -24,12 +23,6 @@ def report(message: str) -> None:
     """Print one line to standard error."""
     with suppress(OSError):  # a full disk behind it must not end the work
         print(f"lfcal: {' '.join(message.split())}", file=sys.stderr)
-
-
-def report_notes(notes: Iterable[str]) -> None:
-    """Print what was guessed, a line each."""
-    for note in notes:
-        report(f"note: {note}")
 
 
 def run_work(work: Work[R], *, quiet: bool = False) -> R:
