@@ -1,6 +1,6 @@
 """Settings of each solver of volumes: a solver has the fields that it uses, and no others.
 
-Solvers of other distributions have a record that `solver_kind` makes of the options they use.
+`solver_kind` returns the record of a solver of another distribution, by the options that it uses.
 """
 
 from __future__ import annotations

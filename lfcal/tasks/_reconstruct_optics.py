@@ -270,7 +270,7 @@ def view_of(H: Any, white: Path | None, lattice: Path | None = None) -> Resampli
 def _measured(camera: Camera, fit: LatticeFit, white: NDArray[np.float32] | None) -> Camera:
     """Return ``camera`` of three lens types with the lattice of ``fit``: a lenslet of type 0 is at its offset.
 
-    Which one that is the white frame tells; without it, or where it does not, the nearest to the offset stated.
+    The white frame shows which one that is; without it, or where it does not, it is the nearest to the offset stated.
     """
     from lfcal.lattice import classify_lens_types, expected_blur
 

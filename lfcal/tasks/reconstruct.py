@@ -318,7 +318,7 @@ class Reconstruct(_Reconstruct):
     )
 
     def unit_outputs(self) -> tuple[Path, ...]:
-        """Return the output beside which volumes of a stopped run are kept."""
+        """Return the output next to which volumes of a stopped run are kept."""
         return (self.out,)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Reconstructed, ...]]:

@@ -23,9 +23,9 @@ from lfcal.reconstruct import (
     usual_margin,
 )
 from lfcal.reconstruct.solvers import GOALS, OPTIONS, STOPS
-from lfcal.records import SOLVER_ENDS, SolverFields
+from lfcal.records import SOLVER_ENDS, SolverFields, rows
 from lfcal.tasks import Reconstruct, choice_of, solver_settings
-from lfcal_gui.models import Field, PageSettings
+from lfcal_gui.models import Field, PageSettings, fields_of
 from lfcal_gui.pages.reconstruct.model_device import DEVICE
 
 if TYPE_CHECKING:
@@ -42,6 +42,17 @@ __all__ = [
 
 ENDS = {end: words for words, end in SOLVER_ENDS.items()}
 """What a task is given in place of a number of iterations, by what ends a run."""
+
+ROWS = {one.key: one for one in fields_of(Reconstruct)}
+"""Entries that are as the task declares them."""
+
+CHECKED = tuple(
+    row
+    for row in rows(Reconstruct)
+    if row.name in ("background", "read_noise", "saturation", "strength", "subsets", "tolerance", "gain", "goal")
+    or row.name in ("threshold", "within", "memory")
+)
+"""Fields of the task that are checked as it checks them, whether the solver uses them or not."""
 
 FIELDS = (
     Field(
@@ -60,41 +71,14 @@ FIELDS = (
         tip="Count: after so many iterations. Left-out: when one pixel of 25, which the fit does not see, is foretold "
         "no better; the volume is the best. Noise: when the image is met as well as gain and read noise allow",
     ),
-    Field(
-        "goal",
-        "Goal",
-        kind="choice",
-        choices=tuple((goal, goal) for goal in GOALS),
-        tip="View: a volume to look at. Measure: sums and means over regions, with more iterations and noisier voxels",
-    ),
-    Field("gain", "Gain", "counts/e⁻", "Counts per photo-electron: what tells the photons' noise that ends a run"),
-    Field("background", "Background", "counts", "Expected value of a pixel without any source"),
-    Field("read_noise", "Read noise", "counts", "Rms noise of the sensor; Richardson-Lucy variants use it"),
-    Field(
-        "saturation",
-        "Saturation",
-        "counts",
-        "Pixels at or above are left out; empty: none",
-        optional=True,
-        empty="none",
-    ),
-    Field(
-        "strength",
-        "Strength",
-        "",
-        "Weight of the penalty (rl-tv: 0.002 is mild; rl-tikhonov: 0.01); empty: the default",
-        optional=True,
-        empty="default",
-    ),
-    Field(
-        "subsets",
-        "Subsets",
-        "",
-        "osem: number of subsets; phase-space: blocks of views per axis; empty: the default",
-        kind="int",
-        optional=True,
-        empty="default",
-    ),
+    ROWS["goal"],
+    replace(ROWS["gain"], optional=False),
+    ROWS["background"],
+    ROWS["read_noise"],
+    ROWS["saturation"],
+    ROWS["strength"],
+    ROWS["subsets"],
+    ROWS["tolerance"],
     Field(
         "method",
         "Projector",
@@ -135,7 +119,8 @@ FIELDS = (
         kind="text",
         empty="by pixel",
     ),
-    Field("double", "Double precision", kind="bool", tip="float64 instead of float32: twice the memory"),
+    ROWS["double"],
+    ROWS["memory"],
     Field(
         "as_is",
         "As is",
@@ -190,6 +175,8 @@ class ReconstructSettings(PageSettings):
         Pixel (row, column) of the whole light field at which H's position (0, 0) is imaged; empty: that of H.
     goal
         As in `SolverChoice`; for the end by left-out pixels alone.
+    tolerance, memory
+        As in `lfcal.tasks.Reconstruct`.
     as_is
         Whether the light field is not resampled, however far the lattice drifts against H's period.
     """
@@ -216,32 +203,21 @@ class ReconstructSettings(PageSettings):
     anchor: tuple[float, ...] = ()
     as_is: bool = False
     goal: str = GOALS[0]
+    tolerance: float = 0.0
+    memory: float | None = None
 
     def __post_init__(self) -> None:
         """Check what no library call would find before the work begins."""
         if self.stop not in ("", *STOPS):
             raise InputError.expected("end", f"nothing, {' or '.join(STOPS)}", repr(self.stop), "choose one")
-        if self.goal not in GOALS:
-            raise InputError.expected("goal", " or ".join(GOALS), repr(self.goal), "choose one")
-        if not 0 < self.gain < 1e12:
-            raise InputError.expected("gain", "above 0 (counts per photo-electron)", self.gain, "correct it")
+        for row in CHECKED:
+            row.check(getattr(self, row.name), row.label)
         if not 1 <= self.iterations <= 100_000:
             raise InputError.expected("iterations", "1 to 100000", self.iterations, "correct it")
-        if not 0 <= self.threshold < 1:
-            raise InputError.expected("ignore H below", "0 to 100 % of the peak", self.threshold, "correct it")
-        if not 0 <= self.within < 1:
-            raise InputError.expected("within", "0 to 100 % of the light", self.within, "correct it")
         if self.margin is not None and self.margin < 0:
             raise InputError.expected("margin", "not negative (px)", self.margin, "correct it")
         if self.voxel not in ("", "auto"):
             _side(self.voxel)
-        if self.subsets is not None and self.subsets < 1:
-            raise InputError.expected("subsets", "at least 1", self.subsets, "correct it")
-        for name in ("background", "read_noise"):
-            if not 0 <= getattr(self, name) < 1e12:
-                raise InputError.expected(
-                    name.replace("_", " "), "not negative (counts)", getattr(self, name), "correct it"
-                )
         if len(self.region) not in (0, 4) or any(v < 0 or v != int(v) for v in self.region) or 0 in self.region[2:]:
             raise InputError.expected(
                 "region", "row, column, rows, columns in whole pixels", self.region, "for example 0, 0, 400, 400"
@@ -269,7 +245,7 @@ class ReconstructSettings(PageSettings):
 
     def solver_fields(self) -> SolverFields:
         """Return the solver with the settings it uses; those the page greys out stay as they are, for another one."""
-        options = ("background", "read_noise", "saturation", "strength", "subsets")
+        options = ("background", "read_noise", "saturation", "strength", "subsets", "tolerance")
         used = {key: getattr(self, key) for key in options if used_by(self.solver, key)}
         if self.ends_by_itself:
             used["iterations"] = ENDS[self.stop]
@@ -360,6 +336,7 @@ def task_of(settings: ReconstructSettings, psf: str, frame: str, out: str) -> Re
             threshold=settings.threshold,
             within=settings.within,
             double=settings.double,
+            memory=settings.memory,
         ),
     )
 
@@ -385,6 +362,7 @@ def projector_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSet
     row, column = settings.anchor or (H.anchor if view is None else view.anchor(lattice_anchor_of(H)))
     wide = tuple(one.stop - one.start + 2 * choice.margin for one in (rows, columns))
     size = 8 if settings.double else 4
+    most = None if settings.memory is None else int(settings.memory * 1e9)
     return Projector(
         H,
         (wide[0], wide[1]),
@@ -394,7 +372,7 @@ def projector_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSet
         threshold=settings.threshold,
         tolerance=settings.within,
         device=settings.device,
-        memory_limit=room_for_projections((len(H), wide[0], wide[1]), choice, size),
+        memory_limit=room_for_projections((len(H), wide[0], wide[1]), choice, size, memory=most),
     ).denoised()
 
 

@@ -251,7 +251,7 @@ def test_a_run_ends_where_the_noise_is_met(psf: str, tmp_path: Path) -> None:
 def test_how_a_run_ends_is_a_setting_that_is_checked() -> None:
     with pytest.raises(InputError, match="end: expected"):
         ReconstructSettings(stop="sometime")
-    with pytest.raises(InputError, match="gain: expected above 0"):
+    with pytest.raises(InputError, match="Gain: expected a number > 0"):
         ReconstructSettings(gain=0.0)
     # a gain that is left over from another choice is no reason to refuse this one
     assert not ReconstructSettings(gain=2.0).choice().auto

@@ -13,9 +13,10 @@ import tifffile
 
 from lfcal.base import drain
 from lfcal.psf import PSFMatrix, save
+from lfcal.records import rows
 from lfcal.tasks import Reconstruct, command_of, job_of
 from lfcal_gui.models import ProjectState
-from lfcal_gui.pages.reconstruct.model import ReconstructSettings, task_of
+from lfcal_gui.pages.reconstruct.model import FIELDS, ROWS, ReconstructSettings, task_of
 from lfcal_gui.pages.reconstruct.model_solving import Solving
 from lfcal_gui.pages.reconstruct.step import step
 from tests.cli import conftest
@@ -38,7 +39,9 @@ def frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> np.ndarray:
 
 CHOSEN = {
     "as it is": ReconstructSettings(device="cpu"),
-    "a penalty": ReconstructSettings("rl-tv", 4, strength=0.01, background=2.0, anchor=(3.1234567, 1.5), margin=4),
+    "a penalty": ReconstructSettings(
+        "rl-tv", 4, strength=0.01, tolerance=0.001, background=2.0, anchor=(3.1234567, 1.5), margin=4
+    ),
     "by left-out pixels": ReconstructSettings("osem", stop="left-out", goal="measure", subsets=2, threshold=0.01),
     "by noise": ReconstructSettings("isra", stop="discrepancy", gain=1.5, saturation=80.0, double=True, margin=0),
 }
@@ -61,6 +64,23 @@ def test_all_routes_give_the_same_volume(lfcal: Lfcal, frame: np.ndarray, case: 
     assert lfcal("run", "job.toml").code == 0
     for name in ("command", "script", "job"):
         np.testing.assert_array_equal(np.load(f"{name}.npy"), shown, err_msg=name)
+
+
+HELD = {
+    *("psf", "frames", "out", "name", "iterations", "resample", "device", "method", "threshold", "within"),
+    *("margin", "voxel", "anchor"),
+}
+"""Fields that the page shows by entries of its own."""
+
+NOT_HERE = {"dark", "white", "lattice", "regions", "mat_order"}
+"""Fields that the page does not have: it takes a light field that is corrected, and one H that is open."""
+
+
+def test_every_field_is_in_the_form_or_has_an_entry_of_its_own() -> None:
+    shown = {one.key for one in FIELDS}
+    assert {row.name for row in rows(Reconstruct)} - HELD - NOT_HERE == shown & ROWS.keys() - HELD
+    for key in shown & ROWS.keys() - HELD:
+        assert next(one for one in FIELDS if one.key == key).tip == ROWS[key].tip
 
 
 def test_fields_that_the_solver_does_not_use_are_left_out_of_the_task() -> None:
