@@ -85,7 +85,7 @@ def command(
 
     Example: `python -m benchmarks storage r29 --virtual-depths 2,4,6 --tolerances 0.005`
     """
-    from lfcal.psf.steps import check_store_tolerance
+    from lfcal.psf._steps import check_store_tolerance
     from lfcal.records.reading import read_planes
     from lfcal.tasks import check_output
 

@@ -90,7 +90,7 @@ StoreToleranceOption: TypeAlias = Annotated[
         "--store-tolerance", help="Share (L1) that every pattern may lack in the file, as of lfcal reduce: 0.005."
     ),
 ]
-"""In place of a stored type; see `lfcal.psf.steps`."""
+"""In place of a stored type; see `lfcal.psf._steps`."""
 
 MatrixArgument: TypeAlias = Annotated[
     Path, typer.Argument(help="H file (.h5), another code's file (.mat v7.3, .lfc of napari-LF), or .npy array.")

@@ -98,6 +98,8 @@ def _only(tasks: TaskSet, row: FieldRow) -> str:
     if row.only and row.variants is not None:
         every = [row.variants.name_of(kind) for kind in row.variants.kinds]
         return _except([name for name in every if name in row.only], [name for name in every if name not in row.only])
+    if row.opt.chooses:
+        return ""
     having = [kind for kind in tasks.kinds if row.name in {one.name for one in rows(kind)}]
     lacking = [kind for kind in tasks.kinds if kind not in having]
     return _except([kind.input_words for kind in having], [kind.input_words for kind in lacking])
@@ -125,7 +127,7 @@ def _parameter(row: FieldRow, heading: str, only: str = "") -> inspect.Parameter
         return inspect.Parameter(row.name, kind, default=_bool(row, default), annotation=bool | None)
     annotation: Any = list[str] if row.many else str
     # what only some kinds of input must have, the kind asks for
-    needed = row.default is MISSING and not only
+    needed = row.default is MISSING and not only and not opt.chooses
     start = ... if needed else None
     if not needed:
         annotation = annotation | None
@@ -139,7 +141,7 @@ def _parameter(row: FieldRow, heading: str, only: str = "") -> inspect.Parameter
 
 
 def _bool(row: FieldRow, option: Any) -> Any:
-    if row.default is True:
+    if row.turns_off:
         option.callback = lambda value: None if value is None else not value
     return option
 
@@ -157,6 +159,8 @@ METAVARS = {int: "N", float: "NUMBER", str: "TEXT"}
 
 
 def _metavar(row: FieldRow) -> str:
+    if row.opt.show or (row.many and row.opt.read):
+        return "TEXT"
     return (row.opt.file and "PATH") or ("NAME" if row.opt.choices else METAVARS.get(row.kind, "TEXT"))
 
 

@@ -55,7 +55,7 @@ def measured_camera(fit: Fit) -> Camera:
 
 
 def effects_text(fit: Fit) -> str:
-    """Return the effects as the JSON file that ``lfcal simulate --effects`` reads; all of them are switched on."""
+    """Return the effects as the JSON file that ``lfcal simulate --effect`` reads; all of them are switched on."""
     return entries_json(
         Entry(
             effect,

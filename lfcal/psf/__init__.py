@@ -5,7 +5,7 @@
 - ``make``: the one way a matrix is made of planes, whatever they come from: in memory, in a file, in units of a plane
 - ``saving``: a matrix written again, transposed, within a tolerance, or with those of other regions
 - ``opening``, ``store``, ``layout``: the H file; ``_chunk_codec`` compresses it on all processors, ``_nexus`` tells
-  viewers what to plot; ``steps`` stores it within a tolerance
+  viewers what to plot; ``_steps`` stores it within a tolerance
 - ``_specification``, ``_json_schema``: an H file held against the published schema of its format
 - ``cutout``, ``assembly``, ``_pedestal``: frames to H with the shifting cutout
 - ``picked``: patterns of a few positions, no other frame read

@@ -21,7 +21,6 @@ from lfcal.psf.orientation import AS_IS, ORIENTATIONS, FoundOrientation, either_
 from lfcal.psf.picked import iter_pick
 from lfcal.psf.provenance import OF_FRAMES, light_shares, optics_of, simulated_planes
 from lfcal.psf.saving import iter_transpose_file
-from lfcal.psf.steps import check_store_tolerance
 from lfcal.psf.store import FORMAT
 from lfcal.psf.upright import AUTO, CHECK, check_found, iter_upright
 from lfcal.psf.voxels import pixel_um, voxel_um
@@ -51,7 +50,6 @@ __all__ = [
     "check_found",
     "check_mat_order",
     "check_missing",
-    "check_store_tolerance",
     "copied_positions",
     "dark_planes",
     "depth_sum",

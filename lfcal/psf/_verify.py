@@ -16,9 +16,9 @@ from lfcal.base.h5 import H5Data, H5File
 from lfcal.frames import Position
 from lfcal.psf._chunk_codec import parallel_read
 from lfcal.psf._specification import deviations_of
+from lfcal.psf._steps import plane_of_steps
 from lfcal.psf._transpose import depth_sum
 from lfcal.psf.opening import FOREIGN, open_psf, regions_of, scaling_of, steps_in
-from lfcal.psf.steps import plane_of_steps
 from lfcal.psf.store import CHECKED_VERSION, REGIONS, facts_of, plane_checksum
 
 __all__ = ["DamagedPlane", "MatrixCheck", "iter_verify", "verify"]

@@ -51,7 +51,7 @@ class Facts:
         Where each pattern comes from, as numbers of `Origin`; None: all are measured.
     bound
         ``(…, 3)``, per plane: the largest share (L1) of its own that any pattern lacks since H was stored within a
-        tolerance, by cutting, by rounding and by both (see `lfcal.psf.steps`); NaN where H was not.
+        tolerance, by cutting, by rounding and by both (see `lfcal.psf._steps`); NaN where H was not.
 
     Examples
     --------

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError, check_psf_shape
 from lfcal.base.h5 import H5Data
+from lfcal.psf._steps import check_store_tolerance
 from lfcal.psf.facts import Facts
-from lfcal.psf.steps import check_store_tolerance
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera

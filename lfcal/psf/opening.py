@@ -17,9 +17,9 @@ from lfcal.base.h5 import Attributes, H5Data, H5File
 from lfcal.camera import Camera
 from lfcal.psf._chunk_codec import parallel_read
 from lfcal.psf._planes import DatasetPlanes, FilePlanes, Planes, ScaledPlanes
+from lfcal.psf._steps import SteppedPlanes
 from lfcal.psf.facts import Facts
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.steps import SteppedPlanes
 from lfcal.psf.store import (
     CENTRE_RULE,
     CHECKED_VERSION,

@@ -26,11 +26,11 @@ from lfcal.camera import Camera
 from lfcal.psf._chunk_codec import chunk_pipeline, copy_plane, parallel_write
 from lfcal.psf._nexus import mark_default_plot
 from lfcal.psf._step_kernels import add_rounded, round_pattern
+from lfcal.psf._steps import bits_at_most, bound_after, step_of_range, stepped_plane
 from lfcal.psf.facts import Facts, stacked
 from lfcal.psf.layout import ROUNDED, STORED_TYPES, Header, Plane, Stored, StoredPlane
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.provenance import with_simulated
-from lfcal.psf.steps import bits_at_most, bound_after, step_of_range, stepped_plane
 
 __all__ = [
     "CENTRE_RULE",
@@ -320,7 +320,7 @@ class PSFWriter:
     workers
         Threads that compress; None takes every processor.
     store_tolerance
-        In place of ``dtype``: the share (L1) that every pattern may lack; see `lfcal.psf.steps`. What each plane lacks
+        In place of ``dtype``: the share (L1) that every pattern may lack; see `lfcal.psf._steps`. What each plane lacks
         at most is stated as its ``bound``.
 
     Raises

@@ -77,7 +77,10 @@ class Opt:
     empty
         What applies if it is not set, in words.
     read, show
-        Of a value that is none of the plain types: what a text means, and the text of a value.
+        Of a value that is none of the plain types: what a text means, and the text of a value. Of a tuple without
+        ``show`` each value is given separately, and read.
+    chooses
+        Whether giving it chooses the kind of a task. A flag of this sort is True in the kinds that have it.
     file
         Of a path: ``"in"`` or ``"out"``.
     is_path
@@ -103,6 +106,7 @@ class Opt:
     empty: str = ""
     read: Callable[[str], Any] | None = None
     show: Callable[[Any], str] | None = None
+    chooses: bool = False
     file: str = ""
     is_path: Callable[[str], bool] = "none".__ne__
     needs: tuple[str, str] | None = None
@@ -233,7 +237,12 @@ class FieldRow:
     @property
     def flag(self) -> str:
         """Its option of the command line; of what is on by default the one that turns it off."""
-        return self.opt.flag or f"--{'no-' if self.default is True else ''}{self.name.replace('_', '-')}"
+        return self.opt.flag or f"--{'no-' * self.turns_off}{self.name.replace('_', '-')}"
+
+    @property
+    def turns_off(self) -> bool:
+        """Whether its option turns off what is on by default."""
+        return self.default is True and not self.opt.chooses
 
     @property
     def called(self) -> str:
@@ -301,6 +310,8 @@ class FieldRow:
         return self._one(given, called)
 
     def _one(self, given: Any, called: str) -> Any:
+        if self.opt.read is not None and self.opt.show is not None and isinstance(given, list | tuple):
+            given = self.opt.show(tuple(given))  # what a text cannot mean, a list cannot either
         if self.opt.read is not None and isinstance(given, str):
             return read_as(called, self.opt.read, given)
         if isinstance(given, list):
@@ -326,6 +337,8 @@ class FieldRow:
 
     def check(self, value: Any, called: str) -> None:
         """Raise `InputError` unless ``value`` is within the range and among the choices."""
+        if self.opt.chooses and value is False:
+            raise InputError.expected(called, "true", "false", "leave it out")
         for one in value if isinstance(value, tuple) else (value,):
             if self.opt.bounds and one is not None:
                 check_number(called, one, integer=self.kind is int, **self.opt.bounds)
@@ -354,7 +367,9 @@ def _rows(kind: type, path: tuple[str, ...], heading: str, without: tuple[str, .
         elif "panel" in field.metadata:
             yield from _rows(type(field.default), here, *field.metadata["panel"])
         elif "opt" in field.metadata:
-            yield FieldRow(here, *_kind(hints[field.name]), field.default, field.metadata["opt"], heading)
+            one: Opt = field.metadata["opt"]
+            kind_of, optional, many = _kind(hints[field.name])
+            yield FieldRow(here, kind_of, optional, many and one.show is None, field.default, one, heading)
 
 
 def _rows_of_kinds(variants: Variants, path: tuple[str, ...], heading: str) -> Iterator[FieldRow]:

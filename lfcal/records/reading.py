@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from numbers import Real
 from typing import Any, TypeVar
 
 from lfcal.base import InputError
@@ -18,6 +19,7 @@ __all__ = [
     "read_cutout",
     "read_cutout_or_auto",
     "read_depths",
+    "read_effect",
     "read_length_um",
     "read_names",
     "read_orientation",
@@ -87,12 +89,7 @@ def read_position(text: str) -> tuple[int, int]:
 
 def show_pair(value: Any) -> str:
     """Return the text that `read_pair` and `read_cutout` read."""
-    return value if isinstance(value, str) else ",".join(map(_exact, value))
-
-
-def _exact(number: float) -> str:
-    """Return a short text that is read back as the same number."""
-    return short if float(short := f"{number:g}") == number else repr(float(number))
+    return value if isinstance(value, str) else show_planes(value)
 
 
 def read_share(text: str) -> float:
@@ -138,9 +135,9 @@ def read_virtual_depths(text: str) -> tuple[float, ...]:
     return read_planes(text, lengths=False) if text.strip() else ()
 
 
-def show_planes(values: tuple[float, ...]) -> str:
+def show_planes(values: Iterable[Any]) -> str:
     """Return the text that `read_planes` reads, with every digit."""
-    return ",".join(repr(value).removesuffix(".0") for value in values)
+    return ",".join(repr(float(v)).removesuffix(".0") if isinstance(v, Real) else str(v) for v in values)
 
 
 def check_planes(depths: object, virtual_depths: object) -> None:
@@ -156,6 +153,17 @@ def _plane(field: str, lengths: bool) -> float:
         wanted = "numbers, in µm or with mm" if lengths else "numbers"
         raise InputError.expected("planes", wanted, repr(field), "for example 2,3,5")
     return _number(found[1]) * UNITS[found[2] or ""]
+
+
+def read_effect(text: str) -> str:
+    """Return what is said of an effect: ``"NAME=VALUE"``, or the path of a JSON file of effects."""
+    name, sign, value = (part.strip() for part in text.partition("="))
+    if name and value:
+        return f"{name}={value}"
+    if not sign and name.lower().endswith(".json"):
+        return name
+    wanted = "NAME=on, off, auto or a magnitude, or a JSON file"
+    raise InputError.expected("effect", wanted, repr(text), "for example coma=0.3@40deg")
 
 
 def read_orientation(text: str) -> str:

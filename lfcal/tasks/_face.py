@@ -15,6 +15,7 @@ from lfcal.tasks.plan_fit import PlanFit
 from lfcal.tasks.plan_target import PlanDisplay, PlanTarget
 from lfcal.tasks.reconstruct import Reconstruct, ReconstructForecast, ReconstructSeries
 from lfcal.tasks.reduce import Reduce
+from lfcal.tasks.simulate import SimulateForecast, SimulateFrames, SimulateH, SimulatePasses, SimulateRegions
 from lfcal.tasks.text import command_of, job_of, python_of
 from lfcal.tasks.transpose import Transpose
 
@@ -43,6 +44,11 @@ __all__ = [
     "ReconstructForecast",
     "ReconstructSeries",
     "Reduce",
+    "SimulateForecast",
+    "SimulateFrames",
+    "SimulateH",
+    "SimulatePasses",
+    "SimulateRegions",
     "Transpose",
     "ValidateFit",
     "ValidateFitByFrames",

@@ -6,24 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lfcal.base import InputError, replace_whole
+from lfcal.tasks.cameras import is_camera_file
 from lfcal.tasks.planned import ready_plan
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
 
-__all__ = ["is_file", "presets", "scan_of", "write_plan"]
-
-
-def presets() -> tuple[str, ...]:
-    """Return the names of cameras that need no file."""
-    from lfcal.camera import PRESETS
-
-    return tuple(PRESETS)
-
-
-def is_file(camera: str) -> bool:
-    """Return whether a camera is named by its file."""
-    return camera not in presets()
+__all__ = ["scan_of", "write_plan"]
 
 
 def scan_of(path: Path) -> ScanPlan:
@@ -34,7 +23,7 @@ def scan_of(path: Path) -> ScanPlan:
     InputError
         If it is a camera, or another file.
     """
-    named = not is_file(str(path))
+    named = not is_camera_file(str(path))
     found = None if named else ready_plan(str(path))
     if found is None:
         got = f"the camera {path}" if named else str(path)

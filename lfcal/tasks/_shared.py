@@ -22,11 +22,12 @@ from lfcal.tasks.outputs import RECORDINGS, check_output, check_outputs, files_o
 from lfcal.tasks.plan import RegionsPlanned, ScanPlanned
 from lfcal.tasks.plan_fit import PositionsPlanned
 from lfcal.tasks.plan_target import TargetPlanned
-from lfcal.tasks.planned import planned_scan, ready_regions
+from lfcal.tasks.planned import planned_scan
 from lfcal.tasks.reconstruct import Reconstructed, ReconstructionForecast
 from lfcal.tasks.reduce import ReducedFile
 from lfcal.tasks.scan_frames import ScanFrames
 from lfcal.tasks.sets import task_set
+from lfcal.tasks.simulate import SimulatedFrames, SimulatedH, SimulatedRegions, SimulationForecast
 from lfcal.tasks.target_frames import left_words
 from lfcal.tasks.task import RunSettings, Task, TaskSet, may_replace
 from lfcal.tasks.text import load_job, words_of
@@ -53,6 +54,10 @@ __all__ = [
     "RunSettings",
     "ScanFrames",
     "ScanPlanned",
+    "SimulatedFrames",
+    "SimulatedH",
+    "SimulatedRegions",
+    "SimulationForecast",
     "TargetPlanned",
     "Task",
     "TaskSet",
@@ -77,7 +82,6 @@ __all__ = [
     "notes_to",
     "open_matrix",
     "planned_scan",
-    "ready_regions",
     "task_set",
     "tell_assumed",
     "words_of",

@@ -11,11 +11,18 @@ from lfcal.tasks.notes import note, warn
 if TYPE_CHECKING:
     from lfcal.camera import Camera, ImportOptions, Quantity
 
-__all__ = ["assumed_in_words", "is_camera_file", "load_camera", "load_file", "tell", "tell_assumed"]
+__all__ = ["assumed_in_words", "is_camera_file", "load_camera", "load_file", "preset_names", "tell", "tell_assumed"]
+
+
+def preset_names() -> tuple[str, ...]:
+    """Return the names of cameras that need no file."""
+    from lfcal.camera import PRESETS
+
+    return tuple(PRESETS)
 
 
 def is_camera_file(name: str) -> bool:
-    """Return whether the name of a camera is that of a file, and not of a preset."""
+    """Return whether a camera that is given by ``name`` is a file."""
     from lfcal.camera import PRESETS
 
     return name not in PRESETS

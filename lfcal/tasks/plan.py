@@ -22,7 +22,8 @@ from lfcal.records import (
     show_planes,
 )
 from lfcal.tasks._pace import Pace, frame_rate, speed
-from lfcal.tasks._scan_plan import is_file, presets, write_plan
+from lfcal.tasks._scan_plan import write_plan
+from lfcal.tasks.cameras import is_camera_file, preset_names
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
 
 if TYPE_CHECKING:
@@ -155,8 +156,8 @@ class _Plan(Task):
         "Camera: a preset, or a file (camera.json, Raytrix XML, oLaF yaml, napari-LF metadata and others).",
         argument=True,
         file="in",
-        is_path=is_file,
-        examples=presets,
+        is_path=is_camera_file,
+        examples=preset_names,
     )
     depths: str | tuple[float, ...] = opt(
         (),

@@ -23,6 +23,7 @@ TASKS = {
     "fit check": "lfcal.tasks.fit_check:FIT_CHECK",
     "fit object": "lfcal.tasks.fit_object:FIT_OBJECT",
     "fit validate": "lfcal.tasks.fit_validate:FIT_VALIDATE",
+    "simulate": "lfcal.tasks.simulate:SIMULATE",
 }
 """Where the kinds of each task are, by the name of the command; a module is imported when its task is asked for."""
 

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import Any
 
 from lfcal.base import FileFormatError, InputError, choose, parse_json, read_text
-from lfcal.records import OWN_SOLVERS, FieldRow, SolverFields, flat, from_flat, rows, rows_of, value_at
+from lfcal.records import OWN_SOLVERS, SolverFields, flat, from_flat, rows, rows_of, value_at
 from lfcal.tasks.sets import task_set
 from lfcal.tasks.task import RunSettings, Task
 
@@ -35,7 +35,7 @@ def words_of(task: Task) -> tuple[str, ...]:
         value = value_at(task, row)
         if row.opt.argument:
             inputs += [str(one) for one in value] if row.many else [str(value)]
-        elif value != row.default and value is not None:
+        elif (value != row.default or row.opt.chooses) and value is not None:
             texts = [row.text(one) for one in value] if row.many else [row.text(value)]
             options += [row.flag] if row.kind is bool else [f"{row.flag}={text}" for text in texts]
     return (*task.name.split(), *inputs, *options)
@@ -144,7 +144,8 @@ def read_job(data: Mapping[str, Any], what: str, root: Path = Path()) -> tuple[T
     if not isinstance(given.get("task"), str):
         raise FileFormatError.expected(what, 'a job, task = "assemble" …', "no task", "name one")
     tasks, told = task_set(given.pop("task")), given.pop("run", {})
-    known = {row.path: row for kind in tasks.kinds for row in rows(kind)}
+    # of a field of several kinds the first one says what it is, as for the command
+    known = {row.path: row for kind in reversed(tasks.kinds) for row in rows(kind)}
     values: dict[str, Any] = {}
 
     def visit(part: Mapping[str, Any], path: tuple[str, ...]) -> None:
@@ -152,23 +153,22 @@ def read_job(data: Mapping[str, Any], what: str, root: Path = Path()) -> tuple[T
             here = (*path, name)
             if isinstance(value, Mapping):
                 visit(value, here)
-            else:
-                row, found = known.get(here), _value(known.get(here), value, ".".join(here), known, root)
-                # a value of every field is kept with H: what is at its default is as good as not given
-                if row is not None and found != row.default:
-                    values[name] = found
+                continue
+            row = known.get(here)
+            if row is None:
+                called = ".".join(here)
+                raise InputError.expected("job", "fields of its task", called, choose(called, map(".".join, known)))
+            if value is None or (row.opt.chooses and value is False):
+                continue
+            found = row.placed(row.value(value, ".".join(here)), lambda path: root / path)
+            # a value of every field is kept with H: what is at its default is as good as not given
+            if row.opt.chooses or found != row.default:
+                values[name] = found
 
     visit(given, ())
     run = from_flat(RunSettings, flat(rows(RunSettings), told, "run"))
     paths = {row.name: ".".join(row.path) for row in known.values()}
     return tasks.make(values, lambda name: paths[name]), run
-
-
-def _value(row: FieldRow | None, value: Any, called: str, known: Mapping[tuple[str, ...], FieldRow], root: Path) -> Any:
-    if row is None:
-        raise InputError.expected("job", "fields of its task", called, choose(called, map(".".join, known)))
-    found = row.value(value, called)
-    return row.placed(found, lambda path: root / path)
 
 
 def _made_by(path: Path) -> Any:

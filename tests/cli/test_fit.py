@@ -123,7 +123,7 @@ def test_the_camera_and_effects_make_the_same_h(lfcal: Lfcal, whole: tuple[Path,
     with open_psf(found / "H.h5") as H:
         assert H.camera is not None
         (place / "plan.json").write_text(replace(small_plan(15, (2.2,)), camera=H.camera, period=(2, 4)).to_json())
-        words = ("simulate", "plan.json", "--effects", found / "effects.json", "--tolerance", 0.01, "-o", "again.h5")
+        words = ("simulate", "plan.json", "--effect", found / "effects.json", "--tolerance", 0.01, "-o", "again.h5")
         made = lfcal(*words)
         assert made.code == 0, made.err
         with open_psf(place / "again.h5") as again:

@@ -18,6 +18,10 @@ Lfcal = Callable[..., Run]
 REFUSED: tuple[tuple[tuple[str, ...], str], ...] = (
     (("simulate", "bench", "--virtual-depths", "4", "-o", "out.h5", "--seed", "1"), "--seed"),
     (("simulate", "bench", "--virtual-depths", "4", "-o", "out.h5", "--peak", "0.5"), "--peak"),
+    (("simulate", "bench", "--virtual-depths", "4", "--plan-only", "--peak", "0.5"), "--peak"),
+    (("simulate", "bench", "--virtual-depths", "4", "--frames", "out", "--resume"), "--resume"),
+    (("simulate", "bench", "--virtual-depths", "4", "--frames", "out", "--store-tolerance", "1%"), "--store-tolerance"),
+    (("simulate", "bench", "--virtual-depths", "4", "-o", "out.h5", "--progressive", "--resume"), "--resume"),
     (("assemble", "frames", "--lost", "0.01", "-o", "out.h5"), "--lost"),
     (("assemble", "frames", "--lost", "0.01", "--cutout", "11", "-o", "out.h5"), "--lost"),
     (("reconstruct", "H.h5", "frame.tif", "-o", "out.npy", "--format", ".npy"), "--format"),

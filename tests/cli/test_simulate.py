@@ -32,7 +32,7 @@ def test_plan_only_shows_every_effect(lfcal: Lfcal) -> None:
     assert run.code == 0, run.err
     rows = {row["name"]: row for row in run.json["effects"]}  # type: ignore[index, call-overload]
     assert rows["lens_types"]["on"] and not rows["bandwidth"]["on"] and len(rows) >= 28
-    table = lfcal("simulate", "bench", "--virtual-depths", "4", "--plan-only", "--effects", "crosstalk=on")
+    table = lfcal("simulate", "bench", "--virtual-depths", "4", "--plan-only", "--effect", "crosstalk=on")
     assert "asked for" in table.out and "whole H" in table.out
 
 
@@ -126,13 +126,13 @@ def test_the_peak_of_the_frames(lfcal: Lfcal, plan_file: Path, tmp_path: Path) -
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        (("bench", "--virtual-depths", "4", "--plan-only", "--peak", "0"), "brightest pixel"),
-        (("bench",), "virtual-depths"),
+        (("bench", "--virtual-depths", "4", "--plan-only", "--peak", "0"), "--peak: expected a number > 0"),
+        (("bench", "-o", "H.h5"), "virtual-depths"),
         (("bench", "--virtual-depths", "4"), "output"),
-        (("nikon", "--virtual-depths", "4"), "camera"),
-        (("bench", "--virtual-depths", "4", "--plan-only", "--effects", "bandwidth"), "NAME=on"),
-        (("bench", "--virtual-depths", "4", "--plan-only", "--effects", "magic=on"), "magic"),
-        (("bench", "--virtual-depths", "4", "--plan-only", "--tolerance", "0"), "tolerance"),
+        (("nikon", "--virtual-depths", "4", "--plan-only"), "camera"),
+        (("bench", "--virtual-depths", "4", "--plan-only", "--effect", "bandwidth"), "NAME=on"),
+        (("bench", "--virtual-depths", "4", "--plan-only", "--effect", "magic=on"), "magic"),
+        (("bench", "--virtual-depths", "4", "--plan-only", "--tolerance", "0"), "--tolerance: expected a number > 0"),
         (("bench", "--virtual-depths", "4", "--cutout", "40.5", "--plan-only"), "cutout"),
         (("missing.json", "--virtual-depths", "4", "--plan-only"), "missing.json"),
     ],
@@ -146,7 +146,7 @@ def test_magnitudes_of_effects(lfcal: Callable[..., Run], tmp_path: Path) -> Non
     planning = ("simulate", "bench", "--virtual-depths", "4", "--plan-only", "--json")
     file = tmp_path / "effects.json"
     file.write_text('[{"name": "spherical", "waves": 0.4}]')
-    done = lfcal(*planning, "--effect", "coma=0.3@40deg", "--effects", file, "--effect", "bandwidth=off")
+    done = lfcal(*planning, "--effect", "coma=0.3@40deg", "--effect", file, "--effect", "bandwidth=off")
     assert done.code == 0, done.err
     rows = {row["name"]: row for row in done.json["effects"]}
     assert rows["coma"]["on"] and rows["coma"]["size"] == pytest.approx(0.3)
@@ -176,4 +176,4 @@ def test_h_in_passes(lfcal: Lfcal, plan_file: Path, tmp_path: Path) -> None:
     with open_psf(out) as matrix:
         assert 100 * float(np.max(matrix.facts.known()["error"])) == pytest.approx(shares[-1], rel=0.1)
     refused = lfcal("simulate", plan_file, "--frames", tmp_path / "frames", "--progressive")
-    assert refused.code == 2 and "frames are made once" in refused.err
+    assert refused.code == 2 and "--progressive: expected H in passes, got frames" in refused.err

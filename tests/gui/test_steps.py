@@ -156,7 +156,9 @@ def test_a_simulation_by_command_and_by_script_is_the_same(project: ProjectState
     with open_psf("simulated.h5") as H:
         found = np.asarray(H)
     Path("simulated.h5").unlink()
-    np.testing.assert_array_equal(np.asarray(do(step)["H"]), found)
+    (made,) = do(step)["made"]
+    with made.matrix as H:
+        np.testing.assert_array_equal(np.asarray(H), found)
 
 
 def test_recording_assembly_and_export_run(project: ProjectState) -> None:

@@ -14,7 +14,7 @@ from lfcal.base.h5.chunks import encode_chunk
 from lfcal.frames import ArraySource
 from lfcal.psf import Cutout, PSFMatrix, PSFWriter, assemble, open_psf, save, save_regions
 from lfcal.psf._joining import adopt
-from lfcal.psf.steps import step_of_range
+from lfcal.psf._steps import step_of_range
 
 SHAPE = (3, 4, 5, 9, 11)
 FILTERS = ("shuffle", "deflate", "fletcher32")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lfcal.base.errors import InputError
 from lfcal.base.h5.chunks import encode_chunk
-from lfcal.psf.steps import SteppedPlane, bits_at_most, bound_after, stepped_plane
+from lfcal.psf._steps import SteppedPlane, bits_at_most, bound_after, stepped_plane
 from tests.reconstruct.oracles import dense, lenslet_psf
 
 Plane = NDArray[np.float64]

@@ -72,7 +72,7 @@ def test_the_command_line_lists_it(
     foreign: Install, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     foreign(PAGE[0], "ArrayDecentre")
-    words = ["simulate", "bench", "--virtual-depths", "4", "--plan-only", "--json", "--effects", "array_decentre=on"]
+    words = ["simulate", "bench", "--virtual-depths", "4", "--plan-only", "--json", "--effect", "array_decentre=on"]
     monkeypatch.setattr(sys, "argv", ["lfcal", *words])
     with pytest.raises(SystemExit) as end:
         main()

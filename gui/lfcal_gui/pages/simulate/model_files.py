@@ -1,4 +1,4 @@
-"""Magnitudes and settings as the JSON file that ``lfcal simulate --effects`` reads. No Qt."""
+"""Magnitudes and settings as the JSON file that ``lfcal simulate --effect`` reads. No Qt."""
 
 from __future__ import annotations
 

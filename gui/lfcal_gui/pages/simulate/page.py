@@ -283,7 +283,7 @@ class Page(BasePage):
         text = settings_text(self.settings)
         path = path or ask_target(self, "Export magnitudes", "effects.json", "effects (*.json)")
         if path and write_file(self, path, lambda part: part.write_text(text, encoding="utf-8")):
-            self.context.message.emit(f"written: {path}; lfcal simulate … --effects {Path(path).name} reads it")
+            self.context.message.emit(f"written: {path}; lfcal simulate … --effect {Path(path).name} reads it")
 
     # -- work --------------------------------------------------------------------------------------------
     def _plan(self) -> ScanPlan | None:

@@ -119,8 +119,8 @@ class SimulatePanel(QWidget):
         self.import_button, self.export_button = QPushButton("Import …"), QPushButton("Export …")
         self.reset_button = QPushButton("Reset all")
         tips = (
-            "Take magnitudes and settings from a JSON file, as lfcal simulate --effects reads it",
-            "Write the magnitudes and settings given here to a JSON file for lfcal simulate --effects",
+            "Take magnitudes and settings from a JSON file, as lfcal simulate --effect reads it",
+            "Write the magnitudes and settings given here to a JSON file for lfcal simulate --effect",
             "Take back every magnitude and setting",
         )
         buttons = (self.import_button, self.export_button, self.reset_button)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from lfcal_gui.models import PLAN_FILE, CommandStep, ProjectState, needed_plan, options_of
+from pathlib import Path
+
+from lfcal.tasks import SimulateH, SimulatePasses, python_of, words_of
+from lfcal_gui.models import PLAN_FILE, CommandStep, ProjectState, needed_plan
 from lfcal_gui.pages.simulate.model import SimulateSettings
 from lfcal_gui.pages.simulate.model_files import settings_text
 
@@ -14,28 +17,14 @@ EFFECTS_FILE = "lfcal-effects.json"
 def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how H is simulated."""
     plan, chosen = needed_plan(project), SimulateSettings.of(project)
-    out = out or "simulated.h5"
     given = bool(chosen.effects() or chosen.choices())
-    files = ((PLAN_FILE, plan.to_json()), *(((EFFECTS_FILE, settings_text(chosen)),) if given else ()))
-    pairs = (
-        ("--tolerance", repr(chosen.tolerance)),
-        ("--level", chosen.level),
-        ("--effects", EFFECTS_FILE if given else ""),
-        ("--progressive", chosen.passes),
-        ("--out", out),
+    kind = SimulatePasses if chosen.passes else SimulateH
+    task = kind(
+        camera=PLAN_FILE,
+        effects=(EFFECTS_FILE,) if given else (),
+        tolerance=chosen.tolerance,
+        level=chosen.level,
+        out=Path(out or "simulated.h5"),
     )
-    known = f"parse_entries({EFFECTS_FILE!r})" if given else "{}, ()"
-    python = f"""
-from lfcal.camera import ScanPlan
-from lfcal.simulate import plan_effects, simulate_psf
-from lfcal.simulate.effects.described import parse_entries
-
-plan = ScanPlan.from_json(Path({PLAN_FILE!r}).read_text(encoding="utf-8"))
-settings, given = {known}
-effects = plan_effects(plan, {chosen.tolerance!r}, settings, effects=given)
-H = simulate_psf(
-    plan, effects, {chosen.level!r}, tolerance={chosen.tolerance!r}, out={out!r}
-)
-print(H.shape)
-"""
-    return CommandStep(("simulate", PLAN_FILE, *options_of(pairs)), python, files)
+    files = ((PLAN_FILE, plan.to_json()), *(((EFFECTS_FILE, settings_text(chosen)),) if given else ()))
+    return CommandStep(words_of(task), python_of(task), files)

@@ -142,8 +142,8 @@ def test_projects_of_before_open_as_before() -> None:
     ],
     ids=str,
 )
-def test_damaged_magnitudes_of_a_project_are_its_defaults(magnitudes: object) -> None:
-    assert SimulateSettings.from_dict({"tolerance": 0.1, "magnitudes": magnitudes}) == SimulateSettings()
+def test_damaged_magnitudes_of_a_project_are_left_out(magnitudes: object) -> None:
+    assert SimulateSettings.from_dict({"tolerance": 0.1, "magnitudes": magnitudes}) == SimulateSettings(0.1)
 
 
 def test_effects_that_are_not_installed_are_kept_and_named() -> None:

@@ -1,0 +1,653 @@
+"""Simulation: H at once, in passes or of several regions, the frames of a session, or a forecast alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from lfcal.base import InputError, Work
+from lfcal.records import (
+    opt,
+    read_cutout,
+    read_depths,
+    read_effect,
+    read_share,
+    read_virtual_depths,
+    record,
+    required,
+    show_pair,
+    show_planes,
+)
+from lfcal.tasks.cameras import is_camera_file, preset_names
+from lfcal.tasks.notes import note, warn
+from lfcal.tasks.planned import planned_scan, ready_regions
+from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
+
+if TYPE_CHECKING:
+    from lfcal.camera import ScanPlan
+    from lfcal.psf import PSFMatrix
+    from lfcal.simulate import EffectSelection
+    from lfcal.work import RunChoice
+
+__all__ = [
+    "SIMULATE",
+    "SimulateForecast",
+    "SimulateFrames",
+    "SimulateH",
+    "SimulatePasses",
+    "SimulateRegions",
+    "SimulatedFrames",
+    "SimulatedH",
+    "SimulatedRegions",
+    "SimulationForecast",
+]
+
+LEVELS = ("auto", "geometric", "wave", "grid", "microscope", "reference")
+
+LEAST_LIGHT = 0.9
+"""Share of a plane's light below which the cutout is reported as too small."""
+
+MOST_DRIFT = 0.5
+"""Drift of the lattice against H's period over the sensor (px) above which it is reported."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationForecast(TaskResult):
+    """Which effects matter, and what they cost.
+
+    Attributes
+    ----------
+    plan
+        What would be simulated.
+    effects
+        Every effect with its estimate, whether it is simulated, and why.
+    seconds
+        Processor time that H takes, as predicted.
+    """
+
+    plan: ScanPlan
+    effects: EffectSelection
+    seconds: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as plain values."""
+        found = self.effects
+        return {
+            "level": found.level,
+            "tolerance": found.tolerance,
+            "seconds": self.seconds,
+            "ideal_seconds": found.ideal_seconds,
+            "effects": [
+                {
+                    "name": row.name,
+                    "on": row.on,
+                    "setting": row.setting,
+                    "size": row.estimate.size,
+                    "unit": row.estimate.unit,
+                    "error": row.estimate.error,
+                    "formula": row.estimate.formula,
+                    "z_um": row.z_um,
+                    "seconds": row.seconds,
+                    "reason": row.reason,
+                }
+                for row in found.rows
+            ],
+            "assumed": self.plan.camera.marks.paths("assumed"),
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatedH(SimulationForecast):
+    """One H that was simulated.
+
+    Attributes
+    ----------
+    out
+        Its file.
+    matrix
+        H, open; of a region it is closed.
+    errors
+        Relative L1 error of each plane: of what is left out, of the computation, and of storage.
+    limit
+        What they were asked to stay below.
+    light
+        Share of the light of each plane that the cutout holds.
+    tolerance
+        Relative L1 error allowed for what is left out.
+    rounded
+        Whether errors and limit include the loss in the file.
+    """
+
+    out: Path
+    matrix: PSFMatrix
+    errors: tuple[float, ...]
+    light: tuple[float, ...]
+    tolerance: float
+    limit: float
+    rounded: bool = False
+
+    def close(self) -> None:
+        """Close the file of the matrix."""
+        self.matrix.close()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as plain values."""
+        return {
+            "path": self.out,
+            "what": f"H {self.matrix.shape}",
+            "shape": self.matrix.shape,
+            "level": self.effects.level,
+            "tolerance": self.tolerance,
+            "error": self.errors,
+            "light_in_cutout": self.light,
+            "predicted_seconds": self.seconds,
+            "effects": [effect.name for effect in self.effects.effects],
+            "assumed": self.plan.camera.marks.paths("assumed"),
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatedRegions(TaskResult):
+    """H of several regions of the field, in one file.
+
+    Attributes
+    ----------
+    out
+        The file.
+    regions
+        H of each region by name; the matrices are closed.
+    """
+
+    out: Path
+    regions: Mapping[str, SimulatedH]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as plain values."""
+        told = {name: one.to_dict() for name, one in self.regions.items()}
+        return {
+            "path": self.out,
+            "what": f"H of {len(told)} regions",
+            "out": self.out,
+            # the file of a region is gone when all are one
+            "regions": {name: {k: v for k, v in one.items() if k != "path"} for name, one in told.items()},
+            "file_bytes": self.out.stat().st_size,
+            "assumed": next(iter(told.values()))["assumed"],
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatedFrames(SimulationForecast):
+    """Frames of a session that were simulated.
+
+    Attributes
+    ----------
+    folder
+        Where they are, with dark and white frames, plan and camera.
+    count
+        Number of frames, dark and white ones not counted.
+    """
+
+    folder: Path
+    count: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as plain values."""
+        return {
+            "path": self.folder,
+            "what": f"{self.count} frames, dark and white frames, plan",
+            "frames": self.count,
+            "effects": [effect.name for effect in self.effects.effects],
+            "assumed": self.plan.camera.marks.paths("assumed"),
+        }
+
+
+@record
+class _OfCamera(Task):
+    """What is simulated of a camera."""
+
+    name: ClassVar[str] = "simulate"
+
+    camera: str = required(
+        "Preset, camera file (.json, Raytrix XML …), or scan plan (.json).",
+        argument=True,
+        file="in",
+        is_path=is_camera_file,
+        examples=preset_names,
+    )
+
+
+@record
+class _OfPlanes(_OfCamera):
+    """What is simulated of one plan, or of a camera with planes."""
+
+    depths: tuple[float, ...] = opt(
+        (),
+        "Planes by their depths, away from the camera: a,b,c or start:stop:step.",
+        unit="µm, or with mm",
+        read=read_depths,
+        show=show_planes,
+        empty="those of the plan",
+    )
+    virtual_depths: tuple[float, ...] = opt(
+        (),
+        "Planes by their virtual depths v = a/B: a,b,c or start:stop:step.",
+        read=read_virtual_depths,
+        show=show_planes,
+        empty="those of the plan",
+    )
+    cutout: tuple[int, int] | None = opt(
+        None,
+        "Odd number of pixels kept around each point's image, one or ROWS,COLUMNS.",
+        unit="px",
+        read=read_cutout,
+        show=show_pair,
+        empty="that of the plan, else by geometry",
+    )
+
+    def planned(self) -> ScanPlan:
+        """Return the plan."""
+        return planned_scan(self.camera, self.depths, self.virtual_depths, self.cutout)
+
+
+@record
+class _WithEffects(_OfCamera):
+    """What all kinds have."""
+
+    effects: tuple[str, ...] = opt(
+        (),
+        "NAME=on, off, auto or a magnitude (coma=0.3@40deg, lenslet_gap=5um), or a JSON file of effects. "
+        "May be given several times.",
+        flag="--effect",
+        read=read_effect,
+        file="in",
+        is_path=lambda text: "=" not in text,
+        empty="what matters for the tolerance",
+    )
+    tolerance: float = opt(
+        0.03, "Relative L1 error allowed for what is left out.", above=0, at_most=4, read=read_share, unit="share"
+    )
+    level: str = opt("auto", "How light is computed. auto: as the effects need.", choices=LEVELS)
+
+    @property
+    def stored(self) -> float | None:
+        """What each pattern may lose in the file (relative L1), if that is stated."""
+        return None
+
+    def selection(self, plan: ScanPlan, tolerance: float | None = None, **more: Any) -> EffectSelection:
+        """Return the effects that matter for a plan; ``more`` as in `lfcal.simulate.plan_effects`."""
+        from lfcal.simulate import plan_effects
+        from lfcal.simulate.effects import parse_effects
+
+        settings, given = parse_effects(self.effects)
+        return plan_effects(plan, tolerance or self.tolerance, settings, effects=given, **more)
+
+    def ahead(self, plan: ScanPlan) -> SimulationForecast:
+        """Return which effects matter and what H takes; say what is left out though it was asked for."""
+        from lfcal.simulate import predict_seconds
+
+        found = self.selection(plan)
+        _tell_plan(plan)
+        _tell_left_out(found)
+        seconds = predict_seconds(plan, found, self.level, tolerance=self.tolerance)
+        return SimulationForecast(plan=plan, effects=found, seconds=seconds)
+
+    def _iter_h(self, plan: ScanPlan, out: Path, run: RunSettings) -> Work[SimulatedH]:
+        """Choose the effects and compute H, in units where this kind has them."""
+        from lfcal.simulate import iter_simulate_psf
+
+        ahead = self.ahead(plan)
+        choice = run.choice(out, ahead.seconds) if self.in_units else None
+        self._tell_ahead(ahead, choice, run.workers)
+        matrix = yield from iter_simulate_psf(
+            plan,
+            ahead.effects,
+            self.level,
+            tolerance=self.tolerance,
+            out=out,
+            workers=run.workers,
+            provenance=self._known(plan),
+            store_tolerance=self.stored,
+            run=choice,
+        )
+        return self._made(ahead, out, matrix)
+
+    def _known(self, plan: ScanPlan) -> dict[str, Any]:
+        return {"plan": plan.to_dict(), "task": self.to_dict(absolute=True, outputs=False)}
+
+    def _tell_ahead(self, ahead: SimulationForecast, choice: RunChoice | None, workers: int | None) -> None:
+        """Say what it takes, while there is still time to choose a larger tolerance."""
+        from lfcal.base import format_bytes, format_seconds, worker_count
+        from lfcal.simulate import predict_bytes
+        from lfcal.work.executors import concurrent_memory, concurrent_units
+
+        plan, count = ahead.plan, worker_count(workers)
+        # in steps, and as it is read back
+        more = 0 if self.stored is None else math.prod(plan.shape[1:]) * 6
+
+        def plane(threads: int) -> int:
+            how: dict[str, Any] = {"tolerance": self.tolerance, "to_file": True, "workers": threads}
+            return predict_bytes(plan, ahead.effects, self.level, **how) + more
+
+        if choice is None:
+            most = plane(count)
+        elif choice.executor != "threads":
+            most = count * plane(1)  # each has engines of its own
+        else:
+            one = plane(1)
+            at_once = concurrent_units([one] * len(plan.depths_um), count, concurrent_memory())
+            most = at_once * one if at_once > 1 else plane(count)
+        note(f"about {format_seconds(ahead.seconds)} of processor time ahead, at most {format_bytes(most)} of memory")
+
+    def _made(self, ahead: SimulationForecast, out: Path, matrix: PSFMatrix) -> SimulatedH:
+        """Return an H that is computed; warn of planes that miss the tolerance, or of which the cutout lacks light."""
+        from lfcal.simulate import light_in_cutout
+
+        made = SimulatedH(
+            plan=ahead.plan,
+            effects=ahead.effects,
+            seconds=ahead.seconds,
+            out=out,
+            matrix=matrix,
+            errors=tuple(float(error) for error in matrix.facts.known()["error"]),
+            light=tuple(light_in_cutout(matrix, ahead.plan, ahead.effects)),
+            tolerance=self.tolerance,
+            limit=self.tolerance + (self.stored or 0),
+            rounded=self.stored is not None,
+        )
+        _warn_of_error(made, self.level)
+        _warn_of_light(made)
+        return made
+
+
+@record
+class _OfOnePlan(_WithEffects, _OfPlanes):
+    """What is simulated of one plan, or of a camera with planes."""
+
+
+OUT: dict[str, Any] = {"label": "H file", "short": "-o", "file": "out", "chooses": True}
+FRAMES: dict[str, Any] = {"label": "Folder of frames", "chooses": True}
+PEAK: dict[str, Any] = {"label": "Brightest pixel", "unit": "share of the full well", "above": 0, "at_most": 1000}
+
+
+@record
+class SimulateH(_OfOnePlan):
+    """Simulate the PSF matrix of a camera, with the effects that matter for it and no others.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import SimulateH
+    >>> task = SimulateH(camera="bench", virtual_depths=(4,), cutout=(21, 21), level="geometric", out="small.h5")
+    >>> (made,) = task.run()
+    >>> with made.matrix as H:
+    ...     print(H.shape, f"{made.light[0]:.0%} of the light is in the cutout")
+    (1, 19, 33, 21, 21) ...% of the light is in the cutout
+    """
+
+    input_words: ClassVar[str] = "H in one pass"
+    in_units: ClassVar[bool] = True
+
+    out: Path = required("H file to write (.h5).", **OUT)
+    store_tolerance: float | None = opt(
+        None,
+        "Share (L1) of its light that each pattern may lose in the file, as in lfcal reduce.",
+        label="Loss in the file",
+        above=0,
+        below=1,
+        empty="stored in full",
+        read=read_share,
+        more=True,
+    )
+
+    @property
+    def stored(self) -> float | None:
+        """What each pattern may lose in the file (relative L1), if that is stated."""
+        return self.store_tolerance
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[SimulatedH, ...]]:
+        """Choose the effects and compute H."""
+        made = yield from self._iter_h(self.planned(), self.out, run or RunSettings())
+        return (made,)
+
+
+@record
+class SimulatePasses(_OfOnePlan):
+    """Simulate H in passes: it is whole after the first and better after each.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import SimulatePasses, command_of
+    >>> print(command_of(SimulatePasses(camera="plan.json", tolerance=0.01, out="H.h5")))
+    lfcal simulate plan.json --tolerance=0.01 --out=H.h5 --progressive
+    """
+
+    input_words: ClassVar[str] = "H in passes"
+
+    out: Path = required("H file to write (.h5).", **OUT)
+    progressive: bool = opt(
+        True,
+        "Simulate H in passes: it is whole after the first and better after each. Ctrl-C keeps the last one.",
+        label="In passes",
+        chooses=True,
+    )
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[SimulatedH, ...]]:
+        """Compute H by rays, then better."""
+        from lfcal.simulate import iter_refine_psf
+
+        workers, plan = (run or RunSettings()).workers, self.planned()
+        ahead = self.ahead(plan)
+        self._tell_ahead(ahead, None, workers)
+        whole: list[str] = []
+
+        def tell(matrix: PSFMatrix) -> None:
+            worst = 100 * max(float(error) for error in matrix.facts.known()["error"])
+            whole.append(f"{self.out}, whole within {worst:.2g} %")
+            note(f"{whole[-1]}; Ctrl-C keeps it")
+
+        try:
+            matrix = yield from iter_refine_psf(
+                plan,
+                lambda error: self.selection(plan, error),
+                self.level,
+                tolerance=self.tolerance,
+                out=self.out,
+                workers=workers,
+                provenance=self._known(plan),
+                on_pass=tell,
+            )
+        except BaseException:
+            if whole:
+                note(f"kept: {whole[-1]}")
+            raise
+        return (self._made(ahead, self.out, matrix),)
+
+
+@record
+class SimulateRegions(_WithEffects):
+    """Simulate H of each region of a plan of several, at its place of the field, into one file.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import SimulateRegions
+    >>> task = SimulateRegions(camera="regions.json", effects=("field_curvature=2mm",), out="H.h5")
+    >>> print(task.files("in"), task.effects)
+    (PosixPath('regions.json'),) ('field_curvature=2mm',)
+    """
+
+    input_words: ClassVar[str] = "H of several regions"
+
+    out: Path = required("H file to write (.h5).", **OUT)
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[SimulatedRegions, ...]]:
+        """Compute H of each region, and write all to one file."""
+        from lfcal.campaign import save_parts, temporary_parts
+
+        run, several, made = run or RunSettings(), ready_regions(self.camera), {}
+        if several is None:
+            raise InputError.expected("camera", "a plan of several regions", self.camera, "simulate it as one H")
+        with temporary_parts(self.out, several.names) as parts:
+            for k, name in enumerate(several.names):
+                note(f"region {name}")
+                made[name] = yield from self._iter_h(several.plan(k), parts[name], run)
+                made[name].close()
+            save_parts(parts, self.out, workers=run.workers)
+        return (SimulatedRegions(out=self.out, regions=made),)
+
+
+@record
+class SimulateFrames(_OfOnePlan):
+    """Simulate the frames of a session, with dark frames, white frames and plan.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import SimulateFrames, job_of
+    >>> print(job_of(SimulateFrames(camera="plan.json", frames="session", seed=3)))
+    task = "simulate"
+    camera = "plan.json"
+    ...
+    frames = "session"
+    seed = 3
+    peak = 0.8
+    <BLANKLINE>
+    """
+
+    input_words: ClassVar[str] = "frames"
+
+    frames: Path = required("New or empty folder for the frames of a simulated session.", file="out", **FRAMES)
+    seed: int = opt(0, "Seed of noise and stage errors in frames.", at_least=0, more=True)
+    peak: float = opt(0.8, "Brightness that the brightest pixel reaches in frames.", more=True, **PEAK)
+
+    def files(self, way: str) -> tuple[Path, ...]:
+        """Return its files; the folder is none, and never replaced."""
+        return () if way == "out" else super().files(way)
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[SimulatedFrames, ...]]:
+        """Write them."""
+        from lfcal.simulate import SimulatedCamera, iter_write_session
+
+        folder, plan = self.frames, self.planned()
+        # frames of two sessions in one folder would be read as one.
+        if folder.exists() and any(folder.iterdir()):
+            raise InputError.expected(str(folder), "a new or empty folder", "one with files in it", "choose another")
+        found = self.selection(plan, frames=True, peak=self.peak)
+        _tell_plan(plan)
+        _tell_left_out(found)
+        how: dict[str, Any] = {"tolerance": self.tolerance, "seed": self.seed, "peak": self.peak}
+        source = SimulatedCamera(plan, found, level=self.level, **how)
+        count = yield from iter_write_session(source, folder)
+        return (SimulatedFrames(plan=plan, effects=found, seconds=found.seconds, folder=folder, count=count),)
+
+
+@record
+class SimulateForecast(_OfOnePlan):
+    """Show which effects matter for a simulation and what they cost, and simulate nothing.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import SimulateForecast
+    >>> (found,) = SimulateForecast(camera="session/plan.json").run()
+    >>> print(found.effects.level, found.effects.row("bandwidth").on)
+    wave False
+    """
+
+    input_words: ClassVar[str] = "a forecast"
+
+    plan_only: bool = opt(
+        True, "Only show which effects matter and what they cost.", label="Forecast only", chooses=True
+    )
+    out: Path | None = opt(None, "H file that would be written; it is not.", **OUT | {"file": ""})
+    frames: Path | None = opt(None, "Folder of frames that would be written; it is not.", **FRAMES)
+    peak: float = opt(
+        0.8, "Brightness that the brightest pixel reaches in frames.", needs=("frames", ""), more=True, **PEAK
+    )
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[SimulationForecast, ...]]:
+        """Choose the effects."""
+        from lfcal.simulate import predict_seconds
+
+        yield from ()
+        plan = self.planned()
+        found = self.selection(plan, frames=self.frames is not None, peak=self.peak)
+        _tell_plan(plan)
+        if self.level != "auto":
+            seconds = predict_seconds(plan, found, self.level, tolerance=self.tolerance)
+            found = replace(found, level=self.level, seconds=seconds)
+        for target in filter(None, (self.out, self.frames)):
+            note(f"{target} is not written: --plan-only")
+        return (SimulationForecast(plan=plan, effects=found, seconds=found.seconds),)
+
+
+def kind_of(given: Mapping[str, Any]) -> type[Task]:
+    """Return what is to be simulated: the output decides, and whether the plan is one of several regions."""
+    if given.get("plan_only"):
+        return SimulateForecast
+    if bool(given.get("out")) == bool(given.get("frames")):
+        raise InputError("output: give -o H.h5 for the matrix or --frames DIR for a session, or --plan-only")
+    if ready_regions(str(given.get("camera", ""))) is not None:
+        return SimulateRegions
+    if given.get("frames"):
+        return SimulateFrames
+    return SimulatePasses if given.get("progressive") else SimulateH
+
+
+SIMULATE = TaskSet(
+    "simulate",
+    (SimulateH, SimulatePasses, SimulateRegions, SimulateFrames, SimulateForecast),
+    kind_of,
+    "lfcal simulate bench --virtual-depths 3,4 -o H.h5",
+)
+
+
+def _tell_left_out(found: EffectSelection) -> None:
+    """Say of effects that were asked for by name why they are left out."""
+    for row in found.rows:
+        if row.setting == "on" and not row.on:
+            note(f"{row.name}: {row.reason}")
+
+
+def _tell_plan(plan: ScanPlan) -> None:
+    """Say which effects cannot be loaded, and where the period of H does not keep step with the lattice."""
+    from lfcal.simulate.effects import CATALOGUE
+
+    for reason in CATALOGUE.failures().values():
+        note(f"left out: {reason}")
+    if plan.resample:
+        return
+    sides = zip(plan.period_residual_px, plan.camera.sensor.shape, plan.period, strict=True)
+    drift = max(abs(residual) * side / period for residual, side, period in sides)
+    # a plan of fewer positions than a period has no period to keep step with
+    if drift > MOST_DRIFT and max(map(abs, plan.period_residual_px)) <= 0.5:
+        (py, px), (ny, nx) = plan.camera.period_px, plan.period
+        own = f"{py * plan.cells[0]:.5g} x {px * plan.cells[1]:.5g} px"
+        note(
+            f"H's period of {ny} x {nx} px does not fit the lattice's {own}: {drift:.3g} px of drift over the "
+            "sensor; `lfcal plan --resample` removes it, and `lfcal reconstruct` resamples frames to H's period"
+        )
+
+
+def _warn_of_error(made: SimulatedH, level: str) -> None:
+    """Warn of planes that miss what was asked for."""
+    over = [z for z, error in enumerate(made.errors) if error > made.limit]
+    if over:
+        worst = max(over, key=lambda z: made.errors[z])
+        more = "nothing finer is computed" if level == "auto" else "--level auto takes what they need"
+        warn(
+            f"{len(over)} of {len(made.errors)} planes miss the {100 * made.limit:.3g} % asked for; plane {worst} at "
+            f"{made.plan.depths_um[worst]:g} µm reaches {100 * made.errors[worst]:.2g} %; {more}"
+        )
+
+
+def _warn_of_light(made: SimulatedH) -> None:
+    """Warn of planes of which the cutout holds too little light."""
+    low = [z for z, share in enumerate(made.light) if share < LEAST_LIGHT]
+    if low:
+        worst = min(low, key=lambda z: made.light[z])
+        rows, columns = made.plan.cutout
+        warn(
+            f"the cutout of {rows} x {columns} px holds less than {100 * LEAST_LIGHT:g} % of the light in "
+            f"{len(low)} of {len(made.light)} planes; plane {worst} at {made.plan.depths_um[worst]:g} µm has "
+            f"{100 * made.light[worst]:.3g} %; choose a larger --cutout"
+        )

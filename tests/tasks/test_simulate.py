@@ -1,0 +1,195 @@
+"""One record per simulation: command, Python, job file and an H file made again give the same bits."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from lfcal.base import InputError
+from lfcal.camera import RegionPlan, ScanPlan, preset
+from lfcal.records import rows
+from lfcal.tasks import (
+    SimulateForecast,
+    SimulateFrames,
+    SimulateH,
+    SimulatePasses,
+    SimulateRegions,
+    command_of,
+    job_of,
+    load_job,
+    python_of,
+    task_set,
+)
+from lfcal.tasks.task import Task
+from tests.cli import conftest
+from tests.cli.conftest import Run
+
+Lfcal = Callable[..., Run]
+lfcal = conftest.lfcal
+
+KINDS = (SimulateH, SimulatePasses, SimulateRegions, SimulateFrames, SimulateForecast)
+EFFECTS = ("coma=0.3@40deg", "bandwidth=off")
+
+
+@pytest.fixture
+def plan(tmp_path: Path) -> Path:
+    camera = preset("bench")
+    camera = replace(camera, sensor=replace(camera.sensor, shape=(90, 100)))
+    plan = replace(ScanPlan.for_camera(camera, virtual_depths=[4.0], cutout=41), period=(2, 3))
+    path = tmp_path / "plan.json"
+    path.write_text(plan.to_json())
+    (tmp_path / "regions.json").write_text(RegionPlan.spread(replace(plan, period=(1, 2)), (1, 2)).to_json())
+    (tmp_path / "effects.json").write_text('[{"name": "spherical", "waves": 0.4}]')
+    return path
+
+
+def made_by(kind: type[Task], plan: Path, out: Path) -> Task:
+    """Return a task of a kind that takes little time."""
+    given: dict[str, Any] = {
+        "camera": str(plan),
+        "tolerance": 0.1,
+        "effects": (*EFFECTS, str(plan.parent / "effects.json")),
+    }
+    if kind is SimulateRegions:
+        given["camera"] = str(plan.parent / "regions.json")
+    if kind is SimulateH:
+        given["store_tolerance"] = 0.005
+    if kind is SimulateFrames:
+        return kind(**given, frames=out, seed=3, peak=0.5)
+    return kind(**given, out=out)
+
+
+def values(out: Path) -> dict[str, np.ndarray]:
+    """Return everything that was measured in the H file or the folder of frames ``out``."""
+    if out.is_dir():
+        return {
+            str(p.relative_to(out)): np.fromfile(p, np.uint8) for p in out.rglob("*") if p.suffix not in ("", ".json")
+        }
+    found: dict[str, h5py.Dataset] = {}
+    with h5py.File(out) as file:
+        file.visititems(lambda name, one: found.update({name: one}) if isinstance(one, h5py.Dataset) else None)
+        return {name: one[()] for name, one in found.items() if one.dtype.kind in "iuf"}
+
+
+@pytest.mark.parametrize("kind", KINDS[:4])
+def test_every_route_gives_the_same_bits(lfcal: Lfcal, kind: type[Task], plan: Path, tmp_path: Path) -> None:
+    out = tmp_path / "made"
+    task = made_by(kind, plan, out)
+    (made,) = task.run()
+    made.close()
+    before = values(out)
+    assert before
+
+    def moved(text: str, name: str) -> str:
+        routes.append(tmp_path / name)
+        return text.replace(str(out), str(tmp_path / name))
+
+    routes: list[Path] = []
+    done = lfcal(*shlex.split(moved(command_of(task), "by_command"))[1:])
+    assert done.code == 0, done.err
+    exec(moved(python_of(task), "by_python"), {})
+    (tmp_path / "job.toml").write_text(moved(job_of(task), "by_job"))
+    assert lfcal("run", tmp_path / "job.toml").code == 0
+    if kind is not SimulateFrames:
+        out.rename(tmp_path / "H.h5")
+        routes.append(tmp_path / "again.h5")
+        again = lfcal("run", tmp_path / "H.h5", "-o", tmp_path / "again.h5")
+        assert again.code == 0, again.err
+    for path in routes:
+        after = values(path)
+        assert after.keys() == before.keys()
+        for name in before:
+            np.testing.assert_array_equal(after[name], before[name], err_msg=f"{path.name}: {name}")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_job_keeps_every_value(kind: type[Task], plan: Path, tmp_path: Path) -> None:
+    task = made_by(kind, plan, tmp_path / "made")
+    (tmp_path / "job.toml").write_text(job_of(task))
+    assert load_job(tmp_path / "job.toml")[0] == task
+    said = (tmp_path / "job.toml").read_text()
+    for row in rows(kind):
+        assert f"{row.name} = " in said or row.default is None, "what is at its default is kept, too"
+    (tmp_path / "job.json").write_text(json.dumps(task.to_dict()))
+    assert load_job(tmp_path / "job.json")[0] == task
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_field_of_another_kind_is_refused(kind: type[Task], tmp_path: Path) -> None:
+    tasks = task_set("simulate")
+    assert tasks.kinds == KINDS
+    others = {row.name for one in KINDS for row in rows(one)} - {row.name for row in rows(kind)}
+    assert others
+    for name in others:
+        with pytest.raises(InputError, match=f"{name}: expected .*, got {kind.input_words}; leave it out"):
+            tasks.refuse(kind, [name])
+        with pytest.raises(TypeError, match=name):
+            kind(camera="bench", **{name: 1})
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('out = "H.h5"\nseed = 1', "seed: expected frames, got H in one pass"),
+        ('frames = "f"\nprogressive = true', "progressive: expected H in passes, got frames"),
+        ('out = "H.h5"\nplan_only = true\nseed = 1', "seed: expected frames, got a forecast"),
+        ('out = "H.h5"\ntolerance = 5', "tolerance: expected a number > 0 and ≤ 4, got 5"),
+        ('out = "H.h5"\nlevel = "waves"', "level: expected auto or geometric or"),
+        ('out = "H.h5"\neffects = ["coma"]', "effects: expected NAME=on, off, auto or a magnitude"),
+        ('out = "H.h5"\ndepths = "1 kg"', "depths: expected numbers"),
+        ('out = "H.h5"\ndepths = [1, "a"]', "depths: expected numbers, in µm or with mm, got 'a'"),
+        ('out = "H.h5"\ncutout = [41.5, 31]', "cutout: expected whole numbers of pixels"),
+        ('out = "H.h5"\ncutout = [41, 31, 21]', "cutout: expected one number or two"),
+        ("plan_only = true\npeak = 0.5", "peak: expected frames, got none"),
+    ],
+)
+def test_a_wrong_job_ends_in_one_sentence(plan: Path, tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "job.toml").write_text(f'task = "simulate"\ncamera = "{plan}"\n{text}\n')
+    with pytest.raises(InputError) as error:
+        load_job(tmp_path / "job.toml")
+    assert words in str(error.value) and "\n" not in str(error.value)
+
+
+def test_texts_and_values_of_planes_and_cutouts_mean_the_same(tmp_path: Path) -> None:
+    (tmp_path / "job.toml").write_text(
+        'task = "simulate"\ncamera = "bench"\nout = "H.h5"\nvirtual_depths = "3:4:0.5"\ncutout = "41x31"\n'
+        'tolerance = "3%"\nprogressive = false\n'
+    )
+    task, _ = load_job(tmp_path / "job.toml")
+    out = tmp_path / "H.h5"
+    assert task == SimulateH(camera="bench", virtual_depths=(3.0, 3.5, 4.0), cutout=(41, 31), out=out)
+    assert task.files("in") == (), "a preset is no file"
+    assert task.to_dict(absolute=True)["camera"] == "bench"
+
+
+def test_paths_of_effects_are_relative_to_their_job(tmp_path: Path) -> None:
+    (tmp_path / "job.toml").write_text(
+        'task = "simulate"\ncamera = "bench"\nout = "H.h5"\ndepths = 0\neffects = ["coma=0.3", "fit/effects.json"]\n'
+    )
+    task, _ = load_job(tmp_path / "job.toml")
+    assert task.files("in") == (tmp_path / "fit" / "effects.json",)
+    assert task.to_dict(absolute=True)["effects"] == ["coma=0.3", str(tmp_path / "fit" / "effects.json")]
+
+
+def test_a_flag_that_makes_the_kind_is_true_in_it() -> None:
+    with pytest.raises(InputError, match="progressive: expected true, got false"):
+        SimulatePasses(camera="bench", out="H.h5", progressive=False)
+    assert command_of(SimulateForecast(camera="bench", depths=(0,))) == "lfcal simulate bench --depths=0 --plan-only"
+
+
+def test_regions_need_a_plan_of_them(plan: Path) -> None:
+    with pytest.raises(InputError, match="camera: expected a plan of several regions"):
+        SimulateRegions(camera=str(plan), out="H.h5").run()
+
+
+def test_an_option_that_was_renamed_names_the_new_one(lfcal: Lfcal) -> None:
+    done = lfcal("simulate", "bench", "--effects", "coma=on", "--plan-only")
+    assert done.code == 2 and "Did you mean --effect?" in done.err
