@@ -71,7 +71,7 @@ def _show_field(field: FieldFit, *, points: bool) -> None:
 
 
 def _notes(one: FitOutcome) -> Iterable[str]:
-    """Yield what else is to be known of a fit, a line each."""
+    """Yield answers, outliers and what was not determined, a line each."""
     if one.points is not None:
         if one.holes:
             yield f"note: {one.holes}"

@@ -286,7 +286,7 @@ class FitMatrix(_Fit):
         return next((one for one in [run.choice(place) for place in self._places] if one is not None), None)
 
     def _check_folder(self) -> None:
-        """Raise where H of another fit would stay in the folder: it would be taken for that of this camera."""
+        """Raise where H of another fit would stay in the folder of this camera."""
         from lfcal.fit import MODEL, NUMBERS
 
         matrix = self.out / MODEL
@@ -369,7 +369,7 @@ class FitFrames(FitMatrix):
 
     Gap, focal lengths, iris and aberrations are found. Writes camera.json, effects.json, H.h5, fit.json and report/
     into a folder. Several sources are regions of the field of one camera: how its wavefront changes over the field is
-    found too, and each region has a folder of its own.
+    found too, and each region has its own folder.
     Points of a target are fitted where they are on the sensor.
 
     Examples

@@ -28,7 +28,7 @@ NAMES = ("*z{z}_y{y}_x{x}.*", "*y{y}_x{x}.*")
 """Names of single files that say where their source is."""
 
 NEAR_DEPTH = 0.02
-"""Largest relative distance between a depth and that of a plane that is taken for the same."""
+"""Largest relative difference between a depth and that of its plane in H."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,8 @@ import h5py
 import numpy as np
 import pytest
 
-from lfcal.base import InputError, Work
+from lfcal.base import InputError, LfcalError, Work
+from lfcal.fit.stored import StoredFit
 from lfcal.frames import CorrectionRecipe
 from lfcal.psf import save
 from lfcal.records import rows
@@ -35,7 +37,7 @@ from lfcal.tasks.task import Task
 from tests.cli import conftest
 from tests.cli.conftest import Run
 from tests.fit.commands import undrawn
-from tests.fit.common import few_patterns
+from tests.fit.common import few_fit, few_patterns
 
 Lfcal = Callable[..., Run]
 lfcal = conftest.lfcal
@@ -174,3 +176,35 @@ def test_frames_are_corrected_as_when_h_is_assembled(
     assert type(task) is kind and recipe.defects and recipe.saturation == 4000 and recipe.background == "border"
     assert (recipe.dark, recipe.white, recipe.white_mode, recipe.white_floor) == ("dark", "white.tif", "pixels", 0.1)
     assert recipe.black_level == 100 and recipe.exposure == "none"
+
+
+def test_a_fit_of_regions_is_read_by_their_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("field").mkdir()
+    task = ValidateFit(fit=Path("field"), sources=(Path("centre.h5"),))
+    for text, words in (
+        ('{"regions": []}', "expected a fit of regions"),
+        ('{"regions": [{"name": "../away"}]}', "expected a fit of regions"),
+        ("[]", "expected a fit of regions"),
+        ("{", "field.json"),
+    ):
+        Path("field", "field.json").write_text(text)
+        with pytest.raises(LfcalError, match=words):
+            task.files("out")
+    stored = StoredFit.of(few_fit())
+    monkeypatch.setattr("lfcal.fit.read_fit", lambda folder: replace(stored, folder=folder))
+    Path("field", "field.json").write_text('{"regions": [{"name": "centre"}, {"name": "edge"}]}')
+    assert [str(path) for path in task.files("out")] == [
+        "field/centre/validation.json",
+        "field/centre/report/validation.png",
+    ]
+    assert task.files("in") == (Path("centre.h5"), Path("field/field.json"))
+    elsewhere = replace(task, sources=(Path("corner.h5"),))
+    with pytest.raises(InputError, match=r"regions of the fit: centre, edge, got corner; .*--other"):
+        elsewhere.files("out")
+    assert [path.parent for path in replace(elsewhere, other=True).files("out")] == [
+        Path("field"),
+        Path("field/report"),
+    ]
+    with pytest.raises(InputError, match="expected one recording, got 2"):
+        replace(task, sources=(Path("a.h5"), Path("b.h5")), other=True).files("out")
