@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable
 __all__ = [
     "complete_camera",
     "complete_compression",
-    "complete_executor",
     "complete_mat_order",
     "complete_orientation",
 ]
@@ -34,12 +33,6 @@ def _compressions() -> Iterable[str]:
     return COMPRESSIONS
 
 
-def _executors() -> Iterable[str]:
-    from lfcal.work.executors import EXECUTORS
-
-    return EXECUTORS.names()
-
-
 def _mat_orders() -> Iterable[str]:
     from lfcal.psf import MAT_ORDERS
 
@@ -55,6 +48,5 @@ def _orientations() -> Iterable[str]:
 
 complete_camera = _among(_presets)
 complete_compression = _among(_compressions)
-complete_executor = _among(_executors)
 complete_mat_order = _among(_mat_orders)
 complete_orientation = _among(_orientations)

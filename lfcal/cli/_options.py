@@ -8,7 +8,7 @@ from typing import Annotated, TypeAlias
 import typer
 
 from lfcal.base import InputError, bounded_threads
-from lfcal.cli._completing import complete_camera, complete_compression, complete_executor, complete_mat_order
+from lfcal.cli._completing import complete_camera, complete_compression, complete_mat_order
 
 __all__ = [
     "CameraArgument",
@@ -16,7 +16,6 @@ __all__ = [
     "CompressionOption",
     "CutoutOption",
     "DepthsOption",
-    "ExecutorOption",
     "FolderOption",
     "ForceOption",
     "GainOption",
@@ -26,8 +25,6 @@ __all__ = [
     "OriginOption",
     "PresetOption",
     "ResumeOption",
-    "SchedulerOption",
-    "StoreToleranceOption",
     "VirtualDepthsOption",
     "WorkersOption",
     "parse_groups",
@@ -56,21 +53,6 @@ WorkersOption: TypeAlias = Annotated[
 ]
 """Threads of everything a command computes: its own, and those of the libraries it calls."""
 
-ExecutorOption: TypeAlias = Annotated[
-    str,
-    typer.Option(
-        "--executor",
-        autocompletion=complete_executor,
-        help="Who does it: threads (of this process), processes, or dask; long work is done in units by any of them.",
-    ),
-]
-"""By whom units of long work are done; see `lfcal.work`."""
-
-SchedulerOption: TypeAlias = Annotated[
-    str, typer.Option("--scheduler", help="With --executor dask: address of a scheduler that runs already.")
-]
-"""A cluster in place of this machine."""
-
 ResumeOption: TypeAlias = Annotated[
     bool, typer.Option("--resume", help="Go on with what an earlier run left, after a kill or a power cut.")
 ]
@@ -83,14 +65,6 @@ CompressionOption: TypeAlias = Annotated[
     str, typer.Option("--compression", autocompletion=complete_compression, help="gzip, zstd or none.")
 ]
 """How the chunks of an H file are compressed."""
-
-StoreToleranceOption: TypeAlias = Annotated[
-    float | None,
-    typer.Option(
-        "--store-tolerance", help="Share (L1) that every pattern may lack in the file, as of lfcal reduce: 0.005."
-    ),
-]
-"""In place of a stored type; see `lfcal.psf._steps`."""
 
 MatrixArgument: TypeAlias = Annotated[
     Path, typer.Argument(help="H file (.h5), another code's file (.mat v7.3, .lfc of napari-LF), or .npy array.")
