@@ -38,7 +38,7 @@ def tell_session(folder: Path, *, json: bool) -> None:
         ended += f" (process {facts['process']})" if facts["process"] else ""
     typer.echo(f"{folder}: {facts['done']} of {facts['total']} {what} are safe on the disk{ended}")
     if session.target is not None:
-        from lfcal.cli._acquire_target import show_coverage
+        from lfcal.cli.acquire import show_coverage
 
         show_coverage(facts["shown"])
     if session.devices.automatic:
@@ -76,7 +76,7 @@ def _facts(folder: Path, session: SessionFile) -> dict[str, Any]:
         facts["automatic"] = {name: session.devices.settings[name] for name in session.devices.automatic}
     if target is None:
         return facts
-    from lfcal.cli._acquire_target import coverage_facts, recorded_before
+    from lfcal.tasks import coverage_facts, recorded_before
 
     watching = recorded_before(target, folder)  # type: ignore[arg-type]  # a session's frame plan is a target's
     return facts | {"shown": coverage_facts(watching.state())}

@@ -82,8 +82,8 @@ def do_task(task: Task, run: RunSettings, show: Show, json: bool) -> None:
             print_json(made[0].to_dict() if len(made) == 1 else [one.to_dict() for one in made])
         else:
             show(made)
-    if any(one.failed for one in made):
-        raise typer.Exit(1)
+    if code := max((one.exit_code() for one in made), default=0):
+        raise typer.Exit(code)
 
 
 def _help(tasks: TaskSet, cls: type[CommandWithParts] | None) -> str:
@@ -123,7 +123,9 @@ def _parameter(row: FieldRow, heading: str, only: str = "") -> inspect.Parameter
     if opt.examples or opt.choices:
         how["autocompletion"] = _completing(row)
     if row.kind is bool:
-        default: Any = typer.Option(None, row.flag, **{key: how[key] for key in ("help", "rich_help_panel")})
+        default: Any = typer.Option(
+            None, f"{row.flag}/{row.off}".strip("/"), **{key: how[key] for key in ("help", "rich_help_panel")}
+        )
         return inspect.Parameter(row.name, kind, default=_bool(row, default), annotation=bool | None)
     annotation: Any = list[str] if row.many else str
     # what only some kinds of input must have, the kind asks for

@@ -245,6 +245,11 @@ class FieldRow:
         return self.default is True and not self.opt.chooses
 
     @property
+    def off(self) -> str:
+        """Its second option, which turns off what is neither on nor off by default; else empty."""
+        return f"--no-{self.name.replace('_', '-')}" if self.kind is bool and self.optional else ""
+
+    @property
     def called(self) -> str:
         """What the command line calls it."""
         return self.name.upper() if self.opt.argument else self.flag

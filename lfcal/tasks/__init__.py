@@ -8,6 +8,7 @@
 - ``reconstruct``: light-field frames to volumes
 - ``simulate``: a camera to H or frames
 - ``scan_frames``, ``target_frames``, ``cameras``, ``matrices``, ``lattice_file``: inputs as tasks open them
+- ``acquire``: recordings of scans, regions and targets, and until H is good enough
 - ``plan``, ``plan_fit``, ``plan_target``: scans, positions for a fit, frames of a target
 - ``outputs``: what may be written where
 - ``notes``: what a task says by the way

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from lfcal.tasks._solving import solver_settings
+from lfcal.tasks.acquire import Acquire, AcquireRegions, AcquireTarget, AcquireUntil
 from lfcal.tasks.assemble import Assemble, AssembleRegions, AssembleTarget
 from lfcal.tasks.export import ExportH5, ExportMat, ExportNpy, ExportTiff
 from lfcal.tasks.fit import FitFrames, FitMatrix, FitTarget
@@ -20,6 +21,10 @@ from lfcal.tasks.text import command_of, job_of, python_of
 from lfcal.tasks.transpose import Transpose
 
 __all__ = [
+    "Acquire",
+    "AcquireRegions",
+    "AcquireTarget",
+    "AcquireUntil",
     "Assemble",
     "AssembleRegions",
     "AssembleTarget",

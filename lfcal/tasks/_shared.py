@@ -5,7 +5,9 @@ from __future__ import annotations
 from lfcal.tasks._channels import ChannelPart
 from lfcal.tasks._coding import coding_verdict, coding_words, display_words
 from lfcal.tasks._pace import WITHOUT_READOUT
+from lfcal.tasks._recording import coverage_facts, recorded_before
 from lfcal.tasks._solving import choice_of
+from lfcal.tasks.acquire import PlannedSession, RecordedSession
 from lfcal.tasks.assemble import Assembled, AssemblyRun
 from lfcal.tasks.cameras import assumed_in_words, load_camera, load_file, tell_assumed
 from lfcal.tasks.export import ExportedFiles
@@ -45,10 +47,12 @@ __all__ = [
     "ExportedFiles",
     "FitOutcome",
     "InspectedMatrix",
+    "PlannedSession",
     "PositionsPlanned",
     "PredictedObject",
     "Reconstructed",
     "ReconstructionForecast",
+    "RecordedSession",
     "ReducedFile",
     "RegionsPlanned",
     "RunSettings",
@@ -71,6 +75,7 @@ __all__ = [
     "coding_verdict",
     "coding_words",
     "control_frames",
+    "coverage_facts",
     "display_words",
     "files_of",
     "left_words",
@@ -82,6 +87,7 @@ __all__ = [
     "notes_to",
     "open_matrix",
     "planned_scan",
+    "recorded_before",
     "task_set",
     "tell_assumed",
     "words_of",

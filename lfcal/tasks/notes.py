@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-__all__ = ["note", "notes_to", "warn"]
+__all__ = ["note", "notes_to", "tell", "warn"]
 
 LOG = logging.getLogger("lfcal")
 LOG.addHandler(logging.NullHandler())
@@ -22,6 +22,11 @@ def warn(text: str) -> None:
     LOG.warning("%s", text)
 
 
+def tell(text: str) -> None:
+    """Say what happens meanwhile, such as a hold and its end, in a line without a word before it."""
+    LOG.info("%s", text, extra={"plain": True})
+
+
 class _Lines(logging.Handler):
     def __init__(self, sink: Callable[[str], None]) -> None:
         super().__init__()
@@ -29,8 +34,8 @@ class _Lines(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Hand on one line."""
-        word = "warning" if record.levelno >= logging.WARNING else "note"
-        self._sink(f"{word}: {record.getMessage()}")
+        word = "warning: " if record.levelno >= logging.WARNING else "note: "
+        self._sink(f"{'' if hasattr(record, 'plain') else word}{record.getMessage()}")
 
 
 @contextmanager

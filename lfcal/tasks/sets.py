@@ -10,6 +10,7 @@ from lfcal.tasks.task import TaskSet
 __all__ = ["TASKS", "task_set"]
 
 TASKS = {
+    "acquire": "lfcal.tasks.acquire:ACQUIRE",
     "assemble": "lfcal.tasks.assemble:ASSEMBLE",
     "export": "lfcal.tasks.export:EXPORT",
     "inspect": "lfcal.tasks.inspect:INSPECT",

@@ -92,6 +92,10 @@ class TaskResult:
         """Whether it answers the question of the task with no; a command then ends with exit code 1."""
         return False
 
+    def exit_code(self) -> int:
+        """Return the exit code of a command that has shown it; raises what ended the work after that."""
+        return int(self.failed)
+
     def to_dict(self) -> dict[str, Any]:
         """Return all of it as plain values."""
         raise NotImplementedError

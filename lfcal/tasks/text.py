@@ -37,7 +37,11 @@ def words_of(task: Task) -> tuple[str, ...]:
             inputs += [str(one) for one in value] if row.many else [str(value)]
         elif (value != row.default or row.opt.chooses) and value is not None:
             texts = [row.text(one) for one in value] if row.many else [row.text(value)]
-            options += [row.flag] if row.kind is bool else [f"{row.flag}={text}" for text in texts]
+            options += (
+                [row.flag if value or not row.off else row.off]
+                if row.kind is bool
+                else [f"{row.flag}={text}" for text in texts]
+            )
     return (*task.name.split(), *inputs, *options)
 
 

@@ -227,7 +227,7 @@ def test_dry_run_moves_and_writes_nothing(
     assert run("acquire", plan_file, "--out", out, "--dry-run", *rate, monkeypatch=monkeypatch) == 0
     assert "without readout" not in capsys.readouterr().out
     assert run("acquire", plan_file, "--out", out, *rate, monkeypatch=monkeypatch) == 2
-    assert "--frame-rate: is for the time that --dry-run tells" in capsys.readouterr().err and not out.exists()
+    assert "--frame-rate: expected --dry-run" in capsys.readouterr().err and not out.exists()
 
 
 def test_fault_resume_redo_and_coarse_order(
@@ -266,7 +266,7 @@ def test_fault_resume_redo_and_coarse_order(
         (["--margin", "1000", "--no-check-stage"], "smaller margin"),
         (["--redo", "/nowhere.json"], "expected a session folder"),
         (["--resume"], "expected a session folder"),
-        (["--dark-every", "-1"], "dark every"),
+        (["--dark-every", "-1"], "--dark-every: expected a whole number ≥ 0"),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(

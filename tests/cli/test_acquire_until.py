@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from lfcal.acquire.session_file import SessionFile
 from lfcal.base.errors import InputError
-from lfcal.cli._acquire_until import parse_goal
+from lfcal.campaign import Goal
 from lfcal.fit.setup import described_effects
 from lfcal.simulate.effects.described import Entry, entries_json
+from lfcal.tasks import AcquireUntil
 from tests.cli.conftest import Run
 from tests.fit.common import small_plan
 
@@ -63,13 +65,16 @@ def test_a_dry_run_says_at_most(lfcal: Lfcal, place: Path) -> None:
 
 
 def test_goals_by_their_words() -> None:
-    goal = parse_goal("0.5%", 0, "")
-    assert goal is not None and goal.error == pytest.approx(0.005) and goal.most is None and goal.unknowns == "auto"
-    named = parse_goal("0.02", 50, "iris,geometry,iris")
+    def goal_of(**given: Any) -> Goal:
+        return AcquireUntil(plan="plan.json", out="s", **given)._goal
+
+    goal = goal_of(until_error="0.5%")
+    assert goal.error == pytest.approx(0.005) and goal.most is None and goal.unknowns == "auto"
+    named = goal_of(until_error="0.02", most=50, unknowns="iris,geometry,iris")
     assert named == replace(goal, error=0.02, most=50, unknowns=("iris", "geometry"))
-    assert parse_goal("", 0, "") is None
-    with pytest.raises(InputError, match=r"for example 0\.5%"):
-        parse_goal("half", 0, "")
+    assert goal_of(until_error=0.01, unknowns="auto").unknowns == "auto"
+    with pytest.raises(InputError, match="until_error: expected a number, or percent, got 'half'"):
+        goal_of(until_error="half")
 
 
 @pytest.mark.parametrize(
@@ -79,12 +84,11 @@ def test_goals_by_their_words() -> None:
         ("--until-error 200%", "wanted error of H"),
         ("--until-error 0.01%", "the computation of patterns itself errs by 0.06 %"),
         ("--until-error 1% --most 3", "most positions"),
-        ("--until-error 1% --unknowns gap", "--unknowns: expected auto or groups of unknowns, got gap"),
-        ("--until-error 1% --unknowns ,", "--unknowns: expected auto or groups of unknowns"),
-        ("--until-error 1% --redo list.json", "leave --positions and --redo out"),
-        ("--until-error 1% --positions list.json", "leave --positions and --redo out"),
-        ("--most 20", "--most: is of sessions that end by the error of H"),
-        ("--unknowns iris", "--unknowns: is of sessions that end"),
+        ("--until-error 1% --unknowns gap", "--unknowns: expected auto or geometry or"),
+        ("--until-error 1% --redo list.json", "got a scan until H is good enough (--until-error); leave it out"),
+        ("--until-error 1% --positions list.json", "got a scan until H is good enough (--until-error); leave it out"),
+        ("--most 20", "--most: expected a scan until H is good enough (--until-error), got a scan of one region"),
+        ("--unknowns iris", "--unknowns: expected a scan until H is good enough (--until-error)"),
         ("--until-error 1% --resume", "expected a session folder"),
         ("--until-error 1% --bracket 1,0.5", "single ones, whose noise is known"),
     ],

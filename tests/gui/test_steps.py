@@ -117,7 +117,7 @@ def test_options_of_the_command_are_those_of_the_page(project: ProjectState) -> 
     assert (solved["iterations"], solved["anchor"], solved["threshold"]) == ("2", "10,11.5", "0.01")
     assert solved["margin"] is None and solved["device"] == "cpu", "what is at its default is left out"
     acquire = of("acquire")
-    assert acquire["option"] == ["optics=pattern"] and acquire["darks"] == 2 and acquire["reference_every"] == 0
+    assert acquire["option"] == ["optics=pattern"] and (acquire["darks"], acquire["reference_every"]) == ("2", "0")
 
 
 @pytest.mark.parametrize("key", ["acquire", "plan", "simulate", "frames", "psf", "quality", "fit", "reconstruct"])
@@ -352,7 +352,7 @@ def test_a_copied_command_has_the_names_that_were_written(window: MainWindow, pr
 def test_recordings_that_go_on_and_comparisons_are_commands(project: ProjectState) -> None:
     again = recording_step(project, "s", redo=[(0, 1, 2)])
     read = parsed(again.arguments)
-    assert (read["redo"], str(read["out"])) == (Path("lfcal-redo.json"), "s") and len(again.files) == 2
+    assert (read["redo"], read["out"]) == ("lfcal-redo.json", "s") and len(again.files) == 2
     assert parsed(recording_step(project, "s", resume=True).arguments)["resume"]
     white = assembled("s", "H.h5", None, CorrectionRecipe(white=Path("s/white"), dark=Path("s/dark")))
     assert parsed(white.arguments)["white"] == "s/white"

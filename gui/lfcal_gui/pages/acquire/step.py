@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 from lfcal.acquire import RedoList
 from lfcal.base import InputError
 from lfcal.frames import CorrectionRecipe
+from lfcal.tasks import Acquire, AcquireTarget, AcquireUntil, Task, python_of, words_of
 from lfcal_gui.models import PLAN_FILE, CommandStep, ProjectState, needed_plan, options_of
 from lfcal_gui.pages.acquire.model import AcquireSettings
 
@@ -14,52 +17,46 @@ __all__ = ["assembled", "step"]
 
 REDO_FILE = "lfcal-redo.json"
 
-NEEDED = (
-    "from lfcal.acquire import Options",
-    "from lfcal.devices.registry import open_rig",
-    "from lfcal.base.progress import drain",
-)
-"""Imports of every recording's script."""
-
 
 def step(
     project: ProjectState, out: str = "", *, resume: bool = False, redo: Sequence[tuple[int, int, int]] = ()
 ) -> CommandStep:
     """Return how the session is recorded, gone on with, or of which positions once more."""
     plan, chosen = needed_plan(project), AcquireSettings.of(project)
-    options, goal = chosen.options(), chosen.goal()
-    devices = chosen.devices()
-    folder, plan_file = out or project.recording or "session", chosen.target or PLAN_FILE
-    single = not chosen.target
-    pairs = (
-        ("--out", folder),
-        ("--resume", resume),
-        ("--redo", REDO_FILE if redo else ""),
-        ("--backend", chosen.backend),
-        ("--stage", chosen.stage),
-        *(("--option", f"{name}={value}") for name, value in devices.items()),
-        ("--until-error", "" if goal is None else f"{100 * chosen.error:g}%"),
-        ("--most", None if goal is None else chosen.most),
-        ("--order", options.order if single else None),
-        ("--bracket", ",".join(f"{v:g}" for v in options.bracket)),
-        ("--margin", options.margin_px if single else None),
-        ("--darks", options.darks),
-        ("--dark-every", options.dark_every),
-        ("--reference-every", options.reference_every),
-        ("--controls", options.controls if single else None),
-        ("--retries", options.retries),
-        ("--on-suspect", options.on_suspect),
-        ("--allow-automatic", options.allow_automatic),
-        ("--no-check-stage", not options.check_stage),
-        *(("--suspend", text) for text in options.suspend),
-        ("--steady", options.steady_s if options.suspend else None),
-        ("--tolerance", ",".join(f"{v!r}" for v in options.tolerance_um or ())),
-        ("--overshoot", ",".join(f"{v!r}" for v in options.overshoot_um)),
-    )
-    python = _script(chosen, devices, folder, resume=resume, redo=redo)
+    plan_file, single = chosen.target or PLAN_FILE, not chosen.target
+    options, goal = chosen.options(), chosen.goal() if single else None
+    known: dict[str, Any] = {
+        "plan": Path(plan_file),
+        "out": Path(out or project.recording or "session"),
+        "backend": chosen.backend,
+        "stage": chosen.stage,
+        "option": tuple(f"{name}={value}" for name, value in chosen.devices().items()),
+        "resume": resume,
+        "bracket": options.bracket,
+        "darks": options.darks,
+        "dark_every": options.dark_every if options.darks else None,
+        "reference_every": options.reference_every,
+        "retries": options.retries,
+        "on_suspect": options.on_suspect,
+        "allow_automatic": options.allow_automatic,
+        "check_stage": None if options.check_stage else False,
+        "suspend": options.suspend,
+        "steady": options.steady_s if options.suspend else None,
+        "tolerance": options.tolerance_um,
+        "overshoot": options.overshoot_um,
+    }
+    scan: dict[str, Any] = {"order": options.order, "margin": options.margin_px, "controls": options.controls}
+    again = Path(REDO_FILE) if redo else None
+    task: Task
+    if not single:
+        task = AcquireTarget(**known, redo=again)
+    elif goal is not None:
+        task = AcquireUntil(**known, **scan, until_error=chosen.error, most=chosen.most or 0)
+    else:
+        task = Acquire(**known, **scan, redo=again)
     own = ((PLAN_FILE, plan.to_json()),) if single else ()
     files = (*own, *(((REDO_FILE, RedoList.of(redo).to_json()),) if redo else ()))
-    return CommandStep(("acquire", plan_file, *options_of(pairs)), python, files)
+    return CommandStep(words_of(task), python_of(task), files)
 
 
 def assembled(folder: str, out: str, planes: Sequence[int] | None, recipe: CorrectionRecipe) -> CommandStep:
@@ -76,33 +73,3 @@ recipe = CorrectionRecipe(white={str(recipe.white)!r}, dark={str(recipe.dark)!r}
 print(drain(iter_assemble_session(Path({folder!r}), {out!r}, recipe=recipe)).matrix)
 """
     return CommandStep(("assemble", folder, *options_of(pairs)), python)
-
-
-def _script(
-    chosen: AcquireSettings,
-    devices: dict[str, str],
-    folder: str,
-    *,
-    resume: bool,
-    redo: Sequence[tuple[int, int, int]],
-) -> str:
-    more = (", resume=True" if resume else "") + (f", redo={[tuple(p) for p in redo]!r}" if redo else "")
-    kind, plan_file, scan = "ScanPlan", PLAN_FILE, "plan"
-    if chosen.target:
-        kind, plan_file, scan = "TargetPlan", chosen.target, "plan.scan"
-    function, goal = "iter_record", ""
-    imports = [f"from lfcal.{'targets' if chosen.target else 'camera'} import {kind}"]
-    if chosen.goal() is not None and not chosen.target:
-        function, goal = "iter_adaptive", f"Goal({chosen.error!r}, most={chosen.most!r}), "
-        imports.append("from lfcal.campaign import Goal, iter_adaptive")
-    else:
-        imports.append("from lfcal.acquire import iter_record")
-    needed = "\n".join(sorted([*imports, *NEEDED]))
-    return f"""
-{needed}
-
-plan = {kind}.from_json(Path({plan_file!r}).read_text(encoding="utf-8"))
-options = Options.from_dict({chosen.options().to_dict()!r})
-with open_rig({scan}, {chosen.backend!r}, {devices!r}, stage={chosen.stage!r}) as rig:
-    print(drain({function}(Path({folder!r}), plan, rig, {goal}options{more})))
-"""

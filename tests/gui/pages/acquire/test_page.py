@@ -377,7 +377,7 @@ def test_the_copied_command_leaves_the_check_of_the_stage_out_too(page: Page, co
     assert not any("check-stage" in word for word in step(context.state).arguments)
     page.record._field_edited("check_stage", False)
     assert "--no-check-stage" in step(context.state).arguments
-    assert "'check_stage': False" in step(context.state).python
+    assert "check_stage=False" in step(context.state).python
 
 
 def test_settings_that_have_no_effect_are_not_shown(page: Page, context: Context, qtbot: QtBot) -> None:

@@ -134,6 +134,6 @@ def test_the_command_records_the_target(file: Path) -> None:
     words = list(found.arguments)
     assert words[:2] == ["acquire", str(file)] and f"--option=target={file}" in words
     assert not any(word.startswith(("--controls", "--order")) for word in words)
-    assert "TargetPlan.from_json" in found.python and "open_rig(plan.scan" in found.python
+    assert "AcquireTarget(" in found.python and "controls" not in found.python
     assert not found.files
     compile(found.python, "script", "exec")
