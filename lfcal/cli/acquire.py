@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli._console import print_table
 from lfcal.cli._task_command import add_task
 from lfcal.tasks import WITHOUT_READOUT, PlannedSession, task_set
 
@@ -96,6 +95,7 @@ def _show_adapted(found: Adapted, out: object) -> None:
 
 def _show_forecast(one: PlannedSession) -> None:
     from lfcal.base import format_bytes, format_seconds
+    from lfcal.cli._console import print_table
 
     found = one.forecast
     unread = f" {WITHOUT_READOUT}" if found.readout_seconds is None else ""

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import typer
 
 from lfcal.base import format_bytes, format_length, format_seconds
-from lfcal.cli._console import print_table
 from lfcal.cli._task_command import add_task
 from lfcal.tasks import WITHOUT_READOUT, RegionsPlanned, ScanPlanned, task_set
 
@@ -22,6 +21,8 @@ def register(app: typer.Typer) -> None:
 
 def show(made: tuple[ScanPlanned | RegionsPlanned]) -> None:
     """Print the plan with its cost."""
+    from lfcal.cli._console import print_table
+
     (one,) = made
     if isinstance(one, RegionsPlanned):
         _show_regions(one)
@@ -37,6 +38,8 @@ def show(made: tuple[ScanPlanned | RegionsPlanned]) -> None:
 
 
 def _show_regions(one: RegionsPlanned) -> None:
+    from lfcal.cli._console import print_table
+
     plan, facts = one.plan, one.to_dict()
     rows = []
     for found in facts["regions"]:

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.cli._console import print_table, report
 from lfcal.cli._task_command import add_task
 from lfcal.tasks import task_set
 
@@ -22,6 +21,7 @@ def register(app: typer.Typer) -> None:
 def show(made: tuple[PositionsPlanned]) -> None:
     """Print the expected error by the number of positions."""
     from lfcal.base import format_seconds, format_share
+    from lfcal.cli._console import print_table, report
     from lfcal.fit import ERRORS, Fineness
 
     (one,) = made

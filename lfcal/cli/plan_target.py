@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from lfcal.base import format_length, format_seconds, format_share
-from lfcal.cli._console import print_table, report
 from lfcal.cli._task_command import add_task
 from lfcal.tasks import WITHOUT_READOUT, task_set
 
@@ -22,6 +21,7 @@ def register(app: typer.Typer) -> None:
 
 def show(made: tuple[TargetPlanned]) -> None:
     """Print the frames of the target and of a single point, and the expected error."""
+    from lfcal.cli._console import print_table
     from lfcal.tasks import coding_words, display_words
 
     (one,) = made
@@ -56,6 +56,8 @@ def show(made: tuple[TargetPlanned]) -> None:
 
 
 def _note_what_is_not_shown(one: TargetPlanned) -> None:
+    from lfcal.cli._console import report
+
     plan, facts = one.plan, one.facts
     for found in facts["planes"]:
         drawn = found["coverage_within_pose"]
@@ -73,7 +75,9 @@ def _note_what_is_not_shown(one: TargetPlanned) -> None:
 
 
 def _show_regions(found: dict[str, Any]) -> None:
-    """Print how many points each region has, and what is to be done with them."""
+    """Print how many points each region has, and what to do with them."""
+    from lfcal.cli._console import print_table, report
+
     rows = []
     for one in found["regions"]:
         (row, column), points = one["anchor"], one["points"]
@@ -92,6 +96,8 @@ def _show_regions(found: dict[str, Any]) -> None:
 
 def _show_expected(found: dict[str, Any], depth_um: float) -> None:
     """Print phases shown and expected error of a plane after some of its frames."""
+    from lfcal.cli._console import print_table
+
     count = len(found["shown"])
     chosen = sorted({max(1, round(count * share)) for share in (0.25, 0.5, 0.75, 1.0)})
     rows = [[str(n), format_share(found["shown"][n - 1]), format_share(found["error"][n - 1])] for n in chosen if count]

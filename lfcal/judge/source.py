@@ -13,7 +13,7 @@ __all__ = ["FINDING_SOURCES", "FindingSource", "Judged", "judgement_of"]
 
 @runtime_checkable
 class Judged(Protocol):
-    """What was measured of some data, from which sources tell what is wrong with them."""
+    """What was measured of some data; sources find in it what is wrong with them."""
 
     @property
     def data(self) -> str:

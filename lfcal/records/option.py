@@ -287,7 +287,7 @@ class FieldRow:
         return None if self.optional else self.default
 
     def text(self, value: Any) -> str:
-        """Return what stands for ``value`` on a command line and in a form."""
+        """Return the text of ``value`` on a command line and in a form."""
         if value is None:
             return ""
         text = self.opt.show(value) if self.opt.show else str(value)

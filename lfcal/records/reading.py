@@ -49,7 +49,7 @@ def _number(text: str) -> float:
 
 
 def read_as(called: str, read: Callable[[str], T], text: str) -> T:
-    """Return what ``read`` makes of a text; errors name it ``called``, as its user does."""
+    """Return the value that ``read`` gives for a text; errors name it ``called``, as its user does."""
     try:
         return read(text)
     except InputError as error:

@@ -380,7 +380,7 @@ class _Acquire(Task):
         options = self._options()
         with open_rig(scan, self.backend, devices, stage=self.stage) as rig:
             optics = simulated_optics(rig)
-            # a light that can be switched needs nobody to cover the lens, whatever was asked for.
+            # a light that can be switched makes it unnecessary to cover the lens.
             if self.cover and rig.light is None:
                 rig = replace(rig, light=Cover())
             if self.dry_run:

@@ -95,7 +95,7 @@ class Assembled(TaskResult):
         self.report.matrix.close()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values; what nobody measured is None or "unknown"."""
+        """Return all of it as plain values; what was not measured is None or "unknown"."""
         from lfcal.judge import judgement_of
 
         report, matrix = self.report, self.report.matrix
@@ -310,7 +310,7 @@ class Assemble(AssembleRegions):
         return ScanFrames(**{name: getattr(self, name) for name in names}, origin=parse_origin(self.origin))
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return its files; the frames of a manifest are in its folder, and each colour has an H of its own."""
+        """Return its files; the frames of a manifest are in its folder, and each colour has its own H."""
         files, beside = super().files(way), self.source.beside
         if way == "out":
             return () if self.channel == "each" else files

@@ -66,7 +66,7 @@ def tell(camera: Camera, path: Path, notes: tuple[str, ...] = ()) -> None:
 
 
 def tell_assumed(camera: Camera | None, where: str, *, quiet: bool = False) -> None:
-    """Say in a line what is assumed of the camera that came in the plan or H ``where``."""
+    """Say what is assumed of the camera that came in the plan or H ``where``."""
     if camera is not None and not quiet and camera.marks.paths("assumed"):
         note(f"{where}: assumed of the camera: {assumed_in_words(camera)}")
 

@@ -1,4 +1,4 @@
-"""What a task says by the way: a line each, for whoever listens to the logger ``lfcal``."""
+"""What a task says while it runs, one line at a time, to the logger ``lfcal``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def warn(text: str) -> None:
 
 
 def tell(text: str) -> None:
-    """Say what happens meanwhile, such as a hold and its end, in a line without a word before it."""
+    """Say what happens meanwhile, such as a hold and its end, without a leading word."""
     LOG.info("%s", text, extra={"plain": True})
 
 

@@ -307,7 +307,7 @@ def _expected(plan: TargetPlan) -> list[dict[str, Any]]:
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return which kind of target is to be planned."""
+    """Return which kind of target to plan."""
     return PlanDisplay if str(given["source"]).strip().startswith(DISPLAY) else PlanTarget
 
 

@@ -55,7 +55,7 @@ def ready_plan(path: str) -> ScanPlan | None:
 
     if not path.endswith(".json"):
         return None
-    # a camera and a plan are both JSON: the format's name in the text tells them apart before parsing.
+    # a camera and a plan are both JSON: the format's name in the text distinguishes them before parsing.
     text = read_text(Path(path))
     return ScanPlan.from_json(text) if '"lfcal-plan"' in text else None
 

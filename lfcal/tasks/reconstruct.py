@@ -456,7 +456,7 @@ def _iter_solve_in_units(
 
     if warm and run.executor != "threads":
         raise InputError.expected("--warm", "--executor threads", run.executor, "each frame needs the one before it")
-    # each process has an H of its own
+    # each process has its own H
     share = 1 if run.executor == "threads" else worker_count(run.workers)
     P, asked = found.projector, found.optics.projection.device
     hints = {"memory": found.room(share=share), **device_hints(P.device, asked, share)}

@@ -1,4 +1,4 @@
-"""Simulation: H at once, in passes or of several regions, the frames of a session, or a forecast alone."""
+"""Simulation: H, H in passes or of several regions, the frames of a session, or a forecast alone."""
 
 from __future__ import annotations
 
@@ -334,7 +334,7 @@ class _WithEffects(_OfCamera):
         if choice is None:
             most = plane(count)
         elif choice.executor != "threads":
-            most = count * plane(1)  # each has engines of its own
+            most = count * plane(1)  # each has its own engines
         else:
             one = plane(1)
             at_once = concurrent_units([one] * len(plan.depths_um), count, concurrent_memory())
@@ -581,7 +581,7 @@ class SimulateForecast(_OfOnePlan):
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return what is to be simulated: the output decides, and whether the plan is one of several regions."""
+    """Return what to simulate: the output decides, and whether the plan is one of several regions."""
     if given.get("plan_only"):
         return SimulateForecast
     if bool(given.get("out")) == bool(given.get("frames")):

@@ -1,4 +1,4 @@
-"""Tasks: frozen records of what is to be done, from which command, form, job file, script and units are made."""
+"""Tasks: frozen records of what to do, from which command, form, job file, script and units are made."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["RunSettings", "Task", "TaskResult", "TaskSet", "may_replace"]
 
 LONG = 60.0
-"""Seconds of processor time from which on work is done in units without being asked: a kill loses one of them."""
+"""Work that takes more seconds of processor time is always done in units: a kill loses one of them."""
 
 
 def _executors() -> tuple[str, ...]:
@@ -46,7 +46,7 @@ class RunSettings:
     force: bool = opt(False, "Replace existing files.")
 
     def choice(self, out: Path, seconds: float = 0.0, units: str = "plane by plane") -> RunChoice | None:
-        """Return how ``out`` is made in units, or None where the work is short and nobody asked for units.
+        """Return how ``out`` is made in units, or None if the work is short and units were not asked for.
 
         Parameters
         ----------
@@ -123,7 +123,7 @@ class Task:
     in_units: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        """Check every field, and those of the records within; a text stands for a path."""
+        """Check every field, and those of the records within; a text is taken as a path."""
         for row in rows(type(self)):
             if len(row.path) == 1:
                 object.__setattr__(self, row.name, row.value(value_at(self, row), row.name))
@@ -134,7 +134,7 @@ class Task:
         raise NotImplementedError
 
     def run(self, run: RunSettings | None = None) -> Any:
-        """Do it at once, and return what was made."""
+        """Do it, and return what was made."""
         return drain(self.work(run))
 
     def files(self, way: str) -> tuple[Path, ...]:

@@ -55,8 +55,9 @@ def test_help_in_python_has_every_field(kind: type) -> None:
 
 def test_the_help_of_a_task_loads_nothing_heavy() -> None:
     """A record is made where nothing else is: for ``--help``, for completion, and where a job file is read."""
-    code = "import sys; from lfcal.tasks.sets import TASKS, task_set; [task_set(name) for name in TASKS]; "
+    code = "import importlib, sys; from lfcal.tasks.sets import TASKS, task_set; [task_set(name) for name in TASKS]; "
     code += "from lfcal.records import rows; [rows(kind) for name in TASKS for kind in task_set(name).kinds]; "
+    code += "[importlib.import_module('lfcal.cli.' + name.replace(' ', '_')) for name in TASKS]; "
     code += "print(sorted({'numpy', 'h5py', 'lfcal.psf', 'lfcal.frames', 'lfcal.camera'} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -34,4 +34,4 @@ def _differences(check: CameraCheck) -> Iterator[Finding]:
             )
 
 
-FINDING_SOURCES = (FindingSource("camera beside a white image", ("CameraCheck",), _differences),)
+FINDING_SOURCES = (FindingSource("camera and white image", ("CameraCheck",), _differences),)

@@ -109,7 +109,7 @@ def _never_taken(report: SessionReport) -> Iterator[Finding]:
             detail=format_count(len(report.never_taken), "position", "positions"),
             where=places(report.never_taken),
             positions=tuple(map(tuple, report.never_taken)),
-            remedy="Go on with the session (lfcal acquire --resume).",
+            remedy="Continue the session (lfcal acquire --resume).",
             merit="good",
             repeat=len(report.never_taken),
         )

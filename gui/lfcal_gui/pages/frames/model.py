@@ -54,7 +54,7 @@ HELD = frozenset(
         *("orientation", "shift", "channel", "dark", "white", "defects", "background", "interpolation"),
     }
 )
-"""Fields of `lfcal.tasks.Assemble` that have widgets of their own; the form shows all others."""
+"""Fields of `lfcal.tasks.Assemble` that have their own widgets; the form shows all others."""
 
 WAYS = (("", "as the plan needs"), *((name, name) for name in INTERPOLATIONS))
 """How a cutout between pixels may be taken, with the words shown."""

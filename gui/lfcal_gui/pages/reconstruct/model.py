@@ -255,7 +255,7 @@ class ReconstructSettings(PageSettings):
         return solver_settings(self.solver, **{"iterations": self.iterations, **used})
 
     def choice(self) -> SolverChoice:
-        """Return what the library is asked for, without a margin that is to be found."""
+        """Return what the library is asked for, without a margin that it has to find."""
         return choice_of(self.solver_fields(), margin=self.margin or 0 if used_by(self.solver, "margin") else 0)
 
     def choice_for(self, H: PSFMatrix, shape: tuple[int, int]) -> SolverChoice:
