@@ -1,4 +1,4 @@
-"""``lfcal simulate``: H of a described camera, or the frames of a simulated session."""
+"""``lfcal simulate``: simulate the PSF matrix of a camera, with the effects that matter for it and no others."""
 
 from __future__ import annotations
 

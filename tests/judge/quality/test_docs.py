@@ -100,4 +100,4 @@ def test_others_cannot_hide_or_break_what_is_there(
     save(recorded(0.0), tmp_path / "H.h5")
     run = lfcal("inspect", tmp_path / "H.h5", "--json")
     assert run.code == 0 and isinstance(run.json, dict)
-    assert run.err.startswith("left out: quality metric broken") and len(run.err.splitlines()) == 1
+    assert run.err.startswith("lfcal: note: left out: quality metric broken") and len(run.err.splitlines()) == 1
