@@ -50,7 +50,7 @@ CHECKED = tuple(
     row
     for row in rows(Reconstruct)
     if row.name in ("background", "read_noise", "saturation", "strength", "subsets", "tolerance", "gain", "goal")
-    or row.name in ("threshold", "within", "memory")
+    or row.name in ("threshold", "within")
 )
 """Fields of the task that are checked as it checks them, whether the solver uses them or not."""
 
@@ -120,7 +120,6 @@ FIELDS = (
         empty="by pixel",
     ),
     ROWS["double"],
-    ROWS["memory"],
     Field(
         "as_is",
         "As is",
@@ -175,7 +174,7 @@ class ReconstructSettings(PageSettings):
         Pixel (row, column) of the whole light field at which H's position (0, 0) is imaged; empty: that of H.
     goal
         As in `SolverChoice`; for the end by left-out pixels alone.
-    tolerance, memory
+    tolerance
         As in `lfcal.tasks.Reconstruct`.
     as_is
         Whether the light field is not resampled, however far the lattice drifts against H's period.
@@ -204,7 +203,6 @@ class ReconstructSettings(PageSettings):
     as_is: bool = False
     goal: str = GOALS[0]
     tolerance: float = 0.0
-    memory: float | None = None
 
     def __post_init__(self) -> None:
         """Check what no library call would find before the work begins."""
@@ -336,7 +334,6 @@ def task_of(settings: ReconstructSettings, psf: str, frame: str, out: str) -> Re
             threshold=settings.threshold,
             within=settings.within,
             double=settings.double,
-            memory=settings.memory,
         ),
     )
 
@@ -362,7 +359,6 @@ def projector_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSet
     row, column = settings.anchor or (H.anchor if view is None else view.anchor(lattice_anchor_of(H)))
     wide = tuple(one.stop - one.start + 2 * choice.margin for one in (rows, columns))
     size = 8 if settings.double else 4
-    most = None if settings.memory is None else int(settings.memory * 1e9)
     return Projector(
         H,
         (wide[0], wide[1]),
@@ -372,7 +368,7 @@ def projector_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSet
         threshold=settings.threshold,
         tolerance=settings.within,
         device=settings.device,
-        memory_limit=room_for_projections((len(H), wide[0], wide[1]), choice, size, memory=most),
+        memory_limit=room_for_projections((len(H), wide[0], wide[1]), choice, size),
     ).denoised()
 
 

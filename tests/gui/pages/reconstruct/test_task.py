@@ -72,8 +72,8 @@ HELD = {
 }
 """Fields that the page shows by entries of its own."""
 
-NOT_HERE = {"dark", "white", "lattice", "regions", "mat_order"}
-"""Fields that the page does not have: it takes a light field that is corrected, and one H that is open."""
+NOT_HERE = {"dark", "white", "lattice", "regions", "mat_order", "memory"}
+"""Fields that the page does not have: it takes a light field that is corrected, one H that is open, and all memory."""
 
 
 def test_every_field_is_in_the_form_or_has_an_entry_of_its_own() -> None:
