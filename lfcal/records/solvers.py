@@ -59,7 +59,7 @@ class SolverFields:
     gain: float | None = opt(
         None,
         "Counts per photo-electron, for chi2 per pixel and for iterations auto:discrepancy.",
-        unit="counts",
+        unit="counts/e⁻",
         above=0,
         empty="the noise stored in H; 1 for auto:discrepancy",
         more=True,

@@ -49,7 +49,7 @@ ROWS = {one.key: one for one in fields_of(Reconstruct)}
 CHECKED = tuple(
     row
     for row in rows(Reconstruct)
-    if row.name in ("background", "read_noise", "saturation", "strength", "subsets", "tolerance", "gain", "goal")
+    if row.name in ("background", "read_noise", "saturation", "strength", "subsets", "gain", "goal")
     or row.name in ("threshold", "within")
 )
 """Fields of the task that are checked as it checks them, whether the solver uses them or not."""
@@ -78,7 +78,6 @@ FIELDS = (
     ROWS["saturation"],
     ROWS["strength"],
     ROWS["subsets"],
-    ROWS["tolerance"],
     Field(
         "method",
         "Projector",
@@ -174,8 +173,6 @@ class ReconstructSettings(PageSettings):
         Pixel (row, column) of the whole light field at which H's position (0, 0) is imaged; empty: that of H.
     goal
         As in `SolverChoice`; for the end by left-out pixels alone.
-    tolerance
-        As in `lfcal.tasks.Reconstruct`.
     as_is
         Whether the light field is not resampled, however far the lattice drifts against H's period.
     """
@@ -202,7 +199,6 @@ class ReconstructSettings(PageSettings):
     anchor: tuple[float, ...] = ()
     as_is: bool = False
     goal: str = GOALS[0]
-    tolerance: float = 0.0
 
     def __post_init__(self) -> None:
         """Check what no library call would find before the work begins."""
@@ -243,7 +239,7 @@ class ReconstructSettings(PageSettings):
 
     def solver_fields(self) -> SolverFields:
         """Return the solver with the settings it uses; those the page greys out stay as they are, for another one."""
-        options = ("background", "read_noise", "saturation", "strength", "subsets", "tolerance")
+        options = ("background", "read_noise", "saturation", "strength", "subsets")
         used = {key: getattr(self, key) for key in options if used_by(self.solver, key)}
         if self.ends_by_itself:
             used["iterations"] = ENDS[self.stop]

@@ -234,7 +234,7 @@ class ReconstructPanel(QWidget):
         self.solver_words.setText(f"{words}. {NOT_BY_ITSELF}" if settings.stop and not by_itself else words)
         for key in ("background", "read_noise", "saturation", "strength", "subsets", "margin"):
             self.form.set_enabled(key, used_by(name, key))
-        for key in ("strength", "subsets", "tolerance"):  # the form has no room for rows that only other solvers use
+        for key in ("strength", "subsets"):  # the form has no room for rows that only other solvers use
             self.form.set_shown(key, used_by(name, key))
         self.form.set_enabled("iterations", not by_itself)
         # one in place of the other: the form has no room for a row that says nothing
