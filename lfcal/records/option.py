@@ -1,7 +1,7 @@
 """Fields that people set, declared once: command line, form, job file, script and provenance are made of them.
 
 A field is an attribute of a frozen dataclass that is declared by `opt`, or by `required` where it has no default.
-`panel` declares a record within a record, and `one_of` one of several kinds, each with fields of its own. `rows` gives
+`panel` declares a record within a record, and `one_of` one of several kinds, each with other fields. `rows` gives
 the fields of a record and of those within it, in order.
 """
 
@@ -441,7 +441,7 @@ def check_record(whole: Any) -> None:
 def check_needs(known: tuple[FieldRow, ...], values: Mapping[str, Any], called: Callable[[FieldRow], str]) -> None:
     """Raise `InputError` for the first value that has no effect without a value of another field.
 
-    ``values`` by the names of fields; one that is at its default is not taken for given, unless its kind of record
+    ``values`` by the names of fields; one that is at its default counts as not given, unless its kind of record
     does not have the field.
     """
     paths = {row.path: row for row in known}

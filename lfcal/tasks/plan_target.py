@@ -39,7 +39,7 @@ class TargetPlanned(TaskResult):
     facts
         What the frames show and cost, as plain values.
     verdict
-        Whether showing several frames at once pays; None: there are too few of them.
+        Whether showing several frames together pays; None: there are too few of them.
     display
         The display that shows the points, if it is one.
     files

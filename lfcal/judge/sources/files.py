@@ -18,6 +18,15 @@ __all__ = ["FINDING_SOURCES", "places"]
 NAMED = 3
 """Positions, files or planes that a finding names."""
 
+PLANES = {
+    "damaged": "damaged planes",
+    "changed": "changed planes",
+    "not finite": "planes with values that are not finite",
+    "depth sum changed": "planes with a changed depth sum",
+    "uncertainty damaged": "planes with damaged uncertainties",
+}
+"""What planes are called, by the words of the check of a file."""
+
 AGAIN = "Copy the file again from its source, or make it again."
 
 
@@ -33,7 +42,7 @@ def _planes(check: MatrixCheck) -> Iterator[Finding]:
         positions = tuple(place for one in own for place in one.positions)
         yield Finding(
             kind=what.replace(" ", "_"),
-            what=f"planes: {what}",
+            what=PLANES[what],
             subject="file",
             detail=f"{format_count(len(own), 'plane', 'planes')}, {listed(names, NAMED)}",
             where=places(positions),
