@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,6 +37,8 @@ class Field:
         Numbers may be infinite; they are never NaN.
     empty
         What an empty entry means, in a word or two.
+    read
+        Of ``"text"``: what a text means, if several texts mean the same; it may raise `InputError`.
     """
 
     key: str
@@ -48,6 +51,7 @@ class Field:
     optional: bool = False
     endless: bool = False
     empty: str = ""
+    read: Callable[[str], Any] | None = None
 
 
 def text_of(field: Field, value: Any) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import MISSING
 from typing import Any
 
 from lfcal.base import InputError
@@ -39,8 +40,18 @@ def _field(row: FieldRow) -> Field:
     kind = "choice" if choices else "text" if opt.read or row.many else KINDS.get(row.kind, "text")
     notes = [part for part in (opt.unit, opt.range_words) if part]
     tip = opt.help + (f" ({'; '.join(notes)})" if notes else "")
-    empty = opt.empty or row.text(row.default)
-    return Field(row.name, row.label, opt.unit, tip, kind, choices=choices, optional=row.optional, empty=empty)
+    empty = opt.empty or ("" if row.default is MISSING else row.text(row.default))
+    return Field(
+        row.name,
+        row.label,
+        opt.unit,
+        tip,
+        kind,
+        choices=choices,
+        optional=row.optional,
+        empty=empty,
+        read=(lambda text: row.value(text, row.label)) if opt.read else None,
+    )
 
 
 def shown_of(record: type, values: Mapping[str, Any]) -> dict[str, Any]:

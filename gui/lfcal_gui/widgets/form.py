@@ -245,6 +245,8 @@ class Form(QWidget):
 def _means(field: Field, text: str, value: Any) -> bool:
     """Return whether ``text`` already says ``value``, in whatever words: "5.0" is 5."""
     try:
+        if field.read is not None and isinstance(value, str):
+            return bool(field.read(text) == field.read(value))
         return bool(parse(field, text) == value)
     except InputError:
         return False

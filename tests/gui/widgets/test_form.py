@@ -10,6 +10,8 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QLineEdit
 from pytestqt.qtbot import QtBot
 
+from lfcal.tasks import PlanScan
+from lfcal_gui.models import check_of, fields_of, options_in, shown_of
 from lfcal_gui.models.form import Field
 from lfcal_gui.widgets.form import Form
 
@@ -98,3 +100,21 @@ def test_what_becomes_another_value_elsewhere_is_shown(page: Kept) -> None:
     editor.setCursorPosition(2)
     QTest.keyClicks(editor, "2,")
     assert page.values["f"] == 11 and page.form.error
+
+
+def test_a_text_that_says_the_same_in_other_words_stands(qtbot: QtBot) -> None:
+    """Of planes "3, 4.0" the page shows "3,4": it must not replace what is being typed."""
+    fields = fields_of(PlanScan)
+    form = Form(tuple(one for one in fields if one.key == "virtual_depths"))
+    qtbot.addWidget(form)
+    form.check = check_of(PlanScan)
+    form.edited.connect(lambda key, value: form.set_values(shown_as(options_in(PlanScan, {key: value}))))
+    editor = form.editor("virtual_depths")
+    assert isinstance(editor, QLineEdit)
+    QTest.keyClicks(editor, "3, 4.05")
+    assert editor.text() == "3, 4.05" and not form.error
+
+
+def shown_as(values: dict[str, Any]) -> dict[str, Any]:
+    shown = shown_of(PlanScan, values)
+    return {"virtual_depths": shown["virtual_depths"]}
