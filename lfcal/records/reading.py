@@ -152,6 +152,9 @@ def _plane(field: str, lengths: bool) -> float:
     if found is None or (found[2] and not lengths):
         wanted = "numbers, in µm or with mm" if lengths else "numbers"
         raise InputError.expected("planes", wanted, repr(field), "for example 2,3,5")
+    # the second number of "1,000", which would be the planes 1 and 0
+    if re.match(r"[-+−]?0\d", found[1]):
+        raise InputError.expected("planes", "numbers without leading zeros", repr(field), "write 1000 for 1,000")
     return _number(found[1]) * UNITS[found[2] or ""]
 
 

@@ -54,6 +54,13 @@ def test_planes_that_are_none_are_refused(text: str) -> None:
         read_virtual_depths("3mm")
 
 
+@pytest.mark.parametrize("text", ["1,000", "0:05:1", "-00.5"])
+def test_a_thousands_separator_is_no_list_of_planes(text: str) -> None:
+    with pytest.raises(InputError, match="planes: expected numbers without leading zeros"):
+        read_virtual_depths(text)
+    assert read_virtual_depths("1,0,0.5") == (1.0, 0.0, 0.5), "0 is the plane of the lenslets"
+
+
 def test_planes_are_given_in_one_way() -> None:
     check_planes((1.0,), ())
     check_planes("", "3")
