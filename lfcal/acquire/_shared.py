@@ -6,7 +6,7 @@ from lfcal.acquire.frame_plan import frame_grid, frame_positions
 from lfcal.acquire.lighting import check_light
 from lfcal.acquire.live_coverage import SAMPLE
 from lfcal.acquire.session import check_fixed, check_new
-from lfcal.acquire.session_file import NAME, Devices, optics_of
+from lfcal.acquire.session_file import NAME, Devices, keep_task, optics_of
 
 __all__ = [
     "NAME",
@@ -17,5 +17,6 @@ __all__ = [
     "check_new",
     "frame_grid",
     "frame_positions",
+    "keep_task",
     "optics_of",
 ]

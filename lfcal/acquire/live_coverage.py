@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 import threading
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.live_quality import alarm
-from lfcal.acquire.recording import Kind, Note
+from lfcal.acquire.recording import Kind, Note, TargetRecording
 from lfcal.acquire.schedule import ScheduledFrame
-from lfcal.base import Finding
+from lfcal.base import Finding, LfcalError
 
 if TYPE_CHECKING:
     from lfcal.targets import TargetPlan
@@ -59,6 +61,15 @@ class CoverageState:
         """Share of the positions that is shown so far."""
         return float((self.shown > 0).mean())
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the number of frames and what they show, as plain values."""
+        return {
+            "frames": self.done,
+            "coverage": self.coverage,
+            "coverage_of_planes": [float((plane > 0).mean()) for plane in self.shown],
+            "mean_repeats": float(self.shown.mean()),
+        }
+
 
 class LiveCoverage:
     """An observer of a `Runner` that records a target; ask for `state` from any thread.
@@ -67,6 +78,8 @@ class LiveCoverage:
     ----------
     plan
         The session's.
+    folder
+        Where a session of it was begun, whose frames count; None: it is a new one.
 
     Examples
     --------
@@ -82,7 +95,7 @@ class LiveCoverage:
     1 of 3 frames, 1% of the positions shown
     """
 
-    def __init__(self, plan: TargetPlan) -> None:
+    def __init__(self, plan: TargetPlan, folder: Path | None = None) -> None:
         from lfcal.targets import Phases  # here: acquisition loads no simulator
 
         scan = plan.scan
@@ -95,6 +108,11 @@ class LiveCoverage:
         self._saturated = np.zeros(len(self._number), np.int64)
         self._lamp: list[tuple[float, float]] = []
         self._lock = threading.Lock()
+        if folder is not None:
+            # a session that was stopped before its first frame has none to open
+            with suppress(LfcalError), TargetRecording(folder, skip_damaged=True) as source:
+                for z, k in source.frames if source.target == plan else ():
+                    self.know(z, k)
 
     def __call__(self, step: ScheduledFrame, note: Note, frame: NDArray[Any]) -> None:
         """Take an acknowledged frame into account."""

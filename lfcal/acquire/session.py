@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 import uuid
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -33,7 +33,7 @@ from lfcal.acquire.recording import (
 )
 from lfcal.acquire.runner import Observer, Outcome, RecordedNeighbour, Runner, recorded_neighbours
 from lfcal.acquire.schedule import Schedule
-from lfcal.acquire.session_file import Devices, Run, SessionFile, frame_dtype
+from lfcal.acquire.session_file import Devices, Run, SessionFile, frame_dtype, keep_task
 from lfcal.acquire.setup import iter_stage_check
 from lfcal.acquire.spots import image_shift
 from lfcal.acquire.suspending import Suspender
@@ -106,6 +106,7 @@ def iter_record(
     control: Control | None = None,
     preview: Preview | None = None,
     observers: tuple[Observer, ...] = (),
+    task: Mapping[str, Any] | None = None,
 ) -> Work[Outcome]:
     """Record ``plan`` into the session ``folder``; return how it ended.
 
@@ -129,6 +130,8 @@ def iter_record(
         Positions among them that a fit is not to use.
     control, preview, observers
         See `Runner`.
+    task
+        What asked for the recording, as `lfcal.tasks.Task.to_dict` returns it: the session keeps it, and H made of it.
 
     Raises
     ------
@@ -183,6 +186,8 @@ def iter_record(
             seen = yield from iter_stage_check(rig, plan, options, control)
         if not resume:
             _create(folder, file, first, rig, options)
+            if task is not None:
+                keep_task(folder, task, first)
         outcome = Outcome("complete", 0, 0, 0.0)
         for run in range(first, len(file.recordings)):
             watching = _Watching(control, preview, observers, gauges, "" if seen is None else seen.words)

@@ -3,29 +3,56 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lfcal.acquire.frame_plan import FramePlan, frame_grid, read_frame_plan
 from lfcal.acquire.options import Options
-from lfcal.acquire.recording import Kind, file_name
+from lfcal.acquire.recording import Kind, RecordingFile, file_name
 from lfcal.acquire.schedule import Schedule
-from lfcal.base import FileFormatError, InputError, StorageError, parse_json, read_text, replace_whole
+from lfcal.base import FileFormatError, InputError, LfcalError, StorageError, parse_json, read_text, replace_whole
 from lfcal.camera import ScanPlan, build
 from lfcal.devices import CheckedCamera, Rig
 from lfcal.frames import Position
 
-__all__ = ["Devices", "Run", "SessionFile", "frame_dtype", "optics_of"]
+__all__ = ["Devices", "Run", "SessionFile", "frame_dtype", "keep_task", "kept_tasks", "optics_of"]
 
 FORMAT = "lfcal-session"
 VERSION = 1
 TARGET_VERSION = 2
 """Version of a session of whole frames; all others are as in version 1."""
 NAME = "session.json"
+
+
+def keep_task(folder: Path, task: Mapping[str, Any], run: int = 0) -> None:
+    """Write the task of recording ``run`` into the session's folder, as a job that `lfcal run` can continue.
+
+    It has its own file, because versions of lfcal that keep no task refuse a ``session.json`` with further entries.
+    """
+    with replace_whole(folder / _job_name(run)) as part:
+        part.write_text(json.dumps({**task, "out": task.get("out", ".")}, indent=2), encoding="utf-8")
+
+
+def kept_tasks(folder: Path, recordings: int) -> tuple[dict[str, Any], ...]:
+    """Return the tasks that made the recordings of a session, without where they wrote; empty: none is known."""
+    found = []
+    for path in (folder / _job_name(run) for run in range(recordings)):
+        with suppress(LfcalError):  # frames can be used without knowing who asked for them
+            data = parse_json(read_text(path), str(path)) if path.is_file() else None
+            if isinstance(data, dict):
+                found.append({key: value for key, value in data.items() if key != "out"})
+    return tuple(found)
+
+
+def _job_name(run: int) -> str:
+    return "job.json" if run == 0 else f"job-{run + 1:03d}.json"
 
 
 def optics_of(rig: Rig) -> str:
@@ -149,6 +176,23 @@ class SessionFile:
     def positions(self) -> int:
         """Positions in all."""
         return self.plan.n_positions if self.target is None else len(self.target.frames)
+
+    @property
+    def chosen(self) -> NDArray[np.bool_]:
+        """``(nz, ny, nx)`` the positions that it records: all of its grid unless others were chosen."""
+        chosen = np.full(self.grid, not self.redo[0])
+        if self.redo[0]:
+            chosen[tuple(np.array([at for part in self.redo for at in part]).T)] = True
+        return chosen
+
+    def acknowledged(self, folder: Path) -> NDArray[np.bool_]:
+        """Return which positions ``(nz, ny, nx)`` are safe on the disk, by the recordings in the session's folder."""
+        there = np.zeros(math.prod(self.grid), np.bool_)
+        for name in self.recordings:
+            with RecordingFile(folder / name) as file:
+                flat = file.records["index"][file.taken]
+                there[flat[flat < there.size]] = True
+        return there.reshape(self.grid)
 
     def schedule(self, run: int) -> Schedule:
         """Return the steps of recording ``run``."""

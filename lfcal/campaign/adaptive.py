@@ -6,10 +6,10 @@ Everything recorded is in the session, and nothing else is kept: after a crash t
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,6 +164,12 @@ class AdaptiveStep:
             "" if self.complete else "; model incomplete"
         )
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain values; an error that is not known is None."""
+        error = self.held_out_error
+        left = {"left_out_error": error.value if error.known else None, "left_out_limit": error.limit}
+        return {key: value for key, value in asdict(self).items() if key != "held_out_error"} | left
+
     def reaches(self, error: float) -> bool:
         """Return whether the error of H is at most ``error``: expected, and no pattern kept aside contradicts."""
         known = self.held_out_error.known and self.held_out_error.value - 2 * self.held_out_error.sigma > error
@@ -197,6 +203,10 @@ class Adapted:
         """What the end means, in a line; empty where recording was stopped."""
         return ENDS.get(self.how, "")
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return how it ended and what each fit said, as plain values; the recording and the fit are left out."""
+        return {"ended": self.how, "steps": [step.to_dict() for step in self.steps]}
+
 
 R = TypeVar("R")
 
@@ -217,6 +227,7 @@ def iter_adaptive(
     observers: tuple[Observer, ...] = (),
     seen: Callable[[AdaptiveStep], object] = lambda _: None,
     workers: int | None = None,
+    task: Mapping[str, Any] | None = None,
 ) -> Work[Adapted]:
     """Record positions of ``plan`` until the error of H is ``goal.error``; yields progress of recording and fits.
 
@@ -224,8 +235,8 @@ def iter_adaptive(
     ----------
     folder
         A new or empty folder; with ``resume`` that of a session of chosen positions, which goes on.
-    plan, rig, options, control, preview, observers
-        As of `lfcal.acquire.session.iter_record`.
+    plan, rig, options, control, preview, observers, task
+        As of `lfcal.acquire.iter_record`.
     goal
         When to end, and what to fit.
     seen
@@ -254,8 +265,9 @@ def iter_adaptive(
     what patterns tell
     >>> work.close()  # run to its end, it returns an Adapted
     """
+    recording = {"preview": preview, "observers": observers}
     campaign = _Campaign(
-        folder, plan, rig, goal, options, control or Control(), preview=preview, observers=observers, workers=workers
+        folder, plan, rig, goal, options, control=control or Control(), recording=recording, task=task, workers=workers
     )
     outcome = yield from campaign.begin(resume=resume)
     steps: list[AdaptiveStep] = []
@@ -288,15 +300,15 @@ class _Campaign:
         rig: Rig,
         goal: Goal,
         options: Options | None,
-        control: Control,
         *,
-        preview: Preview | None,
-        observers: tuple[Observer, ...],
+        control: Control,
+        recording: Mapping[str, Any],
+        task: Mapping[str, Any] | None,
         workers: int | None,
     ) -> None:
         self._folder, self._plan, self._rig, self._goal = folder, plan, rig, goal
-        self._options, self._control, self._preview = options, control, preview
-        self._observers, self._workers = observers, workers
+        self._options, self._control, self._recording = options, control, recording
+        self._task, self._workers = task, workers
         self._most = min(plan.n_positions, goal.most or plan.n_positions)
         self._seconds = 0.0
         self._notes: tuple[str, ...] = ()
@@ -374,8 +386,8 @@ class _Campaign:
             only=only,
             kept_aside=kept_aside,
             control=self._control,
-            preview=self._preview,
-            observers=self._observers,
+            task=self._task if redo is None else None,
+            **self._recording,
         )
         self._seconds += outcome.seconds
         self._notes += outcome.notes

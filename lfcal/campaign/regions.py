@@ -6,14 +6,26 @@ they are one plan, one command and one H file.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from lfcal.acquire import NAME, Control, Observer, Options, Outcome, Preview, check_new, iter_record
+from lfcal.acquire import (
+    NAME,
+    Control,
+    Observer,
+    Options,
+    Outcome,
+    Preview,
+    SessionForecast,
+    check_new,
+    forecast,
+    iter_record,
+    keep_task,
+)
 from lfcal.base import InputError, Work, read_text, replace_whole, storage_errors, sync_folder
 from lfcal.camera import RegionPlan
 from lfcal.devices import Rig
@@ -22,6 +34,7 @@ from lfcal.psf import PSFMatrix, open_psf, save_regions
 __all__ = [
     "REGIONS_FILE",
     "first_begun",
+    "forecast_regions",
     "is_regions",
     "iter_record_regions",
     "read_regions",
@@ -65,6 +78,17 @@ def first_begun(folder: Path) -> Path | None:
     return next((folder / n for n in read_regions(folder).names if (folder / n / NAME).exists()), None)
 
 
+def forecast_regions(
+    plan: RegionPlan, rig: Rig, options: Options, folder: Path, *, frames_per_s: float | None = None
+) -> SessionForecast:
+    """Return what all regions cost together, each checked as `lfcal.acquire.forecast` does."""
+    names = enumerate(plan.names)
+    found = [forecast(plan.plan(k), rig, options, folder / name, frames_per_s=frames_per_s) for k, name in names]
+    summed = ["positions", "other_frames", "seconds", "recording_bytes"]
+    summed += [] if frames_per_s is None else ["readout_seconds"]
+    return replace(found[0], **{name: sum(getattr(one, name) for one in found) for name in summed})
+
+
 def iter_record_regions(
     folder: Path,
     plan: RegionPlan,
@@ -75,6 +99,7 @@ def iter_record_regions(
     control: Control | None = None,
     preview: Preview | None = None,
     observers: Callable[[int], tuple[Observer, ...]] = lambda _: (),
+    task: Mapping[str, Any] | None = None,
 ) -> Work[Outcome]:
     """Record every region of ``plan`` into a session of its own below ``folder``; return how all ended.
 
@@ -82,7 +107,7 @@ def iter_record_regions(
     ----------
     folder
         A new or empty folder; with ``resume`` that of an earlier session.
-    plan, rig, options, control, preview
+    plan, rig, options, control, preview, task
         As of `lfcal.acquire.iter_record`, which raises the same.
     resume
         Go on with the first region that is not complete, after a check of all of them.
@@ -106,14 +131,17 @@ def iter_record_regions(
     """
     control = control or Control()
     _begin(folder, plan, resume=resume)
+    if task is not None:
+        if not resume:
+            keep_task(folder, task)
+        task = {**task, "out": ".."}
     count, done, seconds, damaged = plan.scan.n_positions, 0, 0.0, 0
     notes: tuple[str, ...] = ()
     for k, name in enumerate(plan.names):
         own, there = folder / name, (folder / name / NAME).exists()
         how = options if options is not None or there else Options()
-        work = iter_record(
-            own, plan.plan(k), rig, how, resume=there, control=control, preview=preview, observers=observers(k)
-        )
+        seen: dict[str, Any] = {"control": control, "preview": preview, "observers": observers(k), "task": task}
+        work = iter_record(own, plan.plan(k), rig, how, resume=there, **seen)
         outcome = yield from _shown(work, name, k * count, len(plan) * count)
         done, seconds, damaged = done + outcome.acknowledged, seconds + outcome.seconds, damaged + outcome.damaged
         notes = tuple(dict.fromkeys((*notes, *outcome.notes)))

@@ -12,7 +12,7 @@ import typer
 
 from lfcal.base import InputError
 from lfcal.cli._lazy import CommandWithParts, command_with_parts
-from lfcal.records import FieldRow, from_flat, rows
+from lfcal.records import FieldRow, from_flat, rows, value_at
 from lfcal.tasks import RunSettings, Task, TaskSet
 
 __all__ = ["add_task", "do_task"]
@@ -21,8 +21,6 @@ Show = Callable[[Any], object]
 """Prints what was made."""
 
 RUN = "How it is run"
-UNITS = ("executor", "scheduler", "resume")
-"""Fields of `RunSettings` that apply to work that is done in units."""
 
 
 def add_task(app: typer.Typer, tasks: TaskSet, show: Show, *, parts: bool = False) -> None:
@@ -34,11 +32,7 @@ def add_task(app: typer.Typer, tasks: TaskSet, show: Show, *, parts: bool = Fals
     cls = command_with_parts("lfcal.cli", name) if parts else None
     # of a field of several kinds the first one has the words
     own = {row.name: row for kind in reversed(tasks.kinds) for row in rows(kind)}
-    run = {
-        row.name: row
-        for row in rows(RunSettings)
-        if row.name not in UNITS or any(kind.in_units for kind in tasks.kinds)
-    }
+    run = {row.name: row for row in rows(RunSettings) if any(kind.takes(row.name) for kind in tasks.kinds)}
 
     def command(json: bool, **values: Any) -> None:
         given = {key: value for key, value in values.items() if value is not None and value != []}
@@ -67,9 +61,9 @@ def do_task(task: Task, run: RunSettings, show: Show, json: bool) -> None:
     from lfcal.cli._runs import run_kept
     from lfcal.tasks import check_outputs, may_replace
 
-    asked = [name for name in UNITS if getattr(run, name)]
-    if asked and not task.in_units:
-        raise InputError.expected(f"--{asked[0]}", "work that is done in units", task.input_words, "leave it out")
+    refused = next((row for row in rows(RunSettings) if value_at(run, row) and not task.takes(row.name)), None)
+    if refused is not None:
+        raise InputError.expected(refused.flag, "work that is done in units", task.input_words, "leave it out")
     begun = task.unit_outputs()
     force = run.force or (bool(begun) and all(may_replace(out, run) for out in begun))
     check_outputs(task.files("out"), *task.files("in"), force=force)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -11,7 +11,6 @@ from lfcal.cli._task_command import add_task
 from lfcal.tasks import WITHOUT_READOUT, PlannedSession, task_set
 
 if TYPE_CHECKING:
-    from lfcal.acquire import RedoList
     from lfcal.campaign import Adapted
     from lfcal.tasks import RecordedSession
 
@@ -47,32 +46,18 @@ def show(made: tuple[RecordedSession | PlannedSession]) -> None:
     if judgement.findings:
         show_judgement(judgement)
     if "suspects" in facts:
-        _show_suspects(facts["suspects"], facts["redo"])
+        _show_suspects(facts)
     if "H" in facts:
         typer.echo(f"  {facts['H']}: H {facts['shape']}")
     if outcome.how != "complete":
-        typer.echo("  resume with --resume")
-    if one.adapted is not None and one.error is None:
-        _show_adapted(one.adapted, one.out)
+        same = "" if one.adapted is None else " and the same --until-error"
+        typer.echo(f"  resume with --resume{same}")
+    elif one.adapted is not None and one.error is None:
+        _show_adapted(one.adapted)
+        typer.echo(f"  lfcal fit {one.out} -o fit/ makes camera and H of it")
 
 
-def _simulated_words(optics: str) -> str:
-    """Return in words what the frames of the simulator are."""
-    if optics == "pattern":
-        return "simulated, quick pattern without lenslets: for trials of a recording, not for a fit"
-    return f"simulated, the plan's camera (optics={optics})"
-
-
-def _show_suspects(suspects: RedoList, path: Path) -> None:
-    """Print the first of the positions that are suspect, and how to record all of them again."""
-    for position, why in list(zip(suspects.positions, suspects.reasons, strict=True))[:SHOWN]:
-        typer.echo(f"  suspect: (z, y, x) = {tuple(position)}: {why}")
-    count = len(suspects.positions)
-    more = f", {count - SHOWN} more in the list" if count > SHOWN else ""
-    typer.echo(f"  {count} suspect{more}: remove the cause, then record them again with --redo {path}")
-
-
-def show_coverage(facts: dict[str, Any]) -> None:
+def show_coverage(facts: Mapping[str, Any]) -> None:
     """Print what a session of a target shows."""
     from lfcal.base import format_share
 
@@ -82,15 +67,28 @@ def show_coverage(facts: dict[str, Any]) -> None:
     )
 
 
-def _show_adapted(found: Adapted, out: object) -> None:
-    """Print how an adaptive session ended, and what to do next."""
-    if found.words:
-        colour = typer.colors.GREEN if found.how == "reached" else typer.colors.RED
-        typer.echo(f"  {found.steps[-1]}")
-        typer.secho(f"  {found.words}", fg=colour, bold=True)
-        typer.echo(f"  lfcal fit {out} -o fit/ makes camera and H of it")
-    elif found.outcome.how != "complete":
-        typer.echo("  with the same --until-error")
+def _simulated_words(optics: str) -> str:
+    """Return in words what the frames of the simulator are."""
+    if optics == "pattern":
+        return "simulated, quick pattern without lenslets: for trials of a recording, not for a fit"
+    return f"simulated, the plan's camera (optics={optics})"
+
+
+def _show_suspects(facts: Mapping[str, Any]) -> None:
+    """Print the first of the positions that are suspect, and how to record all of them again."""
+    found = facts["suspects"]
+    for position, why in list(zip(found.positions, found.reasons, strict=True))[:SHOWN]:
+        typer.echo(f"  suspect: (z, y, x) = {tuple(position)}: {why}")
+    count = len(found.positions)
+    more = f", {count - SHOWN} more in the list" if count > SHOWN else ""
+    typer.echo(f"  {count} suspect{more}: remove the cause, then record them again with --redo {facts['redo']}")
+
+
+def _show_adapted(found: Adapted) -> None:
+    """Print how an adaptive session ended."""
+    colour = typer.colors.GREEN if found.how == "reached" else typer.colors.RED
+    typer.echo(f"  {found.steps[-1]}")
+    typer.secho(f"  {found.words}", fg=colour, bold=True)
 
 
 def _show_forecast(one: PlannedSession) -> None:

@@ -1,8 +1,7 @@
-"""``lfcal status``: where a long run stands."""
+"""``lfcal status``: where a long run or a recorded session stands."""
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +10,7 @@ import typer
 from lfcal.cli._options import JsonOption
 
 if TYPE_CHECKING:
+    from lfcal.acquire import SessionFile
     from lfcal.work import RunState
 
 
@@ -32,56 +32,24 @@ def command(
 
     Example: `lfcal status H.h5`
     """
+    from lfcal.acquire import NAME, SessionFile
     from lfcal.cli._console import print_json
-    from lfcal.cli._status_session import is_session, tell_session
     from lfcal.work import parts_folder, read_run
 
-    if is_session(run):
-        tell_session(run, json=json)
+    if (run / NAME).is_file():
+        session = SessionFile.read(run)
+        facts = _session_facts(run, session)
+        print_json(facts) if json else _show_session(run, session, facts)
         return
     folder = run if run.is_dir() else parts_folder(run)
     if run.is_file() and not folder.exists():
-        if json:
-            print_json({"path": run, "whole": True})
-        else:
-            typer.echo(f"{run}: is whole; no run is under way")
+        print_json({"path": run, "whole": True}) if json else typer.echo(f"{run}: is whole; no run is under way")
         return
     state = read_run(folder)
-    if json:
-        print_json(_plain(run, state))
-        return
-    _show(folder, state)
+    print_json({"path": run, "whole": False, **state.to_dict()}) if json else _show_run(folder, state)
 
 
-def _plain(run: Path, state: RunState) -> dict[str, Any]:
-    units = [
-        {
-            "name": unit.name,
-            "state": unit.state,
-            "attempts": unit.attempts,
-            "seconds": None if math.isnan(unit.seconds) else unit.seconds,
-            "worker": unit.worker,
-            "reason": unit.reason,
-        }
-        for unit in state.units
-    ]
-    return {
-        "path": run,
-        "whole": False,
-        "title": state.title,
-        "running": state.running,
-        "executor": state.executor,
-        "workers": state.workers,
-        "place": state.place,
-        "done": state.count("done"),
-        "total": len(state.units),
-        "units_per_hour": state.per_hour,
-        "eta_seconds": state.eta_seconds,
-        "units": units,
-    }
-
-
-def _show(folder: Path, state: RunState) -> None:
+def _show_run(folder: Path, state: RunState) -> None:
     from lfcal.cli._console import print_table
     from lfcal.work import HEADER, run_table
 
@@ -93,4 +61,52 @@ def _show(folder: Path, state: RunState) -> None:
     if found.pace:
         typer.echo(found.pace)
     elif not state.running:
-        typer.echo(f"{folder}: the command that began it goes on with --resume")
+        typer.echo(f"{folder}: the command that began it continues with --resume")
+
+
+def _session_facts(folder: Path, session: SessionFile) -> dict[str, Any]:
+    """Return what is safe of a session, how its last run ended, and who records it now."""
+    from lfcal.acquire import LiveCoverage
+    from lfcal.acquire.recording import holder_of
+
+    at_work, target, devices = holder_of(folder), session.target, session.devices
+    facts: dict[str, Any] = {
+        "path": folder,
+        "session": "scan" if target is None else "target",
+        "done": int(session.acknowledged(folder).sum()),
+        "total": int(session.chosen.sum()) if target is None else session.positions,
+        "how": session.runs[-1].how if session.runs else "",
+        "recording": at_work is not None,
+        "process": None if at_work is None else at_work.process or None,
+        "held": "" if at_work is None else at_work.held,
+    }
+    if devices.automatic:
+        facts["automatic"] = {name: devices.settings[name] for name in devices.automatic}
+    if target is not None:
+        watching = LiveCoverage(target, folder)  # type: ignore[arg-type]  # a session's frame plan is a target's
+        facts["shown"] = watching.state().to_dict()
+    return facts
+
+
+def _show_session(folder: Path, session: SessionFile, facts: dict[str, Any]) -> None:
+    """Print how far a session is, how its last run ended, and how it continues."""
+    from lfcal.cli.acquire import show_coverage
+
+    what = "positions" if session.target is None else "frames of a target"
+    ended = f"; the last run: {facts['how']}" if facts["how"] else ""
+    if facts["recording"]:
+        ended = "; on hold: " + facts["held"] if facts["held"] else "; being recorded"
+        ended += f" (process {facts['process']})" if facts["process"] else ""
+    typer.echo(f"{folder}: {facts['done']} of {facts['total']} {what} are safe on the disk{ended}")
+    if session.target is not None:
+        show_coverage(facts["shown"])
+    if session.devices.automatic:
+        typer.echo(f"  camera: {session.devices.automatic_words}: frames may not be proportional to light")
+    if facts["recording"]:
+        return
+    if facts["done"] < facts["total"]:
+        typer.echo("  lfcal acquire with its plan and --resume continues it")
+    elif session.target is not None:
+        typer.echo(f"  lfcal fit {folder} finds the camera and H; lfcal assemble {folder} makes H of what meets phases")
+    else:
+        typer.echo(f"  lfcal assemble {folder} makes H of it")

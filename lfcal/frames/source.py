@@ -244,6 +244,8 @@ class FrameMetadata:
         Positions whose content was suspicious when they were recorded, and why: ``[z, y, x, words]``. H keeps it.
     kept_aside
         Positions ``[z, y, x]`` that a fit is not to use. H keeps it.
+    earlier_tasks
+        Tasks that recorded the frames, as `lfcal.tasks.Task.to_dict` returns them. H keeps it.
     target
         Plan of the target that the frames show (`lfcal.targets.TargetPlan`, of a package that imports this one).
     target_frames
@@ -298,6 +300,7 @@ class FrameMetadata:
     simulated: Mapping[str, Any] | None = None
     suspect: Sequence[Sequence[Any]] = ()
     kept_aside: Sequence[Sequence[int]] = ()
+    earlier_tasks: Sequence[Mapping[str, Any]] = ()
     target: object = None
     target_frames: tuple[tuple[int, int], ...] | None = None
     decoded: bool = False

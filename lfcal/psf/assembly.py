@@ -587,7 +587,7 @@ def _check_filter(source: FrameSource, plan: ScanPlan) -> None:
 
 def known_of(source: FrameSource, plan: ScanPlan, provenance: Mapping[str, Any] | None) -> dict[str, Any]:
     """Return what H keeps of the scan that it is made of."""
-    told = ("session", "devices", "simulated", "optics", "suspect", "half_cell", "kept_aside")
+    told = ("session", "devices", "simulated", "optics", "suspect", "half_cell", "kept_aside", "earlier_tasks")
     return {**source.metadata.stated(told), "plan": plan.to_dict(), **(provenance or {})}
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from lfcal.tasks._channels import ChannelPart
 from lfcal.tasks._coding import coding_verdict, coding_words, display_words
 from lfcal.tasks._pace import WITHOUT_READOUT
-from lfcal.tasks._recording import coverage_facts, recorded_before
 from lfcal.tasks._solving import choice_of
 from lfcal.tasks.acquire import PlannedSession, RecordedSession
 from lfcal.tasks.assemble import Assembled, AssemblyRun
@@ -75,7 +74,6 @@ __all__ = [
     "coding_verdict",
     "coding_words",
     "control_frames",
-    "coverage_facts",
     "display_words",
     "files_of",
     "left_words",
@@ -87,7 +85,6 @@ __all__ = [
     "notes_to",
     "open_matrix",
     "planned_scan",
-    "recorded_before",
     "task_set",
     "tell_assumed",
     "words_of",

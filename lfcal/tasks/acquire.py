@@ -3,33 +3,20 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from lfcal.base import InputError, LfcalError, Work
-from lfcal.records import opt, read_names, read_share, record, required, show_names, show_planes
-from lfcal.tasks._recording import (
-    Cover,
-    coverage_facts,
-    iter_finished,
-    list_suspects,
-    pairs,
-    recorded_before,
-    reported_holds,
-    simulated_optics,
-    simulated_options,
-    stoppable,
-    tell_automatic,
-    watched,
-)
+from lfcal.records import opt, read_names, read_share, record, required, rows_of, show_names, show_planes, value_at
+from lfcal.tasks._recording import Cover, check_ready, followed, list_suspects, pairs, stoppable
 from lfcal.tasks.cameras import tell_assumed
 from lfcal.tasks.notes import note, tell
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
 
 if TYPE_CHECKING:
-    from lfcal.acquire import Control, LiveCoverage, LiveQuality, Options, Outcome, RedoList, SessionForecast
+    from lfcal.acquire import Options, Outcome, RedoList, SessionForecast
     from lfcal.camera import RegionPlan, ScanPlan
     from lfcal.campaign import Adapted, Goal
     from lfcal.devices import Rig
@@ -48,8 +35,8 @@ __all__ = [
 
 TARGET = "lfcal-target-plan"
 
-Seen: TypeAlias = "Work[tuple[Any, dict[str, Any]]]"
-"""A recording: how it ended, and what was seen of it."""
+NAMES = {"margin": "margin_px", "steady": "steady_s", "tolerance": "tolerance_um", "overshoot": "overshoot_um"}
+"""Options of a session whose names say their unit, by the names of the fields."""
 
 
 def _numbers(text: str) -> tuple[float, ...]:
@@ -80,24 +67,15 @@ def read_plan(path: Path) -> ScanPlan | TargetPlan | RegionPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedSession(TaskResult):
-    """What a recording would cost; nothing was moved or written.
+    """What a recording into the folder ``out`` would cost; nothing was moved or written.
 
-    Attributes
-    ----------
-    out
-        The session's folder.
-    forecast
-        What it costs.
-    assumed
-        What of the camera is assumed.
-    optics
-        How the simulator would compute the frames; empty: real devices.
+    ``assumed`` names what of the camera is assumed, and ``optics`` how the simulator computes frames.
     """
 
     out: Path
     forecast: SessionForecast
     assumed: tuple[str, ...]
-    optics: str = ""
+    optics: str
 
     def to_dict(self) -> dict[str, Any]:
         """Return all of it as plain values."""
@@ -112,10 +90,8 @@ class RecordedSession(TaskResult):
 
     Attributes
     ----------
-    out
-        The session's folder.
-    outcome
-        How it ended.
+    out, outcome
+        Its folder, and how it ended.
     facts
         What was seen and made, by name.
     alarms
@@ -132,9 +108,9 @@ class RecordedSession(TaskResult):
     outcome: Outcome
     facts: Mapping[str, Any]
     alarms: tuple[Any, ...]
-    adapted: Adapted | None = None
-    ended_by: int = signal.SIGINT
-    error: LfcalError | None = None
+    adapted: Adapted | None
+    ended_by: int
+    error: LfcalError | None
 
     def exit_code(self) -> int:
         """Return 128 and the signal of a session that was stopped: scripts must be able to see it.
@@ -142,7 +118,7 @@ class RecordedSession(TaskResult):
         Raises what went wrong after the last frame.
         """
         if self.error is not None:
-            tell(f"the recording is whole: lfcal assemble {self.out} makes H of it")
+            tell(f"the recording is complete; lfcal assemble {self.out} makes H of it")
             raise self.error
         return 0 if self.outcome.how == "complete" else 128 + self.ended_by
 
@@ -159,6 +135,7 @@ class _Acquire(Task):
     """What all kinds have."""
 
     name: ClassVar[str] = "acquire"
+    resumes: ClassVar[bool] = True
 
     plan: Path = required(
         "Plan of a scan, of regions of the field, or of a target (.json), made by lfcal plan.", argument=True, file="in"
@@ -169,7 +146,6 @@ class _Acquire(Task):
     option: tuple[str, ...] = opt(
         (), "Option of the devices, NAME=VALUE.", label="Options of the devices", empty="none"
     )
-    resume: bool = opt(False, "Continue an interrupted session.")
     bracket: str | tuple[float, ...] | None = opt(
         None,
         "Exposures of each position as factors of the planned one, merged to a high dynamic range, e.g. 1,0.25.",
@@ -311,110 +287,127 @@ class _Acquire(Task):
             return () if self.assemble is None else (self.assemble,)
         return (*super().files("in"), self.out)
 
-    @property
-    def _redo(self) -> RedoList | None:
-        return None
-
-    @property
-    def _only(self) -> RedoList | None:
-        return None
-
-    @property
-    def _continues(self) -> bool:
-        """Whether a session is continued, which keeps the options that it began with."""
-        return self.resume
-
-    def _of_single_points(self) -> dict[str, Any]:
-        """Return the options that frames of many points do not have."""
-        return {}
-
-    def _options(self) -> Options:
-        """Return the options that an existing session began with, or the defaults, changed by what is given."""
+    def options(self, session: Path | None = None) -> Options:
+        """Return the options that ``session`` began with, or else the defaults, changed by what is given."""
         from lfcal.acquire import Options, SessionFile
-        from lfcal.campaign import first_begun, is_regions
 
-        session = self.out if self._continues else None
-        if session is not None and is_regions(session):
-            session = first_begun(session)
-        given: dict[str, Any] = {
-            **self._of_single_points(),
-            "bracket": self.bracket,
-            "darks": self.darks,
-            "dark_every": self.dark_every,
-            "reference_every": self.reference_every,
-            "retries": self.retries,
-            "on_suspect": self.on_suspect,
-            "allow_automatic": self.allow_automatic or None,
-            "suspend": self.suspend or None,
-            "steady_s": self.steady,
-            "tolerance_um": self.tolerance,
-            "overshoot_um": self.overshoot,
-            "keep_free_bytes": None if self.keep_free is None else int(1e9 * self.keep_free),
-            "check_stage": self.check_stage,
-        }
+        values = {NAMES.get(row.name, row.name): (value_at(self, row), row.default) for row in rows_of(self)}
+        given = {name: value for name, (value, default) in values.items() if value != default}
+        if self.keep_free is not None:
+            given["keep_free_bytes"] = int(1e9 * self.keep_free)
+        if not self.check_origin:
+            given["origin_tolerance_px"] = None
         base = Options() if session is None else SessionFile.read(session).options
-        options = replace(base, **{k: v for k, v in given.items() if v is not None})
-        return options if self.check_origin else replace(options, origin_tolerance_px=None)
+        return replace(base, **{one.name: given[one.name] for one in fields(Options) if one.name in given})
+
+    def iter_session(self, plan: Any, rig: Rig, options: Options, again: RedoList | None = None, **how: Any) -> Any:
+        """Record with devices that are open, and return what the recording of this kind returns.
+
+        Parameters
+        ----------
+        plan, rig, options
+            As of `lfcal.acquire.iter_record`, and so is ``how``: ``resume``, ``control``, ``preview``, ``observers``.
+        again
+            Positions to record again; None: those in the list of the task.
+        """
+        from lfcal.acquire import RedoList, iter_record
+
+        again = again or self._listed("redo")
+        only = None if again else self._listed("positions")
+        return iter_record(
+            self.out,
+            plan,
+            rig,
+            options,
+            redo=None if again is None else again.positions,
+            only=None if only is None else only.positions,
+            kept_aside=(again or only or RedoList((), ())).kept_aside,
+            task=self._kept,
+            **how,
+        )
+
+    @property
+    def _kept(self) -> dict[str, Any]:
+        """What the session keeps of the task."""
+        return self.to_dict(absolute=True, outputs=False)
+
+    def _listed(self, name: str) -> RedoList | None:
+        """Return the positions in the file that a field names; None: it names none."""
+        from lfcal.acquire import RedoList
+
+        path = self._given(name)
+        return None if path is None else RedoList.read(path)
+
+    def _given(self, name: str) -> Any:
+        """Return the value of a field; None where this kind has no such field."""
+        return next((value_at(self, row) for row in rows_of(self) if row.name == name), None)
 
     def _plan(self) -> Any:
         """Return the plan, with the stage where it is given."""
         found: Any = read_plan(self.plan)
         if self.origin is None:
             return found
-        scan = found.scan
         origin: Any = self.origin
-        scan = replace(scan, stage=replace(scan.stage, origin_um=origin))
+        scan = replace(found.scan, stage=replace(found.scan.stage, origin_um=origin))
         return scan if scan.__class__ is found.__class__ else replace(found, scan=scan)
 
     def _devices(self, plan: Any) -> dict[str, str]:
         return pairs(self.option)
 
+    def _begun(self, run: RunSettings) -> Path | None:
+        """Return the session whose options apply: the one that is continued; None: a new one."""
+        return self.out if run.resume or self._given("redo") is not None else None
+
     def work(self, run: RunSettings | None = None) -> Work[tuple[TaskResult, ...]]:
         """Record until the end or a signal, and assemble H where asked."""
+        from lfcal.acquire import Control, optics_of
         from lfcal.devices import open_rig
 
-        plan = self._plan()
-        devices = self._devices(plan)
+        run = run or RunSettings()
+        plan, begun = self._plan(), self._begun(run)
         scan: ScanPlan = plan.scan
+        devices = self._devices(plan)
         tell_assumed(scan.camera, self.plan.name)
-        options = self._options()
+        options = self.options(begun)
+        assumed = tuple(scan.camera.marks.paths("assumed"))
         with open_rig(scan, self.backend, devices, stage=self.stage) as rig:
-            optics = simulated_optics(rig)
+            optics = optics_of(rig)
             # a light that can be switched makes it unnecessary to cover the lens.
             if self.cover and rig.light is None:
                 rig = replace(rig, light=Cover())
             if self.dry_run:
                 forecast = self._forecast(plan, rig, options)
-                assumed = tuple(scan.camera.marks.paths("assumed"))
-                return (
-                    PlannedSession(out=self.out, forecast=forecast, assumed=assumed, optics=optics.get("optics", "")),
-                )
-            found, seen, ended_by = yield from self._iter_stoppable(plan, rig, options)
-        return ((yield from self._iter_ended(plan, found, optics | seen, ended_by)),)
+                return (PlannedSession(out=self.out, forecast=forecast, assumed=assumed, optics=optics),)
+            check_ready(scan, rig, options, resumed=run.resume, begun=begun is not None)
+            control = Control()
+            observers, seen = self._watching(plan, options, begun)
+            how = {"resume": run.resume, "control": control, "observers": observers}
+            with stoppable(control) as asked:
+                work = self.iter_session(plan, rig, options, **how)
+                found = yield from followed(work, control, lambda: seen()["alarms"])
+        facts = {"optics": optics} if optics else {}
+        facts |= {**seen(), "assumed": assumed}
+        return ((yield from self._iter_ended(found, facts, next(iter(asked), signal.SIGINT), run)),)
 
-    def _iter_stoppable(self, plan: Any, rig: Rig, options: Options) -> Work[tuple[Any, dict[str, Any], int]]:
-        """Check the light, then record until the end or a signal; return how it ended, what was seen, the signal."""
-        from lfcal.acquire import Control, check_light
+    def _watching(self, plan: Any, options: Options, begun: Path | None) -> tuple[Any, Callable[[], dict[str, Any]]]:
+        """Return the observers of a recording, and what returns the facts that they have seen."""
+        from lfcal.acquire import LiveQuality, window_shape
 
-        tell_automatic(plan, rig, options, resumed=self.resume)
-        # a session that continues has its darks already, and its positions are compared with the frames themselves.
-        if options.darks and not self._continues:
-            check_light(rig)
-        control = Control()
-        with stoppable(control) as asked:
-            found, seen = yield from self._iter_recorded(plan, rig, options, control)
-        return found, seen, next(iter(asked), signal.SIGINT)
+        quality = LiveQuality(plan, window_shape(plan, options))
+        return (quality,), lambda: {"alarms": quality.state().alarms}
 
-    def _iter_ended(self, plan: Any, found: Any, seen: dict[str, Any], ended_by: int) -> Work[RecordedSession]:
+    def _iter_ended(self, found: Any, facts: dict[str, Any], ended_by: int, run: RunSettings) -> Work[RecordedSession]:
         """Assemble and pack a session that is complete."""
-        adapted, outcome = (None, found) if hasattr(found, "acknowledged") else (found, found.outcome)
-        alarms = tuple(seen.pop("alarms"))
-        facts = {**seen, **self._suspects(outcome), "assumed": plan.scan.camera.marks.paths("assumed")}
-        facts |= {} if adapted is None else adapted_facts(adapted)
+        from lfcal.acquire import Outcome
+
+        adapted, outcome = (None, found) if isinstance(found, Outcome) else (found, found.outcome)
+        alarms = tuple(facts.pop("alarms"))
+        facts |= self._suspects(outcome) | (adapted.to_dict() if adapted else {})
         error: LfcalError | None = None
         if outcome.how == "complete":
             try:
-                facts |= yield from self._iter_finished()
+                facts |= {} if self.assemble is None else (yield from self._iter_assembled(self.assemble, run))
+                facts |= (yield from self._iter_packed()) if self.pack else {}
             except LfcalError as caught:  # the frames are safe whatever became of H
                 error = caught
         known: dict[str, Any] = {"facts": facts, "alarms": alarms, "adapted": adapted, "error": error}
@@ -423,52 +416,42 @@ class _Acquire(Task):
     def _suspects(self, outcome: Outcome) -> dict[str, Any]:
         return list_suspects(self.out, outcome)
 
-    def _iter_finished(self) -> Work[dict[str, Any]]:
-        return (yield from iter_finished(self.out, self.assemble, self.pack))
+    def _iter_assembled(self, out: Path, run: RunSettings) -> Work[dict[str, Any]]:
+        """Make H of the session; return what was made."""
+        from lfcal.acquire import SessionFile
+        from lfcal.records import AssemblySettings
+        from lfcal.tasks.assemble import Assemble
 
-    def _places(self, plan: Any) -> tuple[Position, ...]:
-        """Return the positions that are counted in a forecast; empty: all."""
-        return () if self._only is None else self._only.positions
+        # a complete session has every position once: a gap would be a defect, and is not to be filled quietly.
+        settings = AssemblySettings(strict=not SessionFile.read(self.out).redo[0])
+        (made,) = yield from Assemble(frames=self.out, out=out, settings=settings).work(run)
+        with made.report.matrix as matrix:
+            return {"H": out, "shape": matrix.shape, "saturated_positions": made.report.saturated}
+
+    def _sessions(self) -> Iterable[Path]:
+        return (self.out,)
+
+    def _iter_packed(self) -> Work[dict[str, Any]]:
+        """Compress the recordings; return the bytes gained."""
+        from lfcal.acquire import iter_finish
+
+        gained = 0
+        for folder in self._sessions():
+            packed = yield from iter_finish(folder)
+            gained += packed.bytes_gained
+            for one in packed.left:
+                note(one)
+        return {"bytes_gained": gained}
 
     def _forecast(self, plan: Any, rig: Rig, options: Options) -> SessionForecast:
         from lfcal.acquire import forecast
 
-        only = self._places(plan)
-        return forecast(plan, rig, options, self.out, only=only, frames_per_s=self.frame_rate)
+        return forecast(plan, rig, options, self.out, only=self._places(plan), frames_per_s=self.frame_rate)
 
-    def _iter_recorded(self, plan: Any, rig: Rig, options: Options, control: Control) -> Seen:
-        """Record; return how it ended, and what was seen."""
-        from lfcal.acquire import QualityState, RedoList, iter_record
-
-        quality = self._quality(plan, options)
-        redo, only = self._redo, self._only
-        work = iter_record(
-            self.out,
-            plan,
-            rig,
-            options,
-            resume=self.resume,
-            redo=None if redo is None else redo.positions,
-            only=None if only is None else only.positions,
-            kept_aside=(redo or only or RedoList((), ())).kept_aside,
-            control=control,
-            observers=(quality,),
-        )
-        outcome = yield from watched(reported_holds(work, control), quality)
-        state = quality.state()
-        more = {} if isinstance(state, QualityState) else {"shown": coverage_facts(state)}
-        return outcome, {"alarms": state.alarms, **more}
-
-    def _quality(self, plan: Any, options: Options) -> LiveQuality | LiveCoverage:
-        from lfcal.acquire import LiveQuality, window_shape
-
-        return LiveQuality(plan, window_shape(plan, options))
-
-
-def _read_list(path: Path | None) -> RedoList | None:
-    from lfcal.acquire import RedoList
-
-    return None if path is None else RedoList.read(path)
+    def _places(self, plan: Any) -> tuple[Position, ...]:
+        """Return the positions that are counted in a forecast; empty: all."""
+        only = self._listed("positions")
+        return () if only is None else only.positions
 
 
 def _again() -> Path | None:
@@ -489,44 +472,41 @@ class AcquireTarget(_Acquire):
     --------
     >>> from lfcal.tasks import AcquireTarget
     >>> task = AcquireTarget(plan="target.json", out="session", darks=0)
-    >>> print(task.backend, task.resume)
-    sim False
+    >>> print(task.backend, task.redo)
+    sim None
     """
 
     input_words: ClassVar[str] = "a target of many points"
 
     redo: Path | None = _again()
 
-    @property
-    def _redo(self) -> RedoList | None:
-        return _read_list(self.redo)
-
-    @property
-    def _continues(self) -> bool:
-        return self.resume or self.redo is not None
-
     def _devices(self, plan: Any) -> dict[str, str]:
-        return simulated_options(plan, self.plan, self.backend, pairs(self.option))
+        """Return the options of the devices, with the planned target before the simulator unless another is named."""
+        if plan.lit is not None and self.backend != "sim":
+            remedy = "show its pictures (lfcal plan target --patterns), and assemble the folder of frames"
+            raise InputError.expected(str(self.plan), "a target that a stage moves", "frames of a display", remedy)
+        planned = {"target": str(self.plan)} if self.backend == "sim" else {}
+        return planned | pairs(self.option)
 
-    def _quality(self, plan: Any, options: Options) -> LiveQuality | LiveCoverage:
-        return recorded_before(plan, self.out if self._continues else None)
+    def _watching(self, plan: Any, options: Options, begun: Path | None) -> tuple[Any, Callable[[], dict[str, Any]]]:
+        from lfcal.acquire import LiveCoverage
 
-    def _iter_finished(self) -> Work[dict[str, Any]]:
+        coverage = LiveCoverage(plan, begun)
+
+        def seen() -> dict[str, Any]:
+            state = coverage.state()
+            return {"alarms": state.alarms, "shown": state.to_dict()}
+
+        return (coverage,), seen
+
+    def _iter_assembled(self, out: Path, run: RunSettings) -> Work[dict[str, Any]]:
         from lfcal.tasks.assemble import AssembleTarget
 
-        result: dict[str, Any] = {}
-        if self.assemble is not None:
-            # holes that are missing, or displaced, leave positions that nothing showed: not strict
-            (made,) = yield from AssembleTarget(frames=self.out, out=self.assemble).work()
-            with made.report.matrix as matrix:
-                saturated = made.report.saturated
-                result = {
-                    "H": self.assemble,
-                    "shape": matrix.shape,
-                    "saturated_positions": saturated,
-                    "target": made.facts,
-                }
-        return result | (yield from iter_finished(self.out, None, self.pack))
+        # holes that are missing, or displaced, leave positions that nothing showed: not strict
+        (made,) = yield from AssembleTarget(frames=self.out, out=out).work(run)
+        with made.report.matrix as matrix:
+            found = {"H": out, "shape": matrix.shape, "saturated_positions": made.report.saturated}
+        return found | {"target": made.facts}
 
 
 @record
@@ -551,9 +531,6 @@ class _AcquireScan(_Acquire):
         more=True,
     )
 
-    def _of_single_points(self) -> dict[str, Any]:
-        return {"order": self.order, "margin_px": self.margin, "controls": self.controls}
-
 
 @record
 class AcquireRegions(_AcquireScan):
@@ -569,67 +546,53 @@ class AcquireRegions(_AcquireScan):
 
     input_words: ClassVar[str] = "several regions"
 
+    def _begun(self, run: RunSettings) -> Path | None:
+        from lfcal.campaign import first_begun, is_regions
+
+        # what is no session of regions, the recording refuses
+        return first_begun(self.out) if run.resume and is_regions(self.out) else None
+
+    def iter_session(self, plan: Any, rig: Rig, options: Options, again: RedoList | None = None, **how: Any) -> Any:
+        """Record every region; arguments as of `lfcal.campaign.iter_record_regions`."""
+        from lfcal.campaign import iter_record_regions
+
+        return iter_record_regions(self.out, plan, rig, options, task=self._kept, **how)
+
+    def _watching(self, plan: Any, options: Options, begun: Path | None) -> tuple[Any, Callable[[], dict[str, Any]]]:
+        from lfcal.acquire import LiveQuality, window_shape
+
+        watched: dict[str, LiveQuality] = {}
+
+        def watching(k: int) -> tuple[LiveQuality]:
+            watched[plan.names[k]] = LiveQuality(plan.plan(k), window_shape(plan.plan(k), options))
+            return (watched[plan.names[k]],)
+
+        def seen() -> dict[str, Any]:
+            found = [(name, alarm) for name, quality in watched.items() for alarm in quality.state().alarms]
+            named = tuple(replace(alarm, remedy=f"{alarm.remedy} (region {name})") for name, alarm in found)
+            return {"alarms": named, "regions": plan.names}
+
+        return watching, seen
+
     def _suspects(self, outcome: Outcome) -> dict[str, Any]:
         return {}
 
     def _forecast(self, plan: Any, rig: Rig, options: Options) -> SessionForecast:
-        """Return what all regions cost together; each is checked."""
-        from lfcal.acquire import forecast
+        from lfcal.campaign import forecast_regions
 
-        rate = self.frame_rate
-        found = [
-            forecast(plan.plan(k), rig, options, self.out / name, frames_per_s=rate)
-            for k, name in enumerate(plan.names)
-        ]
-        names = ("positions", "other_frames", "seconds", "recording_bytes")
-        sums = {name: sum(getattr(one, name) for one in found) for name in names}
-        if rate is not None:
-            sums["readout_seconds"] = sum(one.readout_seconds or 0.0 for one in found)
-        return replace(found[0], **sums)
+        return forecast_regions(plan, rig, options, self.out, frames_per_s=self.frame_rate)
 
-    def _iter_recorded(self, plan: Any, rig: Rig, options: Options, control: Control) -> Seen:
-        from lfcal.acquire import LiveQuality, window_shape
-        from lfcal.campaign import iter_record_regions
+    def _iter_assembled(self, out: Path, run: RunSettings) -> Work[dict[str, Any]]:
+        from lfcal.records import AssemblySettings
+        from lfcal.tasks.assemble import AssembleRegions
 
-        seen: dict[int, LiveQuality] = {}
+        made = yield from AssembleRegions(frames=self.out, out=out, settings=AssemblySettings(strict=True)).work(run)
+        return {"H": out, "shape": made[0].report.matrix.shape}
 
-        def watching(k: int) -> tuple[LiveQuality]:
-            seen[k] = LiveQuality(plan.plan(k), window_shape(plan.plan(k), options))
-            return (seen[k],)
+    def _sessions(self) -> Iterable[Path]:
+        from lfcal.campaign import region_sessions
 
-        how: dict[str, Any] = {"resume": self.resume, "control": control, "observers": watching}
-        work = iter_record_regions(self.out, plan, rig, options, **how)
-        outcome = yield from reported_holds(work, control)
-        alarms = [
-            replace(alarm, remedy=f"{alarm.remedy} (region {plan.names[k]})")
-            for k, quality in seen.items()
-            for alarm in quality.state().alarms
-        ]
-        return outcome, {"alarms": alarms, "regions": plan.names}
-
-    def _iter_finished(self) -> Work[dict[str, Any]]:
-        """Assemble H of every region into one file, and pack the recordings, as asked for."""
-        from lfcal.acquire import iter_assemble_session, iter_finish
-        from lfcal.campaign import read_regions, region_sessions, save_parts, temporary_parts
-        from lfcal.psf import AssemblySettings, open_psf
-
-        result: dict[str, Any] = {}
-        if self.assemble is not None:
-            settings = AssemblySettings(strict=True)
-            with temporary_parts(self.assemble, read_regions(self.out).names) as parts:
-                for name, folder in region_sessions(self.out):
-                    made = yield from iter_assemble_session(folder, parts[name], settings=settings)
-                    made.matrix.close()
-                save_parts(parts, self.assemble, dtype="rounded")
-            with open_psf(self.assemble) as matrix:
-                result |= {"H": self.assemble, "shape": matrix.shape}
-        if self.pack:
-            gained = 0
-            for _, folder in region_sessions(self.out):
-                packed = yield from iter_finish(folder)
-                gained += packed.bytes_gained
-            result["bytes_gained"] = gained
-        return result
+        return (folder for _, folder in region_sessions(self.out))
 
 
 @record
@@ -659,39 +622,29 @@ class AcquireUntil(_AcquireScan):
     def __post_init__(self) -> None:
         """Check every value, also those of the fit."""
         super().__post_init__()
-        self._goal  # noqa: B018 it is checked
+        self.goal  # noqa: B018 it is checked
 
     @property
-    def _goal(self) -> Goal:
+    def goal(self) -> Goal:
+        """When it ends, and what is fitted."""
         from lfcal.campaign import Goal
 
         groups: Any = "auto" if self.unknowns in ((), ("auto",)) else self.unknowns
         return Goal(self.until_error, most=self.most or None, unknowns=groups)
 
+    def iter_session(self, plan: Any, rig: Rig, options: Options, again: RedoList | None = None, **how: Any) -> Any:
+        """Record until the goal is reached; arguments as of `lfcal.campaign.iter_adaptive`."""
+        from lfcal.campaign import iter_adaptive
+
+        how = {"seen": lambda step: tell(str(step)), **how}
+        return iter_adaptive(self.out, plan, rig, self.goal, options, task=self._kept, **how)
+
     def _places(self, plan: Any) -> tuple[Position, ...]:
         from lfcal.frames import Position
 
-        note("at most so much: the session ends when the wanted error of H is reached")
+        note("at most this many positions; the session ends when the wanted error of H is reached")
         most = self.most or plan.n_positions
         return tuple(Position(*place) for place in plan.order_indices()[:most].tolist())
-
-    def _iter_recorded(self, plan: Any, rig: Rig, options: Options, control: Control) -> Seen:
-        from lfcal.campaign import iter_adaptive
-
-        quality = self._quality(plan, options)
-        work = iter_adaptive(
-            self.out,
-            plan,
-            rig,
-            self._goal,
-            options,
-            resume=self.resume,
-            control=control,
-            observers=(quality,),
-            seen=lambda step: tell(str(step)),
-        )
-        found = yield from watched(reported_holds(work, control), quality)
-        return found, {"alarms": quality.state().alarms}
 
 
 @record
@@ -699,7 +652,7 @@ class Acquire(_AcquireScan):
     """Record a frame at each position of a plan, safe against any crash.
 
     Dark frames are taken first, with the light switched off. Ctrl-C ends after the current position, a second one
-    immediately; resume continues.
+    immediately; `--resume` continues.
 
     Examples
     --------
@@ -722,40 +675,16 @@ class Acquire(_AcquireScan):
     )
 
     def __post_init__(self) -> None:
-        """Check every value, and that positions are of a new session."""
+        """Check every value, and that a list of positions is of a new session."""
         super().__post_init__()
-        if self.positions is not None and (self.resume or self.redo is not None):
-            raise InputError("--positions: is of a new session; one that goes on has its own, and --redo adds to them")
+        self._begun(RunSettings())
 
-    @property
-    def _redo(self) -> RedoList | None:
-        return _read_list(self.redo)
-
-    @property
-    def _continues(self) -> bool:
-        return self.resume or self.redo is not None
-
-    @property
-    def _only(self) -> RedoList | None:
-        return _read_list(self.positions)
-
-
-def adapted_facts(found: Adapted) -> dict[str, Any]:
-    """Return what ``--json`` says of a session that ends by the error of H."""
-    steps = [
-        {
-            "positions": step.positions,
-            "expected_error": step.expected_error,
-            "left_out_error": step.held_out_error.value if step.held_out_error.known else None,
-            "left_out_limit": step.held_out_error.limit,
-            "chi2": step.chi2,
-            "complete": step.complete,
-            "groups": step.groups,
-            "outliers": step.outliers,
-        }
-        for step in found.steps
-    ]
-    return {"ended": found.how, "steps": steps}
+    def _begun(self, run: RunSettings) -> Path | None:
+        begun = super()._begun(run)
+        if self.positions is not None and begun is not None:
+            got, remedy = "--redo" if self.redo else "--resume", "leave it out; --redo records further positions"
+            raise InputError.expected("--positions", "a new session", got, remedy)
+        return begun
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 __all__ = ["RunSettings", "Task", "TaskResult", "TaskSet", "may_replace"]
 
+UNITS = ("executor", "scheduler", "resume")
+"""Fields of `RunSettings` that apply to work that is done in units."""
+
 LONG = 60.0
 """Work that takes more seconds of processor time is always done in units: a kill loses one of them."""
 
@@ -29,7 +32,14 @@ def _executors() -> tuple[str, ...]:
 
 @record
 class RunSettings:
-    """By whom a task is done, and what becomes of what is there: nothing of it changes the result."""
+    """By whom a task is done, and what becomes of what is there: nothing of it changes the result.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import Acquire, RunSettings, python_of
+    >>> print(python_of(Acquire(plan="plan.json", out="session"), RunSettings(resume=True)).splitlines()[-1])
+    ).run(RunSettings(resume=True))
+    """
 
     workers: int | None = opt(
         None, "Number of threads or processes.", at_least=1, empty="LFCAL_WORKERS, or every processor"
@@ -116,11 +126,14 @@ class Task:
         What its input is, or what it makes, where other kinds of the same command have others.
     in_units
         Whether other processes can do parts of it, and a run that was stopped continues.
+    resumes
+        Whether a run that was stopped continues, although it is not done in units.
     """
 
     name: ClassVar[str]
     input_words: ClassVar[str] = ""
     in_units: ClassVar[bool] = False
+    resumes: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         """Check every field, and those of the records within; a text is taken as a path."""
@@ -141,6 +154,11 @@ class Task:
         """Return its files: ``"in"`` or ``"out"``."""
         given = [(row, value_at(self, row)) for row in rows_of(self) if row.opt.file == way]
         return tuple(path for row, value in given for path in row.paths_of(value))
+
+    @classmethod
+    def takes(cls, name: str) -> bool:
+        """Return whether a field of `RunSettings` applies to tasks of this kind."""
+        return cls.in_units or name not in UNITS or (name == "resume" and cls.resumes)
 
     def unit_outputs(self) -> tuple[Path, ...]:
         """Return the outputs next to which units of a stopped run are kept."""

@@ -28,11 +28,10 @@ FACES = {
 """Packages that records are imported from."""
 
 
-def words_of(task: Task) -> tuple[str, ...]:
+def words_of(task: Task, run: RunSettings | None = None) -> tuple[str, ...]:
     """Return the words of a command line behind ``lfcal``: what differs from the defaults."""
     inputs, options = [], []
-    for row in rows_of(task):
-        value = value_at(task, row)
+    for row, value in [(row, value_at(one, row)) for one in (task, run) if one for row in rows_of(one)]:
         if row.opt.argument:
             inputs += [str(one) for one in value] if row.many else [str(value)]
         elif (value != row.default or row.opt.chooses) and value is not None:
@@ -45,7 +44,7 @@ def words_of(task: Task) -> tuple[str, ...]:
     return (*task.name.split(), *inputs, *options)
 
 
-def command_of(task: Task) -> str:
+def command_of(task: Task, run: RunSettings | None = None) -> str:
     """Return the command line that does the same.
 
     Examples
@@ -55,10 +54,10 @@ def command_of(task: Task) -> str:
     >>> print(command_of(Assemble(frames="my frames", out="H.h5", settings=AssemblySettings(cutout=(41, 31)))))
     lfcal assemble 'my frames' --out=H.h5 --cutout=41,31
     """
-    return shlex.join(("lfcal", *words_of(task)))
+    return shlex.join(("lfcal", *words_of(task, run)))
 
 
-def python_of(task: Task, imported: Collection[str] = ()) -> str:
+def python_of(task: Task, run: RunSettings | None = None, imported: Collection[str] = ()) -> str:
     """Return the Python that does the same; ``imported`` are modules whose names a script has already.
 
     Examples
@@ -75,11 +74,20 @@ def python_of(task: Task, imported: Collection[str] = ()) -> str:
     <BLANKLINE>
     """
     names: set[tuple[str, str]] = set()
-    call = _call(task, names, 0)
+    call, told = _call(task, names, 0), ""
+    if given := _told(run):
+        names.add(("lfcal.tasks", "RunSettings"))
+        told = f"RunSettings({', '.join(f'{name}={value!r}' for name, value in given.items())})"
     modules = {module for module, _ in names}.difference(imported)
     ordered = sorted(modules, key=lambda module: (module != "pathlib", module))
     imports = [f"from {m} import {', '.join(sorted(name for other, name in names if other == m))}" for m in ordered]
-    return "\n".join([*imports, "", f"made = {call}.run()", ""])
+    return "\n".join([*imports, "", f"made = {call}.run({told})", ""])
+
+
+def _told(run: RunSettings | None) -> dict[str, Any]:
+    """Return what differs from the defaults of how a task is run."""
+    every = dataclasses.fields(run) if run else ()
+    return {one.name: value for one in every if (value := getattr(run, one.name)) != one.default}
 
 
 def _call(whole: Any, names: set[tuple[str, str]], depth: int) -> str:
@@ -122,10 +130,7 @@ def job_of(task: Task, run: RunSettings | None = None) -> str:
     """
     data = task.to_dict()
     tables = {name: data.pop(name) for name in list(data) if isinstance(data[name], dict)}
-    more = {
-        one.name: v for one in dataclasses.fields(RunSettings) if run and (v := getattr(run, one.name)) != one.default
-    }
-    tables |= {"run": more} if more else {}
+    tables |= {"run": more} if (more := _told(run)) else {}
     lines = [f"{name} = {_toml(value)}" for name, value in data.items() if value is not None]
     for title, table in tables.items():
         lines += ["", f"[{title}]", *(f"{name} = {_toml(v)}" for name, v in table.items() if v is not None)]

@@ -12,7 +12,7 @@ import socket
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -152,6 +152,18 @@ class RunState:
     workers: int
     place: str
     running: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain values; seconds that are not known are None."""
+        units = [asdict(unit) | {"seconds": None if math.isnan(unit.seconds) else unit.seconds} for unit in self.units]
+        return {
+            **{key: value for key, value in vars(self).items() if key != "units"},
+            "done": self.count("done"),
+            "total": len(self.units),
+            "units_per_hour": self.per_hour,
+            "eta_seconds": self.eta_seconds,
+            "units": units,
+        }
 
     def count(self, state: str) -> int:
         """Return how many units are in a state."""

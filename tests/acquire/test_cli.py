@@ -135,7 +135,7 @@ def test_the_lens_is_covered_by_hand_once_for_all_darks(
         assert len(source) == 8 and sorted(source.metadata.darks) == [0.01, 0.02]
     monkeypatch.setattr(sys, "stdin", io.StringIO())
     assert run(*arguments[:3], tmp_path / "t", "--no-check-stage", "--cover", monkeypatch=monkeypatch) == 2
-    assert "by the device: lens cover: nobody answered" in capsys.readouterr().err
+    assert "by the device: lens cover: no answer" in capsys.readouterr().err
 
 
 @pytest.fixture

@@ -61,12 +61,12 @@ def test_a_session_goes_on_to_a_smaller_error_within_some_positions(lfcal: Lfcal
 def test_a_dry_run_says_at_most(lfcal: Lfcal, place: Path) -> None:
     run = until(lfcal, "--until-error", "1%", "--most", "30", "--dry-run", "--json")
     assert run.code == 0 and isinstance(run.json, dict) and run.json["positions"] == 30
-    assert "at most so much" in run.err and not (place / "s").exists()
+    assert "at most this many positions" in run.err and not (place / "s").exists()
 
 
 def test_goals_by_their_words() -> None:
     def goal_of(**given: Any) -> Goal:
-        return AcquireUntil(plan="plan.json", out="s", **given)._goal
+        return AcquireUntil(plan="plan.json", out="s", **given).goal
 
     goal = goal_of(until_error="0.5%")
     assert goal.error == pytest.approx(0.005) and goal.most is None and goal.unknowns == "auto"

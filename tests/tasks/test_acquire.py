@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from lfcal.acquire import RedoList
 from lfcal.base import InputError
 from lfcal.camera import RegionPlan
 from lfcal.frames import open_frames
+from lfcal.psf import open_psf
 from lfcal.records import rows
 from lfcal.tasks import (
     Acquire,
     AcquireRegions,
     AcquireTarget,
     AcquireUntil,
+    RunSettings,
     Task,
     command_of,
     job_of,
     load_job,
+    python_of,
     task_set,
+    words_of,
 )
 from tests.acquire.rigs import small_plan
 from tests.cli import conftest
@@ -60,6 +66,98 @@ def test_every_route_records_the_same_regions(lfcal: Lfcal, place: Path) -> None
     for name in ("left", "right"):
         for folder in others:
             np.testing.assert_array_equal(frames(folder / name), frames(first / name), err_msg=folder.name)
+
+
+def kept(task: Task) -> dict[str, Any]:
+    """Return what a session, and H of it, keep of the task that recorded it."""
+    return task.to_dict(absolute=True, outputs=False)
+
+
+def stopped(lfcal: Lfcal, plan: Path, at: int) -> Task:
+    """Record until a fault stops the session; return the task, as a job of the devices without the fault."""
+    quick = [*words_of(Acquire(plan=plan, out=Path("s"), **QUICK))]
+    done = lfcal(*quick, "--option", f"faults=times out@{at}*9")
+    assert done.code == 2 and "positions are safe" in done.err
+    task, _ = load_job(plan.parent / "s" / "job.json", {"option": list(QUICK["option"])})
+    return task
+
+
+def test_a_job_continues_a_session(lfcal: Lfcal, place: Path) -> None:
+    task = stopped(lfcal, place / "plan.json", 4)
+    (place / "job.toml").write_text(job_of(task))
+    refused = lfcal("run", place / "job.toml")
+    assert refused.code == 2 and "choose another folder, or resume this session" in refused.err
+    done = lfcal("run", place / "job.toml", "--resume")
+    assert done.code == 0, done.err
+    assert len(frames(place / "s")) == 6
+    assert lfcal("run", place / "job.toml", "--resume").code == 0, "a session that is complete stays so"
+
+
+def test_command_python_and_job_say_that_a_session_continues(lfcal: Lfcal, place: Path) -> None:
+    task, run = stopped(lfcal, place / "plan.json", 4), RunSettings(resume=True)
+    assert words_of(task, run)[-1] == "--resume" and "resume" not in task.to_dict()
+    (place / "job.toml").write_text(job_of(task, run))
+    assert load_job(place / "job.toml") == (task, run)
+    exec(python_of(task, run), {})
+    assert len(frames(place / "s")) == 6
+
+
+def test_executors_are_refused_for_a_recording(lfcal: Lfcal, place: Path) -> None:
+    (place / "job.toml").write_text(job_of(Acquire(plan=place / "plan.json", out="s", **QUICK)))
+    with open(place / "job.toml", "a") as file:
+        file.write('\n[run]\nexecutor = "threads"\n')
+    done = lfcal("run", place / "job.toml")
+    assert done.code == 2 and "--executor: expected work that is done in units" in done.err
+
+
+def test_a_session_and_h_of_it_keep_the_task(lfcal: Lfcal, place: Path) -> None:
+    out, matrix = place / "s", place / "H.h5"
+    task = Acquire(plan=place / "plan.json", out=out, assemble=matrix, **QUICK)
+    task.run()
+    assert load_job(out / "job.json") == (Acquire(plan=place / "plan.json", out=out, **QUICK), RunSettings())
+    with open_psf(matrix) as H:
+        assert H.provenance["earlier_tasks"] == [kept(task)] and H.provenance["task"]["task"] == "assemble"
+    again = lfcal("run", matrix, "-o", place / "again.h5")
+    assert again.code == 0, again.err
+    with open_psf(matrix) as H, open_psf(place / "again.h5") as other:
+        np.testing.assert_array_equal(np.asarray(H), np.asarray(other))
+    assert lfcal("transpose", matrix, "-o", place / "HT.h5").code == 0
+    with open_psf(place / "HT.h5") as HT:
+        assert [one["task"] for one in HT.provenance["earlier_tasks"]] == ["acquire", "assemble"]
+
+
+def test_positions_that_are_recorded_again_are_a_second_task(lfcal: Lfcal, place: Path) -> None:
+    first = Acquire(plan=place / "plan.json", out=place / "s", **QUICK)
+    first.run()
+    RedoList.of([(0, 1, 2)]).write(place / "redo.json")
+    second = Acquire(plan=place / "plan.json", out=place / "s", redo=place / "redo.json", option=QUICK["option"])
+    second.run()
+    with open_frames(place / "s") as source:
+        assert source.metadata.earlier_tasks == (kept(first), kept(second))
+
+
+def test_a_session_without_a_task_or_with_a_damaged_one_opens(place: Path) -> None:
+    Acquire(plan=place / "plan.json", out=place / "s", **QUICK).run()
+    for text in ("{", "[]"):
+        (place / "s" / "job.json").write_text(text)
+        with open_frames(place / "s") as source:
+            assert source.metadata.earlier_tasks == ()
+    (place / "s" / "job.json").unlink()
+    with open_frames(place / "s") as source:
+        assert source.metadata.earlier_tasks == () and len(source) == 6
+
+
+def test_regions_keep_the_task_and_continue_by_it(lfcal: Lfcal, place: Path) -> None:
+    task = AcquireRegions(plan=place / "regions.json", out=place / "s", **QUICK)
+    faulty = replace(task, option=(*task.option, "faults=times out@9*9"))
+    assert lfcal(*words_of(faulty)).code == 2
+    for job in ("job.json", "left/job.json"):
+        found, _ = load_job(place / "s" / job, {"option": list(task.option)})
+        assert found == replace(task, out=found.files("in")[-1]) and found.files("in")[-1].resolve() == place / "s"
+    done = lfcal("run", place / "s" / "left" / "job.json", "--resume")
+    assert done.code == 0, done.err
+    for name in ("left", "right"):
+        assert len(frames(place / "s" / name)) == 6
 
 
 def test_a_job_and_a_command_keep_every_value(place: Path) -> None:

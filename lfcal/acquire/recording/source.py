@@ -18,7 +18,7 @@ from lfcal.acquire.recording._recorded import RecordedFile
 from lfcal.acquire.recording.recording_file import RecordingFile
 from lfcal.acquire.recording.records import Kind, Suspicion, file_name, suspicions
 from lfcal.acquire.schedule import Schedule
-from lfcal.acquire.session_file import Devices, SessionFile, frame_dtype
+from lfcal.acquire.session_file import Devices, SessionFile, frame_dtype, kept_tasks
 from lfcal.base import FileFormatError, InputError, Region, StorageError, check_region, position_at
 from lfcal.camera import ScanPlan
 from lfcal.frames import (
@@ -227,6 +227,7 @@ class RecordingSource(Frames):
             suspect=[[*position, what.words] for position, what in self.suspects()],
             kept_aside=self._kept_aside(),
             optics=devices.optics,
+            earlier_tasks=kept_tasks(self._folder, len(self.session.recordings)),
         )
 
     def _kept_aside(self) -> list[list[int]]:

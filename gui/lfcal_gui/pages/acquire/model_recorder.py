@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -226,7 +225,6 @@ class FolderState:
 def folder_state(folder: str) -> FolderState:
     """Return what is recorded in ``folder``; a damaged session is a problem in words, not an error."""
     from lfcal.acquire import SessionFile
-    from lfcal.acquire.recording import RecordingFile
     from lfcal.base import LfcalError
 
     if folder and (Path(folder) / "regions.json").exists():
@@ -235,27 +233,16 @@ def folder_state(folder: str) -> FolderState:
         return FolderState()
     try:
         session = SessionFile.read(Path(folder))
-        shape = session.grid
-        there = np.zeros(math.prod(shape), np.bool_)
-        for name in session.recordings:
-            with RecordingFile(Path(folder) / name) as file:
-                flat = file.records["index"][file.taken]
-                there[flat[flat < there.size]] = True
+        there = session.acknowledged(Path(folder))
     except (LfcalError, OSError) as error:
         return FolderState(problem=str(error))
     how = session.runs[-1].how if session.runs else ""
     if session.target is not None:
         target: TargetPlan = session.target  # type: ignore[assignment]  # a session's frame plan is a target's
-        frames = np.array([z * shape[2] + k for z, k in target.frames], np.intp)
-        return FolderState(
-            there[frames], how, "", session.plan, session.options, None, target, recordings=session.recordings
-        )
-    chosen = np.zeros(shape, np.bool_)
-    if session.redo[0]:
-        chosen[tuple(np.array([at for part in session.redo for at in part]).T)] = True
-    found = chosen if session.redo[0] else None
-    there = there.reshape(shape)
-    return FolderState(there, how, "", session.plan, session.options, found, recordings=session.recordings)
+        there = there[tuple(frame_positions(target).T)]
+        return FolderState(there, how, "", session.plan, session.options, None, target, session.recordings)
+    chosen = session.chosen if session.redo[0] else None
+    return FolderState(there, how, "", session.plan, session.options, chosen, None, session.recordings)
 
 
 @dataclass(frozen=True, eq=False)
