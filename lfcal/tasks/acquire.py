@@ -385,7 +385,7 @@ class _Acquire(Task):
             with stoppable(control) as asked:
                 work = self.iter_session(plan, rig, options, **how)
                 found = yield from followed(work, control, lambda: seen()["alarms"])
-        facts = {"optics": optics} if optics else {}
+        facts: dict[str, Any] = {"optics": optics} if optics else {}
         facts |= {**seen(), "assumed": assumed}
         return ((yield from self._iter_ended(found, facts, next(iter(asked), signal.SIGINT), run)),)
 
