@@ -48,7 +48,8 @@ class R29Result:
     def show(self) -> None:
         """Print forecast and measurement side by side."""
         from lfcal.base.units import format_bytes
-        from lfcal.cli._console import print_table, seconds
+        from lfcal.base.units import format_seconds as seconds
+        from lfcal.cli._console import print_table
 
         scaled = "" if self.planes_measured == PLANES else f" ({self.planes_measured} measured, scaled)"
         rows = [

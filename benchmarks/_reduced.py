@@ -96,7 +96,8 @@ def run_reduced(
 def show_reduced(rows: Sequence[WithinRow], side: int) -> None:
     """Print the table, beside the exact projection."""
     from lfcal.base.units import format_bytes
-    from lfcal.cli._console import print_table, seconds
+    from lfcal.base.units import format_seconds as seconds
+    from lfcal.cli._console import print_table
 
     exact = rows[0]
     cells = [

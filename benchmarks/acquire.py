@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import typer
 
-from lfcal.cli._options import FolderOption, JsonOption
+from benchmarks._folder import FolderOption
+from lfcal.cli._options import JsonOption
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan

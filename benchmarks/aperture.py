@@ -178,7 +178,7 @@ def table(outcomes: Sequence[Outcome]) -> None:
     """Print medians per curvature and SNR, then round stops and stuck blades, then the whole."""
     from statistics import median
 
-    from lfcal.cli._console import seconds
+    from lfcal.base.units import format_seconds as seconds
 
     _irises([o for o in outcomes if o.trial.case == "iris"])
     for name in ("round", "stuck"):

@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from benchmarks._folder import FolderOption
 from lfcal.base.system import peak_memory
 from lfcal.base.units import format_bytes
-from lfcal.cli._console import print_json, print_table, seconds
-from lfcal.cli._options import CompressionOption, FolderOption, JsonOption, WorkersOption
+from lfcal.base.units import format_seconds as seconds
+from lfcal.cli._console import print_json, print_table
+from lfcal.cli._options import JsonOption, WorkersOption
 
 if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix
@@ -60,7 +62,7 @@ def command(
     cutout: int = typer.Option(181, min=21, help="Side of the cutout (px); 181 makes 685 MB of a plane of r29."),
     planes: int = typer.Option(1, min=1, help="Planes."),
     noise: float = typer.Option(0.003, help="Noise of a pixel over the brightest one; a noisy file packs badly."),
-    compression: CompressionOption = "gzip",
+    compression: str = typer.Option("gzip", help="gzip, zstd or none."),
     folder: FolderOption = None,
     workers: WorkersOption = None,
     json: JsonOption = False,

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli._options import FolderOption, JsonOption, WorkersOption
+from benchmarks._folder import FolderOption
+from lfcal.cli._options import JsonOption, WorkersOption
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -180,7 +181,8 @@ def _best(run: Callable[[], NDArray[Any]], repeats: int) -> tuple[NDArray[Any], 
 def show(rows: list[Row], title: str) -> None:
     """Print the table, with how many times faster lfcal is than each."""
     from benchmarks._projectors import pyolaf_version
-    from lfcal.cli._console import print_table, seconds
+    from lfcal.base.units import format_seconds as seconds
+    from lfcal.cli._console import print_table
 
     ours = min(r.pair_s for r in rows if r.name.endswith("float32"))
     cells = [

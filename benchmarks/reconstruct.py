@@ -196,7 +196,8 @@ def measure(
 
 def show(curves: list[Curve], reference: dict[str, float], title: str) -> None:
     """Print the table: least error, when it was reached, and when 5 % above the best of plain Richardson-Lucy."""
-    from lfcal.cli._console import print_table, seconds
+    from lfcal.base.units import format_seconds as seconds
+    from lfcal.cli._console import print_table
 
     # time to the same error: the only fair comparison of solvers whose iterations cost differently.
     goal = 1.05 * min(curves[0].errors)

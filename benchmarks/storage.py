@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from benchmarks._folder import FolderOption
 from lfcal.cli._console import print_json, print_table, report
-from lfcal.cli._options import FolderOption, ForceOption, JsonOption, WorkersOption
+from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -231,7 +232,7 @@ def _forecast(rows: Sequence[Stored], planes: int) -> dict[str, float]:
 
 def _show(rows: Sequence[Stored], shape: tuple[int, ...], camera: str, planes: int, ahead: dict[str, float]) -> None:
     from lfcal.base.units import format_bytes
-    from lfcal.cli._console import seconds
+    from lfcal.base.units import format_seconds as seconds
 
     entries = math.prod(shape[1:])
     cells = [

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from benchmarks._folder import FolderOption
 from lfcal.cli._console import print_json, print_table
-from lfcal.cli._options import CameraArgument, FolderOption, JsonOption
+from lfcal.cli._options import CameraArgument, JsonOption
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan

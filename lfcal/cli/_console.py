@@ -9,14 +9,14 @@ from typing import Any, TypeVar
 
 import typer
 
-from lfcal.base import Progress, Work, drain, format_seconds, plain
+from lfcal.base import Progress, Work, drain, plain
 
 __all__ = ["KEPT", "done_text", "print_json", "print_table", "report", "run_work"]
 
 R = TypeVar("R")
 
 KEPT = "whole units are kept"
-"""Note of an exception behind which work stays to go on with: the last line must not say that nothing does."""
+"""Note of an exception after which work is kept to resume: the last line must not say that nothing is."""
 
 
 def report(message: str) -> None:
@@ -91,8 +91,3 @@ def print_table(headers: list[str], rows: list[list[str]], *, title: str = "") -
 
 def _numeric(text: str) -> bool:
     return not text or text[0].isdigit() or text[0] in "-+–<≈" or text == "—"
-
-
-def seconds(value: float) -> str:
-    """Return a duration for a table."""
-    return format_seconds(value)

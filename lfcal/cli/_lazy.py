@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from collections.abc import Iterator, MutableMapping
+import shutil
+import textwrap
+from collections import UserDict
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
-from types import CodeType, ModuleType
+from types import CodeType
 from typing import Any
 
 import typer.core
@@ -32,14 +35,25 @@ def listed_commands(package: str, order: tuple[str, ...] = ()) -> tuple[Listed, 
     ``camera_*`` are parts of ``camera``, which registers them. The summary is the first paragraph of the function
     ``command``, or, for a group, what the first line of the module says behind the colon.
     """
-    path = importlib.import_module(package).__path__
-    names = [m.name for m in pkgutil.iter_modules(path) if not m.name.startswith("_")]
-    # a stable sort: what is not named in the order stays sorted by name behind it.
-    names = sorted(name for name in names if name.partition("_")[0] == name or name.partition("_")[0] not in names)
-    called = {name: name.replace("_", "-") for name in names}
-    names.sort(key=lambda name: order.index(called[name]) if called[name] in order else len(order))
-    called = {name: called[name] for name in names}
-    return _listed(package, called)
+    names = [name for name in _modules(package) if not name.startswith("_")]
+    called = {name: name.replace("_", "-") for name in names if not {name.partition("_")[0]} & {*names} - {name}}
+    ranks = {name: rank for rank, name in enumerate(order)}
+    # a stable sort: what the order does not name stays sorted by name behind it.
+    return _listed(package, {name: called[name] for name in sorted(called, key=lambda n: ranks.get(called[n], 99))})
+
+
+def command_with_parts(package: str, name: str) -> type[CommandWithParts]:
+    """Return the class of a command ``name`` whose modules ``name_*`` register further commands behind its name.
+
+    ``lfcal fit SOURCE`` is a command, and so is ``lfcal fit check``, which is loaded when it is called.
+    """
+    modules = [module for module in _modules(package) if module.startswith(f"{name}_")]
+    called = {module: module.removeprefix(f"{name}_").replace("_", "-") for module in modules}
+    return type(CommandWithParts.__name__, (CommandWithParts,), {"parts": LazyCommands(_listed(package, called))})
+
+
+def _modules(package: str) -> list[str]:
+    return sorted(m.name for m in pkgutil.iter_modules(importlib.import_module(package).__path__))
 
 
 def _listed(package: str, called: dict[str, str]) -> tuple[Listed, ...]:
@@ -50,17 +64,6 @@ def _listed(package: str, called: dict[str, str]) -> tuple[Listed, ...]:
         for name, code in found
         if code is not None and "register" in code.co_names
     )
-
-
-def command_with_parts(package: str, name: str) -> type[CommandWithParts]:
-    """Return the class of a command ``name`` whose modules ``name_*`` register further commands behind its name.
-
-    ``lfcal fit SOURCE`` is a command, and so is ``lfcal fit check``, which is loaded when it is called.
-    """
-    path = importlib.import_module(package).__path__
-    modules = sorted(m.name for m in pkgutil.iter_modules(path) if m.name.startswith(f"{name}_"))
-    called = {module: module.removeprefix(f"{name}_").replace("_", "-") for module in modules}
-    return type(CommandWithParts.__name__, (CommandWithParts,), {"parts": LazyCommands(_listed(package, called))})
 
 
 def _code_of(module: str) -> CodeType | None:
@@ -84,48 +87,25 @@ def _first_constant(code: CodeType) -> str:
     return first if isinstance(first, str) else ""
 
 
-class LazyCommands(MutableMapping[str, Any]):
+class LazyCommands(UserDict[str, Any]):
     """Commands by name, each loaded when it is looked up."""
 
     def __init__(self, listed: tuple[Listed, ...]) -> None:
         self.listed = {one.name: one for one in listed}
-        self._loaded: dict[str, Any] = {}
+        super().__init__(self.listed)
 
     def __getitem__(self, name: str) -> Any:
         """Return the command, its module imported and its signature read."""
-        if name not in self._loaded:
-            self._loaded[name] = _load(self.listed[name])
-        return self._loaded[name]
-
-    def __setitem__(self, name: str, command: Any) -> None:
-        """Add a command that is there already."""
-        self._loaded[name] = command
-
-    def __delitem__(self, name: str) -> None:
-        """Forget a command."""
-        self.listed.pop(name, None)
-        self._loaded.pop(name, None)
-
-    def __contains__(self, name: object) -> bool:
-        """Return whether there is such a command, which is not loaded for it."""
-        return name in self.listed or name in self._loaded
-
-    def __iter__(self) -> Iterator[str]:
-        """Go through the names in order."""
-        yield from self.listed
-        yield from (name for name in self._loaded if name not in self.listed)
-
-    def __len__(self) -> int:
-        """Count the commands."""
-        return len(self.listed.keys() | self._loaded.keys())
+        if isinstance(self.data[name], Listed):
+            self.data[name] = _load(self.data[name])
+        return self.data[name]
 
 
 def _load(listed: Listed) -> Any:
-    module: ModuleType = importlib.import_module(listed.module)
     app = typer.Typer(add_completion=False, rich_markup_mode="markdown")
     # with a callback it stays a group, whose command has its own name
     app.callback()(lambda: None)
-    module.register(app)
+    importlib.import_module(listed.module).register(app)
     group: Any = typer.main.get_command(app)
     return group.commands[listed.name]
 
@@ -156,20 +136,11 @@ class LazyGroup(typer.core.TyperGroup):
         return list(self.commands)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return the command of this name; while help or completion is made, one that has its summary only."""
+        """Return the command of this name; while completions are made, one that has its summary only."""
         commands: Any = self.commands
-        if self._listing and isinstance(commands, LazyCommands) and cmd_name in commands.listed:
-            summary = commands.listed[cmd_name].summary
-            return typer.core.TyperCommand(cmd_name, help=summary, rich_markup_mode="markdown")
-        return self.commands.get(cmd_name)
-
-    def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Print the help; Typer's own printer takes longer to load than all else."""
-        self._listing = True
-        try:
-            print_overview(self, ctx)
-        finally:
-            self._listing = False
+        if self._listing and cmd_name in commands.listed:
+            return typer.core.TyperCommand(cmd_name, help=commands.listed[cmd_name].summary)
+        return commands.get(cmd_name)
 
     def shell_complete(self, ctx: Any, incomplete: str) -> Any:
         """Return what may follow ``incomplete``: names of commands with their summaries."""
@@ -179,30 +150,27 @@ class LazyGroup(typer.core.TyperGroup):
         finally:
             self._listing = False
 
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Print usage, options, and commands under their headings; Typer's own printer takes long to load."""
+        commands: Any = self.commands
+        typer.secho(f"\nUsage: {ctx.command_path} {' '.join(self.collect_usage_pieces(ctx))}\n", bold=True)
+        typer.echo(f"{self.help}\n")
+        for heading, names in self.headings(tuple(commands)):
+            _print_rows(heading, ((name, commands.listed[name].summary) for name in names))
+        records = (parameter.get_help_record(ctx) for parameter in self.get_params(ctx))
+        _print_rows("Options", (record for record in records if record is not None))
+        typer.echo(f"Each has its own help with an example: {ctx.command_path} COMMAND --help\n")
 
-def print_overview(group: LazyGroup, ctx: Any) -> None:
-    """Print usage, options, and the commands under the headings of the group."""
-    from rich.console import Console
-    from rich.padding import Padding
-    from rich.table import Table
-    from rich.text import Text
 
-    def table(rows: list[tuple[str, str]]) -> Padding:
-        grid = Table.grid(padding=(0, 2))
-        grid.add_column(style="bold cyan", no_wrap=True, min_width=14)
-        grid.add_column(overflow="fold")
-        for name, said in rows:
-            grid.add_row(name, Text(said))
-        return Padding(grid, (0, 0, 1, 2))
-
-    console = Console()
-    console.print(Text(f"\nUsage: {ctx.command_path} {' '.join(group.collect_usage_pieces(ctx))}\n", style="bold"))
-    console.print(Text(f"{group.help}\n"))
-    shown = {name: str(group.get_command(ctx, name).help) for name in group.list_commands(ctx)}
-    for heading, names in group.headings(tuple(shown)):
-        console.print(Text(heading, style="yellow"))
-        console.print(table([(name, shown[name]) for name in names]))
-    console.print(Text("Options", style="yellow"))
-    records = (parameter.get_help_record(ctx) for parameter in group.get_params(ctx))
-    console.print(table([record for record in records if record is not None]))
-    console.print(Text(f"Each has its own help with an example: {ctx.command_path} COMMAND --help\n"))
+def _print_rows(heading: str, rows: Iterable[tuple[str, str]]) -> None:
+    """Print a heading, and names with what is said of each."""
+    typer.secho(heading, fg=typer.colors.YELLOW)
+    known = dict(rows)
+    left = max(14, *map(len, known))
+    width = max(20, shutil.get_terminal_size().columns - left - 4)
+    for name, said in known.items():
+        lines = textwrap.wrap(said, width, break_on_hyphens=False) or [""]
+        typer.echo(f"  {typer.style(name.ljust(left), fg=typer.colors.CYAN, bold=True)}  {lines[0]}")
+        for line in lines[1:]:
+            typer.echo(f"{'':{left + 4}}{line}")
+    typer.echo()
