@@ -184,8 +184,8 @@ def _by_rows(channels: NDArray[Any]) -> NDArray[Any]:
 def _lattice_of(white: Path | None, lattice: Path | None, camera: str | None, dark: Path | None) -> FrameLattice:
     """Return the lattice measured before, the one in the white image, or the one that a camera states."""
     from lfcal.frames.corrections import read_average
-    from lfcal.lattice import fit_lattice, lattice_of
-    from lfcal.tasks import load_camera, load_lattice
+    from lfcal.lattice import fit_lattice, lattice_of, load_lattice
+    from lfcal.tasks import load_camera
 
     given = [name for name, value in (("--white", white), ("--lattice", lattice), ("--camera", camera)) if value]
     if len(given) != 1:

@@ -11,10 +11,12 @@ from lfcal.base import replace_whole
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["save_picture", "save_stack", "stack_names", "view_names"]
+    from lfcal.lattice import Views
+
+__all__ = ["joined", "save_focal_stack", "save_picture", "save_stack", "save_views", "stack_names", "view_names"]
 
 LARGEST = 3 << 30
-"""Bytes from which on a stack is no longer in ImageJ's own form, which holds 4 GB at most."""
+"""Bytes of the largest stack in ImageJ's own form, which holds 4 GB at most."""
 
 
 def view_names(label: str) -> list[str]:
@@ -25,6 +27,35 @@ def view_names(label: str) -> list[str]:
 def stack_names(label: str, slopes: tuple[float, ...]) -> list[str]:
     """Return the files of a focal stack."""
     return [f"focal_stack{label}.tif", *(f"focus{label}_{slope:+07.2f}.png" for slope in slopes)]
+
+
+def joined(colours: list[NDArray[Any]], axis: int) -> NDArray[Any]:
+    """Return arrays of several colours as one; that of a single colour has no axis for it."""
+    import numpy as np
+
+    return colours[0] if len(colours) == 1 else np.stack(colours, axis=axis)
+
+
+def save_views(out: Path, label: str, colours: list[Views], times: int) -> None:
+    """Write all views as a stack ``(v, u, y, x)`` (ImageJ: t and z), next to each other, and the middle one."""
+    import numpy as np
+
+    stack, mosaic, central = (out / name for name in view_names(label))
+    images = joined([np.where(one.mask, one.images, np.float32(np.nan)) for one in colours], 2)
+    save_stack(stack, images, "TZCYX" if len(colours) > 1 else "TZYX")
+    for path, shown, larger in (
+        (mosaic, joined([one.mosaic(2) for one in colours], 0), 1),
+        (central, joined([one.central for one in colours], 0), times),
+    ):
+        save_picture(path, shown if shown.ndim == 2 or len(shown) == 3 else shown[0], larger)
+
+
+def save_focal_stack(out: Path, label: str, stack: NDArray[Any], slopes: tuple[float, ...]) -> None:
+    """Write the planes of a focal stack as one file, and each as a picture."""
+    names = stack_names(label, slopes)
+    save_stack(out / names[0], stack, "ZCYX" if stack.ndim == 4 else "ZYX", [f"slope {w:+.3f}" for w in slopes])
+    for name, image in zip(names[1:], stack, strict=True):
+        save_picture(out / name, image)
 
 
 def save_stack(path: Path, stack: NDArray[Any], axes: str, labels: list[str] | None = None) -> None:
@@ -39,8 +70,7 @@ def save_stack(path: Path, stack: NDArray[Any], axes: str, labels: list[str] | N
         # one label a picture: all channels of a plane have the plane's
         each = stack.shape[axes.index("C")] if "C" in axes else 1
         metadata["Labels"] = [label for label in labels for _ in range(each)]
-    data = np.ascontiguousarray(stack, np.float32)
-    write_tiff(path, data, imagej=not big, bigtiff=big, metadata=metadata)
+    write_tiff(path, np.ascontiguousarray(stack, np.float32), imagej=not big, bigtiff=big, metadata=metadata)
 
 
 def save_picture(path: Path, image: NDArray[Any], times: int = 1) -> None:
@@ -57,8 +87,5 @@ def save_picture(path: Path, image: NDArray[Any], times: int = 1) -> None:
     shown = np.rint(255 * grey).astype(np.uint8).repeat(times, axis=-2).repeat(times, axis=-1)
     if shown.ndim == 3:
         shown = np.ascontiguousarray(shown[::-1].transpose(1, 2, 0))
-    ok, encoded = cv2.imencode(".png", shown)
-    if not ok:
-        raise RuntimeError("PNG encoding failed")
     with replace_whole(path) as part:
-        part.write_bytes(encoded.tobytes())
+        part.write_bytes(cv2.imencode(".png", shown)[1].tobytes())

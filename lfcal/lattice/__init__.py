@@ -1,6 +1,7 @@
 """The lenslet lattice of an image: where the lenslets are, of which type, how bright, and what each one sees.
 
 - ``fit``: the lattice from a white image; ``_spectrum``, ``_rounds``, ``_forms`` and ``_micro_image`` are its steps
+- ``lattice_file``: a measured lattice as files
 - ``lens_types``: which lenslet is of which type
 - ``vignetting``: the fall of light over the field; ``_smooth_field`` is its model
 - ``micro_images``: what views ask of a lattice, and the lattice of a camera description, of a crop, of one lens type

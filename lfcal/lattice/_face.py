@@ -5,6 +5,7 @@ from __future__ import annotations
 from lfcal.lattice._refocus import refocus, sensor_slope
 from lfcal.lattice._view_grid import ViewGrid, view_grid
 from lfcal.lattice.fit import LatticeFit, fit_lattice
+from lfcal.lattice.lattice_file import load_lattice, save_lattice
 from lfcal.lattice.lens_types import LensTypes, classify_lens_types, expected_blur
 from lfcal.lattice.micro_images import FrameLattice, MicroImageLattice, TypeLattice, cropped, lattice_of, type_lattice
 from lfcal.lattice.rendering import RenderedPlanes, render, sharpness_shares, total_focus
@@ -27,9 +28,11 @@ __all__ = [
     "extract_views",
     "fit_lattice",
     "lattice_of",
+    "load_lattice",
     "refocus",
     "render",
     "sample_views",
+    "save_lattice",
     "sensor_slope",
     "sharpness_shares",
     "total_focus",

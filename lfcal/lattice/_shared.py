@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from lfcal.lattice.camera_check import DIFFERS, FIT_PX, FITS, WRONG, CameraCheck, CheckLine, check_camera
+from lfcal.lattice.lattice_file import lattice_dict, lattice_files
 from lfcal.lattice.lattice_fit import LatticeErrors
 from lfcal.lattice.micro_images import TypeOf
 from lfcal.lattice.rendering import check_slopes
@@ -18,4 +19,6 @@ __all__ = [
     "TypeOf",
     "check_camera",
     "check_slopes",
+    "lattice_dict",
+    "lattice_files",
 ]

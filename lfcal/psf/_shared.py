@@ -10,7 +10,7 @@ from lfcal.psf.denoising import mean_noise
 from lfcal.psf.facts import Origin
 from lfcal.psf.filling import Filled
 from lfcal.psf.half_cell import copied_positions
-from lfcal.psf.layout import COMPRESSIONS, Header, Plane
+from lfcal.psf.layout import Header, Plane
 from lfcal.psf.lens_centre import lens_centre_of
 from lfcal.psf.light import dark_planes, empty_positions, empty_words
 from lfcal.psf.make import PlaneSource, Reopening, Zeros, iter_make, iter_write
@@ -29,7 +29,6 @@ __all__ = [
     "AS_IS",
     "AUTO",
     "CHECK",
-    "COMPRESSIONS",
     "FORMAT",
     "INTERPOLATIONS",
     "MAT_ORDERS",

@@ -13,13 +13,12 @@ from lfcal.base import InputError, check_psf_shape
 from lfcal.base.h5 import H5Data
 from lfcal.psf._steps import check_store_tolerance
 from lfcal.psf.facts import Facts
+from lfcal.records import COMPRESSIONS
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera
 
-__all__ = ["COMPRESSIONS", "ROUNDED", "STORED_TYPES", "Header", "Plane", "Stored", "StoredPlane"]
-
-COMPRESSIONS = ("gzip", "zstd", "none")
+__all__ = ["ROUNDED", "STORED_TYPES", "Header", "Plane", "Stored", "StoredPlane"]
 
 ROUNDED = "rounded"
 """float32 in steps of a power of two, as wide as 16 bits for a plane allow: small, and exact for whole numbers."""

@@ -245,7 +245,7 @@ def view_of(H: Any, white: Path | None, lattice: Path | None = None) -> Resampli
     from lfcal.reconstruct import Resampling, lattice_anchor_of
 
     if lattice is not None:
-        from lfcal.tasks.lattice_file import load_lattice
+        from lfcal.lattice import load_lattice
 
         fit = load_lattice(lattice)
         kind = fit.kind if H.camera is None else H.camera.lattice.kind

@@ -16,7 +16,6 @@ from lfcal.tasks.fit_object import PredictedObject
 from lfcal.tasks.fit_validate import Validated
 from lfcal.tasks.inspect import InspectedMatrix
 from lfcal.tasks.inspect_planes import control_frames
-from lfcal.tasks.lattice_file import LATTICE_FORMAT, LATTICE_VERSION, load_lattice
 from lfcal.tasks.matrices import check_mat_files, open_matrix
 from lfcal.tasks.notes import notes_to
 from lfcal.tasks.outputs import RECORDINGS, check_output, check_outputs, files_of
@@ -35,8 +34,6 @@ from lfcal.tasks.text import load_job, words_of
 from lfcal.tasks.transpose import TransposedFile
 
 __all__ = [
-    "LATTICE_FORMAT",
-    "LATTICE_VERSION",
     "RECORDINGS",
     "WITHOUT_READOUT",
     "Assembled",
@@ -80,7 +77,6 @@ __all__ = [
     "load_camera",
     "load_file",
     "load_job",
-    "load_lattice",
     "may_replace",
     "notes_to",
     "open_matrix",

@@ -12,10 +12,8 @@ import pytest
 import tifffile
 
 from lfcal.base.errors import FileFormatError
-from lfcal.cli._white_files import save_lattice
-from lfcal.lattice import LatticeFit, fit_lattice
+from lfcal.lattice import LatticeFit, fit_lattice, load_lattice, save_lattice
 from lfcal.psf import PSFMatrix, save
-from lfcal.tasks import load_lattice
 from tests.cli.conftest import Run
 from tests.lattice.white_frames import barrel, draw_white
 

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from lfcal.base.errors import InputError
 from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Sensor, preset
-from lfcal.cli._white_files import save_lattice
-from lfcal.lattice import fit_lattice
+from lfcal.lattice import fit_lattice, save_lattice
 from lfcal.psf import PSFMatrix, save
 from lfcal.reconstruct import Projector, SolverChoice, reconstruct
 from lfcal.reconstruct.resample import resampling_for

@@ -14,8 +14,8 @@ from lfcal.acquire import RedoList
 from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.fit.stored import read_fit
 from lfcal.frames import open_frames
+from lfcal.lattice import load_lattice
 from lfcal.psf import PSFMatrix, open_psf, regions_of, save, verify
-from lfcal.tasks import load_lattice
 from lfcal_gui.models.project import read_project
 
 FILES = Path(__file__).parent / "v0_1"
