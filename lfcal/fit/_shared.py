@@ -30,7 +30,7 @@ from lfcal.fit.fit import Finished, check_stage, groups_of, iter_retrieved, iter
 from lfcal.fit.hybrid import HybridSummary
 from lfcal.fit.information import Expected
 from lfcal.fit.locate import LocatedPattern, find_source
-from lfcal.fit.measured import HELD_OUT, QUICK_PATTERN, check_optics, of_quick_pattern
+from lfcal.fit.measured import HELD_OUT, QUICK_PATTERN, check_optics, kept_aside, of_quick_pattern
 from lfcal.fit.model import Fineness, PlaneModel, predict
 from lfcal.fit.model_error import ChiSquare, ModelError, chi_square, covariance
 from lfcal.fit.normal import Columns, Local
@@ -115,6 +115,7 @@ __all__ = [
     "iter_write_fit",
     "iter_write_model",
     "json_text",
+    "kept_aside",
     "lacking",
     "leftover_of",
     "measured_camera",

@@ -14,7 +14,7 @@ from lfcal.camera import Camera, ScanPlan
 from lfcal.fit.spread import held_out_rows, spread_out
 from lfcal.psf import PSFMatrix, copied_positions, optics_of
 
-__all__ = ["QUICK_PATTERN", "Measured", "check_optics", "measured_of", "of_quick_pattern"]
+__all__ = ["QUICK_PATTERN", "Measured", "check_optics", "kept_aside", "measured_of", "of_quick_pattern"]
 
 QUICK_PATTERN = "recorded with the simulator's quick pattern, which has no lenslets"
 
@@ -221,6 +221,20 @@ def check_optics(matrix: PSFMatrix) -> None:
     if of_quick_pattern(matrix):
         remedy = "record with the simulator's default optics, without --option optics=pattern"
         raise InputError.expected("measured patterns", "those of a plenoptic camera", QUICK_PATTERN, remedy)
+
+
+def kept_aside(matrix: PSFMatrix) -> list[list[int]]:
+    """Return the positions (z, y, x) that are not to be fitted, as the provenance of H says; by default none."""
+    said = matrix.provenance.get("kept_aside")
+    shape = (matrix.shape[0], *matrix.period)
+    # provenance comes from a file that anyone may have written
+    good = isinstance(said, list) and all(
+        isinstance(p, list)
+        and len(p) == 3
+        and all(type(v) is int and 0 <= v < n for v, n in zip(p, shape, strict=True))
+        for p in said
+    )
+    return said if good and said else []
 
 
 def _aside(chosen: NDArray[np.intp], held_out: float | Sequence[Sequence[int]], plan: ScanPlan) -> NDArray[np.bool_]:

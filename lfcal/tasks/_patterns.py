@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base import FileFormatError, InputError, LfcalError, Work
-from lfcal.records import CorrectionRecipe
+from lfcal.base import FileFormatError, InputError, LfcalError, Work, check_number, read_text
+from lfcal.records import CorrectionRecipe, opt, read_orientation
 from lfcal.tasks._assembled_first import of_one_channel, without_positions
+from lfcal.tasks.assemble import orientations
 from lfcal.tasks.cameras import tell_assumed
 from lfcal.tasks.matrices import open_matrix
 from lfcal.tasks.notes import note
@@ -22,27 +23,64 @@ if TYPE_CHECKING:
 
     from lfcal.camera import Camera, ScanPlan
     from lfcal.fit import Measured, StoredFit
+    from lfcal.frames import FrameSource
     from lfcal.psf import PSFMatrix
 
 __all__ = [
     "SOME",
     "PatternReading",
+    "check_colours",
     "is_matrix",
     "iter_patterns",
+    "iter_upright_scan",
     "names_of",
+    "noise_field",
     "open_upright",
+    "orientation_field",
     "own_words",
-    "read_noise",
-    "show_noise",
+    "positions_field",
 ]
 
 REPORT = "report"
 """Folder of the report of all regions."""
 
-AS_RECORDED = CorrectionRecipe()
-
 SOME = 40
 """Positions that are taken of a source that has more."""
+
+
+def _read_noise(text: str) -> tuple[float, float] | None:
+    """Return constant and slope of a variance written as ``64,1``; None for empty."""
+    if not text.strip():
+        return None
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != 2:
+        wanted = "CONSTANT,SLOPE of the variance of a sample"
+        raise InputError.expected("noise", wanted, repr(text), "for example 64,1: variance 64 + 1 x value")
+    for value in values:
+        check_number("noise", value, at_least=0)
+    if not sum(values):
+        raise InputError.expected("noise", "a variance above 0", repr(text), "give constant and slope")
+    return values[0], values[1]
+
+
+def noise_field(empty: str = "as the source states") -> tuple[float, float] | None:
+    """Declare the field ``noise`` of a task; ``empty``: what applies if it is not set."""
+    words = "CONSTANT,SLOPE: a sample of value v has the variance constant + slope v."
+    return opt(None, words, empty=empty, read=_read_noise, show=lambda value: f"{value[0]!r},{value[1]!r}")
+
+
+def positions_field(help: str) -> int | None:
+    """Declare the field ``positions`` of a task that reads patterns."""
+    return opt(None, help, at_least=0, empty=f"{SOME}, or all of a session of chosen positions")
+
+
+def orientation_field() -> str:
+    """Declare the field ``orientation`` of a task that reads frames."""
+    words = "What turns the frames upright, as when H is assembled."
+    return opt("check", words, choices=orientations, read=read_orientation)
 
 
 @dataclass(frozen=True)
@@ -58,9 +96,9 @@ class PatternReading:
     noise
         Constant and slope of a sample's variance; None takes what the source states.
     plan
-        Scan plan of frames.
+        Scan plan of frames, and of an H that has no camera.
     recipe
-        Corrections of frames.
+        Corrections of frames; None: the sources are H.
     orientation
         What makes frames upright.
     fit
@@ -71,13 +109,32 @@ class PatternReading:
     most: int | None = None
     noise: tuple[float, float] | None = None
     plan: Path | None = None
-    recipe: CorrectionRecipe = AS_RECORDED
+    recipe: CorrectionRecipe | None = None
     orientation: str = "check"
     fit: StoredFit | None = None
 
-    def without(self, plan: ScanPlan) -> frozenset[tuple[int, int, int]]:
-        """Return the positions (z, y, x) of a scan that are not taken."""
-        return self.fit.positions if self.fit is not None and self.fit.is_of(plan) else frozenset()
+    def most_of(self, aside: Sequence[object]) -> int:
+        """Return how many positions are taken, 0 for all: of a session that chose them, all."""
+        return (0 if aside else SOME) if self.most is None else self.most
+
+    def described(self, matrix: PSFMatrix, source: Path) -> PSFMatrix:
+        """Return H with a camera: of one that has none the plan says camera, depths and anchor."""
+        from lfcal.camera import ScanPlan
+        from lfcal.psf import PSFMatrix
+
+        if self.plan is None:
+            return matrix
+        if matrix.camera is not None:
+            if self.recipe is None:
+                got = f"that of {source.name}, which has one"
+                raise InputError.expected("plan", "an H without a camera", got, "leave it out")
+            return matrix
+        plan = ScanPlan.from_json(read_text(self.plan))
+        if plan.shape != matrix.shape:
+            wanted = f"a plan of its shape {matrix.shape}"
+            raise InputError.expected(f"{source.name}, plan", wanted, plan.shape, "name the plan of this H")
+        facts, depths = matrix.facts, plan.depths_um
+        return PSFMatrix(matrix.planes, depths=depths, camera=plan.camera, anchor=plan.anchor, facts=facts)
 
 
 def names_of(sources: Sequence[Path]) -> list[str]:
@@ -132,149 +189,119 @@ def open_upright(path: Path, *, quiet: bool = False) -> PSFMatrix:
     return matrix.T if matrix.is_transposed else matrix
 
 
-def read_noise(text: str) -> tuple[float, float] | None:
-    """Return constant and slope of a variance written as ``64,1``; None for empty."""
-    if not text.strip():
-        return None
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) != 2:
-        wanted = "CONSTANT,SLOPE of the variance of a sample"
-        raise InputError.expected("noise", wanted, repr(text), "for example 64,1: variance 64 + 1 x value")
-    return values[0], values[1]
-
-
-def show_noise(value: tuple[float, float]) -> str:
-    """Return the text that `read_noise` reads."""
-    return f"{value[0]!r},{value[1]!r}"
-
-
 def iter_patterns(source: Path, how: PatternReading) -> Work[tuple[Measured, dict[str, Any]]]:
     """Return the patterns of a source, and what is known of it for the provenance of what is made of them."""
     import numpy as np
 
-    from lfcal.fit import HELD_OUT, check_optics, measured_of
+    from lfcal.camera import ScanPlan
+    from lfcal.fit import HELD_OUT, check_optics, kept_aside, measured_of
 
     with ExitStack() as stack:
         if is_matrix(source):
-            matrix = stack.enter_context(open_upright(source))
+            matrix = how.described(stack.enter_context(open_upright(source)), source)
             known: dict[str, Any] = {"source": source.name}
-            aside = _aside_of(matrix)
+            aside = kept_aside(matrix)
         else:
             matrix, known, aside = yield from _iter_picked(source, how, stack)
         camera = how.camera or matrix.camera or (how.fit.setup.camera if how.fit else None)
         if camera is None:
             raise InputError.expected(str(source), "an H with its camera", "none", "name it with --camera")
         check_optics(matrix)
-        how, words = _with_noise(matrix, how)
-        _check_noise(matrix, source, how)
+        noise, words = _noise_of(matrix, how.noise)
+        _check_noise(matrix, source, noise)
         if words:
             note(words)
-        known |= {"noise": matrix.provenance["noise"]} if words else {}
+            known["noise"] = matrix.provenance["noise"]
         tell_assumed(matrix.camera if how.camera is None else None, source.name)
-        if how.fit is not None and how.without(plan := _plan_of(matrix, camera)):
-            left = _left(np.argwhere(matrix.recorded > 0), how, plan)
-            if not len(left):
-                raise _none_left(source)
-            return measured_of(matrix, camera, positions=left, noise=how.noise), known
-        most = _most(how, aside)
+        if how.fit is not None:
+            depths = tuple(float(z) for z in matrix.depths)
+            plan = ScanPlan(camera, matrix.period, matrix.cutout, depths, matrix.anchor)
+            if how.fit.positions and how.fit.is_of(plan):
+                left = _left(source, np.argwhere(matrix.recorded > 0), how, plan)
+                return measured_of(matrix, camera, positions=left, noise=noise), known
+        most = how.most_of(aside)
         all_of_them = not most or int((matrix.recorded > 0).sum()) <= most
         apart = aside if aside and all_of_them else HELD_OUT
-        return measured_of(matrix, camera, noise=how.noise, most=most or None, held_out=apart), known
-
-
-def _plan_of(matrix: PSFMatrix, camera: Camera) -> ScanPlan:
-    from lfcal.camera import ScanPlan
-
-    depths = tuple(float(z) for z in matrix.depths)
-    return ScanPlan(camera, matrix.period, matrix.cutout, depths, matrix.anchor)
-
-
-def _most(how: PatternReading, aside: list[list[int]]) -> int:
-    """Return how many positions are taken, 0 for all: of a session that chose them, all."""
-    return (0 if aside else SOME) if how.most is None else how.most
-
-
-def _aside_of(matrix: PSFMatrix) -> list[list[int]]:
-    """Return the positions that H says are not to be fitted; what is no such list says nothing."""
-    said = matrix.provenance.get("kept_aside")
-    shape = (matrix.shape[0], *matrix.period)
-    # provenance comes from a file that anyone may have written
-    good = isinstance(said, list) and all(
-        isinstance(p, list)
-        and len(p) == 3
-        and all(type(v) is int and 0 <= v < n for v, n in zip(p, shape, strict=True))
-        for p in said
-    )
-    return said if good and said else []
-
-
-def _none_left(source: Path) -> InputError:
-    remedy = "fit fewer positions, or name another recording"
-    return InputError.expected(f"{source}, recorded positions", "some besides those fitted", "none", remedy)
+        return measured_of(matrix, camera, noise=noise, most=most or None, held_out=apart), known
 
 
 def _left(
-    index: NDArray[np.intp], how: PatternReading, plan: ScanPlan, aside: list[list[int]] | None = None
+    source: Path, index: NDArray[np.intp], how: PatternReading, plan: ScanPlan, aside: Sequence[object] = ()
 ) -> NDArray[np.intp]:
-    """Return positions that may be taken, spread evenly, no more than are asked for."""
+    """Return positions that were not fitted, spread evenly, no more than are asked for."""
     from lfcal.fit import spread_out
 
-    most, without = _most(how, aside or []), how.without(plan)
+    most, fit = how.most_of(aside), how.fit
+    without = fit.positions if fit is not None and fit.is_of(plan) else frozenset()
     found = index[[tuple(at) not in without for at in index.tolist()]] if len(index) else index
+    if not len(found):
+        remedy = "fit fewer positions, or name another recording"
+        raise InputError.expected(f"{source}, recorded positions", "some besides those fitted", "none", remedy)
     return found[spread_out(found, most, plan.period)] if most and len(found) > most else found
 
 
-def _with_noise(matrix: PSFMatrix, how: PatternReading) -> tuple[PatternReading, str]:
-    """Return how patterns are read, with the noise that H states of its frames, and where that is known from."""
+def _noise_of(matrix: PSFMatrix, given: tuple[float, float] | None) -> tuple[tuple[float, float] | None, str]:
+    """Return the noise to give for H, None where it states a variance, and in words where that is known from."""
     import numpy as np
 
     from lfcal.psf import noise_of
 
     found = noise_of(matrix.provenance)
-    if how.noise is not None or found is None:
-        return how, ""
+    if given is not None or found is None:
+        return given, ""
     known = matrix.facts.noise
-    if known is None or not np.isfinite(known[matrix.recorded > 0]).all():
-        how = replace(how, noise=(found.floor, found.slope))
-    return how, f"noise of the frames: {found.source} (variance {found.floor:.3g} + {found.slope:.3g} x signal)"
+    stated = known is not None and np.isfinite(known[matrix.recorded > 0]).all()
+    words = f"noise of the frames: {found.source} (variance {found.floor:.3g} + {found.slope:.3g} x signal)"
+    return None if stated else (found.floor, found.slope), words
 
 
-def _check_noise(matrix: PSFMatrix, source: Path, how: PatternReading) -> None:
+def _check_noise(matrix: PSFMatrix, source: Path, given: tuple[float, float] | None) -> None:
+    """Raise `InputError` unless the variance of the samples is given, or H states one that can be used."""
     import numpy as np
 
-    if how.noise is not None:
+    if given is not None:
         return
     noise = None if matrix.facts.noise is None else matrix.facts.noise[matrix.recorded > 0]
     if noise is None or not np.isfinite(noise).all():
         got, remedy = "none", "state it with --noise CONSTANT,SLOPE"
-        if _assumes_noise(matrix):
+        marks = None if matrix.camera is None else matrix.camera.marks
+        if marks is not None and "assumed" in (marks["sensor.read_noise_e"], marks["sensor.full_well_e"]):
             got = "a sensor whose read noise or full well is assumed"
-            remedy = "state them (camera new --set sensor.read_noise_e=…), or state it with --noise CONSTANT,SLOPE"
+            remedy = f"state them (camera new --set sensor.read_noise_e=…), or {remedy}"
         raise InputError.expected(f"{source}, noise", "a variance of the samples", got, remedy)
     # of samples above a black level the variance begins there, and at 0 it would be below nothing
     if (noise[:, 0] < 0).any():
-        raise InputError.expected(
-            f"{source}, samples", "without their black level", "with it", "name --dark, or --black-level"
-        )
+        wanted, remedy = "without their black level", "name --dark, or --black-level"
+        raise InputError.expected(f"{source}, samples", wanted, "with it", remedy)
 
 
-def _assumes_noise(matrix: PSFMatrix) -> bool:
-    """Return whether the camera has noise that nobody stated: it is counted with as little as if there were none."""
-    marks = None if matrix.camera is None else matrix.camera.marks
-    return marks is not None and "assumed" in (marks["sensor.read_noise_e"], marks["sensor.full_well_e"])
+def check_colours(source: Path, frames: FrameSource, plan: ScanPlan, remedy: Callable[[Sequence[str]], str]) -> None:
+    """Raise `InputError` where frames are of several colours; ``remedy`` says of these what to do."""
+    from lfcal.frames import colours_of
+
+    if colours := colours_of(frames, plan):
+        got = f"a mosaic of {', '.join(colours)}"
+        raise InputError.expected(str(source), "frames of one colour", got, remedy(colours))
 
 
-def _recorded(source: Path) -> dict[str, Any]:
-    """Return when a session was recorded; nothing for other frames, whose files' times are those of a copy."""
-    from lfcal.acquire import NAME, SessionFile
+def iter_upright_scan(
+    source: Path, how: PatternReading, stack: ExitStack, remedy: Callable[[Sequence[str]], str]
+) -> Work[tuple[FrameSource, ScanPlan, dict[str, Any]]]:
+    """Return the frames of a scan, corrected and upright, their plan, and how they were turned.
 
-    if not (source / NAME).is_file():
-        return {}
-    ended = [run.ended or run.started for run in SessionFile.read(source).runs]
-    return {"recorded": ended[-1]} if ended else {}
+    ``remedy`` as of `check_colours`.
+    """
+    from lfcal.frames import corrected_view, oriented
+    from lfcal.psf import iter_upright
+
+    frames, plan = ScanFrames(source, how.plan, orientation=how.orientation).open()
+    stack.enter_context(frames)
+    check_colours(source, frames, plan, remedy)
+    for one in frames.metadata.notes:
+        note(one)
+    corrected = corrected_view(frames, how.recipe or CorrectionRecipe(), plan)
+    turn, lie = yield from iter_upright(corrected, plan, how.orientation)
+    return oriented(corrected, turn, plan.camera.sensor.shape), plan, lie
 
 
 def _iter_picked(
@@ -286,38 +313,31 @@ def _iter_picked(
     """
     import numpy as np
 
-    from lfcal.frames import colours_of, corrected_view, oriented
-    from lfcal.psf import iter_pick, iter_upright, scan_noise
+    from lfcal.acquire import NAME, SessionFile
+    from lfcal.psf import iter_pick, scan_noise
 
     try:
-        frames, plan = ScanFrames(source, how.plan, orientation=how.orientation).open()
+        view, plan, lie = yield from iter_upright_scan(
+            source, how, stack, lambda colours: of_one_channel(source, how.plan, colours)
+        )
     except FileFormatError as error:
         # the library's word for it is not an option here
         one = of_one_channel(source, how.plan, "RGB")
         raise FileFormatError(str(error).replace(' (colour="G")', f": {one}")) from None
     except InputError as error:
-        raise without_positions(error, source, how.plan, str(how.recipe.dark)) from None
-    stack.enter_context(frames)
-    colours = colours_of(frames, plan)
-    if colours:
-        one = of_one_channel(source, how.plan, colours)
-        raise InputError.expected(str(source), "frames of one colour", f"a mosaic of {', '.join(colours)}", one)
-    for one in frames.metadata.notes:
-        note(one)
-    corrected = corrected_view(frames, how.recipe, plan)
-    turn, lie = yield from iter_upright(corrected, plan, how.orientation)
-    view = oriented(corrected, turn, plan.camera.sensor.shape)
+        raise without_positions(error, source, how.plan, str(how.recipe.dark) if how.recipe else "") from None
     if how.camera is not None:
         plan = replace(plan, camera=how.camera)
     index = np.unique(
         np.array([tuple(view.info(k).position) for k in range(len(view))], np.intp).reshape(-1, 3), axis=0
     )
-    aside = [list(p) for p in frames.metadata.kept_aside]
-    taken = _left(index, how, plan, aside)
-    if not len(taken):
-        raise _none_left(source)
+    aside = [list(p) for p in view.metadata.kept_aside]
+    taken = _left(source, index, how, plan, aside)
     with own_words():
         noise = scan_noise(view, plan) if how.noise is None else None
         matrix = yield from iter_pick(view, plan, taken, noise=noise)
-    known = _recorded(source) | {"source": source.name, "corrections": view.metadata.corrections, **lie}
+    known: dict[str, Any] = {"source": source.name, "corrections": view.metadata.corrections, **lie}
+    # when other frames were recorded is not known: the times of their files are those of a copy
+    if (source / NAME).is_file() and (runs := SessionFile.read(source).runs):
+        known = {"recorded": runs[-1].ended or runs[-1].started} | known
     return matrix, known, aside if len(taken) == len(index) else []

@@ -10,7 +10,7 @@ from lfcal.tasks.acquire import PlannedSession, RecordedSession
 from lfcal.tasks.assemble import Assembled, AssemblyRun
 from lfcal.tasks.cameras import assumed_in_words, load_camera, load_file, tell_assumed
 from lfcal.tasks.export import ExportedFiles
-from lfcal.tasks.fit import FitOutcome
+from lfcal.tasks.fit import FitOutcome, FittedPatterns
 from lfcal.tasks.fit_check import CheckedMatrix
 from lfcal.tasks.fit_object import PredictedObject
 from lfcal.tasks.fit_validate import Validated
@@ -42,6 +42,7 @@ __all__ = [
     "CheckedMatrix",
     "ExportedFiles",
     "FitOutcome",
+    "FittedPatterns",
     "InspectedMatrix",
     "PlannedSession",
     "PositionsPlanned",

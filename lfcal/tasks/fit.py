@@ -6,32 +6,33 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from lfcal.base import InputError, Work
-from lfcal.records import CorrectionRecipe, opt, panel, read_orientation, record, required
+from lfcal.records import CorrectionRecipe, opt, panel, record, required
 from lfcal.tasks._patterns import (
     PatternReading,
     is_matrix,
     iter_patterns,
     names_of,
+    noise_field,
     open_upright,
-    read_noise,
-    show_noise,
+    orientation_field,
+    positions_field,
 )
-from lfcal.tasks.assemble import orientations
 from lfcal.tasks.cameras import is_camera_file, load_camera
 from lfcal.tasks.target_frames import opened_target, wanted_target
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
 
 if TYPE_CHECKING:
+    from lfcal.camera import ScanPlan
     from lfcal.campaign import Points
     from lfcal.fit import FieldFit, Fit, HybridSummary, Measured
     from lfcal.psf import PSFMatrix
     from lfcal.simulate.effects import Effect
     from lfcal.work import RunChoice
 
-__all__ = ["FIT", "FitFrames", "FitMatrix", "FitOutcome", "FitTarget"]
+__all__ = ["FIT", "FitFrames", "FitMatrix", "FitOutcome", "FitTarget", "FittedPatterns"]
 
 FOLDER = Path("fit")
 
@@ -54,8 +55,8 @@ class FitOutcome(TaskResult):
         The fit of all regions, or of all parts of the field; None: there is one.
     hybrids
         What each hybrid H has beyond the model, by the name of its region; an empty name: there is one.
-    points, facts
-        Of a target: the points that were found in its frames, and what they say of it.
+    points
+        Of a target: those that were found in its frames.
     holes
         Of a target: what was found of the size of its holes; empty: nothing new.
     """
@@ -67,11 +68,11 @@ class FitOutcome(TaskResult):
     field: FieldFit | None = None
     hybrids: Mapping[str, HybridSummary]
     points: Points | None = None
-    facts: Mapping[str, Any] | None = None
     holes: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return all of it as plain values."""
+        from lfcal.campaign import target_facts
         from lfcal.fit import field_dict, fit_dict
 
         files = {"files": list(self.files)}
@@ -81,7 +82,17 @@ class FitOutcome(TaskResult):
         if self.points is None:
             return field_dict(self.field) | files | ({"hybrid": hybrids} if hybrids else {})
         parts = {name: {"chi2": one.here.chi_square.lit} for name, one in self.field.fits.items() if one.here}
-        return fit_dict(self.fit) | {"source": self.source} | files | {"target": self.facts, "parts": parts}
+        return (
+            fit_dict(self.fit) | {"source": self.source} | files | {"target": target_facts(self.points), "parts": parts}
+        )
+
+
+class FittedPatterns(NamedTuple):
+    """Patterns of one region, what is known of their source, and what was fitted to them."""
+
+    measured: Measured
+    known: Mapping[str, Any]
+    fit: Fit
 
 
 def read_unknowns(text: str) -> str:
@@ -131,12 +142,7 @@ class _Fit(Task):
         empty="none",
         more=True,
     )
-    positions: int | None = opt(
-        None,
-        "Number of positions that are used, spread evenly; 0 uses all.",
-        at_least=0,
-        empty="40, or all of a session of chosen positions",
-    )
+    positions: int | None = positions_field("Number of positions that are used, spread evenly; 0 uses all.")
     write_h: bool = opt(
         True, "Whether H of the fitted camera is computed and written.", label="Compute H", flag="--no-h"
     )
@@ -146,11 +152,17 @@ class _Fit(Task):
         """What is asked of the library: auto, or the names of the groups."""
         return self.unknowns if self.unknowns == "auto" else tuple(self.unknowns.split(","))
 
-    def _begins(self) -> tuple[dict[str, str], tuple[Effect, ...]] | None:
-        """Return settings and effects that are given, None where there are none."""
+    @property
+    def told(self) -> dict[str, Any]:
+        """What the provenance of all that it writes says of it."""
+        return {"task": self.to_dict(absolute=True, outputs=False)}
+
+    def starting(self, plan: ScanPlan) -> tuple[Effect, ...] | None:
+        """Return the effects that the simulation begins with, None: those that the camera describes."""
+        from lfcal.fit import starting_effects, with_given
         from lfcal.simulate.effects import parse_effects
 
-        return parse_effects(self.effects) if self.effects else None
+        return with_given(starting_effects(plan), *parse_effects(self.effects)) if self.effects else None
 
 
 @record
@@ -181,21 +193,19 @@ class FitTarget(_Fit):
         """Find the points in the frames, fit the camera, and write it."""
         from lfcal.camera import RegionPlan, parse_regions
         from lfcal.campaign import MOST, hole_words, iter_fit_points, iter_points_of, iter_write_points, target_facts
-        from lfcal.fit import starting_effects, with_given
 
         (source,), workers = self.sources, run.workers if run else None
-        plan, given = wanted_target(source, self.plan), self._begins()
+        plan = wanted_target(source, self.plan)
         assert plan is not None
         if self.camera:
             plan = replace(plan, scan=replace(plan.scan, camera=load_camera(self.camera)))
         spread = RegionPlan.spread(plan.scan, parse_regions(self.regions)) if self.regions else plan.scan
-        begins = None if given is None else with_given(starting_effects(plan.scan), *given)
+        begins = self.starting(plan.scan)
         most = MOST if self.positions is None else self.positions or None
         with opened_target(source, plan, self.corrections) as view:
             points = yield from iter_points_of(view, plan)
             fit = yield from iter_fit_points(view, points, self.groups, effects=begins, most=most, workers=workers)
-        facts = target_facts(points)
-        known = {"source": source.name, "target": facts, "task": self.to_dict(absolute=True, outputs=False)}
+        known = {"source": source.name, "target": target_facts(points), **self.told}
         files = yield from iter_write_points(fit, spread, self.out, known, with_h=self.write_h, workers=workers)
         holes = hole_words(fit.first, asked=self.unknowns != "auto")
         one = FitOutcome(
@@ -206,7 +216,6 @@ class FitTarget(_Fit):
             field=fit,
             hybrids={},
             points=points,
-            facts=facts,
             holes=holes,
         )
         return (one,)
@@ -227,13 +236,14 @@ class FitMatrix(_Fit):
     input_words: ClassVar[str] = "H"
     in_units: ClassVar[bool] = True
 
-    noise: tuple[float, float] | None = opt(
+    plan: Path | None = opt(
         None,
-        "CONSTANT,SLOPE: a sample of value v has the variance constant + slope v.",
-        empty="as the source states",
-        read=read_noise,
-        show=show_noise,
+        "Scan plan (.json) of the frames, or of an H that has no camera.",
+        short="-p",
+        file="in",
+        empty="with the frames",
     )
+    noise: tuple[float, float] | None = noise_field()
     hybrid: bool = opt(
         False, "Write H with what recorded patterns show beyond the model, and with its uncertainty.", label="Hybrid H"
     )
@@ -273,7 +283,7 @@ class FitMatrix(_Fit):
 
     def _reading(self) -> PatternReading:
         camera = load_camera(self.camera) if self.camera else None
-        return PatternReading(camera=camera, most=self.positions, noise=self.noise)
+        return PatternReading(camera, self.positions, self.noise, self.plan)
 
     def _choice(self, run: RunSettings) -> RunChoice | None:
         """Return how H is made in units; the first of several answers for all."""
@@ -304,63 +314,61 @@ class FitMatrix(_Fit):
         """Read the patterns, fit the camera, and write it."""
         run = run or RunSettings()
         self._check_folder()
-        choice, how, given = self._choice(run), self._reading(), self._begins()
-        one = yield from (self._iter_one if len(self.sources) == 1 else self._iter_field)(how, given, choice, run)
-        return (one,)
+        choice = self._choice(run)
+        if len(self.sources) > 1:
+            return ((yield from self._iter_field(run.workers, choice)),)
+        found = yield from self.iter_fit(run.workers)
+        return ((yield from self.iter_write(found, run.workers, choice)),)
 
-    def _iter_one(
-        self,
-        how: PatternReading,
-        given: tuple[dict[str, str], tuple[Effect, ...]] | None,
-        choice: RunChoice | None,
-        run: RunSettings,
+    def iter_fit(self, workers: int | None = None) -> Work[FittedPatterns]:
+        """Fit the camera to the patterns of its only source, and write nothing."""
+        from lfcal.fit import iter_fit_camera
+
+        measured, known = yield from iter_patterns(self.sources[0], self._reading())
+        begins = self.starting(measured.plan)
+        fit = yield from iter_fit_camera(measured, unknowns=self.groups, effects=begins, workers=workers)
+        return FittedPatterns(measured, known, fit)
+
+    def iter_write(
+        self, found: FittedPatterns, workers: int | None = None, choice: RunChoice | None = None
     ) -> Work[FitOutcome]:
-        """Fit a camera to the patterns of one region."""
-        from lfcal.fit import iter_fit_camera, iter_write_fit, starting_effects, with_given
+        """Write what `iter_fit` found into its folder; ``choice`` says how H is made in units."""
+        from lfcal.fit import iter_write_fit
 
-        (source,), workers = self.sources, run.workers
-        measured, known = yield from iter_patterns(source, how)
-        known |= {"task": self.to_dict(absolute=True, outputs=False)}
-        begins = with_given(starting_effects(measured.plan), *given) if given else None
-        fit = yield from iter_fit_camera(measured, how.camera, self.groups, effects=begins, workers=workers)
+        self._check_folder()
+        (source,), (measured, known, fit) = self.sources, found
+        how: dict[str, Any] = {"noise": self.noise, "with_h": self.write_h, "workers": workers, "run": choice}
         with ExitStack() as stack:
             patterns = self._recorded(source, measured, stack) if self.hybrid else None
-            more: dict[str, Any] = {"noise": how.noise, "with_h": self.write_h, "workers": workers, "run": choice}
-            files, summary = yield from iter_write_fit(fit, measured, self.out, known, patterns=patterns, **more)
+            work = iter_write_fit(fit, measured, self.out, {**known, **self.told}, patterns=patterns, **how)
+            files, summary = yield from work
         hybrids = {} if summary is None else {"": summary}
         return FitOutcome(fit=fit, source=source, out=self.out, files=tuple(files), hybrids=hybrids)
 
-    def _iter_field(
-        self,
-        how: PatternReading,
-        given: tuple[dict[str, str], tuple[Effect, ...]] | None,
-        choice: RunChoice | None,
-        run: RunSettings,
-    ) -> Work[FitOutcome]:
+    def _iter_field(self, workers: int | None, choice: RunChoice | None) -> Work[FitOutcome]:
         """Fit one camera to the patterns of several regions."""
-        from lfcal.fit import iter_fit_field, iter_write_field, starting_effects, with_given
+        from lfcal.fit import iter_fit_field, iter_write_field
 
-        by_name = dict(zip(self._names, self.sources, strict=True))
-        patterns, known = {}, {}
-        for name, source in by_name.items():
-            patterns[name], known[name] = yield from iter_patterns(source, how)
-            known[name] |= {"task": self.to_dict(absolute=True, outputs=False)}
-        first = next(iter(patterns.values()))
-        begins = with_given(starting_effects(first.plan), *given) if given else None
-        fit = yield from iter_fit_field(patterns, how.camera, self.groups, effects=begins, workers=run.workers)
+        how, patterns, known = self._reading(), {}, {}
+        for name, source in zip(self._names, self.sources, strict=True):
+            patterns[name], own = yield from iter_patterns(source, how)
+            known[name] = {**own, **self.told}
+        begins = self.starting(next(iter(patterns.values())).plan)
+        fit = yield from iter_fit_field(patterns, how.camera, self.groups, effects=begins, workers=workers)
+        more: dict[str, Any] = {"noise": self.noise, "with_h": self.write_h, "workers": workers, "run": choice}
         with ExitStack() as stack:
-            recorded = {name: self._recorded(source, patterns[name], stack) for name, source in by_name.items()}
-            hybrids = recorded if self.hybrid else None
-            more: dict[str, Any] = {"noise": how.noise, "with_h": self.write_h, "workers": run.workers, "run": choice}
-            files, found = yield from iter_write_field(fit, patterns, self.out, known, hybrids=hybrids, **more)
-        return FitOutcome(
-            fit=fit.first, source=self.sources[0], out=self.out, files=tuple(files), field=fit, hybrids=found
-        )
+            pairs = zip(patterns.items(), self.sources, strict=True) if self.hybrid else ()
+            recorded = {name: self._recorded(source, own, stack) for (name, own), source in pairs}
+            work = iter_write_field(fit, patterns, self.out, known, hybrids=recorded or None, **more)
+            files, hybrids = yield from work
+        first, source = fit.first, self.sources[0]
+        return FitOutcome(fit=first, source=source, out=self.out, files=tuple(files), field=fit, hybrids=hybrids)
 
-    @staticmethod
-    def _recorded(source: Path, measured: Measured, stack: ExitStack) -> PSFMatrix | Measured:
+    def _recorded(self, source: Path, measured: Measured, stack: ExitStack) -> PSFMatrix | Measured:
         """Return what a hybrid is made of: of an H every recorded pattern, not only those that were fitted."""
-        return stack.enter_context(open_upright(source, quiet=True)) if is_matrix(source) else measured
+        if not is_matrix(source):
+            return measured
+        return self._reading().described(stack.enter_context(open_upright(source, quiet=True)), source)
 
 
 @record
@@ -383,18 +391,11 @@ class FitFrames(FitMatrix):
 
     input_words: ClassVar[str] = "frames"
 
-    plan: Path | None = opt(None, "Scan plan (.json) of the frames.", short="-p", file="in", empty="with the frames")
-    orientation: str = opt(
-        "check",
-        "What turns the frames upright, as when H is assembled.",
-        choices=orientations,
-        read=read_orientation,
-    )
+    orientation: str = orientation_field()
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
 
     def _reading(self) -> PatternReading:
-        how = super()._reading()
-        return replace(how, plan=self.plan, recipe=self.corrections, orientation=self.orientation)
+        return replace(super()._reading(), recipe=self.corrections, orientation=self.orientation)
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:

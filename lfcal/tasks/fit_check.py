@@ -9,10 +9,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from lfcal.base import InputError, Work
-from lfcal.records import CorrectionRecipe, opt, panel, read_orientation, read_share, record, required
-from lfcal.tasks._patterns import SOME, open_upright, own_words, read_noise, show_noise
-from lfcal.tasks.assemble import orientations
-from lfcal.tasks.scan_frames import ScanFrames, find_plan
+from lfcal.records import CorrectionRecipe, opt, panel, read_share, record, required
+from lfcal.tasks._patterns import (
+    SOME,
+    PatternReading,
+    check_colours,
+    iter_upright_scan,
+    noise_field,
+    open_upright,
+    orientation_field,
+    own_words,
+)
+from lfcal.tasks.scan_frames import find_plan
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
 
 if TYPE_CHECKING:
@@ -26,6 +34,8 @@ __all__ = ["FIT_CHECK", "CheckMatrix", "CheckMatrixByScan", "CheckedMatrix", "ne
 
 NAMES = ("*z{z}_y{y}_x{x}.*", "*y{y}_x{x}.*")
 """Names of single files that say where their source is."""
+
+ONE_COLOUR = "take one colour out of them, and the H of that colour"
 
 NEAR_DEPTH = 0.02
 """Largest relative difference between a depth and that of its plane in H."""
@@ -72,19 +82,8 @@ class CheckMatrix(Task):
     )
     limit: float = opt(0.02, "Largest error (relative L2) of an H that holds.", above=0, below=1, read=read_share)
     positions: int = opt(SOME, "Number of frames to take of each input, spread evenly; 0 takes all.", at_least=0)
-    noise: tuple[float, float] | None = opt(
-        None,
-        "CONSTANT,SLOPE: a sample of value v has the variance constant + slope v.",
-        empty="as the frames or H state",
-        read=read_noise,
-        show=show_noise,
-    )
-    orientation: str = opt(
-        "check",
-        "What turns the frames upright, as when H is assembled.",
-        choices=orientations,
-        read=read_orientation,
-    )
+    noise: tuple[float, float] | None = noise_field("as the frames or H state")
+    orientation: str = orientation_field()
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[CheckedMatrix, ...]]:
@@ -119,32 +118,30 @@ def _iter_frames(H: PSFMatrix, source: Path, task: CheckMatrix, stack: ExitStack
     """Return the frames of a file, a folder or a session, with what is known of where their sources are."""
     import numpy as np
 
+    from lfcal.acquire import NAME
+    from lfcal.fit import spread_out
     from lfcal.frames import corrected_view, named_orientation, oriented
     from lfcal.judge import plan_of
-    from lfcal.psf import AUTO, CHECK, iter_upright
+    from lfcal.psf import AUTO, CHECK
 
-    own, named = plan_of(H), task.plan if isinstance(task, CheckMatrixByScan) else None
-    scanned = source.is_dir() and ((source / "session.json").is_file() or find_plan(source, named) is not None)
-    if scanned:
-        scan, plan = ScanFrames(source, named, orientation=task.orientation).open()
-        stack.enter_context(scan)
-        _check_colours(scan, plan, source)
-        corrected = corrected_view(scan, task.corrections, plan)
-        turn, _ = yield from iter_upright(corrected, plan, task.orientation)
-        view = oriented(corrected, turn, plan.camera.sensor.shape)
+    own, most, named = plan_of(H), task.positions, task.plan if isinstance(task, CheckMatrixByScan) else None
+    if source.is_dir() and ((source / NAME).is_file() or find_plan(source, named) is not None):
+        how = PatternReading(plan=named, recipe=task.corrections, orientation=task.orientation)
+        view, plan, _ = yield from iter_upright_scan(source, how, stack, lambda _: ONE_COLOUR)
         _check_grid(H, view, plan, source)
-        return [_of_scan(H, view, plan, k) for k in _chosen(view, plan, task.positions)]
+        index = np.array([tuple(view.info(k).position) for k in range(len(view))], np.intp).reshape(-1, 3)
+        taken = spread_out(index, most, plan.period) if most and len(index) > most else np.arange(len(index))
+        return [_of_scan(H, view, plan, k) for k in taken.tolist()]
     single = single_frames(source, stack)
     if own is not None:
-        _check_colours(single, own, source)
+        check_colours(source, single, own, lambda _: ONE_COLOUR)
     seen: FrameSource = corrected_view(single, task.corrections, own)
     if task.orientation not in (AUTO, CHECK):
         shape = seen.shape if own is None else own.camera.sensor.shape
         seen = oriented(seen, named_orientation(task.orientation), shape)
     _check_grid(H, seen, own, source)
-    most = task.positions
-    names = range(len(seen)) if not most else np.unique(np.linspace(0, len(seen) - 1, most).astype(int))
-    return [_of_file(H, seen, int(k)) for k in names]
+    names = np.unique(np.linspace(0, len(seen) - 1, most or len(seen)).astype(int))
+    return [_of_file(H, seen, k) for k in names.tolist()]
 
 
 def single_frames(source: Path, stack: ExitStack) -> FrameSource:
@@ -173,15 +170,6 @@ def single_frames(source: Path, stack: ExitStack) -> FrameSource:
     return stack.enter_context(FolderSource(root, Manifest(tuple(entries))))
 
 
-def _check_colours(frames: FrameSource, plan: ScanPlan, source: Path) -> None:
-    from lfcal.frames import colours_of
-
-    colours = colours_of(frames, plan)
-    if colours:
-        got, remedy = f"a mosaic of {', '.join(colours)}", "take one colour out of them, and the H of that colour"
-        raise InputError.expected(str(source), "frames of one colour", got, remedy)
-
-
 def _check_grid(H: PSFMatrix, view: FrameSource, plan: ScanPlan | None, source: Path) -> None:
     """Raise unless pixels of the frames are pixels of H's sensor."""
     if H.camera is None:
@@ -193,17 +181,6 @@ def _check_grid(H: PSFMatrix, view: FrameSource, plan: ScanPlan | None, source: 
     if plan is not None and plan.camera.sensor.shape != wanted:
         got = plan.camera.sensor.shape
         raise InputError.expected(f"{source}, sensor", f"{wanted} pixels as H's camera", got, "name the H of this one")
-
-
-def _chosen(view: FrameSource, plan: ScanPlan, most: int) -> list[int]:
-    import numpy as np
-
-    from lfcal.fit import spread_out
-
-    index = np.array([tuple(view.info(k).position) for k in range(len(view))], np.intp).reshape(-1, 3)
-    if not most or len(index) <= most:
-        return list(range(len(index)))
-    return [int(k) for k in spread_out(index, most, plan.period)]
 
 
 def _of_scan(H: PSFMatrix, view: FrameSource, plan: ScanPlan, k: int) -> NewFrame:

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from lfcal.base import InputError, Work
-from lfcal.records import CorrectionRecipe, opt, panel, record, required
-from lfcal.tasks._patterns import read_noise, show_noise
+from lfcal.records import CorrectionRecipe, panel, record, required
+from lfcal.tasks._patterns import noise_field
 from lfcal.tasks.fit_check import new_frame, single_frames
 from lfcal.tasks.fit_validate import error_dict, fits_of
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
@@ -56,13 +56,7 @@ class PredictObject(Task):
     fit: Path = required("Folder of a fit, with its H.", argument=True, file="in")
     frame: Path = required("Frame of the known object.", argument=True, file="in")
     scene: Path = required("The known object: a volume (.tif, .h5, .npy) of the planes of H.", file="in")
-    noise: tuple[float, float] | None = opt(
-        None,
-        "CONSTANT,SLOPE: a sample of value v has the variance constant + slope v.",
-        empty="as the frame states",
-        read=read_noise,
-        show=show_noise,
-    )
+    noise: tuple[float, float] | None = noise_field("as the frame states")
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[PredictedObject, ...]]:

@@ -8,9 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from lfcal.base import FileFormatError, InputError, Work
-from lfcal.records import CorrectionRecipe, opt, panel, read_orientation, record, required
-from lfcal.tasks._patterns import PatternReading, is_matrix, iter_patterns, names_of, read_noise, show_noise
-from lfcal.tasks.assemble import orientations
+from lfcal.records import CorrectionRecipe, opt, panel, record, required
+from lfcal.tasks._patterns import (
+    PatternReading,
+    is_matrix,
+    iter_patterns,
+    names_of,
+    noise_field,
+    orientation_field,
+    positions_field,
+)
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
 
 if TYPE_CHECKING:
@@ -78,19 +85,8 @@ class ValidateFit(Task):
         "The source is another recording, of the same places or others: all its points are predicted.",
         label="Another recording",
     )
-    positions: int | None = opt(
-        None,
-        "Number of positions to predict, spread evenly; 0 predicts all.",
-        at_least=0,
-        empty="40, or all of a session of chosen positions",
-    )
-    noise: tuple[float, float] | None = opt(
-        None,
-        "CONSTANT,SLOPE: a sample of value v has the variance constant + slope v.",
-        empty="as the source states",
-        read=read_noise,
-        show=show_noise,
-    )
+    positions: int | None = positions_field("Number of positions to predict, spread evenly; 0 predicts all.")
+    noise: tuple[float, float] | None = noise_field()
 
     def files(self, way: str) -> tuple[Path, ...]:
         """Return its files: those of the fit are in its folder, and so are those that are written."""
@@ -162,12 +158,7 @@ class ValidateFitByFrames(ValidateFit):
     input_words: ClassVar[str] = "frames"
 
     plan: Path | None = opt(None, "Scan plan (.json) of the frames.", short="-p", file="in", empty="with the frames")
-    orientation: str = opt(
-        "check",
-        "What turns the frames upright, as when H is assembled.",
-        choices=orientations,
-        read=read_orientation,
-    )
+    orientation: str = orientation_field()
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
 
     def _reading(self, stored: StoredFit | None) -> PatternReading:

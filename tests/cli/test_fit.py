@@ -27,7 +27,8 @@ from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal.psf.facts import Facts
 from lfcal.simulate.effects import Crosstalk
 from lfcal.simulate.effects.described import parse_entries
-from lfcal.tasks._patterns import PatternReading, iter_patterns, read_noise
+from lfcal.tasks import FitMatrix
+from lfcal.tasks._patterns import PatternReading, iter_patterns
 from tests.cli.conftest import Run
 from tests.fit.commands import typed, undrawn
 from tests.fit.common import few_patterns, setup_of, small_plan
@@ -300,8 +301,8 @@ def simulated(plan: ScanPlan, index: np.ndarray) -> np.ndarray:
         (("--unknowns", ","), "--unknowns: expected auto or groups"),
         (("--unknowns", "geometry,specimen"), "got specimen, which needs the effect index_mismatch"),
         (("--noise", "64"), "--noise: expected CONSTANT,SLOPE of the variance of a sample, got '64'"),
-        (("--noise", "0,0"), "noise of the patterns: expected a variance above 0"),
-        (("--noise=-1,1",), "noise: constant: expected a number ≥ 0, got -1"),
+        (("--noise", "0,0"), "--noise: expected a variance above 0, got '0,0'; give constant and slope"),
+        (("--noise=-1,1",), "--noise: expected a number ≥ 0, got -1"),
         (("--positions", 2), "recorded patterns: expected 3 or more, got 2"),
         (("--camera", "nowhere.json"), "camera: expected"),
         (("--orientation", "sideways"), "--orientation: expected"),
@@ -341,6 +342,31 @@ def test_an_h_without_camera_or_noise_is_told_what_to_name(lfcal: Lfcal, place: 
     assert mixed.code == 2 and "H.h5: expected no H with --no-h, got one of an earlier fit" in mixed.err
 
 
+@pytest.mark.usefixtures("plain_pages")
+def test_a_plan_says_what_an_h_of_nothing_but_values_does_not(
+    lfcal: Lfcal, place: Path, fitted: list[Measured]
+) -> None:
+    few = few_patterns()
+    assert few.camera is not None
+    save(
+        PSFMatrix(np.asarray(few), facts=Facts.of(few.shape[:3], few.cutout, recorded=few.recorded)), place / "bare.h5"
+    )
+    plan = ScanPlan(few.camera, few.period, few.cutout, tuple(few.depths), few.anchor)
+    for name, one in (("plan.json", plan), ("other.json", replace(plan, period=(2, 3)))):
+        (place / name).write_text(one.to_json())
+    words = ("--noise", "64,1", "--unknowns", "geometry", "--hybrid")
+    run = lfcal("fit", "bare.h5", "--plan", "plan.json", *words, "-o", "bare")
+    assert run.code == 0 and lfcal("fit", "few.h5", *words, "-o", "whole").code == 0, run.err
+    assert (
+        fitted[0].plan == fitted[1].plan
+        and (place / "bare" / "camera.json").read_text() == (place / "whole" / "camera.json").read_text()
+    )
+    wrong = lfcal("fit", "bare.h5", "--plan", "other.json", *words, "-o", "other")
+    assert wrong.code == 2 and "expected a plan of its shape (1, 2, 4, 15, 15), got (1, 2, 3, 15, 15)" in wrong.err
+    twice = lfcal("fit", "few.h5", "--plan", "plan.json", *words, "-o", "twice")
+    assert twice.code == 2 and "plan: expected an H without a camera, got that of few.h5, which has one" in twice.err
+
+
 def test_other_files_are_no_h_and_no_frames(lfcal: Lfcal, place: Path) -> None:
     (place / "text.h5").write_text("no HDF5")
     for name in ("missing.h5", "missing", "text.h5"):
@@ -377,10 +403,11 @@ def test_a_recorded_session_is_fitted(lfcal: Lfcal, place: Path) -> None:
 
 
 def test_noise_in_words() -> None:
-    assert read_noise("") is None and read_noise("64, 0.5") == (64.0, 0.5)
-    for text in ("a,b", "1,2,3", ","):
-        with pytest.raises(InputError, match="noise"):
-            read_noise(text)
+    assert FitMatrix(sources="H.h5", noise="").noise is None
+    assert FitMatrix(sources="H.h5", noise="64, 0.5").noise == (64.0, 0.5)
+    for wrong in ("a,b", "1,2,3", ",", "0,0", "-1,1", "nan,1", (0.0, 0.0)):
+        with pytest.raises(InputError, match="noise: expected"):
+            FitMatrix(sources="H.h5", noise=wrong)
 
 
 @pytest.mark.long

@@ -204,7 +204,7 @@ def test_bad_words_end_in_one_line(lfcal: Lfcal, place: Path) -> None:
         (("--limit", "nan"), "--limit: expected"),
         (("--limit", "2"), "--limit: expected a number > 0 and < 1, got 2"),
         (("--noise", "much"), "--noise: expected CONSTANT,SLOPE"),
-        (("--noise=-1,0",), "noise: constant"),
+        (("--noise=-1,0",), "--noise: expected a number ≥ 0"),
     ):
         run = lfcal("fit", "check", "old.h5", "same.tif", *words)
         assert run.code == 2 and run.err.count("\n") == 1 and what in run.err, run.err
