@@ -33,6 +33,7 @@ __all__ = [
     "is_matrix",
     "iter_patterns",
     "iter_upright_scan",
+    "most_taken",
     "names_of",
     "noise_field",
     "open_upright",
@@ -83,6 +84,11 @@ def orientation_field() -> str:
     return opt("check", words, choices=orientations, read=read_orientation)
 
 
+def most_taken(asked: int | None, aside: Sequence[object]) -> int:
+    """Return how many positions are taken, 0 for all: by default 40, or all of a session that chose them."""
+    return (0 if aside else SOME) if asked is None else asked
+
+
 @dataclass(frozen=True)
 class PatternReading:
     """How patterns are read.
@@ -112,10 +118,6 @@ class PatternReading:
     recipe: CorrectionRecipe | None = None
     orientation: str = "check"
     fit: StoredFit | None = None
-
-    def most_of(self, aside: Sequence[object]) -> int:
-        """Return how many positions are taken, 0 for all: of a session that chose them, all."""
-        return (0 if aside else SOME) if self.most is None else self.most
 
     def described(self, matrix: PSFMatrix, source: Path) -> PSFMatrix:
         """Return H with a camera: of one that has none the plan says camera, depths and anchor."""
@@ -219,7 +221,7 @@ def iter_patterns(source: Path, how: PatternReading) -> Work[tuple[Measured, dic
             if how.fit.positions and how.fit.is_of(plan):
                 left = _left(source, np.argwhere(matrix.recorded > 0), how, plan)
                 return measured_of(matrix, camera, positions=left, noise=noise), known
-        most = how.most_of(aside)
+        most = most_taken(how.most, aside)
         all_of_them = not most or int((matrix.recorded > 0).sum()) <= most
         apart = aside if aside and all_of_them else HELD_OUT
         return measured_of(matrix, camera, noise=noise, most=most or None, held_out=apart), known
@@ -231,7 +233,7 @@ def _left(
     """Return positions that were not fitted, spread evenly, no more than are asked for."""
     from lfcal.fit import spread_out
 
-    most, fit = how.most_of(aside), how.fit
+    most, fit = most_taken(how.most, aside), how.fit
     without = fit.positions if fit is not None and fit.is_of(plan) else frozenset()
     found = index[[tuple(at) not in without for at in index.tolist()]] if len(index) else index
     if not len(found):

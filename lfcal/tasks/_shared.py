@@ -5,6 +5,7 @@ from __future__ import annotations
 from lfcal.tasks._channels import ChannelPart
 from lfcal.tasks._coding import coding_verdict, coding_words, display_words
 from lfcal.tasks._pace import WITHOUT_READOUT
+from lfcal.tasks._patterns import most_taken
 from lfcal.tasks._solving import choice_of
 from lfcal.tasks.acquire import PlannedSession, RecordedSession
 from lfcal.tasks.assemble import Assembled, AssemblyRun
@@ -79,6 +80,7 @@ __all__ = [
     "load_file",
     "load_job",
     "may_replace",
+    "most_taken",
     "notes_to",
     "open_matrix",
     "planned_scan",

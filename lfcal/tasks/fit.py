@@ -245,7 +245,10 @@ class FitMatrix(_Fit):
     )
     noise: tuple[float, float] | None = noise_field()
     hybrid: bool = opt(
-        False, "Write H with what recorded patterns show beyond the model, and with its uncertainty.", label="Hybrid H"
+        False,
+        "Write H with what recorded patterns show beyond the model, and with its uncertainty.",
+        label="Hybrid H",
+        more=True,
     )
 
     def __post_init__(self) -> None:

@@ -50,7 +50,7 @@ SPECS = {spec.key: spec for spec in PAGES}
 CHOSEN = {
     "acquire": AcquireSettings(device_options=(("optics", "pattern"),), darks=2, reference_every=0),
     "frames": FrameSettings(use_background=True, interpolation="linear", orientation="as-is"),
-    "fit": FitSettings(camera="window", positions=9, auto=False, constant=2.0, slope=0.5),
+    "fit": FitSettings(camera="window", positions=9, auto=False, noise=(2.0, 0.5)),
     "quality": QualitySettings(seconds=0.0),
     "simulate": SimulateSettings(tolerance=0.2, overrides=(("coma", "off"),)),
     "reconstruct": ReconstructSettings(iterations=2, background=1.0, threshold=0.01, anchor=(10.0, 11.5), device="cpu"),

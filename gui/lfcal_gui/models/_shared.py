@@ -28,7 +28,7 @@ from lfcal_gui.models.page import (
     with_found,
 )
 from lfcal_gui.models.project import Hold, Project, ProjectState, RecentProjects, read_project
-from lfcal_gui.models.record_form import check_of, fields_of, options_in, shown_of
+from lfcal_gui.models.record_form import check_of, fields_of, options_in, shown_of, value_in
 from lfcal_gui.models.stamp import Stamp, stamp_of
 from lfcal_gui.models.step import CAMERA_FILE, PLAN_FILE, CommandStep, needed_file, needed_plan, options_of, step_of
 from lfcal_gui.models.words import plane_words, said_in_window, typeset, unbroken
@@ -106,6 +106,7 @@ __all__ = [
     "typeset",
     "unbroken",
     "value_histogram",
+    "value_in",
     "visible_tile",
     "warnings_to",
     "with_found",

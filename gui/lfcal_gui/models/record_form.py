@@ -10,7 +10,7 @@ from lfcal.base import InputError
 from lfcal.records import FieldRow, rows
 from lfcal_gui.models.form import Field
 
-__all__ = ["check_of", "fields_of", "options_in", "shown_of"]
+__all__ = ["check_of", "fields_of", "options_in", "shown_of", "value_in"]
 
 KINDS = {bool: "bool", float: "float", int: "int"}
 
@@ -50,7 +50,7 @@ def _field(row: FieldRow) -> Field:
         choices=choices,
         optional=row.optional,
         empty=empty,
-        read=(lambda text: row.value(text, row.label)) if opt.read else None,
+        read=(lambda text: _value(row, text)) if opt.read or row.many else None,
     )
 
 
@@ -59,8 +59,23 @@ def shown_of(record: type, values: Mapping[str, Any]) -> dict[str, Any]:
     found = {}
     for row in rows(record):
         value = values.get(row.name, row.default)
-        found[row.name] = row.text(value) if row.opt.read is not None or KINDS.get(row.kind) is None else value
+        if row.many and isinstance(value, tuple):
+            found[row.name] = "; ".join(map(row.text, value))
+        else:
+            found[row.name] = row.text(value) if row.opt.read is not None or KINDS.get(row.kind) is None else value
     return found
+
+
+def _value(row: FieldRow, given: Any) -> Any:
+    """Return what an entry means; several values in one entry have a semicolon between them."""
+    if row.many and isinstance(given, str):
+        given = [one.strip() for one in given.split(";") if one.strip()]
+    return row.value(given, row.label)
+
+
+def value_in(record: type, key: str, given: Any) -> Any:
+    """Return the value of an entry as the record has it."""
+    return _value(next(row for row in rows(record) if row.name == key), given)
 
 
 def check_of(record: type) -> Callable[[str, Any], str]:
@@ -69,7 +84,7 @@ def check_of(record: type) -> Callable[[str, Any], str]:
 
     def check(key: str, value: Any) -> str:
         try:
-            named[key].value(value, named[key].label)
+            _value(named[key], value)
         except InputError as error:
             return str(error)
         return ""
@@ -80,5 +95,5 @@ def check_of(record: type) -> Callable[[str, Any], str]:
 def options_in(record: type, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the values of a form as the record has them; those at their defaults are left out."""
     named = {row.name: row for row in rows(record)}
-    found = {key: named[key].value(value, named[key].label) for key, value in given.items()}
+    found = {key: _value(named[key], value) for key, value in given.items()}
     return {key: value for key, value in found.items() if value != named[key].default}

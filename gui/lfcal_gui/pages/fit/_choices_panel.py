@@ -17,9 +17,10 @@ from PySide6.QtWidgets import (
 )
 
 from lfcal.fit import Fit
-from lfcal_gui.models import ProjectState, typeset
-from lfcal_gui.pages.fit.model import FIELDS, FitSettings, Offer, group_rows
-from lfcal_gui.widgets import Form, WrappedLabel, card, choice_box, scrolling, set_role
+from lfcal.tasks import FitMatrix
+from lfcal_gui.models import ProjectState, check_of, fields_of, shown_of, typeset
+from lfcal_gui.pages.fit.model import HELD, START, FitSettings, Offer, group_rows
+from lfcal_gui.widgets import Folded, Form, WrappedLabel, card, choice_box, scrolling, set_role
 
 __all__ = ["ChoicesPanel"]
 
@@ -65,14 +66,20 @@ class ChoicesPanel(QWidget):
     def _source_card(self) -> QFrame:
         frame, column = card("Patterns and start")
         self.source, self.use, self.start, self.noise = (_wrapped() for _ in range(4))
-        self.form = Form(FIELDS, dense=True)
-        self.form.edited.connect(self.edited.emit)
-        for key in self.form.fields:
-            self.form.editor(key).setMinimumWidth(56)
+        self.form = Form((START, *fields_of(FitMatrix, without=HELD, more=False)), dense=True)
+        self.more = Form(fields_of(FitMatrix, without=HELD, more=True), dense=True)
+        for form in (self.form, self.more):
+            form.check = check_of(FitMatrix)
+            form.edited.connect(self.edited.emit)
+            for key in form.fields:
+                form.editor(key).setMinimumWidth(56)
+        folded = Folded("More", "Effects that the simulation begins with, and what H is saved")
+        folded.column.addWidget(self.more)
         column.addWidget(self.source)
         column.addWidget(self.form)
         for label in (self.use, self.start, self.noise):
             column.addWidget(label)
+        column.addWidget(folded)
         return frame
 
     def _groups_card(self) -> QFrame:
@@ -112,10 +119,9 @@ class ChoicesPanel(QWidget):
             return
         self.source.setText(offer.source_words(name))
         self.use.setText(offer.use_words(settings.positions))
-        for key in ("constant", "slope"):
-            editor = self.form.editor(key)
-            if isinstance(editor, QLineEdit):
-                editor.setPlaceholderText("needed" if offer.noise is None else "as H states")
+        editor = self.form.editor("noise")
+        assert isinstance(editor, QLineEdit)
+        editor.setPlaceholderText("needed" if offer.noise is None else self.form.fields["noise"].empty)
         _say(self.start, *offer.camera_words(settings, project.camera, project.plan))
         _say(self.noise, *offer.noise_words(settings))
 
@@ -124,7 +130,9 @@ class ChoicesPanel(QWidget):
 
         Groups of ``lacking`` are grey, with what the camera would need for them.
         """
-        self.form.set_values({field.key: getattr(settings, field.key) for field in FIELDS})
+        values = {**shown_of(FitMatrix, vars(settings)), "camera": settings.camera}
+        for form in (self.form, self.more):
+            form.set_values({key: values[key] for key in form.fields})
         blockers = [QSignalBlocker(self.way), QSignalBlocker(self.groups)]
         self.way.setCurrentIndex(0 if settings.auto else 1)
         groups = fit.groups if fit is not None and settings.auto else None
@@ -170,7 +178,7 @@ class ChoicesPanel(QWidget):
 
     def set_running(self, running: bool) -> None:
         """Keep choices as they are while a fit is at work."""
-        for widget in (self.form, self.way, self.groups):
+        for widget in (self.form, self.more, self.way, self.groups):
             widget.setEnabled(not running)
 
     def _toggled(self, item: QListWidgetItem) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +10,10 @@ from PySide6.QtCore import QUrl
 from PySide6.QtGui import QDesktopServices
 from PySide6.QtWidgets import QFileDialog
 
-from lfcal.fit import MODEL, REPORT, fit_outputs, iter_fit_report, iter_write_fit, iter_write_model
+from lfcal.fit import MODEL, REPORT, fit_outputs, iter_fit_report
 from lfcal_gui.jobs import WindowJob
 from lfcal_gui.pages.fit.model_run import FoundFit
-from lfcal_gui.pages.fit.step import step
+from lfcal_gui.pages.fit.step import step_as
 from lfcal_gui.saving import ask_target, may_replace
 
 __all__ = ["Results"]
@@ -49,12 +48,11 @@ class Results:
         path = path or ask_target(self._page, "Compute H", "model_H.h5", "H file (*.h5)")
         if not path or self._refused([Path(path)]):
             return
-        known = {"source": found.question.name}
         self.context.start_writing(
             f"H of the fit: {Path(path).name}",
             "fit",
             path,
-            lambda: iter_write_model(found.fit, path, provenance=known),
+            lambda: found.iter_model(Path(path)),
             lambda _: self._computed(found, path),
             lambda job: self._page.refuse(job.error),
         )
@@ -74,16 +72,17 @@ class Results:
             return
         if asked and not may_replace(self._page, fit_outputs(Path(folder))):
             return
-        known, now = {"source": found.question.name}, self.context.state
-        state = replace(now, settings=found.question.settings.into(now))
+        asked = found.question
         self.context.start_writing(
             f"Save fit in {Path(folder).name}",
             "fit",
             str(Path(folder) / MODEL),
-            lambda: iter_write_fit(found.fit, found.measured, Path(folder), known),
-            lambda written: self._saved(found, written.files),
+            lambda: found.iter_saved(Path(folder)),
+            lambda files: self._saved(found, files),
             lambda job: self._page.refuse(job.error),
-            taken=self.context.taken("fit", f"Fit {found.question.name}", folder, lambda: step(state, folder)),
+            taken=self.context.taken(
+                "fit", f"Fit {asked.name}", folder, lambda: step_as(asked.settings, asked.project, asked.offer, folder)
+            ),
         )
 
     def _saved(self, found: FoundFit, files: list[Path]) -> None:

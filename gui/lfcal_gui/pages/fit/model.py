@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from pathlib import Path
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import InputError
 from lfcal.camera import Camera, ScanPlan
-from lfcal.fit import GROUPS, Setup, lacking, starting_effects
-from lfcal.psf import PSFMatrix
-from lfcal_gui.models import Field, PageSettings, ProjectState, Stamp
+from lfcal.fit import GROUPS, Setup, kept_aside, lacking, starting_effects
+from lfcal.psf import PSFMatrix, noise_of
+from lfcal.records import rows
+from lfcal.tasks import FitMatrix, most_taken
+from lfcal_gui.models import CAMERA_FILE, PLAN_FILE, Field, PageSettings, ProjectState, Stamp, needed_plan
 from lfcal_gui.models import stamp_of as file_stamp
 
 __all__ = [
     "CORE",
-    "FIELDS",
+    "HELD",
     "START",
     "FitSettings",
     "Offer",
@@ -27,105 +30,73 @@ __all__ = [
     "lacking_of",
     "offer_of",
     "stamp_of",
+    "task_files",
+    "task_of",
 ]
 
-START = (("psf", "H's own camera"), ("window", "camera of this window"))
+STARTS = (("psf", "H's own camera"), ("window", "camera of this window"))
 """Which camera a fit starts from."""
+
+START = Field(
+    "camera", "Start from", kind="choice", choices=STARTS, tip="The camera as described, where the fit starts"
+)
 
 CORE = ("geometry", "focal_lengths", "iris")
 """Groups that are chosen where nobody has chosen yet."""
 
-HELD_OUT = 0.2
+HELD = frozenset({"sources", "out", "camera", "plan", "unknowns", "write_h"})
+"""Fields of `lfcal.tasks.FitMatrix` that the form does not show: H, camera and plan are those of the project, unknowns
+have a list, and buttons say what is written."""
 
-FIELDS = (
-    Field("camera", "Start from", kind="choice", choices=START, tip="The camera as described, where the fit starts"),
-    Field(
-        "positions",
-        "Positions",
-        kind="int",
-        tip="Recorded positions that are used, spread evenly over period and planes; 0: all of them.\n"
-        "A fifth is never fitted, and tells how good the fit is.",
-    ),
-    Field(
-        "constant",
-        "Noise: constant",
-        tip="Variance of a sample of no light, in squared counts.\nEmpty: as H states.",
-        optional=True,
-    ),
-    Field(
-        "slope",
-        "Noise: slope",
-        tip="By how much the variance grows for each count of light; 1 / gain where that is in electrons per count.\n"
-        "Empty: as H states.",
-        optional=True,
-    ),
-)
+ROWS = tuple(row for row in rows(FitMatrix) if row.name not in HELD)
+
+HELD_OUT = 0.2
 
 
 @dataclass(frozen=True)
 class FitSettings(PageSettings):
-    """What the user chose.
+    """What the user chose; `HELD` apart as in `lfcal.tasks.FitMatrix`.
 
     Attributes
     ----------
     camera
-        ``"psf"`` or ``"window"``, see `START`.
-    positions
-        Recorded positions that are used, spread evenly; 0: all.
+        ``"psf"`` or ``"window"``, see `STARTS`.
     auto
         Whether groups of unknowns are found, or are those of ``groups``.
     groups
         Names of groups; those of a distribution that is not installed are kept.
-    constant, slope
-        Variance of a sample: constant + slope x value; None: as H states.
     """
 
     page: ClassVar[str] = "fit"
 
     camera: str = "psf"
-    positions: int = 40
     auto: bool = True
     groups: tuple[str, ...] = CORE
-    constant: float | None = None
-    slope: float | None = None
+    positions: int | None = None
+    noise: tuple[float, float] | None = None
+    effects: tuple[str, ...] = ()
+    hybrid: bool = False
 
     def __post_init__(self) -> None:
         """Check every value."""
-        if self.camera not in dict(START):
-            raise InputError.expected("start", " or ".join(dict(START)), self.camera, "choose one of these")
-        if self.positions != 0 and self.positions < 3:
-            raise InputError.expected("positions", "3 or more, or 0 for all", self.positions, "correct it")
+        if self.camera not in dict(STARTS):
+            raise InputError.expected("start", " or ".join(dict(STARTS)), self.camera, "choose one of these")
         if not all(isinstance(name, str) for name in self.groups):
             raise InputError.expected("groups", "names", self.groups, "choose some of the list")
-        for name, value in (("constant", self.constant), ("slope", self.slope)):
-            if value is not None and not (_number(value) and math.isfinite(value) and value >= 0):
-                raise InputError.expected(f"noise: {name}", "0 or more, or nothing", value, "correct it")
+        for row in ROWS:
+            object.__setattr__(self, row.name, row.value(getattr(self, row.name), row.label))
+
+    @classmethod
+    def read(cls, data: object) -> tuple[Self, tuple[str, ...]]:
+        """Return the settings in ``data``; earlier versions wrote constant and slope of the noise apart."""
+        if isinstance(data, Mapping) and (apart := [data.get("constant"), data.get("slope")]) != [None, None]:
+            data = {"noise": apart, **data}
+        return super().read(data)
 
     @property
-    def unknowns(self) -> str | tuple[str, ...]:
-        """What is asked of the library: ``"auto"``, or the groups that are installed."""
-        return "auto" if self.auto else tuple(name for name in self.groups if name in GROUPS)
-
-    @property
-    def noise(self) -> tuple[float, float] | None:
-        """Constant and slope, None: as H states.
-
-        Raises
-        ------
-        InputError
-            Where one is given without the other.
-        """
-        if self.constant is None and self.slope is None:
-            return None
-        if self.constant is None or self.slope is None:
-            raise InputError.expected("noise", "constant and slope", "one of them", "give both, or neither")
-        if self.constant + self.slope <= 0:
-            raise InputError.expected("noise", "a variance above 0", "0", "give constant and slope")
-        return float(self.constant), float(self.slope)
-
-
-def _number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
+    def unknowns(self) -> tuple[str, ...]:
+        """Groups that are asked for: those that are installed."""
+        return tuple(name for name in self.groups if name in GROUPS)
 
 
 def group_rows() -> tuple[tuple[str, str, bool], ...]:
@@ -147,13 +118,15 @@ class Offer:
     camera
         Name of H's own camera, None where it has none.
     noise
-        Mean (constant, slope) of the variance that H states, None where it states none.
+        Mean (constant, slope) of the variance that H or its provenance states, None where neither does.
     problem
         Why what H states of its noise cannot be used; empty where it can, or where it states none.
     plan
         The scan with H's own camera, None where it has none.
     unfit
         Why H and its own camera do not go together, or empty.
+    aside
+        Number of positions that the session kept from its fits.
     """
 
     shape: tuple[int, ...]
@@ -163,6 +136,7 @@ class Offer:
     problem: str = ""
     plan: ScanPlan | None = None
     unfit: str = ""
+    aside: int = 0
 
     def source_words(self, name: str) -> str:
         """Return a line on the positions of H, which is called ``name``."""
@@ -172,19 +146,16 @@ class Offer:
             return f"{name}: all {positions:,} positions recorded, {planes}"
         return f"{name}: {self.recorded:,} of {positions:,} positions recorded, {planes}"
 
-    def use_words(self, positions: int) -> str:
+    def use_words(self, positions: int | None) -> str:
         """Return a line on how many are used of how many were asked for."""
-        used = self.recorded if positions == 0 else min(positions, self.recorded)
-        aside = round(HELD_OUT * used)
+        most = most_taken(positions, range(self.aside))
+        used = min(most or self.recorded, self.recorded)
+        aside = self.aside if self.aside and used == self.recorded else round(HELD_OUT * used)
         return f"{used:,} are used, {aside:,} of them kept aside to judge the fit."
 
     def noise_words(self, settings: FitSettings) -> tuple[str, str]:
         """Return a line on the noise, and its role: ``"hint"``, or ``"error"`` where something is missing."""
-        if (settings.constant is None) != (settings.slope is None):
-            return "Noise needs both constant and slope, or neither.", "error"
-        if settings.constant is not None:
-            if settings.constant + (settings.slope or 0) <= 0:
-                return "Without noise nothing is weighed: give a variance above 0.", "error"
+        if settings.noise is not None:
             over = ", not what H states" if self.noise is not None else ""
             return f"Noise as given here{over}.", "hint"
         if self.problem:
@@ -243,29 +214,60 @@ def offer_of(matrix: PSFMatrix) -> Offer:
     matrix = matrix.T if matrix.is_transposed else matrix
     recorded = np.asarray(matrix.recorded) > 0
     noise, problem = _noise(matrix, recorded)
+    offer = Offer(matrix.shape, int(recorded.sum()), None, noise, problem, aside=len(kept_aside(matrix)))
     if matrix.camera is None:
-        return Offer(matrix.shape, int(recorded.sum()), None, noise, problem)
+        return offer
     depths = tuple(float(z) for z in matrix.depths)
     plan, unfit = None, ""
     try:
         plan = ScanPlan(matrix.camera, matrix.period, matrix.cutout, depths, matrix.anchor)
     except InputError as error:  # a file may hold any anchor
         unfit = str(error)
-    return Offer(matrix.shape, int(recorded.sum()), matrix.camera.name, noise, problem, plan, unfit)
+    return replace(offer, camera=matrix.camera.name, plan=plan, unfit=unfit)
 
 
 def _noise(matrix: PSFMatrix, recorded: NDArray[np.bool_]) -> tuple[tuple[float, float] | None, str]:
-    known = matrix.facts.noise
-    if known is None or not recorded.any():
-        return None, ""
-    own = np.asarray(known, np.float64)[recorded]
-    if not np.isfinite(own).all():
-        return None, ""
+    known, said = matrix.facts.noise, noise_of(matrix.provenance)
+    own = np.empty((0, 2)) if known is None else np.asarray(known, np.float64)[recorded]
+    if not len(own) or not np.isfinite(own).all():
+        return None if said is None else (said.floor, said.slope), ""
     # of samples above a black level the variance begins there, and at 0 it would be below nothing
     if (own[:, 0] < 0).any():
         return None, "H was assembled with its black level: assemble it with a dark frame, or give the noise here."
     constant, slope = own.mean(0).tolist()
     return (constant, slope), ""
+
+
+# -- the task ----------------------------------------------------------------------------------------------
+def task_of(
+    settings: FitSettings, project: ProjectState, offer: Offer | None, out: Path = Path("fit"), beside: Path = Path()
+) -> FitMatrix:
+    """Return how a camera is fitted to the H of a project, whose camera and plan are in files in ``beside``.
+
+    Groups that the page greys out are not asked for; None as the ``offer``: H is not there yet.
+    """
+    files = dict(task_files(settings, project, offer))
+    without = {} if offer is None else offer.lacking(settings, project.camera, project.plan)
+    groups = [name for name in settings.unknowns if name not in without]
+    if not settings.auto and not groups:
+        lost = next((f"{name}, which needs {without[name]}" for name in settings.unknowns), "none")
+        wanted = "one group or more that the camera has" if settings.unknowns else "one group or more"
+        raise InputError.expected("unknowns", wanted, lost, "choose others, or those that help")
+    return FitMatrix(
+        sources=(Path(project.psf),),
+        out=out,
+        camera=str(beside / CAMERA_FILE) if CAMERA_FILE in files else "",
+        plan=beside / PLAN_FILE if PLAN_FILE in files else None,
+        unknowns="auto" if settings.auto else ",".join(groups),
+        **{row.name: getattr(settings, row.name) for row in ROWS},
+    )
+
+
+def task_files(settings: FitSettings, project: ProjectState, offer: Offer | None) -> tuple[tuple[str, str], ...]:
+    """Return the files that the task reads besides H, by name and text."""
+    bare = offer is not None and offer.camera is None
+    camera = ((CAMERA_FILE, project.camera.to_json()),) if settings.camera == "window" else ()
+    return (*camera, (PLAN_FILE, needed_plan(project).to_json())) if bare else camera
 
 
 def stamp_of(project: ProjectState) -> Stamp | None:

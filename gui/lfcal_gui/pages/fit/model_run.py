@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import InputError, Progress, Work
-from lfcal.camera import Camera, ScanPlan
-from lfcal.fit import Fineness, Fit, FitProgress, Measured, iter_fit_camera, leftover_of, measured_of, predict
-from lfcal.psf import PSFMatrix, light_shares
+from lfcal.fit import (
+    Fineness,
+    Fit,
+    FitProgress,
+    Measured,
+    iter_write_fit,
+    iter_write_model,
+    kept_aside,
+    leftover_of,
+    measured_of,
+    predict,
+)
+from lfcal.psf import light_shares, open_psf
+from lfcal.tasks import FitMatrix, FittedPatterns
 from lfcal_gui.models import ProjectState
-from lfcal_gui.pages.fit.model import FitSettings, Stamp, lacking_of, offer_of, stamp_of
+from lfcal_gui.pages.fit.model import FitSettings, Offer, Stamp, offer_of, stamp_of, task_files, task_of
 
 __all__ = ["FitRequest", "FitRun", "FoundFit", "Place", "asked_of", "iter_fit", "iter_taken"]
 
@@ -29,22 +43,41 @@ class FitRequest:
 
     Attributes
     ----------
-    psf, stamp
-        File of H, and as it was when the fit was asked for.
-    settings, window, plan
-        What the user chose; camera and plan of the window.
+    project, stamp
+        The project, and the file of its H as it was when the fit was asked for.
+    settings
+        What the user chose.
+    offer
+        What H offers, once it is read.
     """
 
-    psf: str
+    project: ProjectState
     stamp: Stamp
     settings: FitSettings
-    window: Camera
-    plan: ScanPlan | None
+    offer: Offer | None = None
 
     @property
     def name(self) -> str:
         """Name of the file."""
-        return Path(self.psf).name
+        return Path(self.project.psf).name
+
+    def task_in(self, folder: Path) -> FitMatrix:
+        """Return the task that fits this and writes into a folder, which then has the files that it reads."""
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, text in task_files(self.settings, self.project, self.offer):
+            (folder / name).write_text(text, encoding="utf-8")
+        return task_of(self.settings, self.project, self.offer, folder, folder)
+
+    def check(self) -> None:
+        """Raise `InputError` where H lacks what a fit needs, in words of the page."""
+        assert self.offer is not None
+        project = self.project
+        for words, role in (
+            self.offer.camera_words(self.settings, project.camera, project.plan),
+            self.offer.noise_words(self.settings),
+        ):
+            if role == "error":
+                raise InputError(f"{self.name}: {words}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +90,8 @@ class FoundFit:
         What was asked.
     fit, measured
         As of `lfcal.fit`.
+    known
+        What the provenance of H and numbers says.
     unit
         What the values of H are.
     places
@@ -74,6 +109,7 @@ class FoundFit:
     question: FitRequest
     fit: Fit
     measured: Measured
+    known: Mapping[str, Any]
     unit: str
     places: tuple[Place, ...]
     aside: frozenset[Place]
@@ -84,6 +120,25 @@ class FoundFit:
     chi2: dict[Place, float] = field(repr=False)
     by_plane: NDArray[np.float64]
     by_type: NDArray[np.float64]
+
+    @property
+    def is_taken(self) -> bool:
+        """Whether the fit was made elsewhere, and not by the task of the page."""
+        return self.question.offer is None
+
+    def iter_saved(self, folder: Path) -> Work[list[Path]]:
+        """Write everything that the fit makes into a folder, as the task does."""
+        if self.is_taken:
+            files, _ = yield from iter_write_fit(self.fit, self.measured, folder, self.known)
+            return files
+        made = FittedPatterns(self.measured, self.known, self.fit)
+        outcome = yield from self.question.task_in(folder).iter_write(made)
+        return list(outcome.files)
+
+    def iter_model(self, path: Path) -> Work[Path]:
+        """Write H of the fitted camera, which keeps the task that fitted it."""
+        told = {} if self.is_taken else self.question.task_in(path.parent).told
+        return (yield from iter_write_model(self.fit, path, provenance={**self.known, **told}))
 
     def fate(self, place: Place) -> str:
         """Return whether a pattern was fitted, kept aside, or left out as unlike the others."""
@@ -118,31 +173,33 @@ def asked_of(project: ProjectState, settings: FitSettings) -> FitRequest:
     stamp = stamp_of(project)
     if stamp is None:
         raise InputError.expected("fit", "an H file", "none", "open one on the PSF page")
-    _ = settings.noise  # raises where it is none
-    if not settings.unknowns:
-        raise InputError.expected("unknowns", "one group or more", "none", "choose some, or automatic")
-    return FitRequest(project.psf, stamp, settings, project.camera, project.plan)
+    task_of(settings, project, None)
+    return FitRequest(project, stamp, settings)
 
 
 def iter_fit(asked: FitRequest, kept: FitRun) -> Work[None]:
-    """Fit the recorded positions of H; what comes out is in ``kept``, as jobs are remembered long after they ended."""
+    """Fit the recorded positions of H as the task does; what comes out is in ``kept``, as jobs are remembered long."""
     start = time.perf_counter()
-    measured, unit = _read(asked)
-    work = iter_fit_camera(measured, unknowns=_unknowns(asked, measured))
-    try:
-        while True:
-            try:
-                record: Progress = next(work)
-            except StopIteration as end:
-                fit: Fit = end.value
-                break
-            if isinstance(record, FitProgress):
-                kept.rounds.append(record)
-            yield record
-    finally:
-        work.close()
+    # H is closed again: others may want to replace it
+    with open_psf(asked.project.psf) as matrix:
+        asked, unit = replace(asked, offer=offer_of(matrix)), _unit(matrix.provenance)
+    asked.check()
+    with tempfile.TemporaryDirectory(prefix="lfcal-fit-") as scratch:
+        work = asked.task_in(Path(scratch)).iter_fit()
+        try:
+            while True:
+                try:
+                    record: Progress = next(work)
+                except StopIteration as end:
+                    made: FittedPatterns = end.value
+                    break
+                if isinstance(record, FitProgress):
+                    kept.rounds.append(record)
+                yield record
+        finally:
+            work.close()
     yield Progress(0, 1, "what is left of each pattern", time.perf_counter() - start)
-    kept.found = _found(asked, fit, measured, unit)
+    kept.found = _found(asked, made, unit)
     yield Progress(1, 1, "what is left of each pattern", time.perf_counter() - start)
 
 
@@ -151,66 +208,24 @@ def iter_taken(asked: FitRequest, fit: Fit, kept: FitRun) -> Work[None]:
     start = time.perf_counter()
     yield Progress(0, 1, "patterns of the fit", 0.0)
     places = sorted({*fit.residuals, *((one.z, one.y, one.x) for one in fit.outliers)})
-    measured, unit = _read(asked, places)
+    with open_psf(asked.project.psf) as opened:
+        matrix = opened.T if opened.is_transposed else opened
+        aside = [at for at in kept_aside(matrix) if tuple(at) in places]
+        measured = measured_of(matrix, positions=places, held_out=aside)
+        unit = _unit(matrix.provenance)
     if measured.plan.shape != fit.planned.shape:
         got, want = measured.plan.shape, fit.planned.shape
         raise InputError.expected(f"{asked.name}, patterns", f"those of the fit, {want}", got, "press Fit")
-    kept.found = _found(asked, fit, measured, unit)
+    kept.found = _found(asked, FittedPatterns(measured, {"source": asked.name}, fit), unit)
     yield Progress(1, 1, "patterns of the fit", time.perf_counter() - start)
 
 
-def _unknowns(asked: FitRequest, measured: Measured) -> str | tuple[str, ...]:
-    """Return what is found; groups that the page greys out, which were chosen for another camera, are not."""
-    chosen = asked.settings.unknowns
-    if isinstance(chosen, str):
-        return chosen
-    without = lacking_of(measured.plan)
-    own = tuple(name for name in chosen if name not in without)
-    if not own:
-        got = f"{chosen[0]}, which needs {without[chosen[0]]}"
-        raise InputError.expected("unknowns", "one group or more that the camera has", got, "choose others")
-    return own
+def _unit(provenance: Mapping[str, Any]) -> str:
+    return "share of the light" if light_shares(provenance) else "counts"
 
 
-def _read(asked: FitRequest, places: list[Place] | None = None) -> tuple[Measured, str]:
-    """Return the patterns to fit, or those of ``places``; the file is closed again: others may want to replace it."""
-    from lfcal.psf import open_psf
-
-    settings = asked.settings
-    with open_psf(asked.psf) as opened:
-        matrix = _owned(opened.T if opened.is_transposed else opened, asked)
-        offer = offer_of(matrix)
-        if settings.noise is None and offer.noise is None:
-            raise InputError(f"{asked.name}: {offer.noise_words(settings)[0]}")
-        camera = matrix.camera if settings.camera == "psf" else asked.window
-        if places is None:
-            measured = measured_of(matrix, camera, noise=settings.noise, most=settings.positions or None)
-        else:
-            aside = _kept_aside(matrix, places)
-            measured = measured_of(matrix, camera, positions=places, held_out=aside, noise=settings.noise)
-        unit = "share of the light" if light_shares(matrix.provenance) else "counts"
-        return measured, unit
-
-
-def _kept_aside(matrix: PSFMatrix, places: list[Place]) -> list[Place]:
-    """Return which of the places the session kept from its fits, as H says."""
-    said = matrix.provenance.get("kept_aside")
-    every = {tuple(at) for at in said if isinstance(at, list)} if isinstance(said, list) else set()
-    return [place for place in places if place in every]
-
-
-def _owned(matrix: PSFMatrix, asked: FitRequest) -> PSFMatrix:
-    """Return H with a camera: where it has none, its depths and anchor are of no meaning either, but a plan's are."""
-    if matrix.camera is not None:
-        return matrix
-    plan = asked.plan
-    if plan is None or plan.shape != matrix.shape:
-        wanted, got = f"its own, or a plan of its shape {matrix.shape}", "none" if plan is None else f"{plan.shape}"
-        raise InputError.expected(f"{asked.name}, camera", wanted, got, "make the plan on the Plan page")
-    return PSFMatrix(matrix.planes, depths=plan.depths_um, camera=plan.camera, anchor=plan.anchor, facts=matrix.facts)
-
-
-def _found(asked: FitRequest, fit: Fit, measured: Measured, unit: str) -> FoundFit:
+def _found(asked: FitRequest, made: FittedPatterns, unit: str) -> FoundFit:
+    measured, known, fit = made
     left = leftover_of(fit, measured)
     model, residual, chi2 = _outliers(fit, measured)
     fitted = [_place(at) for at in left.index]
@@ -222,6 +237,7 @@ def _found(asked: FitRequest, fit: Fit, measured: Measured, unit: str) -> FoundF
         asked,
         fit,
         measured,
+        known,
         unit,
         tuple(sorted(patterns)),
         frozenset(_place(at) for at in measured.index[measured.held_out]),

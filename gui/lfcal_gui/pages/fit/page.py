@@ -10,10 +10,11 @@ from typing import Any
 
 from lfcal.base import InputError, Work, format_seconds
 from lfcal.fit import Fit
+from lfcal.tasks import FitMatrix
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
-from lfcal_gui.models import FittedCamera, PageSpec, ProjectState, with_found
+from lfcal_gui.models import FittedCamera, PageSpec, ProjectState, value_in, with_found
 from lfcal_gui.pages.fit._results import Results
 from lfcal_gui.pages.fit.model import FitSettings, Stamp, offer_of, stamp_of
 from lfcal_gui.pages.fit.model_run import FitRun, FoundFit, Place, asked_of, iter_fit, iter_taken
@@ -38,7 +39,6 @@ class Page(BasePage):
         self.results = Results(self)
         self._make_buttons()
         self.panel = FitPanel()
-        self.panel.choices.form.check = self._check
         self.panel.choices.edited.connect(self._edited)
         self.panel.choices.group_toggled.connect(self._toggled)
         self.panel.place_asked.connect(self.panel.show_place)
@@ -99,14 +99,8 @@ class Page(BasePage):
         if path == self.context.state.psf:
             self._follow()
 
-    def _check(self, key: str, value: Any) -> str:
-        try:
-            replace(self.settings, **{key: value})
-        except InputError as error:
-            return str(error)
-        return ""
-
     def _edited(self, key: str, value: Any) -> None:
+        value = value if key in ("camera", "auto") else value_in(FitMatrix, key, value)
         settings = replace(self.settings, **{key: value})
         self.context.project.merge(f"fit: {key}", settings=settings.into(self.context.state))
 
@@ -219,7 +213,7 @@ class Page(BasePage):
     def take(self, fit: Fit) -> None:
         """Take over a fit that was made while the patterns of H were recorded."""
         state = self.context.state
-        settings = replace(self.settings, camera="psf", positions=0, auto=True, constant=None, slope=None)
+        settings = replace(self.settings, camera="psf", positions=0, auto=True, noise=None, effects=())
         self.context.project.update("fit of the session", settings=settings.into(state))
         self._follow()
         if self._busy or self._stamp is None:

@@ -4,24 +4,23 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lfcal.tasks import FitMatrix, python_of, words_of
-from lfcal_gui.models import CAMERA_FILE, CommandStep, ProjectState, needed_file
-from lfcal_gui.pages.fit.model import FitSettings
+from lfcal.psf import open_psf
+from lfcal_gui.models import CommandStep, ProjectState, needed_file
+from lfcal_gui.pages.fit.model import FitSettings, Offer, offer_of, task_files, task_of
 
-__all__ = ["step"]
+__all__ = ["step", "step_as"]
 
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
-    """Return how the camera is fitted to H."""
-    psf, chosen = needed_file(project.psf, "H", "PSF"), FitSettings.of(project)
-    own, unknowns = chosen.camera == "psf", chosen.unknowns
-    task = FitMatrix(
-        sources=(Path(psf),),
-        out=Path(out or "fit"),
-        camera="" if own else CAMERA_FILE,
-        positions=chosen.positions,
-        unknowns=unknowns if isinstance(unknowns, str) else ",".join(unknowns),
-        noise=chosen.noise,
-    )
-    files = () if own else ((CAMERA_FILE, project.camera.to_json()),)
-    return CommandStep(words_of(task), python_of(task), files)
+    """Return how the camera is fitted to H; what H lacks decides which files and unknowns are named."""
+    psf, offer = needed_file(project.psf, "H", "PSF"), None
+    if Path(psf).is_file():
+        with open_psf(psf) as matrix:
+            offer = offer_of(matrix)
+    return step_as(FitSettings.of(project), project, offer, out or "fit")
+
+
+def step_as(settings: FitSettings, project: ProjectState, offer: Offer | None, out: str) -> CommandStep:
+    """Return the same for what was chosen, and what H offers."""
+    files = task_files(settings, project, offer)
+    return CommandStep.of(task_of(settings, project, offer, Path(out)), files)

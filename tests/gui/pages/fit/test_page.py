@@ -360,13 +360,21 @@ def test_choices_are_undone_and_kept(page: Page, qtbot: QtBot) -> None:
     assert isinstance(box, QComboBox)
     box.setCurrentIndex(1)
     assert page.settings.camera == "window" and "this window" in choices.start.text()
-    constant: Any = choices.form.editor("constant")
-    constant.setText("-3")
-    constant.textEdited.emit("-3")
-    assert page.settings.constant is None and "0 or more" in choices.form.error
-    constant.setText("3")
-    constant.textEdited.emit("3")
-    assert page.settings.constant == 3 and choices.noise.property("role") == "error"
+    for form, key, text in (
+        (choices.form, "noise", "-3,1"),
+        (choices.form, "noise", "3, 1"),
+        (choices.more, "effects", "crosstalk=0.01; more.json"),
+    ):
+        editor: Any = form.editor(key)
+        editor.setText(text)
+        editor.textEdited.emit(text)
+        if text == "-3,1":
+            assert page.settings.noise is None and "expected a number ≥ 0" in form.error
+        assert editor.text() == text, "it is not replaced while it is typed"
+    assert page.settings.noise == (3, 1) and choices.noise.text().startswith("Noise as given here")
+    assert page.settings.effects == ("crosstalk=0.01", "more.json")
+    choices.more.editor("hybrid").setChecked(True)  # type: ignore[attr-defined]
+    assert page.settings.hybrid
     kept = FitSettings.of(ProjectState.from_json(project.state.to_json()))
     assert kept == page.settings
 
