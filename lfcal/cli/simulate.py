@@ -43,7 +43,7 @@ def _show_reached(made: SimulatedH) -> None:
 
     lowest, highest = 100 * min(made.errors), 100 * max(made.errors)
     reached = f"{highest:.2g} %" if highest < 1.1 * lowest else f"{lowest:.2g} to {highest:.2g} %"
-    what = "with that of storage" if made.rounded else "of what is left out and of the computation"
+    what = "with that of storage" if made.stored is not None else "of what is left out and of the computation"
     report(f"error {what}: {reached} ({100 * made.limit:.3g} % asked for)")
     least, most = 100 * min(made.light), 100 * max(made.light)
     report(f"light in the cutout: {least:.3g}" + ("" if most - least < 0.1 else f" to {most:.3g}") + " %")

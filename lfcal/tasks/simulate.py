@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
     from lfcal.psf import PSFMatrix
     from lfcal.simulate import EffectSelection
-    from lfcal.work import RunChoice
 
 __all__ = [
     "SIMULATE",
@@ -56,47 +54,28 @@ MOST_DRIFT = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationForecast(TaskResult):
-    """Which effects matter, and what they cost.
+    """Which effects matter for a plan, and what they cost.
 
     Attributes
     ----------
     plan
-        What would be simulated.
+        What is simulated.
     effects
-        Every effect with its estimate, whether it is simulated, and why.
-    seconds
-        Processor time that H takes, as predicted.
+        Every effect with its estimate, whether it is simulated, and why; the level, and the processor time of H.
     """
 
     plan: ScanPlan
     effects: EffectSelection
-    seconds: float
 
     def to_dict(self) -> dict[str, Any]:
         """Return all of it as plain values."""
-        found = self.effects
-        return {
-            "level": found.level,
-            "tolerance": found.tolerance,
-            "seconds": self.seconds,
-            "ideal_seconds": found.ideal_seconds,
-            "effects": [
-                {
-                    "name": row.name,
-                    "on": row.on,
-                    "setting": row.setting,
-                    "size": row.estimate.size,
-                    "unit": row.estimate.unit,
-                    "error": row.estimate.error,
-                    "formula": row.estimate.formula,
-                    "z_um": row.z_um,
-                    "seconds": row.seconds,
-                    "reason": row.reason,
-                }
-                for row in found.rows
-            ],
-            "assumed": self.plan.camera.marks.paths("assumed"),
-        }
+        return {**self.effects.to_dict(), "assumed": self.plan.camera.marks.paths("assumed")}
+
+    def written(self, path: Path, what: str, **more: Any) -> dict[str, Any]:
+        """Return what is said of a file or folder that was written."""
+        names = [effect.name for effect in self.effects.effects]
+        assumed = self.plan.camera.marks.paths("assumed")
+        return {"path": path, "what": what, **more, "effects": names, "assumed": assumed}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,25 +88,26 @@ class SimulatedH(SimulationForecast):
         Its file.
     matrix
         H, open; of a region it is closed.
-    errors
-        Relative L1 error of each plane: of what is left out, of the computation, and of storage.
-    limit
-        What they were asked to stay below.
+    stored
+        What each pattern may lose in the file (relative L1); None: nothing.
     light
         Share of the light of each plane that the cutout holds.
-    tolerance
-        Relative L1 error allowed for what is left out.
-    rounded
-        Whether errors and limit include the loss in the file.
     """
 
     out: Path
     matrix: PSFMatrix
-    errors: tuple[float, ...]
+    stored: float | None
     light: tuple[float, ...]
-    tolerance: float
-    limit: float
-    rounded: bool = False
+
+    @property
+    def errors(self) -> tuple[float, ...]:
+        """Relative L1 error of each plane: of what is left out, of the computation, and of storage."""
+        return tuple(float(error) for error in self.matrix.facts.known()["error"])
+
+    @property
+    def limit(self) -> float:
+        """What the errors were asked to stay below."""
+        return self.effects.tolerance + (self.stored or 0)
 
     def close(self) -> None:
         """Close the file of the matrix."""
@@ -135,18 +115,16 @@ class SimulatedH(SimulationForecast):
 
     def to_dict(self) -> dict[str, Any]:
         """Return all of it as plain values."""
-        return {
-            "path": self.out,
-            "what": f"H {self.matrix.shape}",
-            "shape": self.matrix.shape,
-            "level": self.effects.level,
-            "tolerance": self.tolerance,
-            "error": self.errors,
-            "light_in_cutout": self.light,
-            "predicted_seconds": self.seconds,
-            "effects": [effect.name for effect in self.effects.effects],
-            "assumed": self.plan.camera.marks.paths("assumed"),
-        }
+        return self.written(
+            self.out,
+            f"H {self.matrix.shape}",
+            shape=self.matrix.shape,
+            level=self.effects.level,
+            tolerance=self.effects.tolerance,
+            error=self.errors,
+            light_in_cutout=self.light,
+            predicted_seconds=self.effects.seconds,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,18 +173,12 @@ class SimulatedFrames(SimulationForecast):
 
     def to_dict(self) -> dict[str, Any]:
         """Return all of it as plain values."""
-        return {
-            "path": self.folder,
-            "what": f"{self.count} frames, dark and white frames, plan",
-            "frames": self.count,
-            "effects": [effect.name for effect in self.effects.effects],
-            "assumed": self.plan.camera.marks.paths("assumed"),
-        }
+        return self.written(self.folder, f"{self.count} frames, dark and white frames, plan", frames=self.count)
 
 
 @record
-class _OfCamera(Task):
-    """What is simulated of a camera."""
+class _Simulate(Task):
+    """What all kinds have."""
 
     name: ClassVar[str] = "simulate"
 
@@ -217,10 +189,98 @@ class _OfCamera(Task):
         is_path=is_camera_file,
         examples=preset_names,
     )
+    effects: tuple[str, ...] = opt(
+        (),
+        "NAME=on, off, auto or a magnitude (coma=0.3@40deg, lenslet_gap=5um), or a JSON file of effects. "
+        "May be given several times.",
+        flag="--effect",
+        read=read_effect,
+        file="in",
+        is_path=lambda text: "=" not in text,
+        empty="what matters for the tolerance",
+    )
+    tolerance: float = opt(
+        0.03, "Relative L1 error allowed for what is left out.", above=0, at_most=4, read=read_share, unit="share"
+    )
+    level: str = opt(
+        "auto",
+        "How light is computed, from fast to accurate: rays (geometric), waves of each lenslet (wave) or of all at "
+        "once (grid, microscope), or the reference. auto: as the effects need.",
+        choices=LEVELS,
+    )
+
+    def selection(self, plan: ScanPlan, tolerance: float | None = None, **more: Any) -> EffectSelection:
+        """Return the effects that matter for a plan; ``more`` as in `lfcal.simulate.plan_effects`."""
+        from lfcal.simulate import plan_effects
+        from lfcal.simulate.effects import parse_effects
+
+        settings, given = parse_effects(self.effects)
+        return plan_effects(plan, tolerance or self.tolerance, settings, effects=given, **more)
+
+    def timed(self, plan: ScanPlan, found: EffectSelection) -> EffectSelection:
+        """Return a selection with the level that is asked for, and the processor time of H by a short run."""
+        from lfcal.simulate import predict_seconds
+
+        seconds = predict_seconds(plan, found, self.level, tolerance=self.tolerance)
+        return replace(found, level=found.level if self.level == "auto" else self.level, seconds=seconds)
+
+    def known(self, plan: ScanPlan, found: EffectSelection) -> dict[str, Any]:
+        """Return the provenance: plan, task, and how magnitudes are known that were given."""
+        from lfcal.simulate.effects import effect_entries
+
+        names = {effect.name for effect in found.effects}
+        given = [one for one in effect_entries(self.effects) if one.given and one.name in names]
+        return {
+            "plan": plan.to_dict(),
+            "task": self.to_dict(absolute=True, outputs=False),
+            "effect_sources": {one.name: dict(one.given) for one in given},
+        }
+
+    def iter_matrix(
+        self,
+        plan: ScanPlan,
+        out: Path,
+        run: RunSettings,
+        *,
+        stored: float | None = None,
+        on_pass: Callable[[PSFMatrix], None] | None = None,
+    ) -> Work[SimulatedH]:
+        """Choose the effects and compute H into ``out``, in units where this kind has them.
+
+        Parameters
+        ----------
+        plan, out, run
+            What is simulated, where to, and by whom.
+        stored
+            As in `SimulatedH`.
+        on_pass
+            Compute it in passes, and call this with the H of each.
+        """
+        from lfcal.base import format_bytes, format_seconds
+        from lfcal.simulate import iter_refine_psf, iter_simulate_psf, light_in_cutout, predict_bytes
+
+        found = self.timed(plan, self.selection(plan))
+        _tell_plan(plan)
+        _tell_left_out(found)
+        choice = run.choice(out, found.seconds) if self.in_units else None
+        how: dict[str, Any] = {"tolerance": self.tolerance, "workers": run.workers, "run": choice}
+        most = predict_bytes(plan, found, self.level, **how, to_file=True, store_tolerance=stored)
+        # while there is still time to choose a larger tolerance
+        note(f"about {format_seconds(found.seconds)} of processor time ahead, at most {format_bytes(most)} of memory")
+        how |= {"out": out, "provenance": self.known(plan, found)}
+        if on_pass is None:
+            matrix = yield from iter_simulate_psf(plan, found, self.level, **how, store_tolerance=stored)
+        else:
+            passes = (lambda tolerance: self.selection(plan, tolerance), self.level)
+            matrix = yield from iter_refine_psf(plan, *passes, **how, on_pass=on_pass)
+        light = tuple(light_in_cutout(matrix, plan, found))
+        made = SimulatedH(plan=plan, effects=found, out=out, matrix=matrix, stored=stored, light=light)
+        _warn(made, finest=self.level == "auto")
+        return made
 
 
 @record
-class _OfPlanes(_OfCamera):
+class _OfOnePlan(_Simulate):
     """What is simulated of one plan, or of a camera with planes."""
 
     depths: tuple[float, ...] = opt(
@@ -247,124 +307,15 @@ class _OfPlanes(_OfCamera):
         empty="that of the plan, else by geometry",
     )
 
-    def planned(self) -> ScanPlan:
-        """Return the plan."""
-        return planned_scan(self.camera, self.depths, self.virtual_depths, self.cutout)
+    def work(self, run: RunSettings | None = None) -> Work[tuple[Any, ...]]:
+        """Simulate it, or say what that takes."""
+        plan = planned_scan(self.camera, self.depths, self.virtual_depths, self.cutout)
+        made = yield from self.work_on(plan, run or RunSettings())
+        return (made,)
 
-
-@record
-class _WithEffects(_OfCamera):
-    """What all kinds have."""
-
-    effects: tuple[str, ...] = opt(
-        (),
-        "NAME=on, off, auto or a magnitude (coma=0.3@40deg, lenslet_gap=5um), or a JSON file of effects. "
-        "May be given several times.",
-        flag="--effect",
-        read=read_effect,
-        file="in",
-        is_path=lambda text: "=" not in text,
-        empty="what matters for the tolerance",
-    )
-    tolerance: float = opt(
-        0.03, "Relative L1 error allowed for what is left out.", above=0, at_most=4, read=read_share, unit="share"
-    )
-    level: str = opt("auto", "How light is computed. auto: as the effects need.", choices=LEVELS)
-
-    @property
-    def stored(self) -> float | None:
-        """What each pattern may lose in the file (relative L1), if that is stated."""
-        return None
-
-    def selection(self, plan: ScanPlan, tolerance: float | None = None, **more: Any) -> EffectSelection:
-        """Return the effects that matter for a plan; ``more`` as in `lfcal.simulate.plan_effects`."""
-        from lfcal.simulate import plan_effects
-        from lfcal.simulate.effects import parse_effects
-
-        settings, given = parse_effects(self.effects)
-        return plan_effects(plan, tolerance or self.tolerance, settings, effects=given, **more)
-
-    def ahead(self, plan: ScanPlan) -> SimulationForecast:
-        """Return which effects matter and what H takes; say what is left out though it was asked for."""
-        from lfcal.simulate import predict_seconds
-
-        found = self.selection(plan)
-        _tell_plan(plan)
-        _tell_left_out(found)
-        seconds = predict_seconds(plan, found, self.level, tolerance=self.tolerance)
-        return SimulationForecast(plan=plan, effects=found, seconds=seconds)
-
-    def _iter_h(self, plan: ScanPlan, out: Path, run: RunSettings) -> Work[SimulatedH]:
-        """Choose the effects and compute H, in units where this kind has them."""
-        from lfcal.simulate import iter_simulate_psf
-
-        ahead = self.ahead(plan)
-        choice = run.choice(out, ahead.seconds) if self.in_units else None
-        self._tell_ahead(ahead, choice, run.workers)
-        matrix = yield from iter_simulate_psf(
-            plan,
-            ahead.effects,
-            self.level,
-            tolerance=self.tolerance,
-            out=out,
-            workers=run.workers,
-            provenance=self._known(plan),
-            store_tolerance=self.stored,
-            run=choice,
-        )
-        return self._made(ahead, out, matrix)
-
-    def _known(self, plan: ScanPlan) -> dict[str, Any]:
-        return {"plan": plan.to_dict(), "task": self.to_dict(absolute=True, outputs=False)}
-
-    def _tell_ahead(self, ahead: SimulationForecast, choice: RunChoice | None, workers: int | None) -> None:
-        """Say what it takes, while there is still time to choose a larger tolerance."""
-        from lfcal.base import format_bytes, format_seconds, worker_count
-        from lfcal.simulate import predict_bytes
-        from lfcal.work.executors import concurrent_memory, concurrent_units
-
-        plan, count = ahead.plan, worker_count(workers)
-        # in steps, and as it is read back
-        more = 0 if self.stored is None else math.prod(plan.shape[1:]) * 6
-
-        def plane(threads: int) -> int:
-            how: dict[str, Any] = {"tolerance": self.tolerance, "to_file": True, "workers": threads}
-            return predict_bytes(plan, ahead.effects, self.level, **how) + more
-
-        if choice is None:
-            most = plane(count)
-        elif choice.executor != "threads":
-            most = count * plane(1)  # each has its own engines
-        else:
-            one = plane(1)
-            at_once = concurrent_units([one] * len(plan.depths_um), count, concurrent_memory())
-            most = at_once * one if at_once > 1 else plane(count)
-        note(f"about {format_seconds(ahead.seconds)} of processor time ahead, at most {format_bytes(most)} of memory")
-
-    def _made(self, ahead: SimulationForecast, out: Path, matrix: PSFMatrix) -> SimulatedH:
-        """Return an H that is computed; warn of planes that miss the tolerance, or of which the cutout lacks light."""
-        from lfcal.simulate import light_in_cutout
-
-        made = SimulatedH(
-            plan=ahead.plan,
-            effects=ahead.effects,
-            seconds=ahead.seconds,
-            out=out,
-            matrix=matrix,
-            errors=tuple(float(error) for error in matrix.facts.known()["error"]),
-            light=tuple(light_in_cutout(matrix, ahead.plan, ahead.effects)),
-            tolerance=self.tolerance,
-            limit=self.tolerance + (self.stored or 0),
-            rounded=self.stored is not None,
-        )
-        _warn_of_error(made, self.level)
-        _warn_of_light(made)
-        return made
-
-
-@record
-class _OfOnePlan(_WithEffects, _OfPlanes):
-    """What is simulated of one plan, or of a camera with planes."""
+    def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[Any]:
+        """Do it for a plan that is in memory, in place of that of ``camera``."""
+        raise NotImplementedError
 
 
 OUT: dict[str, Any] = {"label": "H file", "short": "-o", "file": "out", "chooses": True}
@@ -401,15 +352,9 @@ class SimulateH(_OfOnePlan):
         more=True,
     )
 
-    @property
-    def stored(self) -> float | None:
-        """What each pattern may lose in the file (relative L1), if that is stated."""
-        return self.store_tolerance
-
-    def work(self, run: RunSettings | None = None) -> Work[tuple[SimulatedH, ...]]:
+    def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[SimulatedH]:
         """Choose the effects and compute H."""
-        made = yield from self._iter_h(self.planned(), self.out, run or RunSettings())
-        return (made,)
+        return self.iter_matrix(plan, self.out, run, stored=self.store_tolerance)
 
 
 @record
@@ -424,6 +369,7 @@ class SimulatePasses(_OfOnePlan):
     """
 
     input_words: ClassVar[str] = "H in passes"
+    in_units: ClassVar[bool] = True
 
     out: Path = required("H file to write (.h5).", **OUT)
     progressive: bool = opt(
@@ -433,13 +379,8 @@ class SimulatePasses(_OfOnePlan):
         chooses=True,
     )
 
-    def work(self, run: RunSettings | None = None) -> Work[tuple[SimulatedH, ...]]:
+    def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[SimulatedH]:
         """Compute H by rays, then better."""
-        from lfcal.simulate import iter_refine_psf
-
-        workers, plan = (run or RunSettings()).workers, self.planned()
-        ahead = self.ahead(plan)
-        self._tell_ahead(ahead, None, workers)
         whole: list[str] = []
 
         def tell(matrix: PSFMatrix) -> None:
@@ -448,25 +389,15 @@ class SimulatePasses(_OfOnePlan):
             note(f"{whole[-1]}; Ctrl-C keeps it")
 
         try:
-            matrix = yield from iter_refine_psf(
-                plan,
-                lambda error: self.selection(plan, error),
-                self.level,
-                tolerance=self.tolerance,
-                out=self.out,
-                workers=workers,
-                provenance=self._known(plan),
-                on_pass=tell,
-            )
+            return (yield from self.iter_matrix(plan, self.out, run, on_pass=tell))
         except BaseException:
             if whole:
                 note(f"kept: {whole[-1]}")
             raise
-        return (self._made(ahead, self.out, matrix),)
 
 
 @record
-class SimulateRegions(_WithEffects):
+class SimulateRegions(_Simulate):
     """Simulate H of each region of a plan of several, at its place of the field, into one file.
 
     Examples
@@ -491,7 +422,7 @@ class SimulateRegions(_WithEffects):
         with temporary_parts(self.out, several.names) as parts:
             for k, name in enumerate(several.names):
                 note(f"region {name}")
-                made[name] = yield from self._iter_h(several.plan(k), parts[name], run)
+                made[name] = yield from self.iter_matrix(several.plan(k), parts[name], run)
                 made[name].close()
             save_parts(parts, self.out, workers=run.workers)
         return (SimulatedRegions(out=self.out, regions=made),)
@@ -524,21 +455,29 @@ class SimulateFrames(_OfOnePlan):
         """Return its files; the folder is none, and never replaced."""
         return () if way == "out" else super().files(way)
 
-    def work(self, run: RunSettings | None = None) -> Work[tuple[SimulatedFrames, ...]]:
+    def check_folder(self, run: RunSettings) -> None:
+        """Raise `InputError` unless the folder is new, empty, or that of a session that ``run`` resumes."""
+        from lfcal.simulate.sensor import unfinished
+
+        # frames of two sessions in one folder would be read as one.
+        resumed = run.resume and unfinished(self.frames) is not None
+        if not resumed and self.frames.exists() and (not self.frames.is_dir() or any(self.frames.iterdir())):
+            wanted = "a new or empty folder"
+            raise InputError.expected(str(self.frames), wanted, "one with files in it", "choose another")
+
+    def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[SimulatedFrames]:
         """Write them."""
         from lfcal.simulate import SimulatedCamera, iter_write_session
 
-        folder, plan = self.frames, self.planned()
-        # frames of two sessions in one folder would be read as one.
-        if folder.exists() and any(folder.iterdir()):
-            raise InputError.expected(str(folder), "a new or empty folder", "one with files in it", "choose another")
+        self.check_folder(run)
         found = self.selection(plan, frames=True, peak=self.peak)
         _tell_plan(plan)
         _tell_left_out(found)
         how: dict[str, Any] = {"tolerance": self.tolerance, "seed": self.seed, "peak": self.peak}
         source = SimulatedCamera(plan, found, level=self.level, **how)
-        count = yield from iter_write_session(source, folder)
-        return (SimulatedFrames(plan=plan, effects=found, seconds=found.seconds, folder=folder, count=count),)
+        known = {"task": self.known(plan, found)["task"]}
+        count = yield from iter_write_session(source, self.frames, resume=run.resume, provenance=known)
+        return SimulatedFrames(plan=plan, effects=found, folder=self.frames, count=count)
 
 
 @record
@@ -564,20 +503,15 @@ class SimulateForecast(_OfOnePlan):
         0.8, "Brightness that the brightest pixel reaches in frames.", needs=("frames", ""), more=True, **PEAK
     )
 
-    def work(self, run: RunSettings | None = None) -> Work[tuple[SimulationForecast, ...]]:
+    def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[SimulationForecast]:
         """Choose the effects."""
-        from lfcal.simulate import predict_seconds
-
         yield from ()
-        plan = self.planned()
         found = self.selection(plan, frames=self.frames is not None, peak=self.peak)
         _tell_plan(plan)
-        if self.level != "auto":
-            seconds = predict_seconds(plan, found, self.level, tolerance=self.tolerance)
-            found = replace(found, level=self.level, seconds=seconds)
         for target in filter(None, (self.out, self.frames)):
             note(f"{target} is not written: --plan-only")
-        return (SimulationForecast(plan=plan, effects=found, seconds=found.seconds),)
+        # what the effects need is estimated without a run
+        return SimulationForecast(plan=plan, effects=found if self.level == "auto" else self.timed(plan, found))
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
@@ -628,26 +562,23 @@ def _tell_plan(plan: ScanPlan) -> None:
         )
 
 
-def _warn_of_error(made: SimulatedH, level: str) -> None:
-    """Warn of planes that miss what was asked for."""
-    over = [z for z, error in enumerate(made.errors) if error > made.limit]
+def _warn(made: SimulatedH, *, finest: bool) -> None:
+    """Warn of planes that miss what was asked for, at the ``finest`` level or not, or whose cutout lacks light."""
+    depths, errors, light = made.plan.depths_um, made.errors, made.light
+    over = [z for z, error in enumerate(errors) if error > made.limit]
     if over:
-        worst = max(over, key=lambda z: made.errors[z])
-        more = "nothing finer is computed" if level == "auto" else "--level auto takes what they need"
+        worst = max(over, key=lambda z: errors[z])
+        more = "nothing finer is computed" if finest else "--level auto takes what they need"
         warn(
-            f"{len(over)} of {len(made.errors)} planes miss the {100 * made.limit:.3g} % asked for; plane {worst} at "
-            f"{made.plan.depths_um[worst]:g} µm reaches {100 * made.errors[worst]:.2g} %; {more}"
+            f"{len(over)} of {len(errors)} planes miss the {100 * made.limit:.3g} % asked for; plane {worst} at "
+            f"{depths[worst]:g} µm reaches {100 * errors[worst]:.2g} %; {more}"
         )
-
-
-def _warn_of_light(made: SimulatedH) -> None:
-    """Warn of planes of which the cutout holds too little light."""
-    low = [z for z, share in enumerate(made.light) if share < LEAST_LIGHT]
+    low = [z for z, share in enumerate(light) if share < LEAST_LIGHT]
     if low:
-        worst = min(low, key=lambda z: made.light[z])
+        worst = min(low, key=lambda z: light[z])
         rows, columns = made.plan.cutout
         warn(
             f"the cutout of {rows} x {columns} px holds less than {100 * LEAST_LIGHT:g} % of the light in "
-            f"{len(low)} of {len(made.light)} planes; plane {worst} at {made.plan.depths_um[worst]:g} µm has "
-            f"{100 * made.light[worst]:.3g} %; choose a larger --cutout"
+            f"{len(low)} of {len(light)} planes; plane {worst} at {depths[worst]:g} µm has "
+            f"{100 * light[worst]:.3g} %; choose a larger --cutout"
         )

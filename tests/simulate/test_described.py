@@ -10,6 +10,7 @@ import pytest
 
 from lfcal.base.errors import FileFormatError, InputError
 from lfcal.simulate.effects import (
+    ColourFilter,
     Coma,
     Drift,
     Effect,
@@ -17,11 +18,12 @@ from lfcal.simulate.effects import (
     IrisShape,
     LensletGap,
     PitchError,
+    PixelKernel,
     Spherical,
     Zernike,
     catalogue,
 )
-from lfcal.simulate.effects.described import effect_from, parse_effects
+from lfcal.simulate.effects.described import Entry, effect_entries, effect_from, effect_words, parse_effects
 from lfcal.simulate.plane_task import describe
 
 
@@ -38,6 +40,7 @@ from lfcal.simulate.plane_task import describe
         ("pitch_error=0.02%", PitchError(2e-4)),
         ("drift=rows:2um,columns:500nm", Drift(2.0, 0.5)),
         ("iris_shape=7", IrisShape(7)),
+        ("pixel_kernel=up:0.01,down_left:0.02", PixelKernel(up=0.01, down_left=0.02)),
         ("zernike=4,0,0.1;3,-1,0.05", Zernike(((4, 0, 0.1), (3, -1, 0.05)))),
     ],
 )
@@ -62,6 +65,26 @@ def test_every_effect_of_the_catalogue_survives_its_description(tmp_path: Path) 
     path = tmp_path / "effects.json"
     path.write_text(json.dumps(describe(catalogue())))
     assert parse_effects([str(path)])[1] == catalogue()
+
+
+def test_words_say_all_of_an_entry() -> None:
+    entries = [Entry(one, one.name, dict.fromkeys(given, "stated")) for one in catalogue() if (given := _numbers(one))]
+    entries.append(Entry(Coma(0.1 + 0.2, 1e-17), "coma", {"waves": "measured", "angle_rad": "stated"}))
+    entries.append(Entry(Zernike(((4, 0, 0.1), (3, -1, -5e-2))), "zernike", {"terms": "measured"}))
+    entries.append(Entry(ColourFilter("GRBG", 0.05), "colour_filter", {"cfa": "stated", "leak": "measured"}))
+    entries.append(Entry(None, "bandwidth", setting="off"))
+    words = effect_words(entries)
+    assert "zernike=4,0,0.1;3,-1,-0.05 measured" in words and words[-1] == "bandwidth=off"
+    assert effect_entries(words) == tuple(entries)
+    both = effect_words([Entry(Coma(0.3), "coma", {"waves": "measured"}, "off")])
+    assert both == ("coma=waves:0.3 measured", "coma=off")
+    assert effect_words([Entry(Zernike(), "zernike", {"terms": "stated"})]) == (), "no terms"
+    assert parse_effects(both) == ({"coma": "off"}, (Coma(0.3),))
+
+
+def _numbers(effect: Effect) -> list[str]:
+    """Return the magnitudes of an effect that are set."""
+    return [key for key, value in describe([effect])[0].items() if key != "name" and value not in (None, (), [])]
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,8 @@ from lfcal.simulate.engines import Sampling
 from lfcal.simulate.plane_task import EffectsLike, PlaneTask, budgeted
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.staging import filter_kernel, resolve_level, scene_for
+from lfcal.work import RunChoice
+from lfcal.work.executors import concurrent_memory, concurrent_units
 
 __all__ = ["engine_bytes", "predict_bytes", "task_bytes"]
 
@@ -60,6 +62,8 @@ def predict_bytes(
     sampling: Sampling | None = None,
     to_file: bool = False,
     workers: int | None = None,
+    store_tolerance: float | None = None,
+    run: RunChoice | None = None,
 ) -> int:
     """Return the bytes that `simulate_psf` takes at most, H included.
 
@@ -67,7 +71,7 @@ def predict_bytes(
 
     Parameters
     ----------
-    plan, effects, level, tolerance, sampling, workers
+    plan, effects, level, tolerance, sampling, workers, store_tolerance, run
         As in `simulate_psf`.
     to_file
         Whether H goes to a file: one plane of it is in memory then.
@@ -86,12 +90,24 @@ def predict_bytes(
     """
     budget = budgeted(effects, plan, tolerance)
     nz, *rest = plan.shape
-    held = 4 * math.prod(rest) * (2 if to_file else nz)
-    most = 0
-    for z, z_um in enumerate(plan.depths_um):
-        chosen, share = budget.at(z_um)
-        most = max(most, _plane_bytes(plan, z, chosen, level, share, sampling, workers=worker_count(workers)))
-    return held + most
+    held, count = 4 * math.prod(rest) * (2 if to_file else nz), worker_count(workers)
+    held += 0 if store_tolerance is None else STEPPED * math.prod(rest)
+
+    def plane(threads: int) -> int:
+        """Return the bytes of one plane by so many threads."""
+        most = 0
+        for z, z_um in enumerate(plan.depths_um):
+            chosen, share = budget.at(z_um)
+            most = max(most, _plane_bytes(plan, z, chosen, level, share, sampling, workers=threads))
+        return held + most
+
+    if run is None:
+        return plane(count)
+    one = plane(1)
+    if run.executor != "threads":
+        return count * one  # each process has its own engines
+    together = concurrent_units([one] * nz, count, concurrent_memory())
+    return together * one if together > 1 else plane(count)
 
 
 def task_bytes(task: PlaneTask, *, stepped: bool = False) -> int:

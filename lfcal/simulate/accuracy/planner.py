@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from lfcal.base import InputError, check_number, choose, format_seconds, format_share
 from lfcal.camera import ScanPlan
@@ -152,6 +152,30 @@ class EffectSelection:
     def __iter__(self) -> Iterator[Effect]:
         """Iterate over the effects that are on at any plane."""
         return iter(self.effects)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return every effect with its estimate, level and times, as plain values."""
+        return {
+            "level": self.level,
+            "tolerance": self.tolerance,
+            "seconds": self.seconds,
+            "ideal_seconds": self.ideal_seconds,
+            "effects": [
+                {
+                    "name": row.name,
+                    "on": row.on,
+                    "setting": row.setting,
+                    "size": row.estimate.size,
+                    "unit": row.estimate.unit,
+                    "error": row.estimate.error,
+                    "formula": row.estimate.formula,
+                    "z_um": row.z_um,
+                    "seconds": row.seconds,
+                    "reason": row.reason,
+                }
+                for row in self.rows
+            ],
+        }
 
 
 def plan_effects(

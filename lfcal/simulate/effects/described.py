@@ -17,7 +17,9 @@ __all__ = [
     "SETTINGS",
     "Entry",
     "Magnitude",
+    "effect_entries",
     "effect_from",
+    "effect_words",
     "entries_json",
     "magnitudes_of",
     "parse_effects",
@@ -26,6 +28,9 @@ __all__ = [
 ]
 
 SETTINGS = ("auto", "on", "off")
+
+MEASURED = " measured"
+"""End of a magnitude that was measured; others are stated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,37 +56,60 @@ class Entry:
 
 
 def parse_effects(items: Sequence[str]) -> tuple[dict[str, str], tuple[Effect, ...]]:
-    """Return settings by name, and effects with magnitudes, from words and files.
+    """Return settings by name, and effects with magnitudes, from words and files as `effect_entries`."""
+    settings: dict[str, str] = {}
+    given: dict[str, Effect] = {}
+    for entry in effect_entries(items):
+        if entry.effect is not None:
+            given[entry.name] = entry.effect
+        if entry.effect is None or entry.setting != "auto":
+            settings[entry.name] = entry.setting
+    return settings, tuple(given.values())
+
+
+def effect_entries(items: Sequence[str]) -> tuple[Entry, ...]:
+    """Return what words and files say of effects.
 
     Parameters
     ----------
     items
         ``NAME=on``, ``off`` or ``auto``; ``NAME=VALUE``, for example ``coma=0.3@40deg``, ``lenslet_gap=5um`` or
         ``drift=rows:2um,columns:1um``: the first magnitude, or named ones, ``@`` being the direction; or a JSON file of
-        effects (`read_entries`). Of one name the last counts.
+        effects (`read_entries`). A magnitude may end with the word measured: ``coma=0.3 measured``. If a name is given
+        again, the last one counts.
 
     Raises
     ------
     InputError
         For an unknown effect or magnitude, or a value that is none.
     """
-    settings: dict[str, str] = {}
-    given: dict[str, Effect] = {}
+    found: list[Entry] = []
     for item in items:
         name, sign, text = (part.strip() for part in item.partition("="))
         if not sign and item.strip().lower().endswith(".json"):
-            chosen, effects = parse_entries(item.strip())
-            settings |= chosen
-            given |= {effect.name: effect for effect in effects}
+            found += read_entries(item.strip())
         elif not sign:
             raise InputError.expected(
                 "effect", "NAME=on, off, auto or a magnitude, or a JSON file", repr(item), "for example coma=0.3@40deg"
             )
-        elif text in SETTINGS:
-            settings[name] = text
         else:
-            given[name] = _from_words(name, text)
-    return settings, tuple(given.values())
+            found.append(Entry(None, name, setting=text) if text in SETTINGS else _from_words(name, text))
+    return tuple(found)
+
+
+def effect_words(entries: Iterable[Entry]) -> tuple[str, ...]:
+    """Return words that `effect_entries` reads: a setting and all magnitudes that are given of each effect."""
+    words = []
+    for entry in entries:
+        parts = []
+        given = ((key, mark, getattr(entry.effect, key)) for key, mark in entry.given.items())
+        for key, mark, value in (one for one in given if one[2] != ()):
+            triples = isinstance(value, tuple)
+            text = ";".join(",".join(map(str, three)) for three in value) if triples else f"{key}:{value}"
+            parts.append(text + (MEASURED if mark == "measured" else ""))
+        words += [f"{entry.name}={','.join(parts)}"] if parts else []
+        words += [f"{entry.name}={entry.setting}"] if entry.setting != "auto" else []
+    return tuple(words)
 
 
 def parse_entries(path: str | os.PathLike[str]) -> tuple[dict[str, str], tuple[Effect, ...]]:
@@ -195,23 +223,32 @@ def _whole(value: Any) -> int:
     return int(value)
 
 
-def _from_words(name: str, text: str) -> Effect:
+def _from_words(name: str, text: str) -> Entry:
     kind = CATALOGUE.get(name)
     known = {field.name: str(field.type) for field in fields(kind)}  # type: ignore[arg-type]
     if not known:
         raise InputError.expected(f"effect {name}", "on, off or auto", repr(text), "it has no magnitude of its own")
     first = next(iter(known))
     if known[first] in TRIPLES:
-        return effect_from(name, {first: _terms(name, text, *TRIPLES[known[first]])})
+        text, mark = _marked(text)
+        return Entry(effect_from(name, {first: _terms(name, text, *TRIPLES[known[first]])}), name, {first: mark})
     main, sign, direction = text.partition("@")
     parts = dict(_parts(main, first))
     if sign:
         parts["angle"] = direction
-    found = {}
+    found, marks = {}, {}
     for word, value in parts.items():
         key = _field(name, word, known)
-        found[key] = value.strip() if known[key].startswith("str") else _value(kind, key, value)
-    return effect_from(name, found)
+        value, marks[key] = _marked(value)
+        found[key] = value if known[key].startswith("str") else _value(kind, key, value)
+    return Entry(effect_from(name, found), name, marks)
+
+
+def _marked(text: str) -> tuple[str, str]:
+    """Return a magnitude, and how it is known."""
+    text = text.strip()
+    value = text.removesuffix(MEASURED).strip()
+    return value, "stated" if value == text else "measured"
 
 
 def _parts(text: str, first: str) -> Iterable[tuple[str, str]]:
@@ -222,7 +259,9 @@ def _parts(text: str, first: str) -> Iterable[tuple[str, str]]:
 
 def _field(name: str, word: str, known: Mapping[str, str]) -> str:
     """Return the field that a word means: its name, with or without the unit that it ends with."""
-    found = [key for key in known if word == key or word == key.rpartition("_")[0]]
+    if word in known:
+        return word
+    found = [key for key in known if word == key.rpartition("_")[0]]
     if not found:
         raise InputError.expected(f"magnitude of {name}", " or ".join(known), repr(word), "correct it")
     return found[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,13 @@ PICTURES = ("frames/z*_y*_x*.png", "dark/dark_*.png", "white/white_*.png")
 
 
 def iter_write_session(
-    source: SimulatedCamera, folder: str | os.PathLike[str], *, darks: int = 8, whites: int = 4, resume: bool = False
+    source: SimulatedCamera,
+    folder: str | os.PathLike[str],
+    *,
+    darks: int = 8,
+    whites: int = 4,
+    resume: bool = False,
+    provenance: Mapping[str, Any] | None = None,
 ) -> Work[int]:
     """Write a simulated session and return the number of frames.
 
@@ -66,6 +73,8 @@ def iter_write_session(
         Number of dark and white frames.
     resume
         Keep the frames that an earlier run wrote.
+    provenance
+        Further entries of ``truth.json``; plain JSON types.
 
     Yields
     ------
@@ -114,7 +123,7 @@ def iter_write_session(
     _write_text(out / "frames" / "manifest.csv", "\n".join(manifest))
     _write_text(out / "camera.json", source.camera.to_json())
     _write_text(out / "plan.json", source.plan.to_json())
-    _write_text(out / "truth.json", json.dumps(truth_of(source), indent=2))
+    _write_text(out / "truth.json", json.dumps({**truth_of(source), **(provenance or {})}, indent=2))
     (out / UNFINISHED).unlink()
     return len(source)
 
