@@ -67,6 +67,11 @@ class SimulationForecast(TaskResult):
     plan: ScanPlan
     effects: EffectSelection
 
+    @property
+    def reached(self) -> tuple[str, ...]:
+        """What the planes of H reached, a line each."""
+        return ()
+
     def to_dict(self) -> dict[str, Any]:
         """Return all of it as plain values."""
         return {**self.effects.to_dict(), "assumed": self.plan.camera.marks.paths("assumed")}
@@ -109,6 +114,18 @@ class SimulatedH(SimulationForecast):
         """What the errors were asked to stay below."""
         return self.effects.tolerance + (self.stored or 0)
 
+    @property
+    def reached(self) -> tuple[str, ...]:
+        """What the planes reached: what is left out as estimated, the computation by some positions."""
+        lowest, highest = 100 * min(self.errors), 100 * max(self.errors)
+        error = f"{highest:.2g} %" if highest < 1.1 * lowest else f"{lowest:.2g} to {highest:.2g} %"
+        what = "with that of storage" if self.stored is not None else "of what is left out and of the computation"
+        least, most = 100 * min(self.light), 100 * max(self.light)
+        return (
+            f"error {what}: {error} ({100 * self.limit:.3g} % asked for)",
+            f"light in the cutout: {least:.3g}" + ("" if most - least < 0.1 else f" to {most:.3g}") + " %",
+        )
+
     def close(self) -> None:
         """Close the file of the matrix."""
         self.matrix.close()
@@ -141,6 +158,11 @@ class SimulatedRegions(TaskResult):
 
     out: Path
     regions: Mapping[str, SimulatedH]
+
+    @property
+    def reached(self) -> tuple[str, ...]:
+        """What the planes of each region reached, a line each."""
+        return tuple(words for one in self.regions.values() for words in one.reached)
 
     def to_dict(self) -> dict[str, Any]:
         """Return all of it as plain values."""

@@ -3,39 +3,58 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import InputError, format_length
 from lfcal.camera import Camera, ScanPlan, checked_depths
-from lfcal_gui.models import PageSettings
+from lfcal.records import from_flat, rows
+from lfcal.tasks import SimulateFrames, SimulateH, SimulatePasses
+from lfcal_gui.models import PLAN_FILE, Field, PageSettings, fields_of
 
 if TYPE_CHECKING:
     from lfcal.simulate import EffectSelection
-    from lfcal.simulate.effects import Effect
+    from lfcal.simulate.effects import Effect, Entry
 
 __all__ = [
-    "LEVELS",
+    "FIELDS",
+    "HELD",
+    "KINDS",
     "Z_STEPS",
     "SimulateSettings",
     "depth_of",
+    "frames_task",
+    "kept_pass",
+    "matrix_task",
     "preview",
     "preview_words",
     "tolerance_of",
     "tolerance_step",
 ]
 
-LEVELS = (
-    ("auto", "auto: as the effects need"),
-    ("geometric", "geometric: rays, instant"),
-    ("wave", "wave: per lenslet"),
-    ("grid", "grid: all lenslets at once"),
-    ("microscope", "microscope: coherent"),
-)
-"""Levels of the computation, and what is shown of them."""
+T = TypeVar("T")
+
+KINDS = (SimulateH, SimulatePasses, SimulateFrames)
+"""Tasks of the page."""
+
+HELD = frozenset({"camera", "depths", "virtual_depths", "cutout", "effects", "out", "frames"})
+"""Fields of the tasks that the form lacks: the plan of the project, the table of effects, and what is written."""
+
+ROWS = {row.name: row for kind in KINDS for row in rows(kind) if row.name not in HELD}
+
+
+def _fields(*, more: bool) -> tuple[Field, ...]:
+    found = {one.key: one for kind in KINDS for one in fields_of(kind, without=HELD, more=more)}
+    return tuple(found.values())
+
+
+FIELDS = (_fields(more=False), _fields(more=True))
+"""Entries of the form: those in view, and those that are folded."""
 
 Z_STEPS = 200
 """Steps of the preview's depth."""
@@ -50,45 +69,70 @@ LOW, HIGH = 0.001, 0.5
 _lock = threading.Lock()
 
 
+def refusal(name: str, value: Any) -> str:
+    """Return why a value of a field is refused; empty: it is not."""
+    try:
+        replace(SimulateSettings(), **{name: value})
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def shown(name: str, settings: SimulateSettings) -> Any:
+    """Return what the form shows of a field."""
+    value = getattr(settings, name)
+    return ROWS[name].text(value) if ROWS[name].opt.read is not None else value
+
+
 @dataclass(frozen=True)
 class SimulateSettings(PageSettings):
     """What the simulation is asked for.
 
     Attributes
     ----------
-    tolerance
-        Relative L1 error allowed for everything that is left out.
-    level
-        One of `LEVELS`.
+    tolerance, level, store_tolerance, seed, peak
+        As in the tasks; see `KINDS`.
     overrides
         Pairs of effect and ``"on"`` or ``"off"``; the planner decides on the others.
     magnitudes
         What the user gave, as (effect, field, value, how it is known): ``"stated"`` or ``"measured"``. Those of
         effects that are not installed are kept.
-    passes
-        Whether H is simulated in passes: whole after the first, better after each.
+    progressive
+        Whether H is simulated in passes.
     """
 
     page: ClassVar[str] = "simulate"
 
-    tolerance: float = 0.05
-    level: str = "auto"
+    tolerance: float = SimulateH.tolerance
+    level: str = SimulateH.level
     overrides: tuple[tuple[str, str], ...] = ()
     magnitudes: tuple[tuple[str, str, Any, str], ...] = ()
-    passes: bool = False
+    progressive: bool = False
+    store_tolerance: float | None = None
+    seed: int = SimulateFrames.seed
+    peak: float = SimulateFrames.peak
 
     def __post_init__(self) -> None:
         """Check every value."""
-        if not 0 < self.tolerance < 1:
-            raise InputError.expected("tolerance", "above 0 and below 1", self.tolerance, "correct it")
-        if self.level not in dict(LEVELS):
-            raise InputError.expected("level", " or ".join(dict(LEVELS)), self.level, "choose one of these")
+        for name, row in ROWS.items():
+            if name != "progressive":  # it chooses the task
+                object.__setattr__(self, name, row.value(getattr(self, name), name))
         for effect, choice in self.overrides:
             if choice not in CHOICES:
                 raise InputError.expected(f"choice for {effect}", " or ".join(CHOICES), choice, "choose one of these")
         for effect, field, _, mark in self.magnitudes:
             if not isinstance(effect, str) or not isinstance(field, str) or mark not in GIVEN:
                 raise InputError.expected(f"{field} of {effect}", " or ".join(GIVEN), mark, "choose one of these")
+
+    @classmethod
+    def read(cls, data: object) -> tuple[Self, tuple[str, ...]]:
+        """Return the settings in ``data``, and why values were refused; in earlier projects ``progressive`` is passes.
+
+        See `PageSettings.read`.
+        """
+        if isinstance(data, Mapping) and "passes" in data:
+            data = {"progressive": data["passes"], **data}
+        return super().read(data)
 
     def usable(self) -> None:
         """Raise `InputError` unless the effects can have these magnitudes."""
@@ -133,12 +177,53 @@ class SimulateSettings(PageSettings):
 
         return {name: choice for name, choice in self.overrides if name in CATALOGUE}
 
+    def entries(self) -> tuple[Entry, ...]:
+        """Return what is given and chosen, by effects that are installed."""
+        from lfcal.simulate.effects import Entry
+
+        effects, choices = {effect.name: effect for effect in self.effects()}, self.choices()
+        marks = {name: {field: mark for field, (_, mark) in self.given(name).items()} for name in effects}
+        return tuple(
+            Entry(effects.get(name), name, marks.get(name, {}), choices.get(name, "auto"))
+            for name in sorted({*effects, *choices})
+        )
+
     def missing(self) -> tuple[str, ...]:
         """Return the names of effects that are chosen or given and not installed."""
         from lfcal.simulate.effects import CATALOGUE
 
         named = [*dict(self.overrides), *(entry[0] for entry in self.magnitudes)]
         return tuple(name for name in dict.fromkeys(named) if name not in CATALOGUE)
+
+
+def matrix_task(settings: SimulateSettings, out: str) -> SimulateH | SimulatePasses:
+    """Return how H is simulated, of the plan in `PLAN_FILE`; the loss in the file has no effect in passes."""
+    if settings.progressive:
+        return _task_of(SimulatePasses, settings, out=Path(out))
+    return _task_of(SimulateH, settings, out=Path(out))
+
+
+def frames_task(settings: SimulateSettings, folder: str) -> SimulateFrames:
+    """Return how the frames of a session are simulated, of the plan in `PLAN_FILE`."""
+    return _task_of(SimulateFrames, settings, frames=Path(folder))
+
+
+def _task_of(kind: type[T], settings: SimulateSettings, **more: Path) -> T:
+    from lfcal.simulate.effects import effect_words
+
+    own = {row.name: getattr(settings, row.name) for row in rows(kind) if row.name in ROWS}
+    return from_flat(kind, own | {"camera": PLAN_FILE, "effects": effect_words(settings.entries())} | more)
+
+
+def kept_pass(path: str) -> str:
+    """Return how accurate the H is that a run in passes left when it was stopped, in words; empty: there is none."""
+    from lfcal.psf import open_psf
+    from lfcal.work import PASS, parts_folder, read_events
+
+    if PASS not in read_events(parts_folder(path)) or not Path(path).exists():
+        return ""
+    with open_psf(path) as matrix:
+        return f"whole within {100 * max(float(error) for error in matrix.facts.known()['error']):.2g} %"
 
 
 def tolerance_of(step: int) -> float:

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base import InputError, Work, format_seconds, format_share
+from lfcal.base import InputError, format_seconds, format_share
 from lfcal.camera import ScanPlan
-from lfcal_gui.models import going_on
-from lfcal_gui.pages.simulate.model import SimulateSettings
+from lfcal_gui.pages.simulate.model import SimulateSettings, frames_task
 
 if TYPE_CHECKING:
     from lfcal.simulate import EffectSelection, PlannedEffect
@@ -22,10 +21,8 @@ __all__ = [
     "EffectRow",
     "EffectsVerdict",
     "bar_share",
-    "iter_simulation",
     "read_terms",
     "refused",
-    "sources_of",
     "summary_of",
     "verdict_of",
 ]
@@ -128,11 +125,9 @@ class EffectsVerdict:
 
 def verdict_of(plan: ScanPlan, settings: SimulateSettings) -> EffectsVerdict:
     """Ask the planner, for H and for frames, and put its answer into words."""
-    from lfcal.simulate import plan_effects
-
-    asked = (plan, settings.tolerance, settings.choices())
-    found = plan_effects(*asked, effects=settings.effects())
-    frames = plan_effects(*asked, effects=settings.effects(), frames=True)
+    task = frames_task(settings, "frames")
+    found = task.selection(plan)
+    frames = task.selection(plan, frames=True, peak=task.peak)
     rows = tuple(
         _row(row if row.effect.acts_on.enters_h else frames.row(row.name), plan, settings) for row in found.rows
     )
@@ -224,36 +219,3 @@ def read_terms(effect: str, magnitude: Magnitude, rows: Sequence[Sequence[str]])
             raise InputError(f"row {k + 1}: {error}") from None
         terms.append((int(first), int(second), third))
     return tuple(terms)
-
-
-def iter_simulation(
-    plan: ScanPlan, settings: SimulateSettings, path: str, verdict: EffectsVerdict | None = None
-) -> Work[Any]:
-    """Simulate H of ``plan`` into the file ``path``; asks the planner first unless ``verdict`` is its answer.
-
-    Planes that are done stay where it is stopped; called again it goes on from them.
-    """
-    from lfcal.simulate import iter_simulate_psf
-
-    if verdict is None or not verdict.fits(plan, settings):
-        verdict = verdict_of(plan, settings)
-    found = verdict.found
-    # the selection, not its effects: what is left out uses its part of the tolerance
-    return (
-        yield from iter_simulate_psf(
-            plan,
-            found,
-            settings.level,
-            run=going_on(),
-            tolerance=settings.tolerance,
-            out=path,
-            provenance={"plan": plan.to_dict(), "effect_sources": sources_of(settings, found)},
-        )
-    )
-
-
-def sources_of(settings: SimulateSettings, found: EffectSelection) -> dict[str, dict[str, str]]:
-    """Return how the magnitudes of H's effects are known that the user gave: effect to field to word."""
-    names = [effect.name for effect in found.effects if effect.acts_on.enters_h]
-    told = {name: {field: mark for field, (_, mark) in settings.given(name).items()} for name in names}
-    return {name: fields for name, fields in told.items() if fields}

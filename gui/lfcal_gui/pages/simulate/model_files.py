@@ -12,15 +12,9 @@ __all__ = ["read_settings", "settings_text"]
 
 def settings_text(settings: SimulateSettings) -> str:
     """Return the text of a JSON file with what is given and chosen; effects that are not installed are left out."""
-    from lfcal.simulate.effects import Entry, entries_json
+    from lfcal.simulate.effects import entries_json
 
-    effects = {effect.name: effect for effect in settings.effects()}
-    choices = settings.choices()
-    entries = []
-    for name in sorted({*effects, *choices}):
-        given = {field: mark for field, (_, mark) in settings.given(name).items()}
-        entries.append(Entry(effects.get(name), name, given, choices.get(name, "auto")))
-    return entries_json(entries)
+    return entries_json(settings.entries())
 
 
 def read_settings(path: Path, settings: SimulateSettings) -> tuple[SimulateSettings, str]:

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, Work, centre, format_length
+from lfcal.base import InputError, centre, format_length
 from lfcal.camera import ScanPlan
-from lfcal_gui.pages.simulate.model import SimulateSettings
-from lfcal_gui.pages.simulate.model_effects import EffectsVerdict, verdict_of
+from lfcal_gui.pages.simulate.model_effects import EffectsVerdict
 
 if TYPE_CHECKING:
     from lfcal.simulate import SimulatedCamera
@@ -25,21 +24,16 @@ __all__ = [
     "FrameQuestion",
     "KeptFrames",
     "SimulatedFrame",
-    "check_folder",
     "frame_question",
-    "iter_session",
     "write_frame",
 ]
-
-PEAK = 0.8
-"""Share of the full well that the brightest pixel of a plane reaches."""
 
 
 @dataclass(frozen=True)
 class FrameQuestion:
     """What is asked: the frame of one position (z, y, x) under effects, those of stage and sensor included.
 
-    ``tolerance`` is the computation's share.
+    ``tolerance`` is the computation's share; ``peak`` and ``seed`` are as in `lfcal.tasks.SimulateFrames`.
     """
 
     plan: ScanPlan
@@ -47,6 +41,8 @@ class FrameQuestion:
     effects: tuple[Effect, ...]
     level: str
     tolerance: float
+    peak: float
+    seed: int
 
     def place(self) -> str:
         """Return plane and position in words."""
@@ -109,15 +105,15 @@ def frame_question(verdict: EffectsVerdict, position: tuple[int, int, int]) -> F
     """Return the question for the frame of a position with everything that the planner has on for frames."""
     from lfcal.simulate import budgeted
 
-    depth = verdict.plan.depths_um[position[0]]
-    effects, share = budgeted(verdict.frames, verdict.plan, verdict.settings.tolerance).at(depth)
-    return FrameQuestion(verdict.plan, position, effects, verdict.settings.level, share)
+    depth, settings = verdict.plan.depths_um[position[0]], verdict.settings
+    effects, share = budgeted(verdict.frames, verdict.plan, settings.tolerance).at(depth)
+    return FrameQuestion(verdict.plan, position, effects, settings.level, share, settings.peak, settings.seed)
 
 
 class FrameBench:
     """Makes frames of single positions; the light of the last one is kept, on which sensor effects act anew.
 
-    The frames are those of a session of that plane alone: its brightest pixel reaches `PEAK` of the full well.
+    The frames are those of a session of that plane alone: its brightest pixel reaches the peak.
     """
 
     def __init__(self) -> None:
@@ -154,7 +150,8 @@ class FrameBench:
         if self._light is None or self._light[0] != key:
             z, y, x = asked.position
             one = replace(asked.plan, depths_um=(asked.plan.depths_um[z],), exposure_s=asked.plan.exposures[z])
-            camera = SimulatedCamera(one, before, level=asked.level, tolerance=asked.tolerance, peak=PEAK)
+            how: dict[str, Any] = {"tolerance": asked.tolerance, "peak": asked.peak, "seed": asked.seed}
+            camera = SimulatedCamera(one, before, level=asked.level, **how)
             index = int(np.flatnonzero((one.order_indices() == (0, y, x)).all(axis=1))[0])
             self._light = key, camera, index, camera.light(index)
         return self._light[1:]
@@ -183,35 +180,6 @@ def write_frame(frame: SimulatedFrame, path: Path, part: Path) -> None:
     if not ok:
         raise InputError.expected(path.name, "a picture that PNG can hold", "another", "save it as TIFF")
     part.write_bytes(encoded.tobytes())
-
-
-def check_folder(folder: Path) -> None:
-    """Raise `InputError` unless a session may be written to ``folder``: frames of two would be read as one.
-
-    One that was stopped may be gone on with.
-    """
-    from lfcal.simulate.sensor import unfinished
-
-    if unfinished(folder) is not None:
-        return
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError.expected(str(folder), "a new or empty folder", "one with files in it", "choose another")
-
-
-def iter_session(
-    plan: ScanPlan, settings: SimulateSettings, folder: str, verdict: EffectsVerdict | None = None
-) -> Work[int]:
-    """Write the frames of the whole plan; asks the planner first unless ``verdict`` is its answer.
-
-    Frames that are written stay where it is stopped; called again it goes on from them.
-    """
-    from lfcal.simulate import SimulatedCamera, iter_write_session
-
-    check_folder(Path(folder))
-    if verdict is None or not verdict.fits(plan, settings):
-        verdict = verdict_of(plan, settings)
-    source = SimulatedCamera(plan, verdict.frames, level=settings.level, tolerance=settings.tolerance, peak=PEAK)
-    return (yield from iter_write_session(source, folder, resume=True))
 
 
 @dataclass(frozen=True)

@@ -40,8 +40,8 @@ class InfluenceQuestion:
         The effects that are on beside it, in the order of the light's way.
     on
         Whether the effect is on at the position's depth.
-    level, tolerance
-        Level, and the computation's share of the tolerance.
+    level, tolerance, peak, seed
+        As in `FrameQuestion`.
     """
 
     plan: ScanPlan
@@ -51,6 +51,8 @@ class InfluenceQuestion:
     on: bool
     level: str
     tolerance: float
+    peak: float
+    seed: int
 
     def effects(self, *, with_it: bool) -> tuple[Effect, ...]:
         """Return the effects of one of the two pictures, in the order of the light's way."""
@@ -107,7 +109,8 @@ def influence_question(verdict: EffectsVerdict, row: EffectRow, position: tuple[
     chosen, share = budgeted(selection, plan, settings.tolerance).at(plan.depths_um[position[0]])
     others = tuple(effect for effect in chosen if effect.name != row.name)
     on = len(others) < len(chosen)
-    return InfluenceQuestion(plan, position, row.effect, others, on, settings.level, share)
+    how = (settings.level, share, settings.peak, settings.seed)
+    return InfluenceQuestion(plan, position, row.effect, others, on, *how)
 
 
 class Influences:
@@ -180,7 +183,8 @@ class Influences:
         pictures, origin = {}, (0, 0)
         for with_it in (False, True):
             effects = asked.effects(with_it=with_it)
-            question = FrameQuestion(asked.plan, asked.position, effects, asked.level, asked.tolerance)
+            how = (asked.level, asked.tolerance, asked.peak, asked.seed)
+            question = FrameQuestion(asked.plan, asked.position, effects, *how)
             frame = self._bench.frame(question, stopped)
             if frame is None:
                 return None

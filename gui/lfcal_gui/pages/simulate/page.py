@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,27 +14,31 @@ from PySide6.QtWidgets import QFileDialog
 
 from lfcal.base import LfcalError
 from lfcal.camera import ScanPlan
+from lfcal.tasks import RunSettings, SimulatedH
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState, WindowJob
 from lfcal_gui.models import PageSpec, ProjectState
-from lfcal_gui.pages.simulate.model import SimulateSettings, depth_of, preview, preview_words
-from lfcal_gui.pages.simulate.model_effects import EffectsVerdict, iter_simulation, verdict_of
-from lfcal_gui.pages.simulate.model_files import read_settings, settings_text
-from lfcal_gui.pages.simulate.model_frames import (
-    FrameBench,
-    KeptFrames,
-    SimulatedFrame,
-    check_folder,
-    frame_question,
-    iter_session,
+from lfcal_gui.pages.simulate.model import (
+    SimulateSettings,
+    depth_of,
+    frames_task,
+    kept_pass,
+    matrix_task,
+    preview,
+    preview_words,
 )
+from lfcal_gui.pages.simulate.model_effects import EffectsVerdict, verdict_of
+from lfcal_gui.pages.simulate.model_files import read_settings, settings_text
+from lfcal_gui.pages.simulate.model_frames import FrameBench, KeptFrames, SimulatedFrame, frame_question
 from lfcal_gui.pages.simulate.model_influence import InfluencePictures, Influences, influence_question
-from lfcal_gui.pages.simulate.model_passes import Passes
 from lfcal_gui.pages.simulate.panel import SimulatePanel
 from lfcal_gui.saving import ask_target, write_file
 
 __all__ = ["Page"]
+
+RESUMED = RunSettings(resume=True)
+"""How the window does units: in its process, from where an earlier run of the same was stopped."""
 
 
 class Page(BasePage):
@@ -66,9 +69,7 @@ class Page(BasePage):
 
     def _connect(self) -> None:
         panel, effect = self.panel, self.panel.effect
-        panel.tolerance_asked.connect(self._set_tolerance)
-        panel.level_asked.connect(self._set_level)
-        panel.passes_asked.connect(self._set_passes)
+        panel.edited.connect(self._set)
         panel.choice_asked.connect(self._set_choice)
         panel.depth_moved.connect(lambda: self._preview(fine=False))
         panel.import_asked.connect(lambda: self.import_magnitudes())
@@ -127,17 +128,9 @@ class Page(BasePage):
             "simulate plan", lambda: verdict_of(plan, settings), self._planned, self.context.message.emit
         )
 
-    def _set_tolerance(self, tolerance: float) -> None:
-        settings = replace(self.settings, tolerance=tolerance)
-        self.context.project.merge("tolerance", settings=settings.into(self.context.state))
-
-    def _set_level(self, level: str) -> None:
-        settings = replace(self.settings, level=level)
-        self.context.project.update("level of simulation", settings=settings.into(self.context.state))
-
-    def _set_passes(self, passes: bool) -> None:
-        settings = replace(self.settings, passes=passes)
-        self.context.project.update("simulation in passes", settings=settings.into(self.context.state))
+    def _set(self, name: str, value: Any) -> None:
+        settings = replace(self.settings, **{name: value})
+        self.context.project.merge(f"{name} of simulation", settings=settings.into(self.context.state))
 
     def _set_choice(self, effect: str, choice: str) -> None:
         self._change(f"choice for {effect}", lambda: self.settings.with_override(effect, choice))
@@ -294,30 +287,31 @@ class Page(BasePage):
 
     def simulate(self, path: str = "") -> None:
         """Simulate the whole H as a job, with plan and settings as they are now."""
-        plan, settings, verdict = self._plan(), self.settings, self._answer()
+        plan, settings = self._plan(), self.settings
         if plan is None:
             return
         path = path or ask_target(self, "Simulate H", "simulated.h5", "H file (*.h5)")
         if not path:
             return
-        title = f"Simulate {Path(path).name}"
-        taken = self.context.taken("simulate", title, path)
-        if not settings.passes:
-            work = partial(iter_simulation, plan, settings, path, verdict)
-            self.context.start_writing(title, "simulate", path, work, self._simulated, taken=taken)
-            return
-        passes = Passes(plan, settings, path, verdict)
+        title, task = f"Simulate {Path(path).name}", matrix_task(settings, path)
 
         def ended(job: WindowJob) -> None:
-            if job.state is not JobState.DONE and passes.whole:  # the last whole pass stays
-                self._take(path, f"kept {path}, {passes.whole}")
+            if job.state is not JobState.DONE and (whole := kept_pass(path)):  # the last whole pass stays
+                self._take(path, f"kept {path}, {whole}")
 
-        self.context.start_writing(title, "simulate", path, passes.work, self._simulated, on_end=ended, taken=taken)
+        self.context.start_writing(
+            title,
+            "simulate",
+            path,
+            lambda: task.work_on(plan, RESUMED),
+            self._simulated,
+            on_end=ended,
+            taken=self.context.taken("simulate", title, path),
+        )
 
-    def _simulated(self, matrix: Any) -> None:
-        path = matrix.path
-        matrix.close()
-        self._take(path, f"simulated {path}")
+    def _simulated(self, made: SimulatedH) -> None:
+        made.close()
+        self._take(str(made.out), f"simulated {made.out}; {'; '.join(made.reached)}")
 
     def _take(self, path: str, words: str) -> None:
         self.context.message.emit(words)
@@ -326,22 +320,23 @@ class Page(BasePage):
 
     def simulate_frames(self, folder: str = "") -> None:
         """Write the frames of a simulated session as a job, with plan and settings as they are now."""
-        plan, settings, verdict = self._plan(), self.settings, self._answer()
+        plan, settings = self._plan(), self.settings
         if plan is None:
             return
         folder = folder or QFileDialog.getExistingDirectory(self, "Folder for the frames (new or empty)")
         if not folder:
             return
+        task = frames_task(settings, folder)
         try:
-            check_folder(Path(folder))
+            task.check_folder(RESUMED)
         except LfcalError as error:
             self.refuse(str(error))
             return
         self.context.jobs.start(
             f"Simulate frames in {Path(folder).name}",
             "simulate",
-            lambda: iter_session(plan, settings, folder, verdict),
-            lambda count: self.context.message.emit(f"{count} frames, dark and white frames written to {folder}"),
+            lambda: task.work_on(plan, RESUMED),
+            lambda made: self.context.message.emit(f"written: {made.to_dict()['what']} in {folder}"),
             keeping=KeptFrames(folder),
         )
 

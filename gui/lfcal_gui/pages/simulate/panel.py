@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import (
-    QCheckBox,
     QFrame,
     QHBoxLayout,
     QLabel,
@@ -24,9 +23,18 @@ from lfcal_gui.jobs import Jobs
 from lfcal_gui.pages.simulate._effect_panel import EffectPanel
 from lfcal_gui.pages.simulate._effects_table import EffectsTable
 from lfcal_gui.pages.simulate._frame_panel import FramePanel
-from lfcal_gui.pages.simulate.model import LEVELS, STEPS, Z_STEPS, SimulateSettings, tolerance_of, tolerance_step
+from lfcal_gui.pages.simulate.model import (
+    FIELDS,
+    STEPS,
+    Z_STEPS,
+    SimulateSettings,
+    refusal,
+    shown,
+    tolerance_of,
+    tolerance_step,
+)
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict
-from lfcal_gui.widgets import ImageView, LinePlot, card, choice_box, heading, line, split
+from lfcal_gui.widgets import Folded, Form, ImageView, LinePlot, card, heading, line, split
 
 __all__ = ["SimulatePanel"]
 
@@ -45,8 +53,8 @@ class SimulatePanel(QWidget):
 
     Signals
     -------
-    tolerance_asked(value), level_asked(name), passes_asked(whether)
-        Settings of the simulation.
+    edited(name, value)
+        A field of the tasks; see `lfcal_gui.pages.simulate.model.FIELDS`.
     choice_asked(effect, choice)
         ``"auto"``, ``"on"`` or ``"off"`` for an effect.
     depth_moved()
@@ -55,9 +63,7 @@ class SimulatePanel(QWidget):
         Magnitudes and settings from a file, to a file, or taken back.
     """
 
-    tolerance_asked = Signal(float)
-    level_asked = Signal(str)
-    passes_asked = Signal(bool)
+    edited = Signal(str, object)
     choice_asked = Signal(str, str)
     depth_moved = Signal()
     import_asked = Signal()
@@ -84,32 +90,27 @@ class SimulatePanel(QWidget):
     # -- building --------------------------------------------------------------------------------------
     def _effects_card(self) -> QFrame:
         frame, column = card("Effects")
-        self.tolerance_label = QLabel()
         self.tolerance_slider = QSlider(Qt.Orientation.Horizontal)
         self.tolerance_slider.setRange(0, STEPS)
-        self.tolerance_slider.setAccessibleName("tolerance")
-        self.tolerance_slider.setToolTip("Relative L1 error allowed for all that is left out: small is slow and right")
-        self.tolerance_slider.valueChanged.connect(lambda step: self.tolerance_asked.emit(tolerance_of(step)))
-        self.level_box = choice_box(
-            LEVELS,
-            "Rays are quick and show where light goes; waves are slow and right; auto takes what the tolerance needs",
-        )
-        self.level_box.currentIndexChanged.connect(lambda _: self.level_asked.emit(self.level_box.currentData()))
+        self.tolerance_slider.setAccessibleName("tolerance by slider")
+        self.tolerance_slider.setToolTip("Tolerance from 0.1 % (slow) to 50 % (fast)")
+        self.tolerance_slider.valueChanged.connect(lambda step: self.edited.emit("tolerance", tolerance_of(step)))
+        self.forms = tuple(Form(fields, dense=True) for fields in FIELDS)
+        for form in self.forms:
+            form.check = refusal
+            form.edited.connect(self.edited.emit)
+        more = Folded("More settings", "Loss in the file of H; seed and brightness of simulated frames")
+        more.column.addWidget(self.forms[1])
         row = QHBoxLayout()
-        row.addWidget(self.tolerance_label)
-        row.addWidget(self.tolerance_slider, 1)
-        row.addWidget(QLabel("Level"))
-        row.addWidget(self.level_box)
-        self.passes_box = QCheckBox("In passes")
-        self.passes_box.setToolTip("A whole H by rays first, then better ones; a job that is stopped keeps the last")
-        self.passes_box.toggled.connect(self.passes_asked.emit)
-        row.addWidget(self.passes_box)
+        row.addWidget(self.forms[0], 1)
+        row.addWidget(self.tolerance_slider, 1, Qt.AlignmentFlag.AlignTop)
         self.table = EffectsTable()
         self.table.choice_asked.connect(self.choice_asked.emit)
         self.table.edit_asked.connect(self.show_effect)
         self.summary = QLabel()
         self.summary.setWordWrap(True)
         column.addLayout(row)
+        column.addWidget(more)
         column.addWidget(self.table, 1)
         column.addWidget(self.summary)
         column.addLayout(self._magnitude_buttons())
@@ -164,14 +165,13 @@ class SimulatePanel(QWidget):
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_settings(self, settings: SimulateSettings) -> None:
-        """Show tolerance, level, and whether H is simulated in passes."""
-        self.tolerance_label.setText(f"Tolerance {100 * settings.tolerance:.2g} %")
-        blockers = [QSignalBlocker(widget) for widget in (self.tolerance_slider, self.level_box, self.passes_box)]
+        """Show the fields of the tasks."""
+        for form in self.forms:
+            form.set_values({key: shown(key, settings) for key in form.fields})
+        self.forms[1].set_enabled("store_tolerance", not settings.progressive, "H in passes is stored in full")
+        blocker = QSignalBlocker(self.tolerance_slider)
         self.tolerance_slider.setValue(tolerance_step(settings.tolerance))
-        self.level_box.setCurrentIndex(max(0, self.level_box.findData(settings.level)))
-        self.passes_box.setChecked(settings.passes)
-        for blocker in blockers:
-            blocker.unblock()
+        blocker.unblock()
 
     def show_verdict(self, verdict: EffectsVerdict) -> None:
         """Show the planner's answer: a row for each effect."""

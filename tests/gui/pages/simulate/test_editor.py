@@ -24,11 +24,11 @@ from lfcal.frames import open_frames
 from lfcal.psf import open_psf
 from lfcal.simulate.effects import Coma
 from lfcal.simulate.sensor import session
+from lfcal.tasks import simulate
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.simulate.model import SimulateSettings
-from lfcal_gui.pages.simulate.model_passes import Passes
 from lfcal_gui.theme import DARK, LIGHT, apply_theme
 from tests.gui.pages.simulate.test_model import small_plan
 from tests.gui.waiting import GUARD_MS, idle
@@ -169,7 +169,7 @@ def test_a_measured_wavefront_is_a_table_of_terms(page: Any, qtbot: QtBot) -> No
 
 
 def test_the_influence_of_an_effect_on_h(page: Any, qtbot: QtBot) -> None:
-    page.panel.level_asked.emit("wave")  # rays know no aberration
+    page.panel.edited.emit("level", "wave")  # rays know no aberration
     choose(page, "coma", qtbot)
     view, effect = page.panel.effect.influence, page.panel.effect
     plan = page.context.state.plan
@@ -327,21 +327,21 @@ def test_a_simulation_in_passes_that_is_stopped_keeps_the_last_whole_h(
     page: Any, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     context, second, go_on = page.context, threading.Event(), threading.Event()
-    wrote = Passes._wrote
+    passes: list[str] = []
 
-    def held(passes: Passes, matrix: Any) -> None:
-        wrote(passes, matrix)
-        if matrix.provenance["simulated"]["level"] != "geometric":
+    def held(words: str) -> None:
+        passes.extend([words] if "whole within" in words else [])
+        if len(passes) == 2:
             second.set()
             assert go_on.wait(GUARD_MS / 1000)
 
-    monkeypatch.setattr(Passes, "_wrote", held)
+    monkeypatch.setattr(simulate, "note", held)
     said: list[str] = []
     context.message.connect(said.append)
-    settings = SimulateSettings(0.05, passes=False)
+    settings = SimulateSettings(0.05)
     context.project.update("settings", settings=settings.into(context.state))
-    page.panel.passes_box.click()
-    assert given(page).passes
+    page.panel.forms[0].editor("progressive").click()
+    assert given(page).progressive and not page.panel.forms[1].editor("store_tolerance").isEnabled()
     idle(context.jobs, qtbot)
     out = tmp_path / "H.h5"
     page.simulate(str(out))

@@ -15,18 +15,20 @@ from lfcal.camera.plan import checked_depths
 from lfcal.simulate import simulate_psf
 from lfcal.simulate.effects import Bandwidth, Coma
 from lfcal.simulate.effects.described import parse_effects
+from lfcal.tasks import RunSettings
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.plan.model import default_plan
 from lfcal_gui.pages.simulate.model import (
     Z_STEPS,
     SimulateSettings,
     depth_of,
+    matrix_task,
     preview,
     preview_words,
     tolerance_of,
     tolerance_step,
 )
-from lfcal_gui.pages.simulate.model_effects import bar_share, iter_simulation, read_terms, refused, verdict_of
+from lfcal_gui.pages.simulate.model_effects import bar_share, read_terms, refused, verdict_of
 from lfcal_gui.pages.simulate.model_files import read_settings, settings_text
 
 
@@ -72,18 +74,13 @@ def test_the_only_planes_preview_stays_where_the_camera_sees(name: str, nearest:
     assert all("v = " in preview_words(plan, z, "") for z in ends)
 
 
-def test_a_verdict_for_another_question_is_not_used(tmp_path: Path) -> None:
+def test_a_verdict_is_the_answer_to_one_question() -> None:
     plan = small_plan()
     asked = SimulateSettings(0.3, "geometric", (("vignetting", "on"),))
     stale = verdict_of(plan, SimulateSettings(0.3, "geometric", (("vignetting", "off"),)))
     right = verdict_of(plan, asked)
     assert right.fits(plan, asked) and not stale.fits(plan, asked) and not right.fits(None, asked)
     assert {e.name for e in stale.found} != {e.name for e in right.found}
-    found = []
-    for k, verdict in enumerate((stale, right, None)):
-        with drain(iter_simulation(plan, asked, str(tmp_path / f"{k}.h5"), verdict)) as matrix:
-            found.append([effect["name"] for effect in matrix.provenance["simulated"]["effects"]])
-    assert found[0] == found[1] == found[2] == [e.name for e in right.found]
 
 
 def with_coma() -> SimulateSettings:
@@ -96,7 +93,7 @@ def test_what_is_left_out_uses_its_part_of_the_tolerance(tmp_path: Path) -> None
     verdict = verdict_of(plan, settings)
     left_out = np.array(verdict.found.left_out)
     assert (left_out > 0).all(), "the test needs effects that are left out"
-    with drain(iter_simulation(plan, settings, str(tmp_path / "H.h5"), verdict)) as matrix:
+    with drain(matrix_task(settings, str(tmp_path / "H.h5")).work_on(plan, RunSettings())).matrix as matrix:
         stated = matrix.facts.known()["error"]
     alone = simulate_psf(plan, verdict.found.effects, "geometric", tolerance=0.3)
     # what is left out is stated beside what the computation reached
@@ -110,7 +107,7 @@ def test_given_magnitudes_reach_planner_and_h(tmp_path: Path) -> None:
     assert row is not None and row.on and row.effect == Coma(0.3, math.radians(40)) and row.given
     assert before is not None and not before.on and not before.given
     assert {one.field: one.mark for one in row.magnitudes} == {"waves": "measured", "angle_rad": "stated"}
-    with drain(iter_simulation(plan, settings, str(tmp_path / "H.h5"))) as matrix:
+    with drain(matrix_task(settings, str(tmp_path / "H.h5")).work_on(plan, RunSettings())).matrix as matrix:
         (coma,) = [e for e in matrix.provenance["simulated"]["effects"] if e["name"] == "coma"]
         assert coma == {"name": "coma", "waves": 0.3, "angle_rad": pytest.approx(math.radians(40))}
         assert matrix.provenance["effect_sources"] == {"coma": {"waves": "measured", "angle_rad": "stated"}}
@@ -126,6 +123,7 @@ def test_settings_survive_the_project_file() -> None:
 def test_projects_of_before_open_as_before() -> None:
     data = {"tolerance": 0.1, "level": "wave", "overrides": [["coma", "on"]]}
     assert SimulateSettings.from_dict(data) == SimulateSettings(0.1, "wave", (("coma", "on"),))
+    assert SimulateSettings.from_dict({"passes": True}) == SimulateSettings(progressive=True)
 
 
 @pytest.mark.parametrize(

@@ -53,8 +53,8 @@ def test_simulate_both_ways(window: MainWindow, qtbot: QtBot, tmp_path: Path) ->
     assert SimulateSettings.of(window.project.state).tolerance == tolerance_of(0)
     page.panel.tolerance_slider.setValue(page.panel.tolerance_slider.maximum())
     idle(window.jobs, qtbot)
-    page.panel.level_box.setCurrentIndex(page.panel.level_box.findData("geometric"))
-    page.panel.level_box.currentIndexChanged.emit(page.panel.level_box.currentIndex())
+    level = page.panel.forms[0].editor("level")
+    level.setCurrentIndex(level.findData("geometric"))
     idle(window.jobs, qtbot)
     with qtbot.waitSignal(window.jobs.finished, timeout=GUARD_MS) as end:
         page.simulate(str(tmp_path / "sim.h5"))
@@ -78,7 +78,8 @@ def test_before_the_planner_answers_nothing_uses_its_last_answer(
     window.project.update("plan", plan=replace(small_plan(), resample=False))
     window.go("simulate")
     page: Any = window.page("simulate")
-    page.panel.level_box.setCurrentIndex(page.panel.level_box.findData("geometric"))
+    level = page.panel.forms[0].editor("level")
+    level.setCurrentIndex(level.findData("geometric"))
     page.panel.tabs.setCurrentIndex(1)
     idle(window.jobs, qtbot)
     asked: list[tuple[tuple[str, ...], str]] = []
