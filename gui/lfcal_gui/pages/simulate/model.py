@@ -72,7 +72,8 @@ _lock = threading.Lock()
 def refusal(name: str, value: Any) -> str:
     """Return why a value of a field is refused; empty: it is not."""
     try:
-        replace(SimulateSettings(), **{name: value})
+        if name != "progressive":  # it chooses the task
+            ROWS[name].value(value, ROWS[name].label)
     except InputError as error:
         return str(error)
     return ""
