@@ -28,7 +28,7 @@ from lfcal.tasks.reconstruct import Reconstructed, ReconstructionForecast
 from lfcal.tasks.reduce import ReducedFile
 from lfcal.tasks.scan_frames import ScanFrames
 from lfcal.tasks.sets import task_set
-from lfcal.tasks.simulate import SimulatedFrames, SimulatedH, SimulatedRegions, SimulationForecast
+from lfcal.tasks.simulate import SimulatedH, SimulatedRegions, SimulationForecast
 from lfcal.tasks.target_frames import left_words
 from lfcal.tasks.task import RunSettings, Task, TaskSet, may_replace
 from lfcal.tasks.text import load_job, words_of
@@ -56,7 +56,6 @@ __all__ = [
     "RunSettings",
     "ScanFrames",
     "ScanPlanned",
-    "SimulatedFrames",
     "SimulatedH",
     "SimulatedRegions",
     "SimulationForecast",

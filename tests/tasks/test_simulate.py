@@ -28,7 +28,7 @@ from lfcal.tasks import (
     python_of,
     task_set,
 )
-from lfcal.tasks.task import Task
+from lfcal.tasks.task import RunSettings, Task
 from tests.cli import conftest
 from tests.cli.conftest import Run
 
@@ -108,6 +108,48 @@ def test_every_route_gives_the_same_bits(lfcal: Lfcal, kind: type[Task], plan: P
         assert after.keys() == before.keys()
         for name in before:
             np.testing.assert_array_equal(after[name], before[name], err_msg=f"{path.name}: {name}")
+
+
+def test_passes_in_units_of_processes_give_the_same_bits(plan: Path, tmp_path: Path) -> None:
+    found = []
+    for name, run in (("here.h5", RunSettings()), ("there.h5", RunSettings(executor="processes", workers=2))):
+        (made,) = made_by(SimulatePasses, plan, tmp_path / name).run(run)
+        made.close()
+        found.append(values(tmp_path / name))
+    assert found[0].keys() == found[1].keys()
+    for name in found[0]:
+        np.testing.assert_array_equal(found[0][name], found[1][name], err_msg=name)
+
+
+def test_passes_that_were_stopped_are_resumed(lfcal: Lfcal, plan: Path, tmp_path: Path) -> None:
+    task = made_by(SimulatePasses, plan, tmp_path / "H.h5")
+    (made,) = made_by(SimulatePasses, plan, tmp_path / "whole.h5").run()
+    made.close()
+    work = task.work(RunSettings(executor="threads"))
+    while "pass 2 of 3" not in next(work).stage:
+        pass
+    work.close()
+    words = shlex.split(command_of(task))[1:]
+    refused = lfcal(*words)
+    assert refused.code == 2 and "--force" in refused.err and (tmp_path / "H.h5").exists()
+    done = lfcal(*words, "--resume")
+    assert done.code == 0 and "whole within" in done.err, done.err
+    assert done.err.count("; Ctrl-C keeps it") == 2, "the first pass is not made again"
+    np.testing.assert_array_equal(values(tmp_path / "H.h5")["H"], values(tmp_path / "whole.h5")["H"])
+
+
+def test_frames_keep_their_task(plan: Path, tmp_path: Path) -> None:
+    task = made_by(SimulateFrames, plan, tmp_path / "session")
+    task.run()
+    truth = json.loads((tmp_path / "session" / "truth.json").read_text())
+    assert truth["task"] == task.to_dict(absolute=True, outputs=False) and truth["seed"] == 3
+
+
+def test_h_states_how_magnitudes_are_known(plan: Path, tmp_path: Path) -> None:
+    words = ("coma=waves:0.3 measured,angle:40deg", "bandwidth=0.02 measured", "bandwidth=off")
+    (made,) = SimulateH(camera=str(plan), effects=words, level="geometric", out=tmp_path / "H.h5").run()
+    with made.matrix as matrix:
+        assert matrix.provenance["effect_sources"] == {"coma": {"waves": "measured", "angle_rad": "stated"}}
 
 
 @pytest.mark.parametrize("kind", KINDS)
