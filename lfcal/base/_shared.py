@@ -47,6 +47,7 @@ from lfcal.base.files import (
     require_space,
     storage_words,
     sweep_scratch,
+    write_png,
     write_tiff,
 )
 from lfcal.base.finding import RANK, SUBJECTS, Finding, Judgement, Merit, listed
@@ -207,5 +208,6 @@ __all__ = [
     "whole",
     "worker_count",
     "write_at",
+    "write_png",
     "write_tiff",
 ]

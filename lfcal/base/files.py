@@ -34,6 +34,7 @@ __all__ = [
     "storage_words",
     "sweep_scratch",
     "system_error",
+    "write_png",
     "write_tiff",
 ]
 
@@ -374,6 +375,20 @@ class _Counted(io.BufferedRandom):
 
     def fileno(self) -> int:
         raise io.UnsupportedOperation("fileno")
+
+
+def write_png(path: str | os.PathLike[str], image: NDArray[Any]) -> None:
+    """Write ``(rows, columns)`` or ``(rows, columns, 3)`` (blue, green, red) of 8 or 16 bits as PNG.
+
+    Raises
+    ------
+    StorageError
+        If the disk does not take all of it; what was there stays.
+    """
+    import cv2
+
+    with storage_errors(Path(path)), replace_whole(path) as part:
+        part.write_bytes(cv2.imencode(".png", image)[1].tobytes())
 
 
 def write_tiff(path: str | os.PathLike[str], data: NDArray[Any], **options: Any) -> None:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["CHANNELS", "ColourReading", "Planes", "mean_plane", "read_planes", "read_white"]
+__all__ = ["CHANNELS", "ColourReading", "Planes", "dark_level", "mean_plane", "read_planes", "read_white"]
 
 CHANNELS = ("", "R", "G", "B", "each")
 """Colours that are taken; empty: all of a mosaic, the only one of a grey frame."""
@@ -69,10 +69,11 @@ def _plane(path: Path, dark: Path | None, colour: str | None) -> NDArray[np.floa
     from lfcal.frames.corrections import read_average
 
     image = read_average(path, colour=colour)
-    return image if dark is None else image - _level(dark, image.shape, colour)
+    return image if dark is None else image - dark_level(dark, image.shape, colour)
 
 
-def _level(dark: Path, shape: tuple[int, ...], colour: str | None) -> NDArray[Any]:
+def dark_level(dark: Path, shape: tuple[int, ...], colour: str | None = None) -> NDArray[Any]:
+    """Return a dark frame, or the mean of a folder of them, for frames of this shape."""
     from lfcal.frames.corrections import read_average
 
     level = read_average(dark, colour=colour)
@@ -90,9 +91,7 @@ def _mosaic(path: Path, cfa: str, black: Any, dark: Path | None, names: tuple[st
 
     frame = read_average(path)
     light = (
-        without_black_level(frame, black)
-        if dark is None
-        else frame - _level(dark, frame.shape, None).astype(np.float32)
+        without_black_level(frame, black) if dark is None else frame - dark_level(dark, frame.shape).astype(np.float32)
     )
     # a response is measured here: the filter must neither depend on the scene nor mix the colours
     colours = demultiplex(light, modulator_of(cfa), filter="cubic")

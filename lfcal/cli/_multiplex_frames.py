@@ -1,118 +1,386 @@
-"""Frames of ``lfcal multiplex``: read with the level of no light they state, weighed, written."""
+"""``lfcal multiplex demosaic``, ``recover`` and ``views``: the samples of frames recorded behind modulators."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
-from lfcal.base import InputError
+import typer
+
+from lfcal.base import InputError, check_choice
 from lfcal.base import write_tiff as write_pages
+from lfcal.cli._colour_planes import dark_level
+from lfcal.cli._console import print_json, run_work
+from lfcal.cli._options import ExposureOption, ForceOption, GainOption, JsonOption, PageOption, WorkersOption
+from lfcal.cli._usage import refuse
+from lfcal.multiplex import GRAMMAR, modulator_of
+from lfcal.tasks import check_output, check_outputs
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lfcal.camera import Sensor
+    from lfcal.lattice import FrameLattice
     from lfcal.multiplex import Modulator
 
-__all__ = [
-    "ROUTES",
-    "RecordedFrame",
-    "Weighing",
-    "check_told",
-    "fourier_file",
-    "level_of",
-    "read_frame",
-    "without_dark_frame",
-    "write_tiff",
-]
+__all__ = ["demosaic", "recover", "views"]
 
 ROUTES = ("spatial", "fourier", "both")
 
-
-class RecordedFrame(NamedTuple):
-    """A frame as recorded, its colour filters where the file names them, and its black level where it states one."""
-
-    raw: NDArray[Any]
-    filters: str
-    black_level: Any
-
-
-def read_frame(path: Path, page: int = 0) -> RecordedFrame:
-    """Return one page of a file with what the file says of it."""
-    from lfcal.frames import open_image
-
-    image = open_image(path)
-    try:
-        frame: NDArray[Any] = image.read(image.check_page(page))
-        return RecordedFrame(frame, str(image.metadata.get("cfa", "")), image.metadata.get("black_level"))
-    finally:
-        image.close()
+DeadOption: TypeAlias = Annotated[
+    Path | None, typer.Option("--dead", help="Image of dead pixels, not zero where dead: they are left out.")
+]
+DeviationOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--deviation", help="Also write each sample's standard deviation; without a sensor in units of a pixel's noise."
+    ),
+]
 
 
-def level_of(frame: RecordedFrame, given: float | None, sensor: Sensor | None = None) -> Any:
-    """Return the level of no light: the one given, else the file's, else the sensor's, else 0."""
-    if given is not None:
-        return given
-    if frame.black_level is not None:
-        return frame.black_level
-    return 0.0 if sensor is None else sensor.black_level
+def demosaic(
+    context: typer.Context,
+    frame: Path = typer.Argument(help="RAW, TIFF, PNG, NPY … of a colour mosaic."),
+    *,
+    out: Path = typer.Option(..., "--out", "-o", help="float32 TIFF of red, green and blue."),
+    pattern: str | None = typer.Option(None, help="Filters, e.g. GRBG; RAW files know theirs."),
+    route: str = typer.Option("spatial", help="spatial or fourier."),
+    filter: str | None = typer.Option(
+        None,
+        help="Of the spatial route: directional, lmmse, nearest, linear, cubic, lanczos, sinc or bilateral; "
+        "by default directional.",
+    ),
+    dark: float | None = typer.Option(None, help="Level of no light; RAW files state theirs."),
+    page: PageOption = 0,
+    workers: WorkersOption = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Demosaic a frame by the spatial or the Fourier route.
+
+    Example: `lfcal multiplex demosaic shot.dng -o shot.tif`
+    """
+    from lfcal.multiplex import cfa, demultiplex, read_recorded, without_black_level
+
+    if route == "fourier":
+        refuse(context, "--route spatial", route, "filter")
+    check_output(out, frame, force=force)
+    recorded = read_recorded(frame, page)
+    mosaic = pattern or recorded.filters
+    if not mosaic:
+        raise InputError.expected(f"colour filters of {frame}", "a pattern", "none", "give --pattern, e.g. GRBG")
+    level, array = recorded.level(dark), cfa(mosaic)
+    _check_recovered(array)
+    planes = demultiplex(without_black_level(recorded.raw, level), array, route=route, filter=filter)
+    _write_tiff(out, planes)
+    if json:
+        facts = {"file": str(out), "pattern": mosaic, "route": route, "black_level": level}
+        print_json({**facts, "samples": array.sample_names, "shape": planes.shape})
 
 
-class Weighing(NamedTuple):
-    """By what pixels are weighed: the sensor's noise and saturation, a map of dead ones, or both."""
+def recover(
+    context: typer.Context,
+    frame: Path = typer.Argument(help="Frame recorded behind the modulator."),
+    *,
+    modulator: str | None = typer.Option(None, help=f"Such as {GRAMMAR}."),
+    transmissions: Path | None = typer.Option(
+        None, help="Instead: .npy (N, rows, columns), what every pixel takes of each sample; solved by iterations."
+    ),
+    out: Path = typer.Option(..., "--out", "-o", help="float32 TIFF, one page per sample."),
+    route: str = typer.Option(
+        "spatial", help="Of super-pixels: spatial, fourier, or both; then Fourier's go to OUT_fourier.tif."
+    ),
+    filter: str | None = typer.Option(
+        None, help="Of super-pixels without weights, such as cubic (`multiplex filters`); by default linear."
+    ),
+    camera: str | None = typer.Option(None, help="Preset or camera file: weights by its noise and saturation."),
+    gain: GainOption = 1.0,
+    exposure: ExposureOption = 0.0,
+    dead: DeadOption = None,
+    deviation: DeviationOption = None,
+    dark: float | None = typer.Option(
+        None, help="Level of no light; by default what the file states, else --camera's, else 0."
+    ),
+    spacing: float | None = typer.Option(None, help="Solve by iterations on a grid of this many pixels per sample."),
+    smoothness: float = typer.Option(1e-4, min=0, help="Of the iterations: weight of differences between nodes."),
+    iterations: int = typer.Option(400, min=1, help="Iterations at most."),
+    page: PageOption = 0,
+    workers: WorkersOption = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Recover the samples of any modulator; saturated and dead pixels have no say, the others by their noise.
 
-    sensor: Sensor | None
-    dead: Path | None
-    gain: float
-    exposure_s: float
+    Example: `lfcal multiplex recover hdr.tif --modulator nd:1,0.25/0.25,0.0625 --camera r29 -o radiance.tif`
+    """
+    import numpy as np
 
-    def weights(self, raw: NDArray[Any], level: Any) -> NDArray[Any] | None:
-        """Return the weight of every pixel, None where all count alike."""
-        import numpy as np
+    from lfcal.base import map_npy
+    from lfcal.multiplex import iter_demultiplex_generally, read_recorded, without_black_level
+    from lfcal.tasks import load_camera
 
-        from lfcal.frames import read_image
-        from lfcal.multiplex import pixel_weights
+    check_choice("route", route, ROUTES)
+    check_outputs(_outputs(out, route, deviation), frame, transmissions, camera, dead, force=force)
+    if (modulator is None) == (transmissions is None):
+        got = "neither" if modulator is None else "both"
+        raise InputError.expected("modulator", "--modulator or --transmissions", got, "give one of them")
+    if camera is None:
+        refuse(context, "a --camera", "none", "gain", "exposure")
+    by_iterations = spacing is not None or transmissions is not None
+    if not by_iterations:
+        refuse(context, "--spacing or --transmissions", "neither", "iterations", "smoothness")
+    sensor = None if camera is None else load_camera(camera).sensor
+    recorded = read_recorded(frame, page)
+    level = recorded.level(dark, sensor)
+    weights = _weights(recorded.raw, level, sensor, dead, gain=gain, exposure_s=exposure)
+    light = without_black_level(recorded.raw.astype(float), level)
+    shares: Any = modulator_of(modulator) if modulator else map_npy(str(transmissions))
+    if by_iterations:
+        others = {"deviation": deviation, "filter": filter, "route": None if route == "spatial" else route}
+        for name, value in others.items():
+            if value is not None:
+                remedy = f"leave --{name} out, or --spacing and --transmissions"
+                raise InputError.expected(name, "none by iterations", value, remedy)
+        known = np.ones(light.shape) if weights is None else weights
+        # as many nodes as pixels measure, where nothing else is wanted
+        step = math.sqrt(shares.count if modulator else len(shares)) if spacing is None else spacing
+        how: dict[str, Any] = {"weights": known, "smoothness": smoothness, "most": iterations}
+        found = run_work(iter_demultiplex_generally(light, shares, step, **how), quiet=json)
+        _write_tiff(out, found.samples)
+        facts: dict[str, Any] = {name: getattr(found, name) for name in ("iterations", "residual", "operations")}
+    else:
+        facts = _by_super_pixels(light, shares, weights, route, filter, out=out, deviation=deviation)
+    if json:
+        print_json(facts | {"black_level": level})
+        return
+    typer.echo(", ".join(f"{key.replace('_', ' ')} {value}" for key, value in facts.items()))
 
-        dead = None if self.dead is None else read_image(self.dead)
-        if dead is not None and dead.shape != raw.shape:
-            raise InputError.expected("dead pixels", f"{raw.shape} px", dead.shape, "use the frame's own camera's")
-        if self.sensor is None:
-            return None if dead is None else np.where(dead == 0, 1.0, 0.0)
-        return pixel_weights(raw, self.sensor, dead=dead, gain=self.gain, exposure_s=self.exposure_s, black_level=level)
+
+def _by_super_pixels(
+    light: NDArray[Any],
+    modulator: Modulator,
+    weights: NDArray[Any] | None,
+    route: str,
+    filter: str | None,
+    *,
+    out: Path,
+    deviation: Path | None,
+) -> dict[str, Any]:
+    import numpy as np
+
+    from lfcal.multiplex import demultiplex, demultiplex_weighted
+
+    _check_recovered(modulator)
+    facts: dict[str, Any] = {"samples": list(modulator.sample_names)[:16]}
+    if route != "fourier" and (weights is not None or filter is None):
+        if filter not in (None, "linear"):
+            raise InputError.expected("filter with weights", "linear", filter, "leave --filter out")
+        known = np.ones(light.shape) if weights is None else weights
+        found = demultiplex_weighted(light, modulator, known)
+        lost = float(np.isinf(found.deviation).any(0).mean())
+        if lost == 1:
+            wanted = "pixels that measure all samples somewhere"
+            remedy = "expose for less saturation, or see --dead and --camera"
+            raise InputError.expected(f"frame behind {modulator.name}", wanted, "none", remedy)
+        _write_tiff(out, found.samples)
+        if deviation is not None:
+            _write_tiff(deviation, found.deviation)
+        facts |= {"pixels_left_out": float((known == 0).mean()), "places_not_recovered": lost}
+    elif deviation is not None:
+        raise InputError.expected("deviation", "the filter linear", filter or route, "leave --filter out")
+    elif route != "fourier":
+        _write_tiff(out, demultiplex(light, modulator, filter=filter))
+    elif weights is not None:
+        raise InputError.expected("route with weights", "spatial or both", "fourier", "it takes every pixel alike")
+    if route != "spatial":
+        whole = np.where(np.isfinite(light), light, 0.0) if weights is not None else light
+        target = out if route == "fourier" else _fourier_file(out)
+        _write_tiff(target, demultiplex(whole, modulator, route="fourier"))
+    return facts
 
 
-def fourier_file(out: Path) -> Path:
-    """Return where the samples of the Fourier route go where both routes are asked for: ``views_fourier.tif``."""
+def views(
+    context: typer.Context,
+    frame: Path = typer.Argument(help="Light-field frame."),
+    *,
+    white: Path | None = typer.Option(
+        None, help="White image of the same camera (or a folder): the lattice is measured on it."
+    ),
+    lattice: Path | None = typer.Option(None, help="lattice.json of `lfcal white`, instead of --white."),
+    camera: str | None = typer.Option(None, help="Preset or camera file, instead of --white: the lattice it states."),
+    out: Path = typer.Option(..., "--out", "-o", help="float32 TIFF, one page per view by rows."),
+    size: int = typer.Option(0, min=0, help="Views along a side; as many as fit the pitch by default."),
+    dark: Path | None = typer.Option(None, help="Dark frame, subtracted; else the level of no light the file states."),
+    route: str = typer.Option("spatial", help="spatial; with --modulator also fourier, or both (OUT_fourier.tif)."),
+    filter: str | None = typer.Option(
+        None, help="nearest, linear or cubic; with --modulator also sinc. By default cubic, with weights linear."
+    ),
+    modulator: str | None = typer.Option(None, help="Mask in place of lenslets, such as MURA:11."),
+    axes: str = typer.Option("lattice", help="Rows run along the lattice's or the frame's."),
+    sensor: str | None = typer.Option(
+        None, help="Preset or camera file whose sensor weighs the pixels: saturated ones have no say, others by noise."
+    ),
+    gain: GainOption = 1.0,
+    exposure: ExposureOption = 0.0,
+    dead: DeadOption = None,
+    deviation: DeviationOption = None,
+    workers: WorkersOption = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Demultiplex the views of a light field on a measured lattice of any pitch.
+
+    Example: `lfcal multiplex views field.tif --white white.tif -o views.tif`
+    """
+    from lfcal.multiplex import channel_grid, read_recorded, without_black_level
+    from lfcal.tasks import load_camera
+
+    check_choice("route", route, ROUTES)
+    inputs = (frame, white, lattice, camera, dark, sensor, dead)
+    check_outputs(_outputs(out, route, deviation), *inputs, force=force)
+    if modulator is not None and size:  # a mask has as many views as its super-pixel
+        raise InputError.expected("views", "one of --size and --modulator", "both", "leave one out")
+    if modulator is None and route != "spatial":
+        raise InputError.expected("route", "spatial for lenslets", repr(route), "give the mask as --modulator")
+    fit = _lattice_of(white, lattice, camera, dark)
+    if sensor is None:
+        refuse(context, "a --sensor", "none", "gain", "exposure")
+    described = None if sensor is None else load_camera(sensor).sensor
+    recorded = read_recorded(frame)
+    if recorded.raw.shape != fit.shape:
+        wanted = f"the {fit.shape} px of the lattice"
+        raise InputError.expected(str(frame), wanted, recorded.raw.shape, "use its own camera's")
+    level = recorded.level(sensor=described)
+    weights = _weights(recorded.raw, level, described, dead, gain=gain, exposure_s=exposure)
+    if weights is None and deviation is not None:
+        raise InputError.expected(
+            "deviation", "pixels with weights", "none", "give --sensor or --dead, or leave it out"
+        )
+    light = without_black_level(recorded.raw, level) if dark is None else _without_dark(recorded.raw, dark)
+    if modulator is None:
+        # an odd number of views has one in the middle, through the centre of the pupil.
+        cells: Any = size or max(1, (int(min(fit.pitch_px, fit.row_pitch_px)) - 1) // 2 * 2 + 1)
+        grid = channel_grid(light.shape, fit, cells, axes=axes)
+    else:
+        cells = modulator_of(modulator)
+        grid = channel_grid(light.shape, fit, cells.side, spacing_px=None, axes=axes)
+    found, spread = _views(light, weights, fit, cells, route, filter, axes=axes)
+    _write_tiff(out, found)
+    if deviation is not None and spread is not None:
+        _write_tiff(deviation, spread)
+    if route == "both":
+        _write_tiff(_fourier_file(out), _fourier(light, fit, cells, axes))
+    if json:
+        facts = {"file": str(out), "views": len(found), "rows_columns": grid.shape}
+        facts |= {name: getattr(grid, name) for name in ("corner_px", "step_px", "rotation_rad", "kept")}
+        left = 0.0 if weights is None else float((weights == 0).mean())
+        print_json(facts | {"black_level": None if dark else level, "pixels_left_out": left})
+        return
+    typer.echo(f"{len(found)} views of {grid.described()}")
+
+
+def _lattice_of(white: Path | None, lattice: Path | None, camera: str | None, dark: Path | None) -> FrameLattice:
+    """Return the lattice measured before, the one in the white image, or the one that a camera states."""
+    from lfcal.frames.corrections import read_average
+    from lfcal.lattice import fit_lattice, lattice_of, load_lattice
+    from lfcal.tasks import load_camera
+
+    given = [name for name, value in (("--white", white), ("--lattice", lattice), ("--camera", camera)) if value]
+    if len(given) != 1:
+        got = " and ".join(given) or "none of them"
+        raise InputError.expected("lattice", "--white, --lattice or --camera", got, "give one of them")
+    if lattice is not None:
+        return load_lattice(lattice)
+    if camera is not None:
+        return lattice_of(load_camera(camera))
+    seen = read_average(Path(str(white)))
+    return fit_lattice(seen if dark is None else _without_dark(seen, dark))
+
+
+def _views(
+    light: NDArray[Any],
+    weights: NDArray[Any] | None,
+    fit: FrameLattice,
+    cells: Any,
+    route: str,
+    filter: str | None,
+    *,
+    axes: str,
+) -> tuple[NDArray[Any], NDArray[Any] | None]:
+    """Return the views and, from pixels with weights, their deviation; ``cells`` are views along a side, or a mask."""
+    from lfcal import multiplex as m
+
+    through_mask = isinstance(cells, m.Modulator)
+    if weights is not None:
+        if route == "fourier" or filter not in (None, "linear"):
+            got = f"{route}, {filter or 'linear'}"
+            raise InputError.expected("route with weights", "spatial, linear", got, "leave --route and --filter out")
+        weighted = m.demultiplex_lattice_weighted if through_mask else m.lattice_channels_weighted
+        seen = weighted(light, fit, cells, weights, axes=axes)
+        return _by_rows(seen.samples), _by_rows(seen.deviation)
+    if route == "fourier":
+        return _fourier(light, fit, cells, axes), None
+    alike = m.demultiplex_lattice if through_mask else m.lattice_channels
+    return _by_rows(alike(light, fit, cells, filter=filter or "cubic", axes=axes)), None
+
+
+def _fourier(light: NDArray[Any], fit: FrameLattice, mask: Modulator, axes: str) -> NDArray[Any]:
+    """Return the views by the Fourier route, which takes every pixel alike; what is no number is 0."""
+    import numpy as np
+
+    from lfcal.multiplex import demultiplex_lattice
+
+    return demultiplex_lattice(np.nan_to_num(light, posinf=0.0, neginf=0.0), fit, mask, route="fourier", axes=axes)
+
+
+def _by_rows(channels: NDArray[Any]) -> NDArray[Any]:
+    return channels.reshape(-1, *channels.shape[-2:])
+
+
+def _outputs(out: Path, route: str, deviation: Path | None) -> tuple[Path | None, ...]:
+    return out, _fourier_file(out) if route == "both" else None, deviation
+
+
+def _fourier_file(out: Path) -> Path:
+    """Return where the samples of the Fourier route go if both routes are wanted: ``views_fourier.tif``."""
     return out.with_name(f"{out.stem}_fourier{out.suffix}")
 
 
-def without_dark_frame(frame: NDArray[Any], dark: Path) -> NDArray[Any]:
-    """Return a frame less a dark frame, or less the mean of a folder of them."""
+def _weights(
+    raw: NDArray[Any], level: Any, sensor: Sensor | None, dead: Path | None, **how: Any
+) -> NDArray[Any] | None:
+    """Return the weight of every pixel by the sensor and a map of dead pixels, None where all count alike."""
     import numpy as np
 
-    from lfcal.frames.corrections import read_average
+    from lfcal.frames import read_image
+    from lfcal.multiplex import pixel_weights
 
-    level = read_average(dark)
-    if level.shape != frame.shape:
-        raise InputError.expected(f"{dark}", f"{frame.shape} px", f"{level.shape} px", "use one sensor setting")
-    dimmed: NDArray[Any] = frame.astype(np.float32) - level
+    bad = None if dead is None else read_image(dead)
+    if bad is not None and bad.shape != raw.shape:
+        raise InputError.expected("dead pixels", f"{raw.shape} px", bad.shape, "use the frame's own camera's")
+    if sensor is None:
+        return None if bad is None else np.where(bad == 0, 1.0, 0.0)
+    return pixel_weights(raw, sensor, dead=bad, black_level=level, **how)
+
+
+def _without_dark(frame: NDArray[Any], dark: Path) -> NDArray[Any]:
+    import numpy as np
+
+    dimmed: NDArray[Any] = frame.astype(np.float32) - dark_level(dark, frame.shape)
     return dimmed
 
 
-def check_told(modulator: Modulator) -> None:
-    """Raise where some sample is not told by the pixels at any place: it would be written as 0, or as a guess."""
+def _check_recovered(modulator: Modulator) -> None:
+    """Raise `InputError` if some sample cannot be recovered anywhere: it would be written as 0, or as a guess."""
     lost = [name for name, share in zip(modulator.sample_names, modulator.lost(), strict=True) if share > 1e-9]
     if lost:
-        names = ", ".join(lost[:4]) + (f" and {len(lost) - 4} more" if len(lost) > 4 else "")
-        raise InputError.expected(
-            f"pixels of {modulator.name}",
-            "some that tell every sample",
-            f"none for {names}",
-            "correct the pattern or matrix; `lfcal multiplex compare` says what is lost",
-        )
+        got = f"none for {', '.join(lost[:4])}" + (f" and {len(lost) - 4} more" if len(lost) > 4 else "")
+        remedy = "correct the pattern or matrix; `lfcal multiplex compare` says what is lost"
+        raise InputError.expected(f"pixels of {modulator.name}", "some that measure every sample", got, remedy)
 
 
-def write_tiff(path: Path, planes: NDArray[Any]) -> None:
+def _write_tiff(path: Path, planes: NDArray[Any]) -> None:
     """Write ``(n, rows, columns)`` as float32 TIFF, one page each, whole or not at all."""
     import numpy as np
 

@@ -6,8 +6,6 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base import replace_whole
-
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -79,13 +77,13 @@ def save_picture(path: Path, image: NDArray[Any], times: int = 1) -> None:
     White is the 99.7th percentile, black the 0.5th: hot pixels and dead lenslets would otherwise decide. Red, green
     and blue share the scale.
     """
-    import cv2
     import numpy as np
+
+    from lfcal.base import write_png
 
     low, high = np.nanpercentile(image, (0.5, 99.7))
     grey = np.nan_to_num(np.clip((image - low) / max(high - low, 1e-30), 0, 1))
     shown = np.rint(255 * grey).astype(np.uint8).repeat(times, axis=-2).repeat(times, axis=-1)
     if shown.ndim == 3:
         shown = np.ascontiguousarray(shown[::-1].transpose(1, 2, 0))
-    with replace_whole(path) as part:
-        part.write_bytes(cv2.imencode(".png", shown)[1].tobytes())
+    write_png(path, shown)

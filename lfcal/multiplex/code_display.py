@@ -5,13 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, check_number, check_tuple
+from lfcal.base import (
+    InputError,
+    check_number,
+    check_tuple,
+    npy_header,
+    replace_whole,
+    storage_errors,
+    write_png,
+)
 
-__all__ = ["DisplayFit", "display_fit", "display_frames"]
+__all__ = ["DisplayFit", "code_files", "display_fit", "display_frames", "save_code"]
 
 PLACING_PX = 0.1
 """How well positions of points must be met (pixels in the image), where they are not measured."""
@@ -175,3 +185,23 @@ def _corners(length: int, size: int, step: int) -> range:
     count = 1 + (length - size) // step
     first = (length - size - (count - 1) * step) // 2
     return range(first, first + count * step, step)
+
+
+def code_files(folder: Path, frames: int) -> list[Path]:
+    """Return the files that `save_code` writes into ``folder``."""
+    return [*(folder / f"code_{k:03d}.png" for k in range(frames)), folder / "code.npy"]
+
+
+def save_code(folder: Path, code: NDArray[Any], places: ArrayLike, fit: DisplayFit, **how: Any) -> list[Path]:
+    """Write what a display shows, frame by frame, and the code ``(frames, points)``; return the files.
+
+    ``how`` are ``shape`` and ``repeat`` of `display_frames`.
+    """
+    files = code_files(folder, len(code))
+    folder.mkdir(parents=True, exist_ok=True)
+    for path, image in zip(files, display_frames(code, places, fit, **how), strict=False):
+        write_png(path, image)
+    values = np.ascontiguousarray(code, "<f8")
+    with storage_errors(files[-1]), replace_whole(files[-1]) as part:
+        part.write_bytes(npy_header(values.shape, values.dtype) + values.tobytes())
+    return files

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base import InputError, replace_whole, storage_errors
+from lfcal.base import InputError, storage_errors
 
 if TYPE_CHECKING:
     from lfcal.multiplex import CodingVerdict
@@ -135,8 +135,7 @@ def write_patterns(plan: TargetPlan, display: Display, folder: Path) -> list[Pat
 
     Pictures of an earlier plan go: a program that shows all files would show those as well.
     """
-    import cv2
-
+    from lfcal.base import write_png
     from lfcal.targets import display_image
 
     with storage_errors(folder):
@@ -146,8 +145,6 @@ def write_patterns(plan: TargetPlan, display: Display, folder: Path) -> list[Pat
     files = []
     for number, (z, k) in enumerate(plan.frames):
         path = folder / f"frame_{number:04d}.png"
-        data = cv2.imencode(".png", display_image(plan, display, z, k))[1].tobytes()
-        with storage_errors(path), replace_whole(path) as part:
-            part.write_bytes(data)
+        write_png(path, display_image(plan, display, z, k))
         files.append(path)
     return files

@@ -23,10 +23,10 @@ RECORDINGS = ("recording", "darks", "checks")
 """Beginnings of the names of a session's files."""
 
 
-def check_output(out: Path, *inputs: Path | str | None, force: bool) -> None:
+def check_output(out: Path | None, *inputs: Path | str | None, force: bool) -> None:
     """Raise unless ``out`` can be written, is none of ``inputs``, and does not exist (or ``force``).
 
-    ``inputs`` are files, folders of frames, sessions, or names that are no paths, such as a preset's.
+    ``inputs`` are files, folders of frames, sessions, or names that are no paths (presets). None is no output.
 
     Raises
     ------
@@ -38,9 +38,9 @@ def check_output(out: Path, *inputs: Path | str | None, force: bool) -> None:
     check_outputs([out], *inputs, force=force)
 
 
-def check_outputs(outs: Iterable[Path], *inputs: Path | str | None, force: bool) -> None:
-    """Check several outputs as `check_output` does; what else lies beside them is left alone."""
-    files = list(outs)
+def check_outputs(outs: Iterable[Path | None], *inputs: Path | str | None, force: bool) -> None:
+    """Check several outputs as `check_output` does; other files of their folders are left alone."""
+    files = [out for out in outs if out is not None]
     if len({out.absolute() for out in files}) < len(files):
         raise InputError.expected("outputs", "each under a name of its own", str(files[-1]), "choose other names")
     taken: set[tuple[int, int]] = set()

@@ -7,9 +7,9 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.camera import Sensor
-from lfcal.cli._multiplex_frames import RecordedFrame, level_of
 from lfcal.multiplex import pixel_weights, without_black_level
 from lfcal.multiplex._sensor_noise import black_level_map
+from lfcal.multiplex.recorded import RecordedFrame
 
 
 def test_levels_of_a_pattern_lie_at_their_places() -> None:
@@ -33,9 +33,9 @@ def test_levels_of_a_pattern_lie_at_their_places() -> None:
 def test_the_given_level_counts_then_the_files_then_the_sensors() -> None:
     sensor, raw = Sensor(black_level=64.0), np.zeros((2, 2), np.uint16)
     stated, silent = RecordedFrame(raw, "", (10.0, 20.0, 20.0, 10.0)), RecordedFrame(raw, "", None)
-    assert level_of(stated, 0.0, sensor) == 0.0, "0 is a level"
-    assert level_of(stated, None, sensor) == (10.0, 20.0, 20.0, 10.0)
-    assert level_of(silent, None, sensor) == 64.0 and level_of(silent, None) == 0.0
+    assert stated.level(0.0, sensor) == 0.0, "0 is a level"
+    assert stated.level(None, sensor) == (10.0, 20.0, 20.0, 10.0)
+    assert silent.level(None, sensor) == 64.0 and silent.level() == 0.0
 
 
 def test_weights_take_shot_noise_from_the_level_that_the_file_states() -> None:

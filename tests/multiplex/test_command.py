@@ -242,7 +242,7 @@ def test_more_starts_find_better_masks(lfcal) -> None:  # noqa: F811
 
 @pytest.mark.long
 def test_the_papers_figures(lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
-    from lfcal.cli import _multiplex_figures as pictures
+    from lfcal.multiplex import figures as pictures
     from lfcal.multiplex import paper
 
     monkeypatch.setattr(pictures, "SIDE", 5)
@@ -259,7 +259,7 @@ def test_the_papers_figures(lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.long
 def test_the_seed_of_the_figures(lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
-    from lfcal.cli import _multiplex_figures as pictures
+    from lfcal.multiplex import figures as pictures
     from lfcal.multiplex import paper
 
     monkeypatch.setattr(paper, "LIGHT_FIELD", ("pinhole",))
@@ -275,7 +275,7 @@ def test_the_seed_of_the_figures(lfcal, tmp_path: Path, monkeypatch: pytest.Monk
 
 @pytest.mark.long
 def test_figure_3_of_a_raw_frame(lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
-    from lfcal.cli import _multiplex_figures as pictures
+    from lfcal.multiplex import figures as pictures
 
     raw = shared("bayer_raw/RAW_KODAK_DC50.KDC")
     for name in ("_figure5", "_figure6", "_figure7"):

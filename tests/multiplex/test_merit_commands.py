@@ -189,7 +189,7 @@ def test_samples_that_no_pixel_tells_are_refused(lfcal, tmp_path: Path, matrix, 
     out = tmp_path / "found.tif"
     words = ("multiplex", "recover", tmp_path / "frame.png", "--modulator", tmp_path / "own.npy", "--out", out)
     refused = lfcal(*words, *more)
-    assert refused.code == 2 and "some that tell every sample" in refused.err and not out.exists(), refused.err
+    assert refused.code == 2 and "some that measure every sample" in refused.err and not out.exists(), refused.err
 
 
 def test_iterations_refuse_a_dark_modulator(lfcal, tmp_path: Path) -> None:  # noqa: F811

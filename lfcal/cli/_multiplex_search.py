@@ -1,0 +1,235 @@
+"""``lfcal multiplex search``, ``design``, ``filters`` and ``figures``: the best modulators, and pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from lfcal.base import InputError
+from lfcal.cli._console import print_json, print_table, report, run_work
+from lfcal.cli._options import Chi2Option, ForceOption, GainOption, JsonOption, PresetOption, WorkersOption
+from lfcal.cli._usage import refuse
+from lfcal.multiplex import MATRIX_SUFFIXES, is_whole
+from lfcal.tasks import check_output, check_outputs
+
+if TYPE_CHECKING:
+    from lfcal.base import Work
+    from lfcal.multiplex import Frontier, SearchProgress
+
+__all__ = ["chi2_of", "design", "figures", "filters", "search"]
+
+
+def chi2_of(
+    context: typer.Context, chi2: float | None, camera: str | None, gain: float = 1.0
+) -> tuple[float | None, dict[str, float]]:
+    """Return chi^2 from the options, and that of the camera by its name, to be marked."""
+    from lfcal.multiplex import camera_chi2
+    from lfcal.tasks import load_camera
+
+    if camera is None:
+        refuse(context, "a --camera", "none", "gain")
+        return chi2, {}
+    if chi2 is not None:
+        raise InputError.expected("chi^2", "one of --chi2 and --camera", "both", "leave one out")
+    description = load_camera(camera)
+    value = camera_chi2(description.sensor, gain=gain)
+    return value, {description.name: value}
+
+
+def _needed_chi2(context: typer.Context, chi2: float | None, camera: str | None, gain: float) -> float:
+    ratio, _ = chi2_of(context, chi2, camera, gain)
+    if ratio is None:
+        raise InputError.expected("chi^2", "--chi2 or --camera", "neither", "say for which camera to search")
+    return ratio
+
+
+def search(
+    context: typer.Context,
+    what: str = typer.Argument("filters", help="filters, or a mask's size such as 11."),
+    *,
+    chi2: Chi2Option = None,
+    camera: PresetOption = None,
+    gain: GainOption = 1.0,
+    starts: int = typer.Option(6, min=0, help="Random masks per noise; six changed ones follow each."),
+    out: Path | None = typer.Option(None, "--out", "-o", help="Draw the frontier as PNG."),
+    workers: WorkersOption = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Search filter sets or masks for the best gain at a camera's chi^2.
+
+    Example: `lfcal multiplex search 7 --camera r29 -o masks.png`
+    """
+    from lfcal.multiplex import filter_set_frontier, iter_mask_frontier
+
+    check_output(out, camera, force=force)
+    ratio = _needed_chi2(context, chi2, camera, gain)
+    if what == "filters":
+        refuse(context, "a mask's size", "filters", "starts")
+        _show_found(filter_set_frontier(ratio), out, json=json)
+        return
+    if not is_whole(what):
+        raise InputError.expected("search", "filters or a mask's size", repr(what), "for example 11")
+    kept: list[SearchProgress] = []
+    try:
+        frontier = run_work(_kept(iter_mask_frontier(int(what), ratio, starts=starts), kept), quiet=json)
+    except BaseException:  # stopped: the best so far is what it was run for
+        if kept and kept[-1].done:
+            report(f"stopped after {kept[-1].count} searches; the best found so far:")
+            _show_found(kept[-1].found, out, json=json, stopped=True)
+        raise
+    _show_found(frontier, out, json=json)
+
+
+def _kept(work: Work[Frontier], kept: list[SearchProgress]) -> Work[Frontier]:
+    """Pass on a search, and keep its newest record."""
+    try:
+        while True:
+            record: Any = next(work)
+            kept[:] = [record]
+            yield record
+    except StopIteration as end:
+        found: Frontier = end.value
+        return found
+    finally:
+        work.close()
+
+
+def _show_found(found: Frontier, out: Path | None, *, json: bool, stopped: bool = False) -> None:
+    """Draw and print the efficient candidates and the best at the camera's chi^2, also of a search that stopped."""
+    import numpy as np
+
+    from lfcal.multiplex import save_frontier
+
+    if out is not None:
+        save_frontier(found, out)
+    best = found.best_index
+    order = [int(k) for k in np.argsort(-found.chosen) if found.efficient[k] or k == best]
+    keys = ("gain_db", "gain_additive_db", "gain_photon_db")
+    gains = np.stack([found.chosen, found.additive, found.photon], axis=1).tolist()
+    rows = [(found.modulators[k].name, gains[k]) for k in order]
+    if json:
+        facts = {"reference": found.reference, "chi2": found.chi2, "candidates": len(found.modulators)}
+        facts["frontier"] = [{"name": name} | dict(zip(keys, row, strict=True)) for name, row in rows]
+        print_json({**facts, "best": found.best.matrix, "bound_db": found.bound, "stopped": stopped})
+        return
+    cells = [[name, *(f"{gain:+.3f}" for gain in row)] for name, row in rows]
+    title = f"Gain over {found.reference}: {len(cells)} of {len(found.modulators)} candidates nothing beats"
+    headers = ["modulator", f"gain at χ² = {found.chi2:.4g} (dB)", "additive (dB)", "photon (dB)"]
+    print_table(headers, cells, title=title)
+    if found.bound is not None:
+        left = found.bound - float(found.chosen[best])
+        report(f"no mask of this size gains more than {found.bound:+.3f} dB: at most {left:.3f} dB are left")
+
+
+def design(
+    context: typer.Context,
+    what: str = typer.Argument(help="Super-pixel of filters such as 2x2, or a mask's size such as 5."),
+    *,
+    chi2: Chi2Option = None,
+    camera: PresetOption = None,
+    gain: GainOption = 1.0,
+    crosstalk: float = typer.Option(0.0, help="Share of the light that pixels lose to their neighbours."),
+    letters: str = typer.Option("RGBCMYW", help="Filters to choose from."),
+    kinds: int | None = typer.Option(None, min=1, help="Kinds of filters at most."),
+    levels: int = typer.Option(2, help="Transmissions of a mask that can be printed."),
+    least_light: float = typer.Option(0.0, help="Share of the light that must pass."),
+    most_light: float = typer.Option(1.0, help="Share of the light that a mask may let through."),
+    starts: int = typer.Option(12, min=0, help="Random starts of masks that are too large to try all."),
+    out: Path | None = typer.Option(
+        None, "--out", "-o", help="Write it: .npy, transmissions (rows, columns, N); .json, with its views."
+    ),
+    workers: WorkersOption = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Find the filters or the mask of most gain that can be made, and say how sure that is.
+
+    Example: `lfcal multiplex design 2x2 --camera r29 --crosstalk 0.05 --kinds 3`
+    """
+    from lfcal.multiplex import best_array, best_printed_mask, save_modulator
+
+    if out is not None and out.suffix.lower() not in MATRIX_SUFFIXES:
+        raise InputError.expected("output", "a file .npy or .json", out, "name it so")
+    check_output(out, camera, force=force)
+    ratio = _needed_chi2(context, chi2, camera, gain)
+    rows, _, columns = what.partition("x")
+    shared: dict[str, Any] = {"crosstalk": crosstalk, "least_light": least_light}
+    if is_whole(rows) and is_whole(columns):
+        refuse(context, "a mask's size", what, "levels", "most_light", "starts")
+        found = best_array((int(rows), int(columns)), ratio, letters=letters, most_kinds=kinds, **shared)
+    elif is_whole(what):
+        refuse(context, "a super-pixel of filters", what, "letters", "kinds")
+        found = best_printed_mask(int(what), ratio, levels=levels, most_light=most_light, starts=starts, **shared)
+    else:
+        raise InputError.expected("design", "a super-pixel such as 2x2, or a mask's size", repr(what), "correct it")
+    m = found.modulator
+    if out is not None:
+        save_modulator(m, out)
+    if json:
+        facts = {"name": m.name, "side": m.side, "chi2": ratio, "gain_db": found.gain_db, "bound_db": found.bound_db}
+        facts |= {"tried": found.tried, "exhaustive": found.exhaustive, "certificate": found.certificate}
+        print_json(facts | {"pattern": m.pattern()})
+        return
+    cells = [[m.name, f"{found.gain_db:+.3f}", f"{found.bound_db:+.3f}"]]
+    print_table(["design", "gain (dB)", "no more than (dB)"], cells, title=f"χ² = {ratio:.4g}")
+    report(found.certificate)
+
+
+def filters(
+    *,
+    size: int = typer.Option(256, min=64, max=4096, help="Pixels along a side of the scenes."),
+    out: Path | None = typer.Option(None, "--out", "-o", help="Draw error against time as PNG."),
+    workers: WorkersOption = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Compare reconstruction routes and filters: error, ringing and time on a smooth and on a sharp-edged scene.
+
+    Example: `lfcal multiplex filters -o filters.png`
+    """
+    from lfcal.multiplex import cfa, colour_edges, measure_filters, save_filter_choice, zone_plate
+
+    check_output(out, force=force)
+    scenes = {"smooth zone plate": zone_plate((size, size), 0.2), "sharp edges": colour_edges((size, size))}
+    found = {name: measure_filters(scene, cfa("Bayer")) for name, scene in scenes.items()}
+    if out is not None:
+        save_filter_choice(list(found.items()), out)
+    if json:
+        print_json(found)
+        return
+    headers = ["way", "time (ms)", "rms error (%)", "ringing in flat parts (%)", "overshoot (%)", "efficient"]
+    for name, trials in found.items():
+        rows = []
+        for t in trials:
+            rings = ("—", "—")
+            if t.ringing is not None:
+                rings = (f"{100 * t.ringing.flat:.2f}", f"{100 * t.ringing.overshoot:.1f}")
+            efficient = "yes" if t.efficient else ""
+            rows.append([t.name, f"{1e3 * t.seconds:.1f}", f"{100 * t.error:.2f}", *rings, efficient])
+        print_table(headers, rows, title=f"{name}, Bayer, {size} x {size} px; shares of the scene's range")
+
+
+def figures(
+    context: typer.Context,
+    folder: Path = typer.Argument(help="Folder for the pictures."),
+    *,
+    raw: Path | None = typer.Option(None, help="RAW frame for figure 3 in place of the drawn scene."),
+    camera: str | None = typer.Option(None, help="Preset or camera file to mark in figure 6."),
+    seed: int = typer.Option(1, help="Seed of the noise in figure 7."),
+    workers: WorkersOption = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Draw figures 3, 5, 6 and 7 of the paper, and the modulators.
+
+    Example: `lfcal multiplex figures pictures/ --camera r29`
+    """
+    from lfcal.multiplex import figure_files, iter_paper_figures
+
+    check_outputs(figure_files(folder), raw, camera, force=force)
+    files = run_work(iter_paper_figures(folder, raw, chi2_of(context, None, camera)[1], seed), quiet=json)
+    if json:
+        print_json({"files": [str(path) for path in files]})

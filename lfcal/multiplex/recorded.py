@@ -1,0 +1,39 @@
+"""Frames as files state them: samples, colour filters, and the level of no light."""
+
+from __future__ import annotations
+
+import os
+from typing import Any, NamedTuple
+
+from numpy.typing import NDArray
+
+from lfcal.camera import Sensor
+from lfcal.frames import open_image
+
+__all__ = ["RecordedFrame", "read_recorded"]
+
+
+class RecordedFrame(NamedTuple):
+    """A frame as recorded, its colour filters if the file names them, and its black level if it states one."""
+
+    raw: NDArray[Any]
+    filters: str
+    black_level: Any
+
+    def level(self, given: float | None = None, sensor: Sensor | None = None) -> Any:
+        """Return the level of no light: the one given, else the file's, else the sensor's, else 0."""
+        if given is not None:
+            return given
+        if self.black_level is not None:
+            return self.black_level
+        return 0.0 if sensor is None else sensor.black_level
+
+
+def read_recorded(path: str | os.PathLike[str], page: int = 0) -> RecordedFrame:
+    """Return one page of a file with what the file says of it."""
+    image = open_image(path)
+    try:
+        frame: NDArray[Any] = image.read(image.check_page(page))
+        return RecordedFrame(frame, str(image.metadata.get("cfa", "")), image.metadata.get("black_level"))
+    finally:
+        image.close()
