@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import importlib
+import inspect
 from collections.abc import Iterator
 from typing import Any
 
@@ -29,7 +31,7 @@ class Drained(Extension):
     """Show what users call: ``x = drained(iter_x)`` as a function, and the settings of a solver as its parameters.
 
     The reference is made from the sources, where ``x`` is a value, and a solver takes its settings as one. A field of
-    a record is shown with the help, unit and range that it is declared with.
+    a record is shown with the help, unit and range that it is declared with, also as a parameter of a function.
     """
 
     def on_package(self, *, pkg: Module, **_: Any) -> None:
@@ -38,6 +40,7 @@ class Drained(Extension):
             for solver in place.members.values():
                 if isinstance(solver, Function):
                     _spread(solver, pkg)
+                    _complete(solver)
         for place in _places(pkg):
             for name, value in list(place.members.items()):
                 if isinstance(value, Attribute) and _is_drained(value.value):
@@ -63,6 +66,14 @@ def _spread(solver: Function, package: Module) -> None:
             kind = package[str(getattr(settings, "canonical_path", settings)).removeprefix(f"{package.path}.")]
             own = [one for one in kind.parameters if one.name != "self"]
             solver.parameters = Parameters(*list(solver.parameters)[:2], *own)
+
+
+def _complete(function: Function) -> None:
+    """Give a function that is decorated by `lfcal.records.described_by` its whole docstring."""
+    said = function.docstring
+    if said and any(str(decorator.value).startswith("described_by(") for decorator in function.decorators):
+        run = getattr(importlib.import_module(function.module.path), function.name)
+        said.value = inspect.cleandoc(run.__doc__)
 
 
 def _describe(field: Attribute) -> None:

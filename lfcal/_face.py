@@ -6,9 +6,10 @@ from lfcal.camera import ScanPlan, preset, read_camera
 from lfcal.fit import fit_camera
 from lfcal.frames import open_frames
 from lfcal.judge import inspect
-from lfcal.psf import assemble, open_psf
+from lfcal.psf import open_psf
 from lfcal.reconstruct import Projector
 from lfcal.simulate import simulate_psf
+from lfcal.tasks import assemble
 
 __all__ = [
     "Projector",

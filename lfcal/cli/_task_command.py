@@ -81,7 +81,7 @@ def do_task(task: Task, run: RunSettings, show: Show, json: bool) -> None:
 
 
 def _help(tasks: TaskSet, cls: type[CommandWithParts] | None) -> str:
-    said = inspect.cleandoc(tasks.help or str(tasks.kinds[0].__doc__).partition("\n    Attributes\n")[0])
+    said = inspect.cleandoc(tasks.help or str(tasks.kinds[0].__doc__).partition("\nAttributes\n")[0])
     for part in cls.parts.listed.values() if cls else ():
         said += f"\n\n`lfcal {tasks.name} {part.name}`: {part.summary}"
     return f"{said}\n\nExample: `{tasks.example}`"
@@ -108,9 +108,8 @@ def _except(having: list[str], lacking: list[str]) -> str:
 
 def _parameter(row: FieldRow, heading: str, only: str = "") -> inspect.Parameter:
     opt, kind = row.opt, inspect.Parameter.KEYWORD_ONLY
-    notes = [part for part in (opt.unit, opt.range_words, _choices(row), _default(row)) if part]
     how: dict[str, Any] = {
-        "help": opt.help + (f" ({'; '.join(notes)})" if notes else "") + only,
+        "help": row.described + only,
         "rich_help_panel": heading,
         "show_default": False,
     }
@@ -140,15 +139,6 @@ def _bool(row: FieldRow, option: Any) -> Any:
     if row.turns_off:
         option.callback = lambda value: None if value is None else not value
     return option
-
-
-def _default(row: FieldRow) -> str:
-    said = "" if row.default is MISSING or row.kind is bool else row.opt.empty or row.text(row.default)
-    return f"default: {said}" if said else ""
-
-
-def _choices(row: FieldRow) -> str:
-    return "" if callable(row.opt.choices) or not row.opt.choices else ", ".join(row.opt.choices)
 
 
 METAVARS = {int: "N", float: "NUMBER", str: "TEXT"}

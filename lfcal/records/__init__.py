@@ -16,3 +16,8 @@ if TYPE_CHECKING:
     from lfcal.records._shared import *  # noqa: F403
 
 lazy_face(__name__)
+
+
+def _before_others() -> None:
+    """Make mypy check `record`, a decorator, before the modules that use it; never called."""
+    from lfcal.records.option import record  # noqa: F401

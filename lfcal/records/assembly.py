@@ -8,9 +8,9 @@ from lfcal.records.reading import read_cutout_or_auto, read_share, show_pair
 
 __all__ = ["AssemblySettings"]
 
-COMPRESSIONS = ("gzip", "zstd", "none")
-STORED_TYPES = ("rounded", "float32")
-INTERPOLATIONS = ("nearest", "linear", "cubic", "fourier")
+COMPRESSIONS: tuple[str, ...] = ("gzip", "zstd", "none")
+STORED_TYPES: tuple[str, ...] = ("rounded", "float32")
+INTERPOLATIONS: tuple[str, ...] = ("nearest", "linear", "cubic", "fourier")
 
 
 @record
@@ -91,5 +91,5 @@ class AssemblySettings:
             from lfcal.base import check_cutout  # which needs numpy
 
             check_cutout(*self.cutout)
-        if isinstance(self.cutout, str) and self.cutout != "auto":
+        elif self.cutout not in (None, "auto"):
             raise InputError.expected("cutout", "(rows, columns) or auto", repr(self.cutout), "correct it")

@@ -8,6 +8,8 @@ the fields of a record and of those within it, in order.
 from __future__ import annotations
 
 import dataclasses
+import inspect
+import textwrap
 import types
 import typing
 from collections.abc import Callable, Iterator, Mapping
@@ -24,6 +26,7 @@ __all__ = [
     "Variants",
     "check_needs",
     "check_record",
+    "described_by",
     "flat",
     "from_dict",
     "from_flat",
@@ -39,6 +42,7 @@ __all__ = [
 ]
 
 T = TypeVar("T")
+F = TypeVar("F", bound=Callable[..., Any])
 PLAIN = (bool, int, float, str, Path)
 WORDS: dict[type, str] = {
     float: "a number",
@@ -123,6 +127,12 @@ class Opt:
         signs = {"above": ">", "at_least": "≥", "below": "<", "at_most": "≤"}
         return ", ".join(f"{signs[name]} {self.bounds[name]:g}" for name in signs if name in self.bounds)
 
+    def described(self, default: str = "") -> str:
+        """Return the help with unit, range, choices and the text of the default."""
+        choices = ", ".join(self.choices) if isinstance(self.choices, tuple) else ""
+        notes = [part for part in (self.unit, self.range_words, choices, default and f"default: {default}") if part]
+        return self.help + (f" ({'; '.join(notes)})" if notes else "")
+
 
 def opt(default: T, help: str, **more: Any) -> T:
     """Declare a field with its default; ``more`` are attributes of `Opt`."""
@@ -176,24 +186,22 @@ def one_of(default: T, title: str, variants: Variants) -> T:
 def record(kind: type[T]) -> type[T]:
     """Make a frozen dataclass of fields by name, whose docstring lists them with their help."""
     made = dataclass(frozen=True, kw_only=True)(kind)
-    said, mark, examples = (made.__doc__ or "").partition("\n    Examples\n")
-    lines = ["", "    Attributes", "    ----------"]
+    said, mark, examples = inspect.cleandoc(made.__doc__ or "").partition("\nExamples\n")
+    lines = ["", "Attributes", "----------"]
     for field in dataclasses.fields(cast(Any, made)):
         if "opt" in field.metadata:
-            lines += [f"    {field.name}", f"        {_described(field.metadata['opt'])}"]
+            lines += [field.name, _indented(field.metadata["opt"].described())]
         elif "panel" in field.metadata:
             variants = field.metadata.get("variants")
             kinds = variants.kinds if variants else (type(field.default),)
             names = ", ".join(f"`{kind.__name__}`" for kind in kinds)
-            lines += [f"    {field.name}", f"        {field.metadata['panel'][0]}: {names}."]
+            lines += [field.name, f"    {field.metadata['panel'][0]}: {names}."]
     made.__doc__ = said.rstrip() + "\n" + "\n".join(lines) + "\n" + mark + examples
     return made
 
 
-def _described(one: Opt) -> str:
-    notes = [part for part in (one.unit, one.range_words) if part]
-    notes += [f"one of {', '.join(one.choices)}"] if isinstance(one.choices, tuple) and one.choices else []
-    return one.help + (f" ({'; '.join(notes)})" if notes else "")
+def _indented(text: str) -> str:
+    return textwrap.fill(text, 100, initial_indent="    ", subsequent_indent="    ")
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,6 +277,12 @@ class FieldRow:
     def label(self) -> str:
         """Its name in forms and tables."""
         return self.opt.label or self.name.replace("_", " ").capitalize()
+
+    @property
+    def described(self) -> str:
+        """Its help, with unit, range, choices and default."""
+        shown = self.default is not MISSING and self.kind is not bool
+        return self.opt.described(self.opt.empty or self.text(self.default) if shown else "")
 
     @property
     def choices(self) -> tuple[str, ...]:
@@ -390,6 +404,23 @@ def _rows_of_kinds(variants: Variants, path: tuple[str, ...], heading: str) -> I
         names = having[row.name]
         only = () if len(names) == len(variants.kinds) else tuple(names)
         yield dataclasses.replace(row, opt=said, variants=variants, only=only)
+
+
+def described_by(kind: type) -> Callable[[F], F]:
+    """Return what adds the fields of a record to the docstring of a function that has them as parameters."""
+
+    def add(function: F) -> F:
+        said, mark, more = inspect.cleandoc(function.__doc__ or "").partition("Parameters\n----------\n")
+        known = {row.name: row for row in rows(kind)}
+        lines = [
+            f"{name} : {function.__annotations__[name]}\n{_indented(known[name].described)}\n"
+            for name in inspect.signature(function).parameters
+            if name in known
+        ]
+        function.__doc__ = "".join([said, mark, *lines, more])
+        return function
+
+    return add
 
 
 def rows_of(whole: Any) -> tuple[FieldRow, ...]:

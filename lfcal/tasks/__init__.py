@@ -3,7 +3,7 @@
 - ``task``: the base of all tasks, and how a task is run
 - ``sets``: every task by the name of its command
 - ``text``: tasks as commands, Python and job files
-- ``assemble``: frames to H
+- ``assembly``: frames to H
 - ``transpose``, ``reduce``, ``export``, ``inspect``: H to HT, to a smaller file, to other programs, and its quality
 - ``reconstruct``: light-field frames to volumes
 - ``simulate``: a camera to H or frames

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from lfcal.tasks._solving import solver_settings
 from lfcal.tasks.acquire import Acquire, AcquireRegions, AcquireTarget, AcquireUntil
-from lfcal.tasks.assemble import Assemble, AssembleRegions, AssembleTarget
+from lfcal.tasks.assembly import Assemble, AssembleRegions, AssembleTarget, assemble
 from lfcal.tasks.export import ExportH5, ExportMat, ExportNpy, ExportTiff
 from lfcal.tasks.fit import FitFrames, FitMatrix, FitTarget
 from lfcal.tasks.fit_check import CheckMatrix, CheckMatrixByScan
@@ -17,6 +17,7 @@ from lfcal.tasks.plan_target import PlanDisplay, PlanTarget
 from lfcal.tasks.reconstruct import Reconstruct, ReconstructForecast, ReconstructSeries
 from lfcal.tasks.reduce import Reduce
 from lfcal.tasks.simulate import SimulateForecast, SimulateFrames, SimulateH, SimulatePasses, SimulateRegions
+from lfcal.tasks.task import RunSettings
 from lfcal.tasks.text import command_of, job_of, python_of
 from lfcal.tasks.transpose import Transpose
 
@@ -49,6 +50,7 @@ __all__ = [
     "ReconstructForecast",
     "ReconstructSeries",
     "Reduce",
+    "RunSettings",
     "SimulateForecast",
     "SimulateFrames",
     "SimulateH",
@@ -57,6 +59,7 @@ __all__ = [
     "Transpose",
     "ValidateFit",
     "ValidateFitByFrames",
+    "assemble",
     "command_of",
     "job_of",
     "python_of",

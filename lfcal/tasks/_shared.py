@@ -8,7 +8,7 @@ from lfcal.tasks._pace import WITHOUT_READOUT
 from lfcal.tasks._patterns import most_taken
 from lfcal.tasks._solving import choice_of
 from lfcal.tasks.acquire import PlannedSession, RecordedSession
-from lfcal.tasks.assemble import Assembled, AssemblyRun
+from lfcal.tasks.assembly import Assembled, AssemblyRun
 from lfcal.tasks.cameras import assumed_in_words, load_camera, load_file, tell_assumed
 from lfcal.tasks.export import ExportedFiles
 from lfcal.tasks.fit import FitOutcome, FittedPatterns
@@ -30,7 +30,7 @@ from lfcal.tasks.scan_frames import ScanFrames
 from lfcal.tasks.sets import task_set
 from lfcal.tasks.simulate import SimulatedH, SimulatedRegions, SimulationForecast
 from lfcal.tasks.target_frames import left_words
-from lfcal.tasks.task import RunSettings, Task, TaskSet, may_replace
+from lfcal.tasks.task import Task, TaskSet, may_replace
 from lfcal.tasks.text import load_job, words_of
 from lfcal.tasks.transpose import TransposedFile
 
@@ -53,7 +53,6 @@ __all__ = [
     "RecordedSession",
     "ReducedFile",
     "RegionsPlanned",
-    "RunSettings",
     "ScanFrames",
     "ScanPlanned",
     "SimulatedH",

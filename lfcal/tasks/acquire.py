@@ -420,7 +420,7 @@ class _Acquire(Task):
         """Make H of the session; return what was made."""
         from lfcal.acquire import SessionFile
         from lfcal.records import AssemblySettings
-        from lfcal.tasks.assemble import Assemble
+        from lfcal.tasks.assembly import Assemble
 
         # a complete session has every position once: a gap would be a defect, and is not to be filled quietly.
         settings = AssemblySettings(strict=not SessionFile.read(self.out).redo[0])
@@ -500,7 +500,7 @@ class AcquireTarget(_Acquire):
         return (coverage,), seen
 
     def _iter_assembled(self, out: Path, run: RunSettings) -> Work[dict[str, Any]]:
-        from lfcal.tasks.assemble import AssembleTarget
+        from lfcal.tasks.assembly import AssembleTarget
 
         # holes that are missing, or displaced, leave positions that nothing showed: not strict
         (made,) = yield from AssembleTarget(frames=self.out, out=out).work(run)
@@ -584,7 +584,7 @@ class AcquireRegions(_AcquireScan):
 
     def _iter_assembled(self, out: Path, run: RunSettings) -> Work[dict[str, Any]]:
         from lfcal.records import AssemblySettings
-        from lfcal.tasks.assemble import AssembleRegions
+        from lfcal.tasks.assembly import AssembleRegions
 
         made = yield from AssembleRegions(frames=self.out, out=out, settings=AssemblySettings(strict=True)).work(run)
         return {"H": out, "shape": made[0].report.matrix.shape}

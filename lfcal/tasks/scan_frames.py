@@ -16,7 +16,15 @@ if TYPE_CHECKING:
     from lfcal.camera import Camera, ScanPlan
     from lfcal.frames import Frames
 
-__all__ = ["ScanFrames", "find_plan", "no_plan", "tell_size"]
+__all__ = ["ScanFrames", "find_plan", "no_plan", "orientations", "tell_size"]
+
+
+def orientations() -> tuple[str, ...]:
+    """Return what may turn frames upright, by the names of options."""
+    from lfcal.frames import ORIENTATIONS
+    from lfcal.psf import AUTO, CHECK
+
+    return (CHECK, AUTO, *(one.option for one in ORIENTATIONS.values()))
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ __all__ = ["TASKS", "task_set"]
 
 TASKS = {
     "acquire": "lfcal.tasks.acquire:ACQUIRE",
-    "assemble": "lfcal.tasks.assemble:ASSEMBLE",
+    "assemble": "lfcal.tasks.assembly:ASSEMBLE",
     "export": "lfcal.tasks.export:EXPORT",
     "inspect": "lfcal.tasks.inspect:INSPECT",
     "reduce": "lfcal.tasks.reduce:REDUCE",

@@ -137,6 +137,15 @@ class Outer:
 '''
 
 
+def test_a_function_with_the_fields_of_a_record_is_shown_with_their_help() -> None:
+    griffe = pytest.importorskip("griffe", reason="the group of packages that build the documentation is not installed")
+    extensions = griffe.load_extensions("dataclasses", str(ROOT / "docs_build" / "drained.py"))
+    made = griffe.load("lfcal.tasks", search_paths=[ROOT], extensions=extensions, docstring_parser="numpy")
+    function = made["assemble.assemble"]
+    section = next(one for one in function.docstring.parsed if one.kind.value == "parameters")
+    assert {one.name for one in section.value} == {one.name for one in function.parameters}
+
+
 def test_fields_of_records_are_shown_with_their_help(tmp_path: Path) -> None:
     griffe = pytest.importorskip("griffe", reason="the group of packages that build the documentation is not installed")
     (tmp_path / "given").mkdir()

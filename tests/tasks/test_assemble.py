@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
+import re
 import shlex
 import traceback
 from collections.abc import Callable
@@ -13,7 +15,8 @@ import h5py
 import numpy as np
 import pytest
 
-from lfcal.base import FileFormatError, InputError
+import lfcal as lfcal_package
+from lfcal.base import FileFormatError, InputError, LfcalError
 from lfcal.frames import CorrectionRecipe
 from lfcal.psf import AssemblySettings
 from lfcal.psf.store import MatrixGroup
@@ -141,5 +144,50 @@ def test_from_the_command_to_h_few_files_are_passed_and_few_values_handed_on(
     monkeypatch.setattr(MatrixGroup, "write_plane", noted)
     assert lfcal("assemble", SAMPLE, "-o", tmp_path / "H.h5", "--workers", 1).code == 0
     files = {file for file, _ in passed}
-    assert {"lfcal/cli/_task_command.py", "lfcal/tasks/assemble.py", "lfcal/psf/make.py"} < files
+    assert {"lfcal/cli/_task_command.py", "lfcal/tasks/assembly.py", "lfcal/psf/make.py"} < files
     assert len(files) <= 15 and max(values for _, values in passed) <= 12
+
+
+def test_python_has_every_field_as_a_keyword_with_type_default_and_help() -> None:
+    known = {row.name: row for row in rows(Assemble)}
+    given = dict(inspect.signature(lfcal_package.assemble).parameters)
+    assert given.pop("run").default is None and given.keys() == known.keys()
+    words = re.sub(r"\s+", " ", inspect.getdoc(lfcal_package.assemble) or "")
+    kinds: dict[type, str] = {Path: "str | Path"}
+    for name, one in given.items():
+        row = known[name]
+        assert one.default == (inspect.Parameter.empty if row.default is dataclasses.MISSING else row.default), name
+        assert kinds.get(row.kind, "str | Path" if row.opt.file else row.kind.__name__) in one.annotation, name
+        assert ("None" in one.annotation) is row.optional, name
+        assert f"{name} : {one.annotation} {row.described} " in words, name
+    assert "Largest share of the energy that an automatic cutout may leave outside. (> 0, < 1; default: 0.005)" in words
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"lost": 2}, "lost: expected a number > 0 and < 1, got 2"),
+        ({"pad": "yes"}, "pad: expected true or false, got 'yes'"),
+        ({"cutout": 41}, "cutout: expected (rows, columns) or auto, got 41"),
+        ({"lost": "1%"}, "lost: expected cutout auto, got as planned"),
+        ({"white_floor": 0.1}, "white_floor: expected white, got none"),
+        ({"background": 3.0}, "background: expected text, got 3.0"),
+        ({"frames": "nowhere"}, "nowhere"),
+    ],
+)
+def test_a_wrong_value_in_python_ends_in_one_sentence(tmp_path: Path, values: dict[str, Any], words: str) -> None:
+    with pytest.raises(LfcalError) as error:
+        lfcal_package.assemble(**{"frames": SAMPLE, "out": tmp_path / "H.h5", **values})
+    assert words in str(error.value) and "\n" not in str(error.value)
+    assert not (tmp_path / "H.h5").exists()
+
+
+def test_python_makes_the_same_h(task: Assemble, tmp_path: Path) -> None:
+    task.run()[0].close()
+    how: dict[str, Any] = {"exposure": "none", "cutout": "41x31", "dtype": "float32", "compression": "none"}
+    (made,) = lfcal_package.assemble(SAMPLE, tmp_path / "by_name.h5", **how)
+    made.close()
+    assert command_of(task).replace("H.h5", "by_name.h5") == command_of(
+        load_job(tmp_path / "by_name.h5", {"out": str(tmp_path / "by_name.h5")})[0]
+    )
+    np.testing.assert_array_equal(values(tmp_path / "by_name.h5"), values(task.out))

@@ -15,18 +15,20 @@ from lfcal.base import Work
 from lfcal.records import (
     AssemblySettings,
     CorrectionRecipe,
+    described_by,
     from_dict,
     opt,
     panel,
     read_orientation,
     record,
     required,
+    rows,
 )
 from lfcal.tasks._channels import ChannelPart, open_colour, parts_of
 from lfcal.tasks.cameras import tell_assumed
 from lfcal.tasks.notes import note
 from lfcal.tasks.outputs import check_output, files_of
-from lfcal.tasks.scan_frames import ScanFrames, tell_size
+from lfcal.tasks.scan_frames import ScanFrames, orientations, tell_size
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet, may_replace
 
 if TYPE_CHECKING:
@@ -45,18 +47,12 @@ __all__ = [
     "AssembleTarget",
     "Assembled",
     "AssemblyRun",
+    "assemble",
     "open_planes",
 ]
 
 RATE = 100e6
 """Bytes of frames that are read, corrected and cropped in a second of processor time, about."""
-
-
-def orientations() -> tuple[str, ...]:
-    from lfcal.frames import ORIENTATIONS
-    from lfcal.psf import AUTO, CHECK
-
-    return (CHECK, AUTO, *(one.option for one in ORIENTATIONS.values()))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -490,3 +486,80 @@ ASSEMBLE = TaskSet(
     kind_of,
     "lfcal assemble session/frames --dark session/dark --white session/white -o H.h5",
 )
+
+
+@described_by(Assemble)
+def assemble(
+    frames: str | Path,
+    out: str | Path,
+    *,
+    plan: str | Path | None = None,
+    manifest: str | Path | None = None,
+    pattern: str = "",
+    order: str = "",
+    columns: str = "",
+    first: int | None = None,
+    origin: str = "",
+    skip_damaged: bool = False,
+    orientation: str = "check",
+    shift: str = "0",
+    channel: str = "",
+    half_cell: bool = False,
+    fill: str | Path | None = None,
+    dark: str | Path = "",
+    black_level: float | None = None,
+    white: str | Path = "",
+    white_mode: str = "field",
+    white_floor: float = 0.05,
+    defects: bool = False,
+    background: str = "none",
+    exposure: str = "auto",
+    saturation: float | None = None,
+    cutout: tuple[int, int] | str | None = None,
+    lost: float | str = 0.005,
+    interpolation: str = "",
+    pad: bool = False,
+    strict: bool = False,
+    keep_pedestal: bool = False,
+    dtype: str = "rounded",
+    compression: str = "gzip",
+    store_tolerance: float | str | None = None,
+    run: RunSettings | None = None,
+) -> tuple[Assembled, ...]:
+    """Assemble H from point-source frames in files, as ``lfcal assemble`` does.
+
+    The frames are of a scan, of a session of several regions of the field, or of a target. A setting that does not
+    apply to them is refused. `lfcal.psf.assemble` takes frames as arrays.
+
+    Parameters
+    ----------
+    run
+        Number of threads or processes; whether an earlier run is continued.
+
+    Returns
+    -------
+    tuple of Assembled
+        One for each H: of each region, of each colour of ``channel="each"``, else a single one. Its ``report.matrix``
+        is H.
+
+    Raises
+    ------
+    InputError
+        If a value is not allowed, or does not apply to these frames.
+
+    Examples
+    --------
+    >>> import lfcal
+    >>> (made,) = lfcal.assemble("session/frames", "made.h5", dark="session/dark", cutout=(41, 41))
+    >>> with made.report.matrix as H:
+    ...     print(made.report.frames, "frames:", H.shape)
+    1254 frames: (2, 19, 33, 41, 41)
+    """
+    given = dict(locals())
+    del given["run"]
+    known = {row.name: row for row in rows(Assemble)}
+    values = {name: known[name].value(value, name) for name, value in given.items()}
+    made: tuple[Assembled, ...] = ASSEMBLE.make(
+        {name: value for name, value in values.items() if value != known[name].default}, str
+    ).run(run)
+    return made
