@@ -33,7 +33,7 @@ __all__ = [
     "RecordedSession",
 ]
 
-TARGET = "lfcal-target-plan"
+TARGET, SESSION = "lfcal-target-plan", "session.json"
 
 NAMES = {"margin": "margin_px", "steady": "steady_s", "tolerance": "tolerance_um", "overshoot": "overshoot_um"}
 """Options of a session whose names say their unit, by the names of the fields."""
@@ -58,6 +58,11 @@ def read_plan(path: Path) -> ScanPlan | TargetPlan | RegionPlan:
     from lfcal.camera import RegionPlan, ScanPlan
 
     data = parse_json(read_text(path), "scan plan")
+    if path.name == SESSION:
+        from lfcal.acquire import SessionFile
+
+        session = SessionFile.read(path.parent)
+        return session.target or session.plan  # type: ignore[return-value]  # a session's frame plan is a target's
     if isinstance(data, dict) and data.get("format") == TARGET:
         from lfcal.targets import TargetPlan
 
@@ -138,7 +143,9 @@ class _Acquire(Task):
     resumes: ClassVar[bool] = True
 
     plan: Path = required(
-        "Plan of a scan, of regions of the field, or of a target (.json), made by lfcal plan.", argument=True, file="in"
+        "Plan of a scan, of regions of the field, or of a target (.json), made by lfcal plan; or a session.json.",
+        argument=True,
+        file="in",
     )
     out: Path = required("Session folder.", label="Session folder", short="-o", file="out")
     backend: str = opt("sim", "Devices; lfcal doctor lists them.", label="Devices", short="-b")
@@ -248,7 +255,7 @@ class _Acquire(Task):
         None,
         "Measure sign, scale, scatter and depth of the stage first.",
         label="Check the stage",
-        empty="measured, or as the session began",
+        empty="as it began, else yes",
         more=True,
     )
     check_origin: bool = opt(
@@ -300,20 +307,11 @@ class _Acquire(Task):
         base = Options() if session is None else SessionFile.read(session).options
         return replace(base, **{one.name: given[one.name] for one in fields(Options) if one.name in given})
 
-    def iter_session(self, plan: Any, rig: Rig, options: Options, again: RedoList | None = None, **how: Any) -> Any:
-        """Record with devices that are open, and return what the recording of this kind returns.
-
-        Parameters
-        ----------
-        plan, rig, options
-            As of `lfcal.acquire.iter_record`, and so is ``how``: ``resume``, ``control``, ``preview``, ``observers``.
-        again
-            Positions to record again; None: those in the list of the task.
-        """
+    def iter_session(self, plan: Any, rig: Rig, options: Options, **how: Any) -> Any:
+        """Record with devices that are open; arguments as of `lfcal.acquire.iter_record`, whose work is returned."""
         from lfcal.acquire import RedoList, iter_record
 
-        again = again or self._listed("redo")
-        only = None if again else self._listed("positions")
+        again, only = self._listed("redo"), self._listed("positions")
         return iter_record(
             self.out,
             plan,
@@ -552,7 +550,7 @@ class AcquireRegions(_AcquireScan):
         # what is no session of regions, the recording refuses
         return first_begun(self.out) if run.resume and is_regions(self.out) else None
 
-    def iter_session(self, plan: Any, rig: Rig, options: Options, again: RedoList | None = None, **how: Any) -> Any:
+    def iter_session(self, plan: Any, rig: Rig, options: Options, **how: Any) -> Any:
         """Record every region; arguments as of `lfcal.campaign.iter_record_regions`."""
         from lfcal.campaign import iter_record_regions
 
@@ -632,7 +630,7 @@ class AcquireUntil(_AcquireScan):
         groups: Any = "auto" if self.unknowns in ((), ("auto",)) else self.unknowns
         return Goal(self.until_error, most=self.most or None, unknowns=groups)
 
-    def iter_session(self, plan: Any, rig: Rig, options: Options, again: RedoList | None = None, **how: Any) -> Any:
+    def iter_session(self, plan: Any, rig: Rig, options: Options, **how: Any) -> Any:
         """Record until the goal is reached; arguments as of `lfcal.campaign.iter_adaptive`."""
         from lfcal.campaign import iter_adaptive
 

@@ -47,7 +47,7 @@ class Field:
     tip: str = ""
     kind: str = "float"
     scale: float = 1.0
-    choices: tuple[tuple[str, str], ...] = ()
+    choices: tuple[tuple[Any, str], ...] = ()
     optional: bool = False
     endless: bool = False
     empty: str = ""

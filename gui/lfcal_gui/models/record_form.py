@@ -34,12 +34,16 @@ def fields_of(record: type, *, without: Iterable[str] = (), more: bool | None = 
 
 def _field(row: FieldRow) -> Field:
     opt = row.opt
-    choices = tuple((name, name) for name in row.choices)
-    if choices and row.default not in row.choices:
-        choices = ((str(row.default), opt.empty or "default"), *choices)
+    choices: tuple[tuple[Any, str], ...] = tuple((name, name) for name in row.choices)
+    if row.kind is bool and row.optional:
+        choices = ((True, "yes"), (False, "no"))
+    if choices and row.default not in dict(choices):
+        words = f"default ({opt.empty})" if opt.empty in row.choices else opt.empty or "default"
+        choices = ((row.default, words), *choices)
     kind = "choice" if choices else "text" if opt.read or row.many else KINDS.get(row.kind, "text")
     notes = [part for part in (opt.unit, opt.range_words) if part]
-    tip = opt.help + (f" ({'; '.join(notes)})" if notes else "")
+    # of what is on by default, the help says what turning it off does
+    tip = ("Off: " if row.turns_off else "") + opt.help + (f" ({'; '.join(notes)})" if notes else "")
     empty = opt.empty or ("" if row.default is MISSING else row.text(row.default))
     return Field(
         row.name,
@@ -62,7 +66,8 @@ def shown_of(record: type, values: Mapping[str, Any]) -> dict[str, Any]:
         if row.many and isinstance(value, tuple):
             found[row.name] = "; ".join(map(row.text, value))
         else:
-            found[row.name] = row.text(value) if row.opt.read is not None or KINDS.get(row.kind) is None else value
+            plain = row.opt.read is None and (KINDS.get(row.kind) or row.choices)
+            found[row.name] = value if plain else row.text(value)
     return found
 
 

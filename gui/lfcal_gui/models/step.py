@@ -15,7 +15,7 @@ from lfcal_gui.models.page import PageSpec
 from lfcal_gui.models.project import ProjectState
 
 if TYPE_CHECKING:
-    from lfcal.tasks import Task
+    from lfcal.tasks import RunSettings, Task
 
 __all__ = ["CAMERA_FILE", "PLAN_FILE", "CommandStep", "needed_file", "needed_plan", "options_of", "step_of"]
 
@@ -43,11 +43,11 @@ class CommandStep:
     files: tuple[tuple[str, str], ...] = ()
 
     @classmethod
-    def of(cls, task: Task, files: tuple[tuple[str, str], ...] = ()) -> CommandStep:
+    def of(cls, task: Task, files: tuple[tuple[str, str], ...] = (), run: RunSettings | None = None) -> CommandStep:
         """Return the step that does a task."""
         from lfcal.tasks import python_of, words_of
 
-        return cls(words_of(task), python_of(task, imported=("pathlib",)), files)
+        return cls(words_of(task, run), python_of(task, run, imported=("pathlib",)), files)
 
     def shell(self) -> str:
         """Return lines for a POSIX shell."""

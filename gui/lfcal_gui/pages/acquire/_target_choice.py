@@ -52,7 +52,7 @@ class TargetChoice:
 
         def seen(plan: TargetPlan) -> None:
             self.plan, self._path = plan, path
-            settings = replace(AcquireSettings.of(self.context.state), target=path, extent="whole", coarse=False)
+            settings = replace(AcquireSettings.of(self.context.state), target=path, extent="whole", order=None)
             self.context.project.update(
                 f"target {Path(path).name}",
                 plan=plan.scan,

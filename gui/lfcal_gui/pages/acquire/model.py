@@ -2,152 +2,67 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
 from lfcal.acquire import Options
-from lfcal.base import InputError, check_choice, check_number
+from lfcal.base import InputError, check_choice
 from lfcal.camera import ScanPlan
-from lfcal_gui.models import Field, PageSettings
+from lfcal.records import rows
+from lfcal.tasks import Acquire, AcquireTarget, AcquireUntil
+from lfcal_gui.models import Field, PageSettings, fields_of, shown_of, value_in
 
 if TYPE_CHECKING:
     from lfcal.campaign import Goal
 
-__all__ = ["EXTENTS", "FIELDS", "UNTIL", "AcquireSettings", "target_of"]
-
-ORDERS = (("serpentine", "serpentine"), ("raster", "raster"), ("coarse", "coarse grid first"))
+__all__ = ["EXTENTS", "FIELDS", "HELD", "MORE", "UNTIL", "AcquireSettings", "target_of"]
 
 EXTENTS = (("whole", "Record every position"), ("error", "Record until H is known"))
 """How much is recorded."""
 
-UNTIL = (
-    Field("error", "H known to", "%", "Wanted error of H (relative L2), as the fit states it", scale=0.01),
-    Field(
-        "most",
-        "At most",
-        "pos.",
-        "Positions recorded at most, also where the wanted error is not reached; empty: all of the plan",
-        kind="int",
-        optional=True,
-    ),
+HELD = frozenset(
+    {
+        *("plan", "out", "redo", "backend", "stage", "option", "order"),
+        *("origin", "positions", "cover", "assemble", "pack", "dry_run", "frame_rate", "unknowns"),
+    }
 )
+"""Fields of `lfcal.tasks.Acquire` and `lfcal.tasks.AcquireUntil` that are not in the form.
+
+Of the first line the page has its own widgets. The origin is part of the plan, other buttons assemble and pack a
+session, and the page Plan shows its cost. A list of positions, a lens that is covered by hand, and the choice of what
+is fitted meanwhile need the command.
+"""
+
+ORDER = Field(
+    "order",
+    "Order",
+    kind="choice",
+    choices=(("serpentine", "serpentine"), ("raster", "raster"), ("coarse", "coarse grid first")),
+    tip="Serpentine has no long return moves; raster scans every row in the same direction; coarse "
+    "records all planes on a coarse grid first and the rest afterwards",
+)
+AVERAGED = Field("frames_averaged", "Frames averaged", "", "Exposures averaged at each position", kind="int")
+
+FIELDS = (ORDER, AVERAGED, *fields_of(Acquire, without=HELD, more=False))
+MORE = fields_of(Acquire, without=HELD, more=True)
+UNTIL = fields_of(AcquireUntil, without={*HELD, *(row.name for row in rows(Acquire))})
 """What ends a recording that is not of every position."""
 
-DOUBTS = (("stop", "stop"), ("flag", "keep and name"))
+BEGUN = ("order", "bracket", "margin", "darks", "dark_every", "reference_every", "controls")
+"""Fields that a session keeps as it began with them."""
 
-FIELDS = (
-    Field(
-        "order",
-        "Order",
-        kind="choice",
-        choices=ORDERS,
-        tip="Serpentine has no long return moves; raster scans every row in the same direction; coarse "
-        "records all planes on a coarse grid first and the rest afterwards",
-    ),
-    Field("frames_averaged", "Frames averaged", "", "Exposures averaged at each position", kind="int"),
-    Field(
-        "bracket",
-        "Exposures",
-        "× plane's",
-        "Factors of each plane's exposure, 1 among them, merged to a high dynamic range; 1 alone: no merging",
-        kind="floats",
-    ),
-    Field(
-        "darks", "Dark frames", "", "Exposures averaged into each dark frame, light off; 0: no dark frames", kind="int"
-    ),
-    Field(
-        "dark_every",
-        "Dark every",
-        "pos.",
-        "Dark frames again after so many positions; 0: at the start only",
-        kind="int",
-    ),
-    Field(
-        "reference_every",
-        "Reference every",
-        "pos.",
-        "A frame at a fixed position every so many positions shows whether the lamp drifts; 0: none",
-        kind="int",
-    ),
-    Field(
-        "controls",
-        "Control frames",
-        "",
-        "Per plane and direction, whole periods away up to the field's edge: shows whether the PSF is periodic",
-        kind="int",
-    ),
-    Field("retries", "Retries", "", "How often a position is tried again after a temporary fault", kind="int"),
-    Field(
-        "on_suspect",
-        "Doubtful frame",
-        kind="choice",
-        choices=DOUBTS,
-        tip="What becomes of a frame that is not what it should be, taken again and still so (blank, repeated, torn, "
-        "displaced, too light or dark): the session stops, or the frame is kept and its position named",
-    ),
-    Field(
-        "check_stage",
-        "Check the stage",
-        kind="bool",
-        tip="Sign, scale, scatter and depth of the stage are measured before the first frame, with some 16 frames. "
-        "Without it a wrong stage makes a wrong H that looks right",
-    ),
-    Field(
-        "allow_automatic",
-        "Allow automatic",
-        kind="bool",
-        tip="Record although the camera's exposure, gain or black level stays automatic, or its gamma on: frames and H "
-        "are then not proportional to light",
-    ),
-    Field(
-        "suspend",
-        "Hold unless",
-        "",
-        "The session holds while a gauge is out of bounds and goes on by itself: temperature=20:22; lamp=95:105, or "
-        "the path of a text file that ends with the newest number. Empty: never",
-        kind="text",
-        empty="never",
-    ),
-    Field(
-        "steady_s",
-        "Go on after",
-        "s",
-        "How long all gauges must be within their bounds before a session that holds goes on",
-    ),
-    Field(
-        "margin_px",
-        "Margin",
-        "px",
-        "Recorded around the cutout; empty: what interpolation needs",
-        kind="int",
-        optional=True,
-        empty="auto",
-    ),
-    Field(
-        "tolerance_um",
-        "Tolerance xyz",
-        "µm",
-        "Largest difference of measured and target position; empty: a tenth of a step laterally, one step in depth",
-        kind="floats",
-        empty="auto",
-    ),
-    Field(
-        "overshoot_um",
-        "Approach xyz",
-        "µm",
-        "Moves in the negative direction go this far beyond the "
-        "target first, which takes up the backlash of the drive; 0: none",
-        kind="floats",
-    ),
-)
-
-FEWEST = 12
-"""Positions before the first fit: no session that ends by it has fewer."""
-
-DEFAULTS = Options()
-"""What a session does unless it is told otherwise."""
+EARLIER = {
+    "error": "until_error",
+    "margin_px": "margin",
+    "steady_s": "steady",
+    "tolerance_um": "tolerance",
+    "overshoot_um": "overshoot",
+}
+"""What project files of earlier versions called a setting."""
 
 
 @dataclass(frozen=True)
@@ -162,15 +77,10 @@ class AcquireSettings(PageSettings):
         Pairs of name and text for the backend.
     target
         File of the plan of a target that is recorded in the place of the scan; empty: the scan.
-    coarse
-        Whether a coarse grid comes first.
-    extent, error, most
-        ``"whole"``: every position; ``"error"``: until H is known to this relative error, or so many are recorded.
-    suspend
-        Bounds of gauges separated by ``;``, each as `lfcal.acquire.Bound.parse` reads it.
-    bracket, darks, dark_every, reference_every, controls, retries, on_suspect, allow_automatic, check_stage, steady_s,
-    margin_px, tolerance_um, overshoot_um
-        As in `lfcal.acquire.options.Options`; an empty tolerance is the default.
+    extent
+        ``"whole"``: every position; ``"error"``: until H is known to a relative error.
+    until_error, most, order, darks, ...
+        As in `lfcal.tasks.AcquireUntil` and `lfcal.tasks.Acquire`.
     """
 
     page: ClassVar[str] = "acquire"
@@ -179,90 +89,127 @@ class AcquireSettings(PageSettings):
     stage: str = ""
     device_options: tuple[tuple[str, str], ...] = ()
     target: str = ""
-    coarse: bool = False
     extent: str = "whole"
-    error: float = 0.005
-    most: int | None = None
-    bracket: tuple[float, ...] = DEFAULTS.bracket
-    darks: int = DEFAULTS.darks
-    dark_every: int = DEFAULTS.dark_every
-    reference_every: int = DEFAULTS.reference_every
-    controls: int = DEFAULTS.controls
-    retries: int = DEFAULTS.retries
-    on_suspect: str = DEFAULTS.on_suspect
-    allow_automatic: bool = DEFAULTS.allow_automatic
-    check_stage: bool = DEFAULTS.check_stage
-    suspend: str = ""
-    steady_s: float = DEFAULTS.steady_s
-    margin_px: int | None = DEFAULTS.margin_px
-    tolerance_um: tuple[float, ...] = ()
-    overshoot_um: tuple[float, ...] = DEFAULTS.overshoot_um
+    until_error: float = 0.005
+    most: int = 0
+    order: str | None = None
+    darks: int | None = None
+    dark_every: int | None = None
+    reference_every: int | None = None
+    controls: int | None = None
+    bracket: tuple[float, ...] | None = None
+    retries: int | None = None
+    on_suspect: str | None = None
+    allow_automatic: bool = False
+    suspend: tuple[str, ...] = ()
+    steady: float | None = None
+    tolerance: tuple[float, ...] | None = None
+    overshoot: tuple[float, ...] | None = None
+    keep_free: float | None = None
+    margin: int | None = None
+    check_stage: bool | None = None
+    check_origin: bool = True
+
+    @classmethod
+    def read(cls, data: object) -> tuple[Self, tuple[str, ...]]:
+        """Return the settings in ``data``, and why values were refused; earlier versions stored all defaults."""
+        return super().read(_renewed(data) if isinstance(data, Mapping) else data)
 
     def usable(self) -> None:
         """Raise `InputError` where the options do not go together."""
-        self.options()
-        self.goal()
+        check_choice("positions to record", self.extent, tuple(key for key, _ in EXTENTS))
         dict(self.device_options)
+        self.options()
+        first = AcquireSettings()
+        if any(getattr(self, one.key) != getattr(first, one.key) for one in UNTIL):
+            self._until("plan.json", "session")
 
     def devices(self) -> dict[str, str]:
         """Return the options of the backend; the target that is recorded stands before the simulator."""
         options = dict(self.device_options)
         return {"target": self.target, **options} if self.target and self.backend == "sim" else options
 
+    def task(
+        self, plan: str, out: str, *, begun: bool = False, redo: str = ""
+    ) -> Acquire | AcquireTarget | AcquireUntil:
+        """Return the task that records.
+
+        Parameters
+        ----------
+        plan, out
+            File of the plan, and folder of the session.
+        begun
+            Whether the folder holds a session that is continued, which keeps how it began.
+        redo
+            File with positions that are recorded again; empty: none.
+        """
+        again = Path(redo) if redo else None
+        if self.target:
+            return AcquireTarget(**self._given(AcquireTarget, plan, out, begun=begun), redo=again)
+        if self.extent == "error" and not redo:
+            return self._until(plan, out, begun=begun)
+        return Acquire(**self._given(Acquire, plan, out, begun=begun), redo=again)
+
+    def _until(self, plan: str, out: str, *, begun: bool = False) -> AcquireUntil:
+        return AcquireUntil(**self._given(AcquireUntil, plan, out, begun=begun))
+
+    def _given(self, kind: type, plan: str, out: str, *, begun: bool) -> dict[str, Any]:
+        """Return the values of the fields that a kind of task has."""
+        names = {row.name for row in rows(kind)} - set(BEGUN if begun else ())
+        own = {one.name: getattr(self, one.name) for one in fields(self) if one.name in names}
+        option = tuple(f"{name}={value}" for name, value in self.devices().items())
+        return own | {"plan": Path(plan), "out": Path(out), "option": option}
+
     def options(self) -> Options:
-        """Return the options of a session; raises `InputError` if they do not go together."""
-        return Options(
-            "coarse" if self.coarse else "plan",
-            self.bracket,
-            self.margin_px,
-            self.darks,
-            self.dark_every,
-            self.reference_every,
-            self.controls,
-            self.retries,
-            self.tolerance_um or None,
-            self.overshoot_um,
-            on_suspect=self.on_suspect,
-            allow_automatic=self.allow_automatic,
-            check_stage=self.check_stage,
-            suspend=tuple(part.strip() for part in self.suspend.split(";") if part.strip()),
-            steady_s=self.steady_s,
-        )
+        """Return the options of a new session; raises `InputError` if they do not go together."""
+        return replace(self, extent="whole").task("plan.json", "session").options()
 
     def goal(self) -> Goal | None:
-        """Return when to end, None where every position is recorded; raises `InputError` for what is no error of H."""
-        check_choice("positions to record", self.extent, tuple(key for key, _ in EXTENTS))
-        check_number("wanted error of H (%)", 100 * self.error, at_least=0.06, below=100, remedy="for example 0.5")
-        if self.most is not None:
-            check_number("most positions", self.most, at_least=FEWEST, integer=True)
-        if self.extent == "whole":
-            return None
-        from lfcal.campaign import Goal
-
-        return Goal(self.error, most=self.most)
+        """Return when to end, None where every position is recorded."""
+        task = self.task("plan.json", "session")
+        return task.goal if isinstance(task, AcquireUntil) else None
 
     def values(self, plan: ScanPlan) -> dict[str, Any]:
         """Return the value of every field of the form."""
-        own = {f.name: getattr(self, f.name) for f in fields(self)}
-        order = "coarse" if self.coarse else plan.order
-        return {spec.key: own.get(spec.key) for spec in (*UNTIL, *FIELDS)} | {
-            "order": order,
-            "frames_averaged": plan.frames_averaged,
-        }
+        own = {one.name: getattr(self, one.name) for one in fields(self)}
+        shown = shown_of(Acquire, own) | shown_of(AcquireUntil, own)
+        order = "coarse" if self.order == "coarse" else plan.order
+        shown |= {"order": order, "frames_averaged": plan.frames_averaged}
+        return {spec.key: shown[spec.key] for spec in (*FIELDS, *MORE, *UNTIL)}
 
     def changed(self, plan: ScanPlan, key: str, value: Any) -> tuple[AcquireSettings, ScanPlan]:
         """Return settings and plan with one field changed; raises `LfcalError` if it cannot be."""
         settings = self
         if key == "order":
-            settings = replace(self, coarse=value == "coarse")
+            settings = replace(self, order="coarse" if value == "coarse" else None)
             plan = plan if value == "coarse" else replace(plan, order=value)
         elif key == "frames_averaged":
             plan = replace(plan, frames_averaged=value)
+        elif key == "extent":
+            settings = replace(self, extent=value)
         else:
-            settings = replace(self, **{key: value})
+            settings = replace(self, **{key: value_in(AcquireUntil, key, value)})
+        settings.usable()
         settings.options().motion(plan)
-        settings.goal()
         return settings, plan
+
+
+def _renewed(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings that an earlier version stored by the names of today, without those that were its defaults."""
+    if not {"coarse", *EARLIER}.intersection(data):
+        return dict(data)
+    defaults = Options().to_dict() | {"tolerance_um": (), "most": None, "suspend": ""}
+    given = {key: tuple(value) if isinstance(value, list) else value for key, value in data.items()}
+    found = {EARLIER.get(key, key): data[key] for key, value in given.items() if value != defaults.get(key, ...)}
+    if found.pop("coarse", False):
+        found["order"] = "coarse"
+    if isinstance(found.get("suspend"), str):
+        found["suspend"] = [part.strip() for part in found["suspend"].split(";") if part.strip()]
+    if not found.get("suspend"):
+        found.pop("steady", None)
+    if found.get("darks") == 0:
+        found.pop("dark_every", None)
+    return found
 
 
 def target_of(plan: ScanPlan, z: int) -> tuple[float, float, float]:

@@ -20,6 +20,7 @@ from lfcal.acquire import (
     Outcome,
     Preview,
     QualityState,
+    RedoList,
     ScheduledFrame,
     coarse_order,
     frame_grid,
@@ -29,11 +30,12 @@ from lfcal.acquire import (
 from lfcal.base import Work, format_seconds
 from lfcal.camera import ScanPlan
 from lfcal.frames import Position
+from lfcal.tasks import Acquire, AcquireTarget, AcquireUntil
 from lfcal_gui.pages.acquire.model_earlier import EarlierFrames, EarlierRuns, PlaneSum
 from lfcal_gui.pages.acquire.model_station import Station
 
 if TYPE_CHECKING:
-    from lfcal.campaign import AdaptiveStep, Goal
+    from lfcal.campaign import AdaptiveStep
     from lfcal.fit import Fit
     from lfcal.targets import TargetPlan
 
@@ -51,38 +53,39 @@ class Recorder:
 
     Parameters
     ----------
-    folder, plan, options
-        The session; the plan is that of a scan or of a target, `plan` the scan in any case.
+    task
+        What records into which folder.
+    plan, options
+        The plan is that of a scan or of a target, `plan` the scan in any case.
     resume
         Whether the folder holds it already.
     redo
         Positions (z, y, x) to be recorded again; empty records all.
-    goal
-        The error of H that ends it, positions being chosen on the way; None: it ends with the last of the plan.
     known
         What earlier runs recorded, as `FolderState.known`; ``earlier`` reads it.
     """
 
     def __init__(
         self,
-        folder: Path,
+        task: Acquire | AcquireTarget | AcquireUntil,
         plan: ScanPlan | TargetPlan,
         options: Options,
         *,
         resume: bool = False,
         redo: Sequence[tuple[int, int, int]] = (),
-        goal: Goal | None = None,
         known: EarlierRuns | None = None,
     ) -> None:
-        self.folder, self.recorded, self.options, self.resume = folder, plan, options, resume
+        self.task, self.folder, self.recorded, self.options, self.resume = task, task.out, plan, options, resume
         self.plan = plan.scan
         self.redo = tuple(Position(*p) for p in redo)
-        self.goal, self.ended = goal, ""
+        self.goal = task.goal if isinstance(task, AcquireUntil) else None
+        """The error of H that ends it, positions being chosen on the way; None: it ends with the last of the plan."""
+        self.ended = ""
         self.steps: list[AdaptiveStep] = []
         self.fit: Fit | None = None
         self.control, self.preview = Control(), Preview()
         self.quality = _watching(plan, options)
-        self.earlier = EarlierFrames(folder, self.quality, known)
+        self.earlier = EarlierFrames(self.folder, self.quality, known)
         self.taken = 0
         """Positions, or frames of a target, of this run so far."""
         positions = coarse_order(self.plan) if options.order == "coarse" else self.plan.order_indices()
@@ -91,42 +94,20 @@ class Recorder:
 
     def work(self, station: Station) -> Work[Outcome]:
         """Return the recording, alone on the devices of ``station``."""
-        from lfcal.acquire import iter_record
+        return station.use(self._iter_session(station))
 
+    def _iter_session(self, station: Station) -> Work[Outcome]:
+        """Record; the last fit is kept here: jobs are remembered long after they ended."""
+        if not isinstance(self.task, AcquireUntil) and self.task.redo is not None:
+            RedoList.of(self.redo).write(self.task.redo)
+        how: dict[str, Any] = {"seen": self.steps.append} if self.goal else {}
+        how |= {"resume": self.resume, "control": self.control, "preview": self.preview}
+        seeing = (self.quality, self._count)
+        found = yield from self.task.iter_session(self.recorded, station.rig, self.options, observers=seeing, **how)
+        outcome: Outcome = found if self.goal is None else found.outcome
         if self.goal is not None:
-            return station.use(self._until(station, self.goal))
-        return station.use(
-            iter_record(
-                self.folder,
-                self.recorded,
-                station.rig,
-                self.options,
-                resume=self.resume,
-                redo=self.redo or None,
-                control=self.control,
-                preview=self.preview,
-                observers=(self.quality, self._count),
-            )
-        )
-
-    def _until(self, station: Station, goal: Goal) -> Work[Outcome]:
-        """Record until H is known; the last fit is kept here: jobs are remembered long after they ended."""
-        from lfcal.campaign import iter_adaptive
-
-        found = yield from iter_adaptive(
-            self.folder,
-            self.plan,
-            station.rig,
-            goal,
-            self.options,
-            resume=self.resume,
-            control=self.control,
-            preview=self.preview,
-            observers=(self.quality, self._count),
-            seen=self.steps.append,
-        )
-        self.ended, self.fit = found.words, found.fit
-        return found.outcome
+            self.ended, self.fit = found.words, found.fit
+        return outcome
 
     @property
     def counted(self) -> str:

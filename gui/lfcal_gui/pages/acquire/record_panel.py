@@ -28,10 +28,10 @@ from PySide6.QtWidgets import (
 from lfcal.acquire import LiveFrame
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.pages.acquire._record_pictures import RecordPictures
-from lfcal_gui.pages.acquire.model import EXTENTS, FIELDS, UNTIL
+from lfcal_gui.pages.acquire.model import EXTENTS, FIELDS, MORE, UNTIL
 from lfcal_gui.pages.acquire.model_recorder import QUANTITIES, RecordPicture
 from lfcal_gui.pages.acquire.model_until import ErrorCurve
-from lfcal_gui.widgets import ElidedLabel, Form, card, choice_box, column_area, heading, line, name_controls
+from lfcal_gui.widgets import ElidedLabel, Folded, Form, card, choice_box, column_area, heading, line, name_controls
 
 __all__ = ["BUTTONS", "RecordPanel"]
 
@@ -100,7 +100,7 @@ class RecordPanel(QWidget):
 
     def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.form, self.until = Form(FIELDS, dense=True), Form(UNTIL, dense=True)
+        self.form, self.more, self.until = self.forms = [Form(one, dense=True) for one in (FIELDS, MORE, UNTIL)]
         self._jobs = jobs
         self._picture: RecordPicture | None = None
         self._curve: ErrorCurve | None = None
@@ -190,9 +190,13 @@ class RecordPanel(QWidget):
 
     def _how_card(self) -> QWidget:
         frame, column = card("How it records")
-        for key in self.form.fields:
-            self.form.editor(key).setMinimumWidth(56)
+        more = Folded("More settings of a recording", "Exposures, faults, holds, stage and drift")
+        for form in (self.form, self.more):
+            for key in form.fields:
+                form.editor(key).setMinimumWidth(56)
         column.addWidget(self.form)
+        more.column.addWidget(self.more)
+        column.addWidget(more)
         return frame
 
     def _progress_card(self) -> QWidget:
@@ -249,7 +253,7 @@ class RecordPanel(QWidget):
         blocker = QSignalBlocker(self.extent)
         self.extent.setCurrentIndex([key for key, _ in EXTENTS].index(extent))
         blocker.unblock()
-        for form in (self.form, self.until):
+        for form in self.forms:
             form.set_values({key: values[key] for key in form.fields})
         self.until.setVisible(extent == "error")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,7 @@ from lfcal_gui.pages.acquire.model_target import picture_of, places_px
 from lfcal_gui.pages.acquire.model_until import check_goal, error_curve
 from lfcal_gui.pages.acquire.record_panel import RecordPanel
 from lfcal_gui.pages.acquire.setup_tab import SetupTab
-from lfcal_gui.pages.acquire.step import step
+from lfcal_gui.pages.acquire.step import REDO_FILE, step
 
 __all__ = ["RecordTab"]
 
@@ -69,7 +70,7 @@ class RecordTab(QObject):
         self.read_timer = QTimer(self)
         self.read_timer.setInterval(READ_MS)
         self.read_timer.timeout.connect(self._refresh_picture)
-        for form in (panel.form, panel.until):
+        for form in panel.forms:
             form.check = self._check_field
             form.edited.connect(self._field_edited)
         panel.extent_asked.connect(lambda key: self._field_edited("extent", key))
@@ -177,13 +178,13 @@ class RecordTab(QObject):
             buttons[key].setEnabled(there and not recording and not (many and key == "fit"))
         buttons["pack"].setEnabled(complete and not recording)
         panel = self.panel
-        for widget in (panel.choose_target, panel.form, panel.until, panel.extent, panel.folder):
+        for widget in (panel.choose_target, *panel.forms, panel.extent, panel.folder):
             widget.setEnabled(not recording)
         station, settings = self.setup.station, AcquireSettings.of(state)
         # what has no effect is not shown
         automatic = station is not None and bool(station.devices.automatic)
-        panel.form.set_shown("allow_automatic", automatic or settings.allow_automatic)
-        panel.form.set_shown("steady_s", bool(settings.suspend))
+        panel.more.set_shown("allow_automatic", automatic or settings.allow_automatic)
+        panel.more.set_shown("steady", bool(settings.suspend))
         self._show_error()
         backend = settings.backend if station is None else ""
         measured = "stage" in self.setup.measuring.found
@@ -233,17 +234,19 @@ class RecordTab(QObject):
         try:
             if now.problem:  # what is damaged is not recorded over
                 raise StorageError(now.problem)
-            options = now.options or AcquireSettings.of(state).options()
+            begun, again = now.there is not None, state.redo if redo else ()
+            listed = str(folder / REDO_FILE) if again else ""
+            plan_file = str(folder / "session.json")  # the plan of the project has no file
+            task = AcquireSettings.of(state).task(plan_file, str(folder), begun=begun, redo=listed)
+            options = task.options(folder if begun else None)
             plan = self.target.to_record(state.plan, now)
-            resume = now.there is not None and not redo
+            resume = begun and not redo
             if not resume:
                 check_fixed(station.devices, options)
-            goal = None if redo else AcquireSettings.of(state).goal()
-            if goal is not None:
-                check_goal(state.plan, options, now)
-            again = state.redo if redo else ()
             known = now.known([Position(*p) for p in again])
-            recorder = Recorder(folder, plan, options, resume=resume, redo=again, goal=goal, known=known)
+            recorder = Recorder(task, plan, options, resume=resume, redo=again, known=known)
+            if recorder.goal is not None:
+                check_goal(state.plan, options, now)
         except LfcalError as error:
             self._refuse(said_in_window(str(error)))
             return
@@ -309,9 +312,11 @@ class RecordTab(QObject):
         if self.recorder is not None or plan is None:
             return self.recorder
         if self._opened is None or self.folder.there is None:
-            options = self.folder.options or AcquireSettings.of(self.context.state).options()
+            settings = AcquireSettings.of(self.context.state)
+            options = self.folder.options or settings.options()
             shown = self.target.shown(plan, self.folder)
-            self._opened = Recorder(Path(self.context.state.recording), shown, options, known=self.folder.known())
+            task = replace(settings, extent="whole").task("", self.context.state.recording)
+            self._opened = Recorder(task, shown, options, known=self.folder.known())
         return self._opened
 
     def _refresh_picture(self) -> None:

@@ -104,7 +104,7 @@ def test_a_recording_holds_in_the_window_and_goes_on_by_itself(
     assert page.record._check_field("suspend", "temperature") != "", "what says no bounds is refused"
     changed, _ = settings.changed(PLAN, "suspend", "temperature=20:22")
     options = (*changed.device_options, ("faults", "too warm@1*4"))
-    changed = AcquireSettings.from_dict(changed.to_dict() | {"device_options": options, "steady_s": 2.0})
+    changed = AcquireSettings.from_dict(changed.to_dict() | {"device_options": options, "steady": 2.0})
     context.project.update("try", settings=changed.into(context.state), recording=str(tmp_path / "session"))
     idle(context.jobs, qtbot)
     told: list[str] = []

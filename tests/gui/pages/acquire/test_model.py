@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from lfcal.acquire.control import Control
-from lfcal.acquire.options import Options
 from lfcal.acquire.setup import OpticalAxis, fit_stage
 from lfcal.acquire.setup.live import predicted_image
 from lfcal.base.errors import InputError
@@ -17,9 +16,10 @@ from lfcal.base.progress import drain
 from lfcal.camera import StageAxes
 from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.psf import PSFMatrix
+from lfcal.tasks import Acquire
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.acquire import model_findings, model_live
-from lfcal_gui.pages.acquire.model import FIELDS, UNTIL, AcquireSettings, target_of
+from lfcal_gui.pages.acquire.model import FIELDS, MORE, UNTIL, AcquireSettings, target_of
 from lfcal_gui.pages.acquire.model_recorder import Recorder, folder_state, record_picture
 from lfcal_gui.pages.acquire.model_station import Station, cut, open_station, read_target
 from tests.acquire.rigs import small_plan
@@ -38,9 +38,9 @@ def test_settings_go_through_json_and_survive_damage() -> None:
         device_options=(("config", "demo"), ("light", "S")),
         bracket=(1.0, 0.25),
         darks=8,
-        margin_px=3,
-        tolerance_um=(1.0, 2.0, 3.0),
-        coarse=True,
+        margin=3,
+        tolerance=(1.0, 2.0, 3.0),
+        order="coarse",
     )
     state = ProjectState(settings=settings.into(ProjectState(settings={"other": 1})))
     again = ProjectState.from_json(state.to_json())
@@ -53,36 +53,40 @@ def test_settings_go_through_json_and_survive_damage() -> None:
 
 def test_every_field_changes_one_thing() -> None:
     values = AcquireSettings().values(PLAN)
-    assert set(values) == {spec.key for spec in (*FIELDS, *UNTIL)}
-    changes = {
-        "order": "coarse",
-        "frames_averaged": 4,
-        "bracket": (1.0, 0.5),
-        "darks": 5,
-        "dark_every": 7,
-        "reference_every": 9,
-        "controls": 1,
-        "retries": 0,
-        "on_suspect": "flag",
-        "margin_px": 2,
-        "tolerance_um": (1.0, 1.0, 2.0),
-        "overshoot_um": (0.0, 0.0, 0.0),
-        "error": 0.01,
-        "most": 40,
+    assert set(values) == {spec.key for spec in (*FIELDS, *MORE, *UNTIL)}
+    changes: dict[str, tuple[object, object]] = {
+        "order": ("coarse", "coarse"),
+        "frames_averaged": (4, 4),
+        "bracket": ("1, 0.5", "1,0.5"),
+        "darks": (5, 5),
+        "dark_every": (7, 7),
+        "reference_every": (9, 9),
+        "controls": (1, 1),
+        "retries": (0, 0),
+        "on_suspect": ("flag", "flag"),
+        "suspend": ("temperature=20:22; lamp=90:", "temperature=20:22; lamp=90:"),
+        "margin": (2, 2),
+        "tolerance": ("1,1,2", "1,1,2"),
+        "overshoot": ("0,0,0", "0,0,0"),
+        "keep_free": (0.5, 0.5),
+        "check_stage": (False, False),
+        "check_origin": (False, False),
+        "until_error": ("1%", "0.01"),
+        "most": (40, 40),
     }
-    for key, value in changes.items():
+    for key, (value, shown) in changes.items():
         settings, plan = AcquireSettings().changed(PLAN, key, value)
-        assert settings.values(plan) == values | {key: value}
-    assert AcquireSettings(coarse=True).options().order == "coarse"
-    settings, plan = AcquireSettings(coarse=True).changed(PLAN, "order", "raster")
-    assert (settings.coarse, plan.order) == (False, "raster")
+        assert settings.values(plan) == values | {key: shown}
+    assert AcquireSettings(order="coarse").options().order == "coarse"
+    settings, plan = AcquireSettings(order="coarse").changed(PLAN, "order", "raster")
+    assert (settings.order, plan.order) == (None, "raster")
     for key, bad in (
-        ("bracket", (0.5,)),
+        ("bracket", "0.5"),
         ("darks", -1),
-        ("error", 0.0005),
+        ("until_error", "0.05%"),
         ("most", 11),
         ("extent", "half"),
-        ("overshoot_um", (1.0,)),
+        ("overshoot", "1"),
         ("frames_averaged", 0),
     ):
         with pytest.raises(InputError):
@@ -238,7 +242,8 @@ def test_the_window_s_simulator_shows_a_plenoptic_camera() -> None:
 def test_a_recording_becomes_pictures(station: Station, tmp_path: Path) -> None:
     folder = tmp_path / "session"
     assert folder_state(str(folder)).words() == "a new session"
-    recorder = Recorder(folder, PLAN, Options(order="coarse", reference_every=8, keep_free_bytes=0))
+    task = Acquire(plan="plan.json", out=folder, order="coarse", reference_every=8, keep_free=0)
+    recorder = Recorder(task, PLAN, task.options())
     recorder.control = Control()
     work = recorder.work(station)
     for record in work:
@@ -248,7 +253,7 @@ def test_a_recording_becomes_pictures(station: Station, tmp_path: Path) -> None:
     assert part.there is not None and 3 <= part.there.sum() < 24 and not part.complete
     assert "of 24 positions safe" in part.words() and "stopped" in part.words()
 
-    again = Recorder(folder, PLAN, Options(order="coarse", reference_every=8, keep_free_bytes=0), resume=True)
+    again = Recorder(task, PLAN, task.options(), resume=True)
     drain(again.work(station))
     whole = folder_state(str(folder))
     assert whole.complete and whole.planes() == (0, 1)

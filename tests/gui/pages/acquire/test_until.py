@@ -23,6 +23,7 @@ from lfcal.fit.model_error import ModelError
 from lfcal.fit.setup import described_effects
 from lfcal.psf import open_psf
 from lfcal.simulate.effects.described import Entry, entries_json
+from lfcal.tasks import AcquireUntil
 from lfcal_gui.context import Context
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.acquire.model import AcquireSettings
@@ -45,10 +46,16 @@ def step(positions: int, stated: float, squared: float = 0.0, sigma: float = 1e-
 # -- the model ---------------------------------------------------------------------------------------------
 def test_settings_say_when_to_end() -> None:
     assert AcquireSettings().goal() is None, "every position, unless it is asked for otherwise"
-    assert AcquireSettings(extent="error", error=0.002, most=40).goal() == Goal(0.002, most=40)
-    for wrong in ({"error": 0.0}, {"error": 1.5}, {"error": math.nan}, {"most": 3}, {"extent": "some"}):
+    assert AcquireSettings(extent="error", until_error=0.002, most=40).goal() == Goal(0.002, most=40)
+    for wrong in (
+        {"until_error": 0.0},
+        {"until_error": 1.5},
+        {"until_error": math.nan},
+        {"most": 3},
+        {"extent": "some"},
+    ):
         with pytest.raises(InputError):
-            AcquireSettings(extent=wrong.pop("extent", "error"), **wrong).goal()  # type: ignore[arg-type, call-overload]
+            AcquireSettings(extent=wrong.pop("extent", "error"), **wrong).usable()
         settings = AcquireSettings.from_dict({"extent": "error", **wrong})
         settings.usable()
 
@@ -90,7 +97,7 @@ def state(tmp_path: Path) -> ProjectState:
     effects = tmp_path / "effects.json"
     effects.write_text(entries_json(Entry(one, one.name, {}, "on") for one in described_effects(PLAN.camera)))
     settings = AcquireSettings(
-        device_options=(("optics", "grid"), ("effects", str(effects))), extent="error", error=0.0027, darks=2
+        device_options=(("optics", "grid"), ("effects", str(effects))), extent="error", until_error=0.0027, darks=2
     )
     project = ProjectState(camera=PLAN.camera, plan=PLAN, recording=str(tmp_path / "s"))
     return replace(project, settings=settings.into(project))
@@ -98,13 +105,12 @@ def state(tmp_path: Path) -> ProjectState:
 
 @pytest.fixture
 def page(open_page: OpenPage, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> Page:
-    whole = AcquireSettings.goal
+    whole = AcquireUntil.goal.fget
 
-    def quick(settings: AcquireSettings) -> Goal | None:
-        goal = whole(settings)
-        return None if goal is None else replace(goal, **QUICK)  # type: ignore[arg-type]
+    def quick(task: AcquireUntil) -> Goal:
+        return replace(whole(task), **QUICK)  # type: ignore[arg-type, misc]
 
-    monkeypatch.setattr(AcquireSettings, "goal", quick)
+    monkeypatch.setattr(AcquireUntil, "goal", property(quick))
     made: Page = open_page("acquire", height=640)
     made.entered()
     qtbot.waitUntil(lambda: made.panel.setup.devices.backend.count() > 0, timeout=GUARD_MS)
@@ -198,14 +204,14 @@ def test_the_choice_shows_what_it_needs_and_is_undone(page: Page, context: Conte
     assert shown.third.currentWidget() is shown.depth_sum and shown.third_title.text() == "Depth-plane sum"
     context.project.undo()
     assert panel.until.isVisible() and panel.extent.currentData() == "error"
-    editor: Any = panel.until.editor("error")
-    assert editor.text() == "0.27"
-    editor.setText("0.01")
-    editor.textEdited.emit("0.01")
-    assert "wanted error of H (%)" in panel.until.error and AcquireSettings.of(context.state).error == 0.0027
-    editor.setText("0.5")
-    editor.textEdited.emit("0.5")
-    assert AcquireSettings.of(context.state).error == pytest.approx(0.005)
+    editor: Any = panel.until.editor("until_error")
+    assert editor.text() == "0.0027"
+    editor.setText("0.01%")
+    editor.textEdited.emit("0.01%")
+    assert "wanted error of H" in panel.until.error and AcquireSettings.of(context.state).until_error == 0.0027
+    editor.setText("0.5%")
+    editor.textEdited.emit("0.5%")
+    assert AcquireSettings.of(context.state).until_error == pytest.approx(0.005)
     assert shown.error.wanted.value() == pytest.approx(np.log10(0.5))
     panel.show_status("Stopped by a fault.", "long words on what happened " * 20, 0.5)
     assert page.minimumSizeHint().width() <= 1280 - 178, "long words never make the window wider"
