@@ -8,7 +8,7 @@ from lfcal.fit.design import PositionDesign, draw_design, iter_next_positions
 from lfcal.fit.drawing import leftover_of
 from lfcal.fit.earlier import Earlier, read_earlier
 from lfcal.fit.field import FieldFit, FieldRegion, Regional, iter_fit_field
-from lfcal.fit.field_files import FIELD, field_dict, field_outputs, iter_write_field
+from lfcal.fit.field_files import field_dict, field_outputs, iter_write_field
 from lfcal.fit.field_report import wavefront_table
 from lfcal.fit.files import (
     CAMERA,
@@ -21,10 +21,8 @@ from lfcal.fit.files import (
     fit_outputs,
     iter_write_fit,
     iter_write_model,
-    json_text,
     measured_camera,
     write_found,
-    write_text,
 )
 from lfcal.fit.fit import Finished, check_stage, groups_of, iter_retrieved, iter_summarised, problem_of
 from lfcal.fit.hybrid import HybridSummary
@@ -38,20 +36,24 @@ from lfcal.fit.nuisance import Spread, nuisance_steps
 from lfcal.fit.parameters import ScanScales, Vector, lacking
 from lfcal.fit.problem import ERRORS, STEP, STEP_PX, Problem
 from lfcal.fit.questions import check_described, check_light
-from lfcal.fit.report import add_picture, iter_fit_report
+from lfcal.fit.report import iter_fit_report
 from lfcal.fit.select import GroupSelection, gain_of
 from lfcal.fit.setup import RegionPlace, described_effects, starting_effects, with_given
 from lfcal.fit.solver import descend
 from lfcal.fit.spread import spread_out
-from lfcal.fit.stored import Filler, StoredFit, read_fit
-from lfcal.fit.validate import PointError, Validation, draw_validation, iter_validate, predicted_frame
+from lfcal.fit.stored import Filler, StoredFit, numbers_file, read_fit, read_fits
+from lfcal.fit.validate import (
+    Validation,
+    iter_write_validation,
+    predicted_frame,
+    validation_outputs,
+)
 
 __all__ = [
     "CAMERA",
     "DARK",
     "EFFECTS",
     "ERRORS",
-    "FIELD",
     "FORMAT",
     "HELD_OUT",
     "MODEL",
@@ -76,7 +78,6 @@ __all__ = [
     "LocatedPattern",
     "ModelError",
     "PlaneModel",
-    "PointError",
     "PositionDesign",
     "Problem",
     "RegionPlace",
@@ -86,7 +87,6 @@ __all__ = [
     "StoredFit",
     "Validation",
     "Vector",
-    "add_picture",
     "check_described",
     "check_light",
     "check_optics",
@@ -97,7 +97,6 @@ __all__ = [
     "descend",
     "described_effects",
     "draw_design",
-    "draw_validation",
     "field_dict",
     "field_outputs",
     "find_source",
@@ -110,27 +109,28 @@ __all__ = [
     "iter_next_positions",
     "iter_retrieved",
     "iter_summarised",
-    "iter_validate",
     "iter_write_field",
     "iter_write_fit",
     "iter_write_model",
-    "json_text",
+    "iter_write_validation",
     "kept_aside",
     "lacking",
     "leftover_of",
     "measured_camera",
     "noises_of",
     "nuisance_steps",
+    "numbers_file",
     "of_quick_pattern",
     "predict",
     "predicted_frame",
     "problem_of",
     "read_earlier",
     "read_fit",
+    "read_fits",
     "spread_out",
     "starting_effects",
+    "validation_outputs",
     "wavefront_table",
     "with_given",
     "write_found",
-    "write_text",
 ]

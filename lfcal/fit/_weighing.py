@@ -11,13 +11,19 @@ from numpy.typing import NDArray
 
 from lfcal.fit.measured import Measured
 
-__all__ = ["BEND", "PatternLevels", "Response", "Weighed", "levels_of", "weighed"]
+__all__ = ["BEND", "PatternLevels", "Response", "Weighed", "levels_of", "unlike_others", "weighed"]
 
 BEND = 4.0
 """Residual (sigmas) from which on it counts linearly, after Huber: noise alone hardly ever reaches it."""
 
 OUTLIER_SIGMAS = 25.0
 """Residual (sigmas) from which on a pixel among others is no measurement."""
+
+UNLIKE_SIGMAS = 8.0
+"""Robust standard deviations by which the chi² of a pattern that is unlike the others exceeds theirs."""
+
+UNLIKE_RATIO = 1.3
+"""How many times the others' chi² it must be, whatever they scatter."""
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -194,3 +200,18 @@ def weighed(
     robust = np.sqrt(BEND / np.maximum(np.abs(residual), BEND)).astype(np.float32)
     bright = (1.0 - (measured.noise[:, 0, None] / var)).astype(np.float32)
     return Weighed(residual, inverse, robust, np.clip(bright, 0.0, 1.0))
+
+
+def unlike_others(chi2: F8, pixels: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Return which patterns ``(n,)`` are unlike the others, by the chi² of each over so many pixels.
+
+    Each is compared with median and spread of all.
+    """
+    if len(chi2) < 4:
+        return np.zeros(len(chi2), np.bool_)
+    middle = float(np.median(chi2))
+    noise = middle * float(np.median(np.sqrt(2.0 / pixels)))
+    spread = max(1.4826 * float(np.median(np.abs(chi2 - middle))), noise)
+    found: NDArray[np.bool_] = (chi2 > middle + UNLIKE_SIGMAS * spread) & (chi2 > UNLIKE_RATIO * middle)
+    # more than a quarter of the patterns: then the model is wrong
+    return found if found.mean() <= 0.25 else np.zeros_like(found)

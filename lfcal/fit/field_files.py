@@ -13,7 +13,6 @@ from lfcal.fit.files import CAMERA, EFFECTS, REPORT, fit_dict, fit_outputs, iter
 from lfcal.fit.hybrid import HybridSummary
 from lfcal.fit.measured import Measured
 from lfcal.fit.parameters import field_of
-from lfcal.fit.result import Fit
 from lfcal.psf import PSFMatrix
 from lfcal.work import RunChoice
 
@@ -61,22 +60,13 @@ def field_dict(fit: FieldFit) -> dict[str, Any]:
                 "gains": own.levels.gains,
                 "wavefront": fit.wavefront_at(at),
                 "outliers": own.outliers,
-                **_here(own),
+                **({} if own.here is None else {"chi2": own.here.chi_square.lit, "error": own.here.error.to_dict()}),
             }
         )
     found: dict[str, Any] = plain(
         {"format": FORMAT, "version": VERSION, **{key: whole[key] for key in OF_ALL}, "regions": regions}
     )
     return found
-
-
-def _here(own: Fit) -> dict[str, Any]:
-    """Return how well the fit does in a region."""
-    if own.here is None:
-        return {}
-    error = own.here.error
-    found = {"known": error.known, "value": error.value, "sigma": error.sigma, "limit": error.limit}
-    return {"chi2": own.here.chi_square.lit, "error": found}
 
 
 def iter_write_field(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from lfcal.base import InputError, Progress, Work, check_number, drained, format_share
 from lfcal.camera import Camera
 from lfcal.fit._summary import Degeneracies, iter_degeneracies, summarised
+from lfcal.fit._weighing import unlike_others
 from lfcal.fit.measured import Measured, measured_of
 from lfcal.fit.model import Fineness
 from lfcal.fit.model_error import chi_square
@@ -97,32 +98,16 @@ def rounds() -> Callable[[Problem, Point, str], FitProgress]:
     return record
 
 
-OUTLIER_SIGMAS = 8.0
-"""Robust standard deviations from the other patterns' chi² from which on a pattern is left out."""
-
-OUTLIER_RATIO = 1.3
-"""How many times the others' chi² it must be, whatever they scatter."""
-
-
 def outliers_of(problem: Problem, point: Point) -> tuple[NDArray[np.bool_], tuple[Outlier, ...]]:
-    """Return which patterns ``(n,)`` are outliers, and each with its reason.
-
-    Judged by each pattern's own chi² against median and spread of all.
-    """
+    """Return which patterns ``(n,)`` are outliers, and each with its reason."""
     pixels = np.maximum(1, (point.seen.inverse > 0).sum(1))
     # without the robust loss: what it forgives is what shows here
     chi2 = np.square(point.seen.residual, dtype=np.float64).sum(1) / pixels
-    middle = float(np.median(chi2))
-    noise = np.sqrt(2.0 / pixels)
-    spread = max(1.4826 * float(np.median(np.abs(chi2 - middle))), middle * float(np.median(noise)))
-    far = (chi2 > middle + OUTLIER_SIGMAS * spread) & (chi2 > OUTLIER_RATIO * middle)
-    # half of the patterns are no outliers: then the model is wrong
-    if far.sum() > 0.25 * len(far):
-        far[:] = False
+    far = unlike_others(chi2, pixels)
     measured = problem.measured
     regions = measured.level // measured.plan.shape[0]
     found = [
-        Outlier(int(z), int(y), int(x), f"chi² {own:.3g} where the others have {middle:.3g}", int(region))
+        Outlier(int(z), int(y), int(x), f"chi² {own:.3g} where the others have {np.median(chi2):.3g}", int(region))
         for (z, y, x), own, region in zip(measured.index[far], chi2[far], regions[far], strict=True)
     ]
     return far, tuple(found)

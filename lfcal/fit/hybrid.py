@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.base import Clock, InputError, Work, for_each_chunk, worker_count
 from lfcal.camera import ScanPlan
 from lfcal.fit._residual_field import PlaneResiduals, ResidualEstimate, iter_residual_estimate
-from lfcal.fit._weighing import PatternLevels
+from lfcal.fit._weighing import PatternLevels, unlike_others
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, ModelPlanes, PlaneModel
 from lfcal.fit.model_error import ModelError
@@ -97,13 +97,6 @@ class Fitted(Protocol):
 
 # -- recorded patterns as residuals of the model -----------------------------------------------------------------------
 F4 = NDArray[np.float32]
-
-OUTLIER_SIGMAS = 8.0
-"""Robust standard deviations from the other patterns' chi² from which on a pattern is left to the model."""
-
-OUTLIER_RATIO = 1.3
-"""How many times the others' chi² it must be."""
-
 
 PATTERNS_SAMPLED = 20
 """Patterns that tell how much a displacement changes one."""
@@ -316,19 +309,11 @@ def _nuisance_of(
 
 
 def _outliers(data: PlaneResiduals) -> NDArray[np.bool_]:
-    """Return which positions ``(ny, nx)`` are not like the others, by chi² against median and spread of all."""
-    far = np.zeros(data.recorded.shape, np.bool_)
-    own = data.recorded
+    """Return which positions ``(ny, nx)`` are not like the others."""
+    far, own = np.zeros(data.recorded.shape, np.bool_), data.recorded
     pixels = np.maximum(1, (data.precision[own] > 0).sum((1, 2)))
-    if len(pixels) < 4:
-        return far
     chi2 = (np.square(data.residual[own]) * data.precision[own]).sum((1, 2), dtype=np.float64) / pixels
-    middle = float(np.median(chi2))
-    noise = middle * float(np.median(np.sqrt(2.0 / pixels)))
-    spread = max(1.4826 * float(np.median(np.abs(chi2 - middle))), noise)
-    found = (chi2 > middle + OUTLIER_SIGMAS * spread) & (chi2 > OUTLIER_RATIO * middle)
-    # a quarter of the patterns are no outliers: then the model is wrong
-    far[own] = found & (found.mean() <= 0.25)
+    far[own] = unlike_others(chi2, pixels)
     return far
 
 

@@ -56,6 +56,10 @@ class ChiSquare:
         """Whether the model suffices."""
         return self.excess < INCOMPLETE
 
+    def to_dict(self) -> dict[str, float]:
+        """Return it as plain values."""
+        return {"lit": self.lit, "sigma": self.sigma, "excess": self.excess, "all_pixels": self.all_pixels}
+
 
 @dataclass(frozen=True, slots=True)
 class ModelError:
@@ -105,6 +109,10 @@ class ModelError:
         """What the error is below, by two standard deviations."""
         spread = math.hypot(self.squared_sigma, self.among) if self.known else self.squared_sigma
         return max(self.statistical, math.sqrt(max(0.0, self.squared) + 2.0 * spread))
+
+    def to_dict(self) -> dict[str, float | bool]:
+        """Return it as plain values."""
+        return {"known": self.known, "value": self.value, "sigma": self.sigma, "limit": self.limit}
 
     def __str__(self) -> str:
         """Return the value with its standard deviation, or the limit."""

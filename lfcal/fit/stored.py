@@ -23,7 +23,8 @@ from lfcal.base import (
     worker_count,
 )
 from lfcal.camera import Camera, ScanPlan
-from lfcal.fit.files import FORMAT, VERSION
+from lfcal.fit.field_files import FIELD
+from lfcal.fit.files import FORMAT, NUMBERS, VERSION
 from lfcal.fit.hybrid import model_uncertainty
 from lfcal.fit.model import Fineness, PlaneModel
 from lfcal.fit.problem import ERRORS
@@ -33,7 +34,7 @@ from lfcal.fit.spread import spread_out
 from lfcal.psf import Facts, Filled, Origin
 from lfcal.simulate.effects import effect_from, read_entries
 
-__all__ = ["Filler", "StoredFit", "read_fit"]
+__all__ = ["Filler", "StoredFit", "numbers_file", "read_fit", "read_fits"]
 
 F4 = NDArray[np.float32]
 
@@ -131,6 +132,32 @@ class StoredFit:
             raise InputError.expected(
                 f"{self.folder}, scan", "on the sensor's own pixels", "a resampled one", "leave --fill out"
             )
+
+
+def numbers_file(folder: Path) -> Path | None:
+    """Return the file with the numbers of a fit, which is written last; None: there is none."""
+    return next((folder / name for name in (FIELD, NUMBERS) if (folder / name).is_file()), None)
+
+
+def read_fits(folder: Path) -> dict[str, StoredFit]:
+    """Return the fit in a folder, by the name of its region where there are several, else by an empty name.
+
+    Raises
+    ------
+    StorageError, FileFormatError, InputError
+        If a file is not there, or is no such file.
+    """
+    path = numbers_file(folder)
+    if path is None or path.name != FIELD:
+        return {"": read_fit(folder)}
+    found = parse_json(read_text(path), str(path), remedy="run lfcal fit again")
+    regions = found.get("regions") if isinstance(found, dict) else None
+    listed = regions if isinstance(regions, list) else []
+    names = [str(one["name"]) for one in listed if isinstance(one, dict) and "name" in one]
+    # a file from elsewhere must not lead out of its folder
+    if not names or not all(Path(name).name == name for name in names):
+        raise FileFormatError.expected(str(path), "a fit of regions", "another file", "run lfcal fit again")
+    return {name: read_fit(folder / name) for name in names}
 
 
 def read_fit(folder: Path) -> StoredFit:

@@ -5,20 +5,33 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import LINES, Clock, InputError, Work, drained, figure, save_figure
 from lfcal.fit.compared import Compared, compared_with
+from lfcal.fit.files import REPORT, json_text, write_text
 from lfcal.fit.locate import LocatedPattern, NewFrame
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, PlaneModel
 from lfcal.fit.model_error import ModelError
+from lfcal.fit.report import add_picture
 from lfcal.fit.result import Fit
 from lfcal.fit.stored import StoredFit
 
-__all__ = ["PointError", "Validation", "draw_validation", "iter_validate", "predicted_frame", "validate"]
+__all__ = [
+    "PointError",
+    "Validation",
+    "draw_validation",
+    "iter_validate",
+    "iter_write_validation",
+    "predicted_frame",
+    "validate",
+    "validation_outputs",
+]
 
 F8 = NDArray[np.float64]
 
@@ -33,6 +46,8 @@ SIGNIFICANCE = 3.0
 
 WIDE = 0.2
 """Share of the field over which points must lie for its edges to be told from its middle."""
+
+CAPTION = "Error of each point that was not fitted: over the sensor, and from the middle of the field to its edge."
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +75,19 @@ class PointError:
     field: float
     model: Compared
     periodic: Compared | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain values."""
+        return {
+            "position": [self.z, self.y, self.x],
+            "pixel": self.place_px,
+            "field": self.field,
+            "error": self.model.error.to_dict(),
+            "chi2": self.model.chi_square.lit,
+            "displacement_px": self.model.displacement_px,
+            "light": self.model.gain,
+            "periodic": None if self.periodic is None else self.periodic.error.to_dict(),
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +148,24 @@ class Validation:
             lost = f"middle {self.error(self.middle, periodic=True)}, edges {self.error(self.edges, periodic=True)}"
             return f"{said}; but H is not periodic over the field: taken as it is, {lost}"
         return f"{said}; {edges}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain values: errors of the fitted camera, and of H taken as periodic."""
+        parts = {"all": self.points, "middle": self.middle, "edges": self.edges}
+        errors = {
+            how: {name: self.error(part, periodic=how == "periodic").to_dict() for name, part in parts.items()}
+            for how in ("camera", "periodic")
+        }
+        return {
+            "format": "lfcal-validation",
+            "version": 1,
+            "verdict": self.verdict,
+            "edges_seen": self.wide,
+            "camera_worse_at_edges": self.worse(periodic=False),
+            "period_lost": self.worse(periodic=True),
+            "errors": errors,
+            "points": [one.to_dict() for one in self.points],
+        }
 
 
 class _ByModel:
@@ -275,6 +321,28 @@ def _point(fit: StoredFit, withheld: Measured, k: int, model: PlaneModel, near: 
     sensor = plan.camera.sensor
     away = [abs(v - c) / (n / 2) for v, c, n in zip(place, sensor.centre_px, sensor.shape, strict=True)]
     return PointError(z, y, x, place, float(max(away)), beside, periodic)
+
+
+def validation_outputs(folder: Path) -> tuple[Path, Path]:
+    """Return what `iter_write_validation` writes into the folder of a fit: numbers and picture."""
+    return folder / "validation.json", folder / REPORT / "validation.png"
+
+
+def iter_write_validation(
+    fit: StoredFit, withheld: Measured, folder: Path, source: str, *, another: bool = False
+) -> Work[Validation]:
+    """Return how well a fit predicts patterns as `iter_validate`, and write it into the folder of the fit.
+
+    Numbers and picture are files of their own, and the report gets a section with the picture. ``source`` names the
+    recording.
+    """
+    found = yield from iter_validate(fit, withheld, another=another)
+    numbers, picture = validation_outputs(folder)
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    draw_validation(found, picture)
+    add_picture(picture.parent, "Points that were not fitted", found.verdict, picture, CAPTION)
+    write_text(numbers, json_text({**found.to_dict(), "source": source}))
+    return found
 
 
 def draw_validation(found: Validation, path: str | os.PathLike[str]) -> None:

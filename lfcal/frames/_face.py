@@ -44,7 +44,7 @@ from lfcal.frames.source import (
     Samples,
     check_region,
 )
-from lfcal.frames.sources import ArraySource, FolderSource
+from lfcal.frames.sources import ArraySource, FolderSource, open_unplaced
 
 __all__ = [
     "AS_IS",
@@ -88,6 +88,7 @@ __all__ = [
     "nearest_orientation",
     "open_frames",
     "open_image",
+    "open_unplaced",
     "oriented",
     "read_image",
     "read_manifest",

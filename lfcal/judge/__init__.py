@@ -11,7 +11,8 @@ Everything that says what is wrong gives a `lfcal.base.Finding`, whatever found 
 - ``explained``: how the stated camera disagrees with H
 - ``report``: all of it as a page, on paper, and for programs
 - ``comparison``, ``pairing``, ``region_loss``: two H, and the regions of one
-- ``checking``, ``expected``: whether an old H still holds, from new frames
+- ``checking``, ``expected``, ``new_frames``: whether an old H still holds, from new frames
+- ``known_object``: how well H of a fit predicts the frame of a known object
 - ``trend``, ``dated``: fits and inspections over months
 """
 

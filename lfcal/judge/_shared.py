@@ -14,6 +14,8 @@ from lfcal.judge.dated import (
 )
 from lfcal.judge.expected import plan_of
 from lfcal.judge.inspection import is_bad, is_fair
+from lfcal.judge.known_object import ObjectPlace, object_error
+from lfcal.judge.new_frames import new_frame, new_frames
 from lfcal.judge.pairing import Pair, pair
 from lfcal.judge.region_loss import RegionLoss, draw_region_loss, iter_region_loss
 from lfcal.judge.source import Judged
@@ -26,6 +28,7 @@ __all__ = [
     "CoursePoint",
     "DatedInspection",
     "Judged",
+    "ObjectPlace",
     "Pair",
     "RegionLoss",
     "Trend",
@@ -41,6 +44,9 @@ __all__ = [
     "iter_check",
     "iter_region_loss",
     "labels_of",
+    "new_frame",
+    "new_frames",
+    "object_error",
     "pair",
     "plan_of",
     "read_dated_fit",

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import Clock, InputError, Work, check_number, drained, format_share
+from lfcal.base import Clock, InputError, Work, check_number, drained, format_share, plain
 from lfcal.fit import (
     DARK,
     ChiSquare,
@@ -25,6 +25,7 @@ from lfcal.fit import (
 )
 from lfcal.judge._camera_changes import FrameResiduals, Suspect, changes_of, explained_by, refined
 from lfcal.judge.expected import Behind, ExpectedPattern, behind
+from lfcal.judge.source import judgement_of
 from lfcal.psf import PSFMatrix
 
 __all__ = ["Check", "check", "iter_check"]
@@ -136,6 +137,51 @@ class Check:
     def known(self) -> str:
         """What the frames show of H, for a verdict; empty if they do not decide it."""
         return f"as the frames show it: error {self.figures}" if self.holds else ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as plain types, with the judgement."""
+        found: dict[str, Any] = plain(
+            {
+                "format": "lfcal-check",
+                "version": 1,
+                "answer": self.answer,
+                "limit": self.limit,
+                "error": self.error.to_dict(),
+                "stated_error": self.stated,
+                "doubt": self.doubt,
+                "chi2": self.chi_square.to_dict(),
+                "noise_from": self.noise_from,
+                "model_misfit": self.model_misfit,
+                "notes": self.notes,
+                "frames": [_frame_dict(one) for one in self.frames],
+                "suspects": [_suspect_dict(one) for one in self.suspects],
+                **judgement_of(self).to_dict(),
+            }
+        )
+        return found
+
+
+def _frame_dict(one: Compared) -> dict[str, Any]:
+    at, error = one.found, one.error
+    return {
+        "label": one.label,
+        "position": [at.z, at.y, at.x],
+        "pixel": [at.row, at.column],
+        "correlation": at.correlation,
+        "displacement_px": one.displacement_px,
+        "displacement_sigma_px": one.displacement_sigma,
+        "beside_px": one.beside_px,
+        "light": one.gain,
+        "background": one.background,
+        "error": {"known": error.known, "value": error.value, "limit": error.limit},
+        "chi2": one.chi_square.lit,
+    }
+
+
+def _suspect_dict(one: Suspect) -> dict[str, Any]:
+    found = {key: getattr(one, key) for key in ("name", "shows", "error", "sigma", "left")}
+    names = ("name", "change", "sigma", "unit")
+    return {**found, "values": [dict(zip(names, value, strict=True)) for value in one.values]}
 
 
 def iter_check(

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix
 
 __all__ = [
+    "NO_PLACE",
     "SOME",
     "PatternReading",
     "check_colours",
@@ -46,6 +47,9 @@ REPORT = "report"
 
 SOME = 40
 """Positions that are taken of a source that has more."""
+
+NO_PLACE = ", (z, y, x) = (0, 0, 0)"
+"""What errors say of the position of a frame that has none."""
 
 
 def _read_noise(text: str) -> tuple[float, float] | None:

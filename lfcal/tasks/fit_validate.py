@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lfcal.base import FileFormatError, InputError, Work
+from lfcal.base import InputError, Work
 from lfcal.records import CorrectionRecipe, opt, panel, record, required
 from lfcal.tasks._patterns import (
     PatternReading,
@@ -21,15 +21,9 @@ from lfcal.tasks._patterns import (
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
 
 if TYPE_CHECKING:
-    from lfcal.fit import Measured, ModelError, PointError, StoredFit, Validation
+    from lfcal.fit import StoredFit, Validation
 
-__all__ = ["FIT_VALIDATE", "ValidateFit", "ValidateFitByFrames", "Validated", "error_dict", "fits_of"]
-
-VALIDATION = ("validation.json", "report/validation.png")
-"""What is written into the folder of a fit."""
-
-TITLE = "Points that were not fitted"
-CAPTION = "Error of each point that was not fitted: over the sensor, and from the middle of the field to its edge."
+__all__ = ["FIT_VALIDATE", "ValidateFit", "ValidateFitByFrames", "Validated"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +50,7 @@ class Validated(TaskResult):
     def to_dict(self) -> dict[str, Any]:
         """Return all of it as plain values."""
         named = {"name": self.name} if self.name else {}
-        return named | validation_dict(self.validation) | {"source": self.source, "files": list(self.files)}
+        return named | self.validation.to_dict() | {"source": self.source, "files": list(self.files)}
 
 
 @record
@@ -90,18 +84,23 @@ class ValidateFit(Task):
 
     def files(self, way: str) -> tuple[Path, ...]:
         """Return its files: those of the fit are in its folder, and so are those that are written."""
+        from lfcal.fit import numbers_file, validation_outputs
+
         if way == "out":
-            return tuple(folder / name for _, folder, _ in self._parts() for name in VALIDATION)
-        return (*self.sources, *((one,) if (one := _numbers(self.fit)) else ()))
+            return tuple(path for _, folder, _ in self._parts() for path in validation_outputs(folder))
+        return (*self.sources, *((one,) if (one := numbers_file(self.fit)) else ()))
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Validated, ...]]:
-        """Predict the points, of each region in turn."""
-        made, patterns = [], []
+        """Predict the points of each region in turn, and write numbers and picture into its folder."""
+        from lfcal.fit import iter_write_validation, validation_outputs
+
+        made, patterns, parts = [], [], self._parts()
         # what cannot be read ends this before anything is written
-        for source, (_, _, stored) in zip(self.sources, self._parts(), strict=True):
+        for source, (_, _, stored) in zip(self.sources, parts, strict=True):
             patterns.append((yield from iter_patterns(source, self._reading(None if self.other else stored)))[0])
-        for source, measured, (name, folder, stored) in zip(self.sources, patterns, self._parts(), strict=True):
-            made.append((yield from self._iter_one(source, measured, name, folder, stored)))
+        for source, measured, (name, folder, stored) in zip(self.sources, patterns, parts, strict=True):
+            found = yield from iter_write_validation(stored, measured, folder, source.name, another=self.other)
+            made.append(Validated(name=name, validation=found, source=source, files=validation_outputs(folder)))
         return tuple(made)
 
     def _reading(self, stored: StoredFit | None) -> PatternReading:
@@ -109,7 +108,9 @@ class ValidateFit(Task):
 
     def _parts(self) -> list[tuple[str, Path, StoredFit]]:
         """Return for each source its name, the folder to write into, and the fit of its place."""
-        fits, names = fits_of(self.fit), names_of(self.sources)
+        from lfcal.fit import read_fits
+
+        fits, names = read_fits(self.fit), names_of(self.sources)
         if self.other or "" in fits:
             if len(names) != 1:
                 raise InputError.expected("sources", "one recording", len(names), "name one")
@@ -124,20 +125,6 @@ class ValidateFit(Task):
             remedy = "name its source, or say that it is another recording (--other)"
             raise InputError.expected("sources", f"regions of the fit: {', '.join(fits)}", wrong, remedy)
         return [(name, self.fit / name, fits[name]) for name in names]
-
-    def _iter_one(
-        self, source: Path, measured: Measured, name: str, folder: Path, stored: StoredFit
-    ) -> Work[Validated]:
-        """Predict points, and write numbers and picture into a folder."""
-        from lfcal.fit import add_picture, draw_validation, iter_validate, json_text, write_text
-
-        found = yield from iter_validate(stored, measured, another=self.other)
-        numbers, picture = files = tuple(folder / one for one in VALIDATION)
-        picture.parent.mkdir(parents=True, exist_ok=True)
-        draw_validation(found, picture)
-        add_picture(picture.parent, TITLE, found.verdict, picture, CAPTION)
-        write_text(numbers, json_text(validation_dict(found) | {"source": source.name}))
-        return Validated(name=name, validation=found, source=source, files=files)
 
 
 @record
@@ -164,74 +151,6 @@ class ValidateFitByFrames(ValidateFit):
     def _reading(self, stored: StoredFit | None) -> PatternReading:
         how = super()._reading(stored)
         return replace(how, plan=self.plan, recipe=self.corrections, orientation=self.orientation)
-
-
-def _numbers(folder: Path) -> Path | None:
-    """Return the file with the numbers of a fit, which is written last."""
-    from lfcal.fit import FIELD, NUMBERS
-
-    return next((folder / name for name in (FIELD, NUMBERS) if (folder / name).is_file()), None)
-
-
-def fits_of(folder: Path) -> dict[str, StoredFit]:
-    """Return the fit in a folder, by the name of its region where there are several, else by an empty name.
-
-    Raises
-    ------
-    StorageError, FileFormatError, InputError
-        If a file is not there, or is no such file.
-    """
-    from lfcal.base import parse_json, read_text
-    from lfcal.fit import FIELD, read_fit
-
-    path = _numbers(folder)
-    if path is None or path.name != FIELD:
-        return {"": read_fit(folder)}
-    found = parse_json(read_text(path), str(path), remedy="run lfcal fit again")
-    regions = found.get("regions") if isinstance(found, dict) else None
-    listed = regions if isinstance(regions, list) else []
-    names = [str(one["name"]) for one in listed if isinstance(one, dict) and "name" in one]
-    # a file from elsewhere must not lead out of its folder
-    if not names or not all(Path(name).name == name for name in names):
-        raise FileFormatError.expected(str(path), "a fit of regions", "another file", "run lfcal fit again")
-    return {name: read_fit(folder / name) for name in names}
-
-
-def validation_dict(found: Validation) -> dict[str, Any]:
-    """Return what was found as plain types: errors of the fitted camera, and of H taken as periodic."""
-    parts = {"all": found.points, "middle": found.middle, "edges": found.edges}
-    errors = {
-        how: {name: error_dict(found.error(part, periodic=how == "periodic")) for name, part in parts.items()}
-        for how in ("camera", "periodic")
-    }
-    return {
-        "format": "lfcal-validation",
-        "version": 1,
-        "verdict": found.verdict,
-        "edges_seen": found.wide,
-        "camera_worse_at_edges": found.worse(periodic=False),
-        "period_lost": found.worse(periodic=True),
-        "errors": errors,
-        "points": [_point(one) for one in found.points],
-    }
-
-
-def error_dict(error: ModelError) -> dict[str, Any]:
-    """Return an error of the model as plain types."""
-    return {"known": error.known, "value": error.value, "sigma": error.sigma, "limit": error.limit}
-
-
-def _point(one: PointError) -> dict[str, Any]:
-    return {
-        "position": [one.z, one.y, one.x],
-        "pixel": one.place_px,
-        "field": one.field,
-        "error": error_dict(one.model.error),
-        "chi2": one.model.chi_square.lit,
-        "displacement_px": one.model.displacement_px,
-        "light": one.model.gain,
-        "periodic": None if one.periodic is None else error_dict(one.periodic.error),
-    }
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:

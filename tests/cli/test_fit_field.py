@@ -20,11 +20,11 @@ from lfcal.fit.locate import NewFrame
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.setup import described_effects
 from lfcal.fit.stored import read_fit
+from lfcal.judge.known_object import ObjectPlace, nearest, object_error
 from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal.psf.facts import Facts
 from lfcal.simulate.effects import FieldAberrations
 from lfcal.simulate.effects.described import parse_entries
-from lfcal.tasks.fit_object import ObjectPlace, nearest, object_error
 from tests.cli.conftest import Run
 from tests.fit.commands import typed
 from tests.fit.field_common import ANCHORS, camera

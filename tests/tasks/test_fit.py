@@ -192,7 +192,7 @@ def test_a_fit_of_regions_is_read_by_their_names(tmp_path: Path, monkeypatch: py
         with pytest.raises(LfcalError, match=words):
             task.files("out")
     stored = StoredFit.of(few_fit())
-    monkeypatch.setattr("lfcal.fit.read_fit", lambda folder: replace(stored, folder=folder))
+    monkeypatch.setattr("lfcal.fit.stored.read_fit", lambda folder: replace(stored, folder=folder))
     Path("field", "field.json").write_text('{"regions": [{"name": "centre"}, {"name": "edge"}]}')
     assert [str(path) for path in task.files("out")] == [
         "field/centre/validation.json",

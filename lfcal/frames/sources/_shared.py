@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from lfcal.frames.sources.array import ArraySource
 from lfcal.frames.sources.base import FrameOptions, SourceKind
+from lfcal.frames.sources.files import open_unplaced
 from lfcal.frames.sources.folder import FolderSource
 
 __all__ = [
@@ -11,4 +12,5 @@ __all__ = [
     "FolderSource",
     "FrameOptions",
     "SourceKind",
+    "open_unplaced",
 ]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.base import FileFormatError, InputError
+from lfcal.base import FileFormatError, InputError, StorageError
 from lfcal.frames.formats import ImageFile, image_suffixes, open_image
 from lfcal.frames.lists import (
     TABLE_SUFFIXES,
@@ -24,7 +24,7 @@ from lfcal.frames.source import Position
 from lfcal.frames.sources.base import FrameOptions, SourceKind
 from lfcal.frames.sources.folder import FolderSource
 
-__all__ = ["SOURCE", "open_files"]
+__all__ = ["SOURCE", "open_files", "open_unplaced"]
 
 
 def open_files(path: Path, options: FrameOptions) -> FolderSource:
@@ -52,6 +52,39 @@ def open_files(path: Path, options: FrameOptions) -> FolderSource:
         facts=facts,
         origin=options.origin,
     )
+
+
+def open_unplaced(path: Path) -> FolderSource:
+    """Open every page of an image file, or of the images in a folder, as frames whose positions are not known.
+
+    Raises
+    ------
+    StorageError, FileFormatError, InputError
+        If there is no such file, or no image in the folder.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.frames import open_unplaced
+    >>> with open_unplaced(Path("session/white")) as frames:
+    ...     print(len(frames), frames.info(0).label)
+    4 white_0.png
+    """
+    if not path.exists():
+        raise StorageError(f"{path}: no such file or folder; check the name")
+    root, names = path.parent, [path.name]
+    if path.is_dir():
+        root, names = path, [p.name for p in path.iterdir() if p.suffix.lower() in image_suffixes()]
+        if not names:
+            raise InputError.expected(f"frames in {path}", "images", "none", "name the folder that holds them")
+    entries = []
+    for name in sorted(names, key=natural_key):
+        image = open_image(root / name)
+        try:
+            entries += [FrameEntry(name, Position(0, 0, 0), page) for page in range(image.pages)]
+        finally:
+            image.close()
+    return FolderSource(root, Manifest(tuple(entries)))
 
 
 def _listed(path: Path, root: Path, options: FrameOptions) -> tuple[Manifest, tuple[str, ...], dict[str, Any]]:

@@ -1,0 +1,92 @@
+"""The frame of a known object, predicted by H of a fit, or by H of each region of the field."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import InputError
+from lfcal.fit import MODEL, Compared, NewFrame, StoredFit, predicted_frame
+from lfcal.psf import open_psf
+from lfcal.reconstruct import Projector
+
+__all__ = ["ObjectPlace", "nearest", "object_error"]
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectPlace:
+    """Where H holds.
+
+    Attributes
+    ----------
+    H
+        Its file.
+    middle_px
+        The middle (row, column) of its scan on the sensor.
+    gains
+        Light of each of its planes: regions may have been recorded in other light.
+    """
+
+    H: Path
+    middle_px: tuple[float, float]
+    gains: tuple[float, ...]
+
+    @classmethod
+    def of(cls, fit: StoredFit) -> ObjectPlace:
+        """Return the place of the H in a fit's folder.
+
+        Raises
+        ------
+        InputError
+            If it was fitted without H.
+        """
+        H = fit.folder / MODEL
+        if not H.is_file():
+            raise InputError.expected(str(H), "H of the fit", "none", "fit again, and let H be written")
+        row, column = (a + (n - 1) / 2 for a, n in zip(fit.anchor, fit.period, strict=True))
+        return cls(H, (row, column), tuple(map(float, fit.gains)))
+
+
+def nearest(places: Sequence[ObjectPlace], shape: tuple[int, int], origin: tuple[float, float]) -> NDArray[np.intp]:
+    """Return for each pixel ``(rows, columns)`` of a frame the number of the place whose middle is nearest.
+
+    ``origin`` is the frame's first pixel (row, column) on the sensor.
+    """
+    rows, columns = (np.arange(n) + o for n, o in zip(shape, origin, strict=True))
+    away = [np.add.outer((rows - r) ** 2, (columns - c) ** 2) for r, c in (one.middle_px for one in places)]
+    found: NDArray[np.intp] = np.argmin(away, axis=0)
+    return found
+
+
+def object_error(
+    places: Sequence[ObjectPlace],
+    shot: NewFrame,
+    volume: NDArray[np.float32],
+    given: tuple[float, float] | None,
+    workers: int | None,
+) -> Compared:
+    """Compare a known object's frame with its prediction, of each point of the object by the H that is nearest.
+
+    One period is taken to be like the next only from a point to the nearest region.
+    """
+    noise = given or shot.noise
+    if noise is None:
+        raise InputError.expected(f"{shot.label}, noise", "a variance of its samples", "none", "state it (--noise)")
+    rows, columns = shot.values.shape
+    near = nearest(places, (rows, columns), shot.origin)
+    common = np.mean([one.gains for one in places], axis=0)
+    light, cutout = np.zeros((rows, columns)), (1, 1)
+    for k, one in enumerate(places):
+        # in one light: what a region was recorded in is no property of the camera
+        scale = (common / np.array(one.gains)).astype(np.float32)
+        own = np.where(near == k, volume, np.float32(0)) * scale[:, None, None]
+        with open_psf(one.H) as matrix:
+            cutout = matrix.cutout
+            if own.any():
+                row, column = (a - o for a, o in zip(matrix.anchor, shot.origin, strict=True))
+                light += Projector(matrix, (rows, columns), (row, column), workers=workers).forward(own)
+    return predicted_frame(light, shot, noise, cutout)

@@ -1,0 +1,104 @@
+"""New frames of point sources, with what is known of where their sources are, to check an old H by."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import InputError
+from lfcal.camera import ScanPlan
+from lfcal.fit import NewFrame, spread_out
+from lfcal.frames import FrameSource, NamePattern
+from lfcal.judge.expected import plan_of
+from lfcal.psf import PSFMatrix
+
+__all__ = ["new_frame", "new_frames"]
+
+NAMES = ("*z{z}_y{y}_x{x}.*", "*y{y}_x{x}.*")
+"""Names of single files that say where their source is."""
+
+NEAR_DEPTH = 0.02
+"""Largest relative difference between a depth and that of its plane in H."""
+
+
+def new_frames(
+    matrix: PSFMatrix, view: FrameSource, source: str, plan: ScanPlan | None = None, *, most: int = 0
+) -> list[NewFrame]:
+    """Return corrected frames to check H by.
+
+    Parameters
+    ----------
+    matrix
+        The old H.
+    view
+        Frames in whole pixels of the sensor, upright.
+    source
+        What messages call them.
+    plan
+        Of the scan that they are of; None: each is a file, whose name may say where its source is.
+    most
+        Take no more than this, spread evenly; 0: all.
+
+    Raises
+    ------
+    InputError
+        If they are of another sensor, or of depths that H does not have.
+    """
+    _check_grid(matrix, view, plan or plan_of(matrix), source)
+    if plan is None:
+        chosen = np.unique(np.linspace(0, len(view) - 1, most or len(view)).astype(int))
+        return [_of_file(matrix, view, k) for k in chosen.tolist()]
+    index: NDArray[np.intp] = np.array([tuple(view.info(k).position) for k in range(len(view))], np.intp).reshape(-1, 3)
+    taken = spread_out(index, most, plan.period) if most and len(index) > most else np.arange(len(index))
+    return [_of_scan(matrix, view, plan, k) for k in taken.tolist()]
+
+
+def _check_grid(H: PSFMatrix, view: FrameSource, plan: ScanPlan | None, source: str) -> None:
+    """Raise unless pixels of the frames are pixels of H's sensor."""
+    if H.camera is None:
+        return
+    wanted = H.camera.sensor.shape
+    origin = view.info(0).origin
+    if origin == (0, 0) and view.shape != wanted and (plan is None or plan.camera.sensor.shape != view.shape):
+        raise InputError.expected(f"{source}, pixels", f"{wanted} as H's camera", view.shape, "take whole frames of it")
+    if plan is not None and plan.camera.sensor.shape != wanted:
+        got = plan.camera.sensor.shape
+        raise InputError.expected(f"{source}, sensor", f"{wanted} pixels as H's camera", got, "name the H of this one")
+
+
+def _of_scan(H: PSFMatrix, view: FrameSource, plan: ScanPlan, k: int) -> NewFrame:
+    info = view.info(k)
+    z, y, x = info.position
+    drift = info.drift or (0.0, 0.0)
+    place = (plan.anchor[0] + y + drift[0], plan.anchor[1] + x + drift[1])
+    depth = plan.depths_um[z]
+    nearest = int(np.abs(H.depths - depth).argmin())
+    if abs(float(H.depths[nearest]) - depth) > NEAR_DEPTH * max(abs(depth), 1.0):
+        got = f"{depth:.6g} µm"
+        wanted = "a depth of H, " + ", ".join(f"{v:.6g}" for v in H.depths[:6]) + " µm"
+        raise InputError.expected(f"{info.label}, depth", wanted, got, "name an H of these depths")
+    return new_frame(view, k, info.label, place, nearest)
+
+
+def _of_file(H: PSFMatrix, view: FrameSource, k: int) -> NewFrame:
+    label = view.info(k).label
+    found = next((at for one in NAMES if (at := NamePattern(one).parse(label)) is not None), None)
+    nz, ny, nx = H.shape[:3]
+    if found is None or not (found[0].z < nz and found[0].y < ny and found[0].x < nx):
+        return new_frame(view, k, label, plane=0 if nz == 1 else None)
+    z, y, x = found[0]
+    named = NamePattern(NAMES[0]).parse(label) is not None
+    return new_frame(view, k, label, (H.anchor[0] + y, H.anchor[1] + x), z if named or nz == 1 else None)
+
+
+def new_frame(
+    view: FrameSource, k: int, label: str, place: tuple[float, float] | None = None, plane: int | None = None
+) -> NewFrame:
+    """Return frame ``k`` of a corrected view with its noise, where that is known, and where its source is."""
+    samples = view.samples(k)
+    noise = None
+    if samples.noise is not None:
+        typical = samples.noise.typical(samples.values)
+        noise = (float(typical.constant), float(typical.slope))
+    values = np.asarray(samples.values, np.float32)
+    return NewFrame(values, samples.valid, noise, view.info(k).origin, place, plane, label)
