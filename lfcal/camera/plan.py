@@ -290,6 +290,12 @@ class ScanPlan:
         return y, x
 
     @property
+    def drift_px(self) -> float:
+        """Drift of the array against the period over the sensor, along the worse axis (pixels)."""
+        sides = zip(self.period_residual_px, self.camera.sensor.shape, self.period, strict=True)
+        return max(abs(residual) * side / period for residual, side, period in sides)
+
+    @property
     def tilt_residual_px(self) -> float:
         """Sideways shift over the longer side of the period because the rows are tilted (pixels)."""
         return max(self.period) * math.tan(self.cell_camera.lattice.tilt_rad)

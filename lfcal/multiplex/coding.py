@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -242,15 +243,30 @@ class CodingVerdict:
         numbers = self.gain.time if self.limit == "time" else self.gain.full_well
         does = "pays" if self.pays else "does not pay"
         told = f"coding {does} at equal {self.limit}: {numbers.rms_db:+.2f} dB over all entries"
-        if self.limit != "time":
-            return told
+        return told if self.limit != "time" else f"{told}; it {self.range_words}"
+
+    @property
+    def range_words(self) -> str:
+        """Up to how much light coding pays at equal time, and why, in words."""
         if self.break_even_e == 0:
-            when = "never pays for this pattern and sensor"
-        elif math.isinf(self.break_even_e):
-            when = "pays up to a full pixel"
-        else:
-            when = f"pays up to {self.break_even_e:.3g} electrons in a point's brightest pixel"
-        return f"{told}; it {when}"
+            return "never pays for this pattern and sensor: photon noise of bright cores is spread over dark entries"
+        if math.isinf(self.break_even_e):
+            return "pays up to a full pixel: the sensor's own noise is more than the photons'"
+        return (
+            f"pays up to {float(f'{self.break_even_e:.3g}'):g} electrons in a point's brightest pixel: with less light "
+            "the sensor's own noise rules, with more the photon noise of bright cores is spread over dark entries"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain values."""
+        return {
+            "pays": self.pays,
+            "together": self.gain.points,
+            "signal_e": self.gain.signal_e,
+            "gain_db": self.gain.time.rms_db,
+            "dark_db": self.gain.time.dark_db,
+            "up_to_e": None if math.isinf(self.break_even_e) else self.break_even_e,
+        }
 
 
 def overlapping_patterns(
@@ -383,8 +399,8 @@ def coding_pays(
     ...     patterns, _ = overlapping_patterns(H.T[0], 7)
     >>> verdict: CodingVerdict = coding_pays(patterns, sensor_noise(preset("r29").sensor), signal_e=50)
     >>> print(verdict.words)
-    coding pays at equal time: +1.78 dB over all entries; it pays up to 1.56e+04 electrons in a point's brightest
-    pixel
+    coding pays at equal time: +1.78 dB over all entries; it pays up to 15600 electrons in a point's brightest pixel:
+    with less light the sensor's own noise rules, with more the photon noise of bright cores is spread over dark entries
     """
     check_choice("limit", limit, LIMITS)
     lit = code_matrix(code, len(np.asarray(patterns))) if isinstance(code, str) else np.asarray(code, float)

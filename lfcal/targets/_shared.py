@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from lfcal.targets.display import pictures_in, write_pictures
 from lfcal.targets.frames import frames_of, open_target_frames, read_target_plan
 from lfcal.targets.images import whole_at
 from lfcal.targets.offsets import covered_by
@@ -20,6 +21,7 @@ __all__ = [
     "may_resample",
     "nearest_positions",
     "open_target_frames",
+    "pictures_in",
     "proposed_hole",
     "read_target_plan",
     "region_points",
@@ -27,4 +29,5 @@ __all__ = [
     "shown_within",
     "subset_patterns",
     "whole_at",
+    "write_pictures",
 ]

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, Work, check_number, check_tuple
+from lfcal.base import InputError, Work, check_number, check_tuple, storage_errors, write_png
 from lfcal.camera import ScanPlan
 from lfcal.targets.images import hole_images
 from lfcal.targets.offsets import iter_whole_offsets
@@ -19,7 +20,15 @@ from lfcal.targets.planning import Wishes, iter_plan_target, propose_target
 from lfcal.targets.pose import length_um
 from lfcal.targets.target import Target
 
-__all__ = ["Display", "coded_plan", "display_image", "iter_plan_display", "parse_display"]
+__all__ = [
+    "Display",
+    "coded_plan",
+    "display_image",
+    "iter_plan_display",
+    "parse_display",
+    "pictures_in",
+    "write_pictures",
+]
 
 DISC = 2 / math.sqrt(3)
 """Diameter over the side of a square pixel of the disc that blurs as much: of the same rms width."""
@@ -200,3 +209,25 @@ def display_image(plan: TargetPlan, display: Display, z: int, k: int) -> NDArray
             raise InputError.expected("points", f"within the display's {display.shape}", "some beside it", "plan again")
         out[rows, columns] = 255
     return out
+
+
+def pictures_in(folder: Path) -> list[Path]:
+    """Return the pictures of an earlier plan in a folder."""
+    return sorted(folder.glob("frame_[0-9][0-9][0-9][0-9].png"))
+
+
+def write_pictures(plan: TargetPlan, display: Display, folder: Path) -> list[Path]:
+    """Write what the display shows in each frame, in the order of the plan, as PNG; return the files.
+
+    Pictures of an earlier plan are removed: a program that shows all files would show those as well.
+    """
+    with storage_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        for earlier in pictures_in(folder):
+            earlier.unlink()
+    files = []
+    for number, (z, k) in enumerate(plan.frames):
+        path = folder / f"frame_{number:04d}.png"
+        write_png(path, display_image(plan, display, z, k))
+        files.append(path)
+    return files

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from lfcal.base import InputError, storage_errors
+from lfcal.base import InputError
 
 if TYPE_CHECKING:
     from lfcal.multiplex import CodingVerdict
@@ -13,13 +12,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "PEAK",
-    "coding_facts",
     "coding_verdict",
     "coding_words",
     "display_words",
-    "patterns_in",
     "planned_for_display",
-    "write_patterns",
 ]
 
 PEAK = 0.8
@@ -58,46 +54,13 @@ def coding_verdict(plan: TargetPlan, z: int | None = None, signal_e: float | Non
     return coding_pays(light, noise, signal_e=PEAK * noise.full_e if signal_e is None else signal_e)
 
 
-def coding_facts(verdict: CodingVerdict | None) -> dict[str, Any] | None:
-    """Return the verdict as plain numbers, for scripts."""
-    if verdict is None:
-        return None
-    import math
-
-    gain = verdict.gain
-    return {
-        "pays": verdict.pays,
-        "together": gain.points,
-        "signal_e": gain.signal_e,
-        "gain_db": gain.time.rms_db,
-        "dark_db": gain.time.dark_db,
-        "up_to_e": None if math.isinf(verdict.break_even_e) else verdict.break_even_e,
-    }
-
-
 def coding_words(verdict: CodingVerdict) -> str:
     """Return in a line whether showing several frames at once would pay, up to how much light, and why."""
-    import math
-
-    gain = verdict.gain
-    told = f"showing {gain.points} frames at once, coded: {'pays' if verdict.pays else 'does not pay'} at"
-    told = f"{told} {_count(gain.signal_e)} electrons in a point's brightest pixel ({gain.time.rms_db:+.2f} dB), "
-    if math.isinf(verdict.break_even_e):
-        return (
-            told + "nor at any other: the sensor's own noise is more than the photons'"
-            if not verdict.pays
-            else (told + "as up to a full pixel: the sensor's own noise rules")
-        )
-    if verdict.break_even_e == 0:
-        return told + "and at no light: photon noise of bright cores would be spread over dark entries"
-    limit = f"{_count(verdict.break_even_e)} electrons"
-    if verdict.pays:
-        return told + f"and up to {limit}: the sensor's own noise rules, and is shared by the frames"
-    return told + f"but up to {limit}: beyond, photon noise of bright cores is spread over dark entries"
-
-
-def _count(electrons: float) -> str:
-    return f"{float(f'{electrons:.3g}'):g}"
+    gain, does = verdict.gain, "pays" if verdict.pays else "does not pay"
+    return (
+        f"showing {gain.points} frames at once, coded: {does} at {float(f'{gain.signal_e:.3g}'):g} electrons in a "
+        f"point's brightest pixel ({gain.time.rms_db:+.2f} dB); it {verdict.range_words}"
+    )
 
 
 def planned_for_display(plan: TargetPlan, display: Display, verdict: CodingVerdict | None) -> TargetPlan:
@@ -123,28 +86,3 @@ def display_words(plan: TargetPlan, display: Display) -> str:
         return f"display: {fit.words}; frames show one subset of points after the other"
     most = max(len(one) for plane in plan.lit for one in plane)
     return f"display: {fit.words}; frames show {most} subsets of points at once, by an S-matrix"
-
-
-def patterns_in(folder: Path) -> list[Path]:
-    """Return the pictures of an earlier plan in a folder."""
-    return sorted(folder.glob("frame_[0-9][0-9][0-9][0-9].png"))
-
-
-def write_patterns(plan: TargetPlan, display: Display, folder: Path) -> list[Path]:
-    """Write what the display shows in each frame, in the order of the plan, as PNG; return the files.
-
-    Pictures of an earlier plan go: a program that shows all files would show those as well.
-    """
-    from lfcal.base import write_png
-    from lfcal.targets import display_image
-
-    with storage_errors(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        for earlier in patterns_in(folder):
-            earlier.unlink()
-    files = []
-    for number, (z, k) in enumerate(plan.frames):
-        path = folder / f"frame_{number:04d}.png"
-        write_png(path, display_image(plan, display, z, k))
-        files.append(path)
-    return files

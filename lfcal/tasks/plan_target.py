@@ -133,7 +133,7 @@ class _PlanTarget(Task):
         """Plan the target, and compare it with a single point."""
         from lfcal.camera import RegionPlan, parse_regions
         from lfcal.targets import shown_within
-        from lfcal.tasks._coding import coding_facts, coding_verdict, planned_for_display
+        from lfcal.tasks._coding import coding_verdict, planned_for_display
 
         scan, pace, display = scan_of(self.plan), self.pace, self._shown()
         field = RegionPlan.spread(scan, parse_regions(self.regions)) if self.regions else None
@@ -147,7 +147,8 @@ class _PlanTarget(Task):
         if not plan.target.within.known:
             unsure = [shown_within(plan, z) for z in range(len(scan.depths_um))]
         write_plan(plan.to_json(), self.out)
-        facts = _facts(plan, pace, unsure) | {"expected_error": _expected(plan), "coding": coding_facts(verdict)}
+        coding = None if verdict is None else verdict.to_dict()
+        facts = _facts(plan, pace, unsure) | {"expected_error": _expected(plan), "coding": coding}
         facts |= self._pictures(plan) | ({} if field is None else {"regions": _regions(plan, field, pace)})
         files = () if self.out is None else (self.out,)
         return (TargetPlanned(plan=plan, facts=facts, verdict=verdict, display=display, files=files),)
@@ -219,12 +220,12 @@ class PlanDisplay(_PlanTarget):
 
     def files(self, way: str) -> tuple[Path, ...]:
         """Return its files; in a folder of pictures, those of an earlier plan are replaced."""
-        from lfcal.tasks._coding import patterns_in
+        from lfcal.targets import pictures_in
 
         files, folder = super().files(way), self.patterns
         if way == "in" or folder is None:
             return files
-        pictures = dict.fromkeys((folder / "frame_0000.png", *patterns_in(folder)))
+        pictures = dict.fromkeys((folder / "frame_0000.png", *pictures_in(folder)))
         return (*(path for path in files if path != folder), *pictures)
 
     def _shown(self) -> Display:
@@ -241,9 +242,9 @@ class PlanDisplay(_PlanTarget):
         return (yield from iter_plan_display(scan, self._shown(), self.wishes))
 
     def _pictures(self, plan: TargetPlan) -> dict[str, Any]:
-        from lfcal.tasks._coding import write_patterns
+        from lfcal.targets import write_pictures
 
-        return {} if self.patterns is None else {"patterns": write_patterns(plan, self._shown(), self.patterns)}
+        return {} if self.patterns is None else {"patterns": write_pictures(plan, self._shown(), self.patterns)}
 
 
 def _facts(plan: TargetPlan, pace: Pace, unsure: list[Any] | None) -> dict[str, Any]:

@@ -282,8 +282,7 @@ class _Simulate(Task):
         from lfcal.simulate import iter_refine_psf, iter_simulate_psf, light_in_cutout, predict_bytes
 
         found = self.timed(plan, self.selection(plan))
-        _tell_plan(plan)
-        _tell_left_out(found)
+        _tell(plan, found)
         choice = run.choice(out, found.seconds) if self.in_units else None
         how: dict[str, Any] = {"tolerance": self.tolerance, "workers": run.workers, "run": choice}
         most = predict_bytes(plan, found, self.level, **how, to_file=True, store_tolerance=stored)
@@ -477,24 +476,14 @@ class SimulateFrames(_OfOnePlan):
         """Return its files; the folder is none, and never replaced."""
         return () if way == "out" else super().files(way)
 
-    def check_folder(self, run: RunSettings) -> None:
-        """Raise `InputError` unless the folder is new, empty, or that of a session that ``run`` resumes."""
-        from lfcal.simulate.sensor import unfinished
-
-        # frames of two sessions in one folder would be read as one.
-        resumed = run.resume and unfinished(self.frames) is not None
-        if not resumed and self.frames.exists() and (not self.frames.is_dir() or any(self.frames.iterdir())):
-            wanted = "a new or empty folder"
-            raise InputError.expected(str(self.frames), wanted, "one with files in it", "choose another")
-
     def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[SimulatedFrames]:
         """Write them."""
         from lfcal.simulate import SimulatedCamera, iter_write_session
+        from lfcal.simulate.sensor import check_session_folder
 
-        self.check_folder(run)
+        check_session_folder(self.frames, resume=run.resume)
         found = self.selection(plan, frames=True, peak=self.peak)
-        _tell_plan(plan)
-        _tell_left_out(found)
+        _tell(plan, found)
         how: dict[str, Any] = {"tolerance": self.tolerance, "seed": self.seed, "peak": self.peak}
         source = SimulatedCamera(plan, found, level=self.level, **how)
         known = {"task": self.known(plan, found)["task"]}
@@ -529,7 +518,7 @@ class SimulateForecast(_OfOnePlan):
         """Choose the effects."""
         yield from ()
         found = self.selection(plan, frames=self.frames is not None, peak=self.peak)
-        _tell_plan(plan)
+        _tell(plan)
         for target in filter(None, (self.out, self.frames)):
             note(f"{target} is not written: --plan-only")
         # what the effects need is estimated without a run
@@ -557,29 +546,21 @@ SIMULATE = TaskSet(
 )
 
 
-def _tell_left_out(found: EffectSelection) -> None:
-    """Say of effects that were asked for by name why they are left out."""
-    for row in found.rows:
-        if row.setting == "on" and not row.on:
-            note(f"{row.name}: {row.reason}")
-
-
-def _tell_plan(plan: ScanPlan) -> None:
-    """Say which effects cannot be loaded, and where the period of H does not keep step with the lattice."""
+def _tell(plan: ScanPlan, found: EffectSelection | None = None) -> None:
+    """Say which effects are left out that were asked for, and where the period of H does not fit the lattice."""
     from lfcal.simulate.effects import CATALOGUE
 
     for reason in CATALOGUE.failures().values():
         note(f"left out: {reason}")
-    if plan.resample:
-        return
-    sides = zip(plan.period_residual_px, plan.camera.sensor.shape, plan.period, strict=True)
-    drift = max(abs(residual) * side / period for residual, side, period in sides)
+    for row in () if found is None else found.rows:
+        if row.setting == "on" and not row.on:
+            note(f"{row.name}: {row.reason}")
     # a plan of fewer positions than a period has no period to keep step with
-    if drift > MOST_DRIFT and max(map(abs, plan.period_residual_px)) <= 0.5:
+    if not plan.resample and plan.drift_px > MOST_DRIFT and max(map(abs, plan.period_residual_px)) <= 0.5:
         (py, px), (ny, nx) = plan.camera.period_px, plan.period
         own = f"{py * plan.cells[0]:.5g} x {px * plan.cells[1]:.5g} px"
         note(
-            f"H's period of {ny} x {nx} px does not fit the lattice's {own}: {drift:.3g} px of drift over the "
+            f"H's period of {ny} x {nx} px does not fit the lattice's {own}: {plan.drift_px:.3g} px of drift over the "
             "sensor; `lfcal plan --resample` removes it, and `lfcal reconstruct` resamples frames to H's period"
         )
 

@@ -14,7 +14,7 @@ from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
 from lfcal.frames import open_frames
 from lfcal.targets import Display, Target, TargetPlan, Wishes, iter_plan_display
-from lfcal.tasks._coding import coding_facts, coding_verdict, coding_words, planned_for_display
+from lfcal.tasks._coding import coding_verdict, coding_words, planned_for_display
 from tests.cli.conftest import Run
 from tests.targets.common import scan_of, small
 
@@ -46,10 +46,10 @@ def test_coding_pays_for_weak_light_only(plan: TargetPlan) -> None:
     assert dim.pays and 100 < dim.break_even_e < 0.8 * full and dim.gain.points == 7
     words = coding_words(bright)
     assert words.count("\n") == 0 and "does not pay at 16000 electrons" in words
-    assert "but up to " + f"{bright.break_even_e:.3g}"[:1] in words and "photon noise of bright cores" in words
+    assert "it pays up to " + f"{bright.break_even_e:.3g}"[:1] in words and "photon noise of bright cores" in words
     assert "pays at 100 electrons" in coding_words(dim) and "the sensor's own noise rules" in coding_words(dim)
-    facts = coding_facts(dim)
-    assert facts is not None and facts["pays"] and facts["together"] == 7 and facts["gain_db"] > 1
+    facts = dim.to_dict()
+    assert facts["pays"] and facts["together"] == 7 and facts["gain_db"] > 1
 
 
 def test_by_what_rules_at_any_light() -> None:

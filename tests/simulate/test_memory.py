@@ -9,6 +9,7 @@ import pytest
 from lfcal.camera import Microscope, ScanPlan, preset
 from lfcal.simulate import predict_bytes, simulate_psf
 from lfcal.simulate.engines.base import Sampling
+from lfcal.work import RunChoice
 from tests.simulate.common import BASE, peak_bytes, small_camera
 
 TIGHT = 8.0
@@ -49,6 +50,10 @@ def test_h_is_counted_whole_or_by_the_plane() -> None:
     # more threads need more grids, a given sampling no probe
     few, many = (predict_bytes(plan, BASE, tolerance=0.02, workers=count) for count in (1, 8))
     assert many > few
+    apart = RunChoice("processes", workers=8)
+    assert predict_bytes(plan, BASE, tolerance=0.02, workers=8, run=apart) == 8 * few, "each process has its engines"
+    stored = predict_bytes(plan, BASE, tolerance=0.02, workers=1, store_tolerance=0.01)
+    assert stored == few + 6 * plane // 4
     assert predict_bytes(plan, BASE, sampling=Sampling(nodes_per_px=3), workers=1) < few
     double = Sampling(nodes_per_px=3, double=True)
     assert predict_bytes(plan, BASE, sampling=double) > predict_bytes(

@@ -5,7 +5,13 @@ from __future__ import annotations
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 from lfcal.simulate.sensor.noise import FrameKind, expose, temporal_noise
 from lfcal.simulate.sensor.responses import Responses, Window, place
-from lfcal.simulate.sensor.session import discard_unfinished, iter_write_session, unfinished, write_session
+from lfcal.simulate.sensor.session import (
+    check_session_folder,
+    discard_unfinished,
+    iter_write_session,
+    unfinished,
+    write_session,
+)
 from lfcal.simulate.sensor.white import white_tile
 
 __all__ = [
@@ -13,6 +19,7 @@ __all__ = [
     "Responses",
     "SimulatedCamera",
     "Window",
+    "check_session_folder",
     "discard_unfinished",
     "expose",
     "iter_write_session",

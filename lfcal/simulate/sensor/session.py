@@ -18,6 +18,7 @@ from lfcal.simulate.sensor.camera_source import SimulatedCamera
 
 __all__ = [
     "UNFINISHED",
+    "check_session_folder",
     "discard_unfinished",
     "frame_name",
     "iter_write_session",
@@ -175,6 +176,18 @@ def unfinished(folder: str | os.PathLike[str]) -> tuple[int, int] | None:
         return None
     total = int(json.loads(read_text(out / UNFINISHED))["frames"])
     return sum(1 for _ in out.glob(PICTURES[0])), total
+
+
+def check_session_folder(folder: str | os.PathLike[str], *, resume: bool = False) -> None:
+    """Raise `InputError` unless a folder is new, empty, or has a session that was stopped and is to be resumed.
+
+    Frames of two sessions in one folder would be read as one.
+    """
+    out = Path(folder)
+    if resume and unfinished(out) is not None:
+        return
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError.expected(str(out), "a new or empty folder", "one with files in it", "choose another")
 
 
 def discard_unfinished(folder: str | os.PathLike[str]) -> None:

@@ -326,9 +326,11 @@ class Page(BasePage):
         folder = folder or QFileDialog.getExistingDirectory(self, "Folder for the frames (new or empty)")
         if not folder:
             return
+        from lfcal.simulate.sensor import check_session_folder
+
         task = frames_task(settings, folder)
         try:
-            task.check_folder(RESUMED)
+            check_session_folder(folder, resume=True)
         except LfcalError as error:
             self.refuse(str(error))
             return
