@@ -14,31 +14,18 @@ from lfcal.cli._colour_planes import CHANNELS, ColourReading
 from lfcal.cli._console import print_json, print_table
 from lfcal.cli._options import ForceOption, JsonOption, OriginOption, WorkersOption
 from lfcal.cli._usage import refuse
-from lfcal.cli._views_files import (
-    joined,
-    save_focal_stack,
-    save_picture,
-    save_stack,
-    save_views,
-    stack_names,
-    view_names,
-)
 from lfcal.cli._views_frame import GivenLattice, ViewedFrame, viewed_frame
 from lfcal.records import read_as, read_depths, read_virtual_depths
 from lfcal.tasks import check_outputs, load_camera
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lfcal.lattice import FrameLattice, Views
+    from lfcal.lattice import FrameLattice, RenderedPlanes, Views
 
 __all__ = ["register"]
 
 TYPES = ("none", "together", "each")
 SLOPES = {"none": "-6:6:2", "together": "2:6:0.5", "each": "2:6:0.5"}
 """Planes of the focal stack by default: lens types see those beyond the lenslets' own plane."""
-
-TOTAL = ["all_in_focus.tif", "all_in_focus.png", "slopes.tif"]
 
 
 @dataclass(frozen=True)
@@ -61,8 +48,10 @@ class _Wish:
     @property
     def names(self) -> list[str]:
         """The files to write."""
+        from lfcal.lattice import TOTAL, stack_names, view_names
+
         names = [name for label in self.labels for name in (*view_names(label), *stack_names(label, self.slopes))]
-        return names + (TOTAL if self.types == "together" else [])
+        return names + (list(TOTAL) if self.types == "together" else [])
 
 
 def register(app: typer.Typer) -> None:
@@ -180,47 +169,40 @@ def _views(scene: ViewedFrame, lattice: FrameLattice, wish: _Wish) -> list[Views
 
 def _save(scene: ViewedFrame, views: dict[str, list[Views]], wish: _Wish, out: Path) -> None:
     """Write views, focal stacks and, of lens types together, what is in focus all over the field."""
-    stacks, focused = _stacks(scene, views, wish)
-    for label, colours in views.items():
-        save_views(out, label, colours, wish.samples)
-        save_focal_stack(out, label, stacks[label], wish.slopes)
-    for name, image in focused.items():
-        save_stack(out / name, image, "CYX" if image.ndim == 3 else "YX")
-    if focused:
-        save_picture(out / TOTAL[1], focused[TOTAL[0]])
-
-
-def _stacks(
-    scene: ViewedFrame, views: dict[str, list[Views]], wish: _Wish
-) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
-    """Return the focal stacks ``(n, rows, columns)``, or with colours second, and what else is written."""
     import numpy as np
 
-    from lfcal.lattice import refocus, render, sharpness_shares, total_focus
+    from lfcal.lattice import refocus, save_focal_stack, save_total_focus, save_views, sharpness_shares, total_focus
 
-    if wish.types == "none":
-        return {"": joined([refocus(one, wish.slopes, samples=wish.samples) for one in views[""]], 1)}, {}
-    assert wish.camera is not None  # lens types are a camera's
+    for k, (label, colours) in enumerate(views.items()):
+        save_views(out, label, colours, wish.samples)
+        if wish.types == "none":
+            stack = [refocus(one, wish.slopes, samples=wish.samples) for one in colours]
+        else:
+            assert wish.camera is not None  # lens types are a camera's
+            single, together = np.eye(3)[k], wish.types == "together"
+            shares = [sharpness_shares(wish.camera, slope) if together else single for slope in wish.slopes]
+            planes = _rendered(scene, shares, wish)
+            stack = [one.images for one in planes]
+            if together:
+                save_total_focus(out, [total_focus(one) for one in planes])
+        save_focal_stack(out, label, stack, wish.slopes)
 
-    def planes(shares: list[Any]) -> list[Any]:
-        return [
-            render(
-                plane,
-                scene.lattice,
-                wish.slopes,
-                type_of=scene.type_of,
-                shares=shares,
-                white=None if scene.white is None else scene.white[name],
-                radius_px=scene.radius_px,
-                samples=wish.samples,
-                workers=wish.workers,
-            )
-            for name, plane in scene.planes.items()
-        ]
 
-    if wish.types == "each":
-        single = {label: planes([np.eye(3)[k]] * len(wish.slopes)) for k, label in enumerate(wish.labels)}
-        return {label: joined([one.images for one in found], 1) for label, found in single.items()}, {}
-    found = planes([sharpness_shares(wish.camera, slope) for slope in wish.slopes])
-    images, slopes = (joined(list(of), 0) for of in zip(*map(total_focus, found), strict=True))
-    return {"": joined([one.images for one in found], 1)}, {TOTAL[0]: images, TOTAL[2]: slopes}
+def _rendered(scene: ViewedFrame, shares: list[Any], wish: _Wish) -> list[RenderedPlanes]:
+    """Return the focal stack of each colour, with the ``shares`` of lens types in its planes."""
+    from lfcal.lattice import render
+
+    return [
+        render(
+            plane,
+            scene.lattice,
+            wish.slopes,
+            type_of=scene.type_of,
+            shares=shares,
+            white=None if scene.white is None else scene.white[name],
+            radius_px=scene.radius_px,
+            samples=wish.samples,
+            workers=wish.workers,
+        )
+        for name, plane in scene.planes.items()
+    ]

@@ -6,6 +6,7 @@
 - ``vignetting``: the fall of light over the field; ``_smooth_field`` is its model
 - ``micro_images``: what views ask of a lattice, and the lattice of a camera description, of a crop, of one lens type
 - ``views``: sub-aperture views; ``_view_grid`` defines where their samples lie and which lenslets contribute to them
+- ``view_files``: views and focal stacks as files
 - ``_refocus``: images focused at a depth, from views
 - ``rendering``: the same for lenslets focused on the scene, lens types by their sharpness, and all in focus
 """

@@ -7,11 +7,20 @@ from lfcal.lattice.lattice_file import lattice_dict, lattice_files
 from lfcal.lattice.lattice_fit import LatticeErrors
 from lfcal.lattice.micro_images import TypeOf
 from lfcal.lattice.rendering import check_slopes
+from lfcal.lattice.view_files import (
+    TOTAL,
+    save_focal_stack,
+    save_total_focus,
+    save_views,
+    stack_names,
+    view_names,
+)
 
 __all__ = [
     "DIFFERS",
     "FITS",
     "FIT_PX",
+    "TOTAL",
     "WRONG",
     "CameraCheck",
     "CheckLine",
@@ -21,4 +30,9 @@ __all__ = [
     "check_slopes",
     "lattice_dict",
     "lattice_files",
+    "save_focal_stack",
+    "save_total_focus",
+    "save_views",
+    "stack_names",
+    "view_names",
 ]
