@@ -60,13 +60,12 @@ def main(command_line: Callable[[], Any] | None = None, program: str = "lfcal") 
         with _signals_clean_up():
             _run(command_line, program)
     except _Ended as ended:
-        # what shells expect of a program that a signal has ended.
         from lfcal.cli._console import KEPT
 
         kept = KEPT in getattr(ended, "__notes__", ())
-        _stop(
-            128 + ended.number, f"stopped; {'only whole units stay' if kept else 'nothing half-written stays behind'}"
-        )
+        said = "only whole units stay" if kept else "nothing half-written stays behind"
+        # what shells expect of a program that a signal has ended.
+        _stop(128 + ended.number, f"stopped; {said}")
 
 
 def _run(command_line: Callable[[], Any] | None, program: str) -> None:
@@ -108,6 +107,13 @@ def _run(command_line: Callable[[], Any] | None, program: str) -> None:
         _stop(2, _system_words(error))
 
 
+def _report(line: str) -> None:
+    # imported late: the list of commands needs nothing of it.
+    from lfcal.cli._console import report
+
+    report(line)
+
+
 def _drop_output() -> None:
     """Let nothing go to standard output any more: Python's own flush at exit would fail once more."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -126,17 +132,9 @@ def _system_words(error: OSError) -> str:
     return str(StorageError(f"{where[:200]}: {error.strerror or error}; {remedy}"))
 
 
-def _report(line: str) -> None:
-    from lfcal.cli._console import report
-
-    report(line)
-
-
 def _stop(code: int, message: str) -> None:
-    from lfcal.cli._console import report
-
     if message:
-        report(message)
+        _report(message)
     sys.exit(code)
 
 

@@ -52,7 +52,7 @@ def build_app() -> typer.Typer:
         help="PSF calibration and acquisition for plenoptic (light-field) cameras.",
         no_args_is_help=True,
         rich_markup_mode="markdown",
-        # errors end in one line, printed by main; the traceback of a defect is left to Python.
+        # main prints errors as one line; Python prints the traceback of a defect.
         pretty_exceptions_enable=False,
     )
 

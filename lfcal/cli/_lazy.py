@@ -31,7 +31,7 @@ class Listed:
 def listed_commands(package: str, order: tuple[str, ...] = ()) -> tuple[Listed, ...]:
     """Return the commands of a package, in ``order`` and then by name, without importing their modules.
 
-    A public module that defines ``register`` has the command of its own name, with a hyphen for an underscore; modules
+    A public module that defines ``register`` has the command of the same name, with a hyphen for an underscore; modules
     ``camera_*`` are parts of ``camera``, which registers them. The summary is the first paragraph of the function
     ``command``, or, for a group, what the first line of the module says behind the colon.
     """

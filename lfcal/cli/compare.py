@@ -1,4 +1,4 @@
-"""``lfcal compare``: two H beside each other."""
+"""``lfcal compare``: two H next to each other."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def command(
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Hold two H beside each other: error, scale and sub-pixel shift of every plane and lens type.
+    """Compare two H: error, scale and sub-pixel shift of every plane and lens type.
 
     Planes belong together by their depths, positions by the sensor's pixels; cutouts are cut to the smaller one. What
     only one of them has is said.

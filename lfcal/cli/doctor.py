@@ -16,24 +16,13 @@ import typer
 from lfcal.base import Registry
 from lfcal.cli._options import JsonOption
 
+WINDOW = ("PySide6-Essentials", "pyqtgraph")
+"""Libraries of the extra ``gui``."""
+
 LIBRARIES = (
-    "numpy",
-    "scipy",
-    "numba",
-    "h5py",
-    "hdf5plugin",
-    "opencv-contrib-python-headless",
-    "rawpy",
-    "tifffile",
-    "imagecodecs",
-    "matplotlib",
-    "typer",
-    "rich",
-    "PySide6-Essentials",
-    "pyqtgraph",
+    *("numpy", "scipy", "numba", "h5py", "hdf5plugin", "opencv-contrib-python-headless", "rawpy", "tifffile"),
+    *("imagecodecs", "matplotlib", "typer", "rich", *WINDOW),
 )
-OPTIONAL = {"PySide6-Essentials": "gui", "pyqtgraph": "gui"}
-"""Libraries that belong to an extra."""
 
 
 def register(app: typer.Typer) -> None:
@@ -57,7 +46,7 @@ def command(
     from lfcal.cli._console import print_json, print_table
 
     if gui:
-        _tell_window(json)
+        _show_window(json)
         return
     found = examine()
     if json:
@@ -72,12 +61,12 @@ def command(
         print_table(["plug-in left out", "why"], [[p["name"], escape(p["reason"])] for p in found["plugins"]])
 
 
-def _tell_window(json: bool) -> None:
+def _show_window(json: bool) -> None:
     """Print whether each library that the window needs is there."""
     from lfcal.cli._console import print_json, print_table, report
     from lfcal.cli.window_libraries import NEEDED, ON_X11, missing_libraries, without
 
-    packages = {name: _version(name) for name in OPTIONAL}
+    packages = {name: _version(name) for name in WINDOW}
     libraries = {**NEEDED, **ON_X11}
     missing = missing_libraries(libraries)
     if json:
@@ -100,15 +89,16 @@ def examine() -> dict[str, Any]:
     from dataclasses import asdict
 
     from lfcal import __version__
-    from lfcal.base import format_bytes, processors, total_memory, worker_count
+    from lfcal.base import WORKERS, format_bytes, processors, total_memory, worker_count
     from lfcal.devices import find_backends
 
+    bound = WORKERS if worker_count() != processors() else "every processor this process may use"
     machine: dict[str, Any] = {
         "lfcal": __version__,
         "Python": platform.python_version(),
         "platform": platform.platform(),
         "processors": processors(),
-        "threads used": f"{worker_count()} ({_bound_by()})",
+        "threads used": f"{worker_count()} ({bound})",
         "memory": format_bytes(total_memory()),
         "disk free here": format_bytes(shutil.disk_usage(Path.cwd()).free),
         "disk free for temporary files": format_bytes(shutil.disk_usage(tempfile.gettempdir()).free),
@@ -131,16 +121,7 @@ def broken_plugins() -> list[dict[str, str]]:
     from lfcal.simulate.effects import CATALOGUE
 
     # in the order of the data, as the commands are.
-    registries: tuple[Registry[Any], ...] = (
-        FORMATS,
-        SOURCES,
-        CATALOGUE,
-        SOLVERS,
-        METRICS,
-        FAULTS,
-        FINDING_SOURCES,
-        BACKENDS,
-    )
+    registries: list[Registry[Any]] = [FORMATS, SOURCES, CATALOGUE, SOLVERS, METRICS, FAULTS, FINDING_SOURCES, BACKENDS]
     return [
         {"kind": registry.what, "name": name, "reason": reason}
         for registry in registries
@@ -156,14 +137,7 @@ def _version(name: str) -> str | None:
 
 
 def _remedy(name: str) -> str:
-    extra = OPTIONAL.get(name)
-    return f"uv pip install 'lfcal[{extra}]'" if extra else f"uv pip install {name}"
-
-
-def _bound_by() -> str:
-    from lfcal.base import WORKERS, processors, worker_count
-
-    return WORKERS if worker_count() != processors() else "every processor this process may use"
+    return "uv pip install 'lfcal[gui]'" if name in WINDOW else f"uv pip install {name}"
 
 
 def _numba_cache() -> str:

@@ -45,7 +45,7 @@ FILE_TYPE = """<?xml version="1.0" encoding="UTF-8"?>
 """
 
 REFRESHED = (("update-desktop-database", "applications"), ("update-mime-database", "mime"))
-"""Programs that tell a running desktop of changes, and the folder that each is told; where there are none it looks."""
+"""Programs that notify a running desktop of changes, and the folder of each; without them it looks itself."""
 
 
 def register(app: typer.Typer) -> None:
@@ -83,13 +83,13 @@ def command(
 
 def data_home(environment: Mapping[str, str] = os.environ) -> Path:
     """Return the folder of this user's menu entries and icons, by the XDG base directory specification."""
-    told = environment.get("XDG_DATA_HOME", "")
-    # a relative path is to be ignored, says the specification
-    return Path(told) if os.path.isabs(told) else Path.home() / ".local" / "share"
+    stated = environment.get("XDG_DATA_HOME", "")
+    # a relative path must be ignored, says the specification
+    return Path(stated) if os.path.isabs(stated) else Path.home() / ".local" / "share"
 
 
 def window_program() -> str:
-    """Return the path of ``lfcal-gui``: beside this program, or the one that is found by its name.
+    """Return the path of ``lfcal-gui``: next to this program, or the one that is found by its name.
 
     Raises
     ------

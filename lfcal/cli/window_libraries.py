@@ -49,7 +49,7 @@ def missing_libraries(
 
 
 def without(missing: Mapping[str, str]) -> str:
-    """Return in one line what is missing and what to do."""
+    """Return a one-line message: what is missing and what to do."""
     return (
         f"the window needs system libraries that are missing: {', '.join(missing)}; "
         f"run: sudo apt install {' '.join(missing.values())} (Debian, Ubuntu)"
@@ -65,7 +65,7 @@ def shows_on_x11(environment: Mapping[str, str] = os.environ) -> bool:
 
 
 def why_no_window(error: ImportError) -> str:
-    """Return in one line why PySide6 cannot be imported, and what to do."""
+    """Return a one-line message: why PySide6 cannot be imported, and what to do."""
     if find_spec("PySide6") is None:
         return "PySide6 is not installed; run: pip install 'lfcal[gui]'"
     if missing := missing_libraries(NEEDED):

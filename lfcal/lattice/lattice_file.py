@@ -52,10 +52,10 @@ def save_lattice(fit: LatticeFit, folder: str | os.PathLike[str]) -> list[Path]:
     Examples
     --------
     >>> from lfcal.frames import read_image
-    >>> from lfcal.lattice import fit_lattice, load_lattice, save_lattice
+    >>> from lfcal.lattice import fit_lattice, save_lattice
     >>> files = save_lattice(fit_lattice(read_image("session/white/white_0.png"), dark=64.0), "lattice")
-    >>> print([path.name for path in files], load_lattice(files[0]).form)
-    ['lattice.json', 'residuals.csv', 'residuals.png'] affine
+    >>> print([path.name for path in files])
+    ['lattice.json', 'residuals.csv', 'residuals.png']
     """
     facts = {"format": LATTICE_FORMAT, "version": LATTICE_VERSION, **lattice_dict(fit)}
     files = lattice_files(folder)
@@ -121,6 +121,15 @@ def load_lattice(path: str | os.PathLike[str]) -> LatticeFit:
     ------
     FileFormatError
         If the file is something else, or a number in it cannot be.
+
+    Examples
+    --------
+    >>> from lfcal.frames import read_image
+    >>> from lfcal.lattice import fit_lattice, load_lattice, save_lattice
+    >>> path, *_ = save_lattice(fit_lattice(read_image("session/white/white_0.png"), dark=64.0), "lattice")
+    >>> lattice = load_lattice(path)
+    >>> print(lattice.kind, lattice.centres_px(0, 0).round(1))
+    hexagonal [39.5 47.5]
     """
     data = parse_json(read_text(path), str(path), remedy=REMEDY)
     if not isinstance(data, dict) or (data.get("format"), data.get("version")) != (LATTICE_FORMAT, LATTICE_VERSION):

@@ -64,3 +64,14 @@ def test_views_on_the_lattice_that_a_camera_states(lfcal: Callable[..., Run], tm
 def test_figures_are_listed_to_scripts(lfcal: Callable[..., Run], tmp_path: Path) -> None:
     files = lfcal("multiplex", "figures", tmp_path / "out", "--json").json["files"]
     assert len(files) == 9 and all(Path(path).is_file() for path in files)
+
+
+@pytest.mark.parametrize("words", [("recover", "--modulator", "Bayer"), ("views", "--camera", "bench")], ids=" ".join)
+def test_samples_and_their_deviation_are_two_files(
+    lfcal: Callable[..., Run], tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    cv2.imwrite(str(tmp_path / "frame.png"), np.full((16, 18), 700, np.uint16))
+    name, *more = words
+    out = tmp_path / "out.tif"
+    refused = lfcal("multiplex", name, tmp_path / "frame.png", *more, "-o", out, "--deviation", out)
+    assert refused.code == 2 and "outputs: expected" in refused.err and not out.exists(), refused.err
