@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FIELDS",
+    "RARE",
     "ReconstructSettings",
     "forecast_words",
     "projector_for",
@@ -50,7 +51,7 @@ CHECKED = tuple(
     row
     for row in rows(Reconstruct)
     if row.name in ("background", "read_noise", "saturation", "strength", "subsets", "gain", "goal")
-    or row.name in ("threshold", "within")
+    or row.name in ("threshold", "within", "tolerance", "memory")
 )
 """Fields of the task that are checked as it checks them, whether the solver uses them or not."""
 
@@ -78,6 +79,7 @@ FIELDS = (
     ROWS["saturation"],
     ROWS["strength"],
     ROWS["subsets"],
+    ROWS["tolerance"],
     Field(
         "method",
         "Projector",
@@ -119,6 +121,7 @@ FIELDS = (
         empty="by pixel",
     ),
     ROWS["double"],
+    ROWS["memory"],
     Field(
         "as_is",
         "As is",
@@ -144,6 +147,9 @@ FIELDS = (
     ),
 )
 
+RARE = frozenset({"anchor", "double", "margin", "memory", "threshold", "tolerance"})
+"""Entries that the page folds."""
+
 
 def used_by(solver: str, key: str) -> bool:
     """Return whether the field ``key`` matters to ``solver``; one that takes no weights knows no margin."""
@@ -157,10 +163,12 @@ class ReconstructSettings(PageSettings):
 
     Attributes
     ----------
-    solver, iterations, background, read_noise, saturation, strength, subsets, gain
+    solver, iterations, background, read_noise, saturation, strength, subsets, gain, tolerance
         As in `lfcal.reconstruct.solvers.choice.SolverChoice`.
     stop
         The same, and as many iterations as it takes; empty: ``iterations``.
+    memory
+        Largest memory (GB); None: 80 % of what is free.
     method, device, threshold, within, double
         As in `lfcal.reconstruct.Projector`, ``within`` its ``tolerance``.
     margin
@@ -199,6 +207,8 @@ class ReconstructSettings(PageSettings):
     anchor: tuple[float, ...] = ()
     as_is: bool = False
     goal: str = GOALS[0]
+    tolerance: float = 0.0
+    memory: float | None = None
 
     def __post_init__(self) -> None:
         """Check what no library call would find before the work begins."""
@@ -239,7 +249,7 @@ class ReconstructSettings(PageSettings):
 
     def solver_fields(self) -> SolverFields:
         """Return the solver with the settings it uses; those the page greys out stay as they are, for another one."""
-        options = ("background", "read_noise", "saturation", "strength", "subsets")
+        options = ("background", "read_noise", "saturation", "strength", "subsets", "tolerance")
         used = {key: getattr(self, key) for key in options if used_by(self.solver, key)}
         if self.ends_by_itself:
             used["iterations"] = ENDS[self.stop]
@@ -330,6 +340,7 @@ def task_of(settings: ReconstructSettings, psf: str, frame: str, out: str) -> Re
             threshold=settings.threshold,
             within=settings.within,
             double=settings.double,
+            memory=settings.memory,
         ),
     )
 
@@ -355,6 +366,7 @@ def projector_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSet
     row, column = settings.anchor or (H.anchor if view is None else view.anchor(lattice_anchor_of(H)))
     wide = tuple(one.stop - one.start + 2 * choice.margin for one in (rows, columns))
     size = 8 if settings.double else 4
+    most = None if settings.memory is None else int(settings.memory * 1e9)
     return Projector(
         H,
         (wide[0], wide[1]),
@@ -364,7 +376,7 @@ def projector_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSet
         threshold=settings.threshold,
         tolerance=settings.within,
         device=settings.device,
-        memory_limit=room_for_projections((len(H), wide[0], wide[1]), choice, size),
+        memory_limit=room_for_projections((len(H), wide[0], wide[1]), choice, size, memory=most),
     ).denoised()
 
 

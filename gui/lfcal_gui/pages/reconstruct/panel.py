@@ -26,10 +26,11 @@ from PySide6.QtWidgets import (
 from lfcal.reconstruct import PHANTOMS, SOLVERS
 from lfcal_gui.models import unbroken
 from lfcal_gui.pages.reconstruct._volume_view import VolumeView
-from lfcal_gui.pages.reconstruct.model import FIELDS, ReconstructSettings, used_by
+from lfcal_gui.pages.reconstruct.model import FIELDS, RARE, ReconstructSettings, used_by
 from lfcal_gui.pages.reconstruct.model_device import DEVICE, NO_DEVICE
 from lfcal_gui.widgets import (
     ElidedLabel,
+    Folded,
     Form,
     ImageView,
     LinePlot,
@@ -80,10 +81,13 @@ class ReconstructPanel(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.form = Form(FIELDS, dense=True)
+        self.form, self.more = (
+            Form(tuple(field for field in FIELDS if (field.key in RARE) is rare), dense=True) for rare in (False, True)
+        )
         self.no_device = NO_DEVICE
-        for key in self.form.fields:
-            self.form.editor(key).setMinimumWidth(56)
+        for form in (self.form, self.more):
+            for key in form.fields:
+                form.editor(key).setMinimumWidth(56)
         self.volume = VolumeView()
         self.light_field = ImageView(xlabel="column", ylabel="row")
         self.light_field.blank.words = "Open a light field, or make one."
@@ -103,7 +107,7 @@ class ReconstructPanel(QWidget):
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(8)
-        row.addWidget(column_area(300, self._input_card(), self._run_card(), self._settings_card()))
+        row.addWidget(column_area(300, self._input_card(), self._run_card(), self._settings_card(), self._more()))
         self.split = split(self._volume_card(), self._side(), sizes=(3, 2))
         row.addWidget(self.split, 1)
 
@@ -163,6 +167,11 @@ class ReconstructPanel(QWidget):
         column.addWidget(self.solver_words)
         column.addWidget(self.form)
         return frame
+
+    def _more(self) -> QWidget:
+        folded = Folded("More settings", "End by tolerance, place of H, margin of the volume, memory, precision")
+        folded.column.addWidget(self.more)
+        return folded
 
     def _volume_card(self) -> QWidget:
         frame, column = card()
@@ -232,8 +241,10 @@ class ReconstructPanel(QWidget):
         name, by_itself = settings.solver, settings.ends_by_itself
         words = SOLVERS.get(name).title
         self.solver_words.setText(f"{words}. {NOT_BY_ITSELF}" if settings.stop and not by_itself else words)
-        for key in ("background", "read_noise", "saturation", "strength", "subsets", "margin"):
+        for key in ("background", "read_noise", "saturation", "strength", "subsets"):
             self.form.set_enabled(key, used_by(name, key))
+        for key in ("margin", "tolerance"):
+            self.more.set_enabled(key, used_by(name, key))
         for key in ("strength", "subsets"):  # the form has no room for rows that only other solvers use
             self.form.set_shown(key, used_by(name, key))
         self.form.set_enabled("iterations", not by_itself)

@@ -203,10 +203,12 @@ def test_form_and_project_follow_each_other(page: Page, context: Context, qtbot:
     stop.setCurrentIndex(stop.findData(""))
     assert form.editor("iterations").isEnabled() and not form.editor("iterations").isHidden()
     assert form.editor("gain").isHidden()
-    percent: Any = form.editor("threshold")
-    percent.setText("2")
-    percent.textEdited.emit("2")
-    assert page.settings.threshold == pytest.approx(0.02)
+    for key, text, value in (("threshold", "2", 0.02), ("tolerance", "1e-4", 1e-4), ("memory", "2.5", 2.5)):
+        folded: Any = page.panel.more.editor(key)
+        folded.setText(text)
+        folded.textEdited.emit(text)
+        assert getattr(page.settings, key) == pytest.approx(value)
+    assert not page.panel.more.isVisibleTo(page.panel), "what is rarely needed is folded"
 
 
 def test_a_solver_that_cannot_end_as_asked_says_so(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -41,6 +41,7 @@ CHOSEN = {
     "as it is": ReconstructSettings(device="cpu"),
     "a penalty": ReconstructSettings("rl-tv", 4, strength=0.01, background=2.0, anchor=(3.1234567, 1.5), margin=4),
     "by left-out pixels": ReconstructSettings("osem", stop="left-out", goal="measure", subsets=2, threshold=0.01),
+    "until it changes little": ReconstructSettings("rl", 30, tolerance=0.05, memory=1.0),
     "by noise": ReconstructSettings("isra", stop="discrepancy", gain=1.5, saturation=80.0, double=True, margin=0),
 }
 
@@ -70,9 +71,8 @@ HELD = {
 }
 """Fields that the page shows by entries of its own."""
 
-NOT_HERE = {"dark", "white", "lattice", "regions", "mat_order", "memory", "tolerance"}
-"""Fields that the page does not have: it takes a light field that is corrected, one H
-that is open, all memory, and runs a number of iterations or to a stated end."""
+NOT_HERE = {"dark", "white", "lattice", "regions", "mat_order"}
+"""Fields that the page does not have: it takes a light field that is corrected, and one H that is open."""
 
 
 def test_every_field_is_in_the_form_or_has_an_entry_of_its_own() -> None:
