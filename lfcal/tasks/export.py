@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from lfcal.base import InputError, Work
 from lfcal.records import INTERPOLATIONS, STORED_TYPES, opt, read_position, record, required, show_pair
-from lfcal.tasks.matrices import MatrixTask, report_dark, report_regions, with_task
+from lfcal.tasks.matrices import CopyTask, report_dark, with_task
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ class ExportedFiles(TaskResult):
 
 
 @record
-class _Export(MatrixTask):
+class _Export(CopyTask):
     """What all formats have."""
 
     name: ClassVar[str] = "export"
@@ -97,16 +97,15 @@ class _Export(MatrixTask):
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[ExportedFiles, ...]]:
         """Write H in the format."""
-        from lfcal.psf import export_files, export_notes, open_psf, opening_notes
+        from lfcal.psf import export_files, export_notes, opening_notes
 
         start, run, options = time.perf_counter(), run or RunSettings(), self.options()
         # how the file was read is among the notes of the result
-        with open_psf(self.source, mat_order=self.mat_order) as H:
+        with self.opened(quiet=True) as H:
             matrix = self.exported(H)
             # long exports are done in units only where that is asked for: they need twice the space
             choice = run.choice(self.out) if self.in_units else None
             work = self._iter_write(matrix, run.workers, choice)  # refuses what the format cannot hold
-            report_regions(self.source, H, "written")
             dark = report_dark(matrix)
             yield from work
             made = ExportedFiles(
@@ -298,9 +297,9 @@ class ExportTiff(_ExportView):
         """Return its files; the size of H decides how many are written."""
         if way != "out":
             return super().files(way)
-        from lfcal.psf import export_files, open_psf
+        from lfcal.psf import export_files
 
-        with open_psf(self.source, mat_order=self.mat_order) as H:
+        with self.opened(quiet=True) as H:
             return tuple(export_files(self.exported(H), self.out, self.position))
 
 

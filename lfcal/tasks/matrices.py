@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lfcal.base import InputError
 from lfcal.records import opt, record, required
 from lfcal.tasks.notes import note
 from lfcal.tasks.task import Task
@@ -14,12 +15,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "MAT_ORDERS",
+    "CopyTask",
     "MatrixTask",
     "check_mat_files",
     "open_matrix",
     "report_dark",
     "report_missing",
-    "report_regions",
     "with_task",
 ]
 
@@ -51,6 +52,23 @@ class MatrixTask(Task):
     def opened(self) -> PSFMatrix:
         """Open H, and say how a file of another code was read."""
         return open_matrix(self.source, mat_order=self.mat_order)
+
+
+@record
+class CopyTask(MatrixTask):
+    """What tasks have that write one H again in another form."""
+
+    region: str = opt(
+        "", "Region of the field, by its name, of an H file with several.", empty="the only one", more=True
+    )
+
+    def opened(self, *, quiet: bool = False) -> PSFMatrix:
+        """Open H of the region; raises `InputError` where there are several and none is chosen."""
+        from lfcal.psf import regions_of
+
+        if not self.region and len(names := regions_of(self.source)) > 1:
+            raise InputError.expected(f"{self.source.name}, region", " or ".join(names), "none", "choose one")
+        return open_matrix(self.source, region=self.region, mat_order=self.mat_order, quiet=quiet)
 
 
 def with_task(task: Task, *matrices: PSFMatrix) -> dict[str, Any]:
@@ -85,14 +103,6 @@ def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: boo
     return matrix
 
 
-def report_regions(path: Path, matrix: PSFMatrix, done: str) -> None:
-    """Say that of an H file with several regions of the field only one is ``done`` (used, written)."""
-    from lfcal.psf import regions_of
-
-    if len(names := regions_of(path)) > 1:
-        note(f"of {len(names)} regions of the field {matrix.region or 'the first'} alone is {done}")
-
-
 def report_missing(matrix: PSFMatrix) -> int:
     """Return how many positions of H were neither recorded nor filled, and say so where there are any."""
     from lfcal.psf import empty_positions, empty_words
@@ -115,7 +125,6 @@ def report_dark(matrix: PSFMatrix) -> tuple[int, ...]:
 
 def check_mat_files(mat_order: str, *paths: Path | None) -> None:
     """Raise `InputError` where ``--mat-order`` is unknown, or none of the files is a ``.mat`` file."""
-    from lfcal.base import InputError
     from lfcal.psf import check_mat_order
 
     check_mat_order(mat_order)

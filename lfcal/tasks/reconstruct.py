@@ -27,7 +27,7 @@ from lfcal.tasks._reconstruct_frames import FrameFile, cleaner, frames_of, is_se
 from lfcal.tasks._reconstruct_optics import SharedOptics, files_of_regions, view_for, wide
 from lfcal.tasks._reconstruct_saving import Save, Saved, saving, targets_of
 from lfcal.tasks._solving import SOLVER_KINDS, choice_of
-from lfcal.tasks.matrices import MAT_ORDERS, check_mat_files, report_missing, report_regions, with_task
+from lfcal.tasks.matrices import MAT_ORDERS, check_mat_files, report_missing, with_task
 from lfcal.tasks.notes import note
 from lfcal.tasks.outputs import check_outputs
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet, may_replace
@@ -206,7 +206,7 @@ class _Reconstruct(Task):
 
     def _prepare(self, stack: ExitStack, workers: int | None, *, warm: bool = False) -> _Prepared:
         """Open H, look at the first frame, and choose how to project."""
-        from lfcal.psf import noise_of
+        from lfcal.psf import noise_of, regions_of
         from lfcal.reconstruct import room_for_projections, usual_margin
 
         if not self.frames.exists():
@@ -217,8 +217,9 @@ class _Reconstruct(Task):
         optics = SharedOptics(self.psf, self.regions, self.mat_order, light_field, self.projection)
         matrices = optics.open(stack)
         H = matrices[0]
-        if not self.regions:
-            report_regions(self.psf, H, "used; --region all uses all")
+        if not self.regions and len(names := regions_of(self.psf)) > 1:
+            named = H.region or "the first"
+            note(f"of {len(names)} regions of the field {named} alone is used; --region all uses all")
         for one in matrices:
             report_missing(one)
         anchor = self.grid.anchor or placed_anchor(self.frames, H, light_field.asked)

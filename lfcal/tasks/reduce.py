@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from lfcal.base import Work
 from lfcal.records import COMPRESSIONS, opt, read_share, record, required
-from lfcal.tasks.matrices import MatrixTask, report_missing, report_regions, with_task
+from lfcal.tasks.matrices import CopyTask, report_missing, with_task
 from lfcal.tasks.task import RunSettings, TaskResult, TaskSet
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class ReducedFile(TaskResult):
 
 
 @record
-class Reduce(MatrixTask):
+class Reduce(CopyTask):
     """Store H in a fraction of its bytes, each pattern within a tolerance that the file states.
 
     Examples
@@ -105,7 +105,6 @@ class Reduce(MatrixTask):
 
         start, run = time.perf_counter(), run or RunSettings()
         with self.opened() as matrix:
-            report_regions(self.source, matrix, "written")
             report_missing(matrix)
             yield from iter_save(
                 matrix,

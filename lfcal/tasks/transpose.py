@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from lfcal.base import Work
 from lfcal.records import COMPRESSIONS, opt, record, required
-from lfcal.tasks.matrices import MatrixTask, report_dark, report_missing, report_regions, with_task
+from lfcal.tasks.matrices import CopyTask, report_dark, report_missing, with_task
 from lfcal.tasks.task import RunSettings, TaskResult, TaskSet
 
 __all__ = ["TRANSPOSE", "Transpose", "TransposedFile"]
@@ -57,7 +57,7 @@ class TransposedFile(TaskResult):
 
 
 @record
-class Transpose(MatrixTask):
+class Transpose(CopyTask):
     """Transpose H into HT, file to file, with one plane of each in memory.
 
     Examples
@@ -90,7 +90,6 @@ class Transpose(MatrixTask):
 
         start, run = time.perf_counter(), run or RunSettings()
         with self.opened() as matrix:
-            report_regions(self.source, matrix, "written")
             dark, missing = report_dark(matrix), report_missing(matrix)
             yield from iter_transpose_file(
                 matrix,

@@ -106,14 +106,16 @@ def test_an_option_that_does_not_apply_is_refused(
 
 
 @pytest.mark.parametrize("command", [("transpose",), ("transpose", "--method", "paper"), ("reduce",), ("export",)])
-def test_regions_that_are_left_out_are_named(lfcal: Lfcal, place: Path, command: tuple[str, ...]) -> None:
+def test_one_of_several_regions_has_to_be_chosen(lfcal: Lfcal, place: Path, command: tuple[str, ...]) -> None:
     one, other = (PSFMatrix(np.full((1, 3, 3, 3, 3), value, np.float32)) for value in (1.0, 2.0))
     save_regions({"middle": one, "edge": other}, "R.h5")
     name, *options = command
-    done = lfcal(name, "R.h5", "-o", "out.h5", *options)
-    assert done.code == 0 and "note: of 2 regions of the field middle alone is written" in done.err
+    refused = lfcal(name, "R.h5", "-o", "out.h5", *options)
+    assert refused.code == 2 and "R.h5, region: expected middle or edge, got none; choose one" in refused.err
+    assert not Path("out.h5").exists()
+    assert lfcal(name, "R.h5", "-o", "out.h5", "--region", "edge", *options).code == 0
     with open_psf("out.h5") as made:
-        assert float(made.plane(0).max()) == pytest.approx(1.0, rel=0.01)
+        assert float(made.plane(0).max()) == pytest.approx(2.0, rel=0.01)
 
 
 def test_a_reconstruction_with_one_of_several_regions_says_so(lfcal: Lfcal, place: Path) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lfcal.base.progress import drain
-from lfcal.psf import PSFMatrix, open_psf, save, save_regions
+from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal.psf.saving import iter_transpose_file
 from lfcal.work import parts_folder
 from tests.cli.conftest import Run, small_plan
@@ -96,12 +96,6 @@ def test_ht_is_refused(lfcal: Lfcal, place: Path, more: tuple[str, ...]) -> None
     run = lfcal("reduce", "HT.h5", "-o", "out.h5", *more)
     assert run.code == 2 and "got HT; store H: HT is a view of it" in run.err
     assert not (place / "out.h5").exists() and not parts_folder(place / "out.h5").exists()
-
-
-def test_regions_left_out_are_named(lfcal: Lfcal, place: Path) -> None:
-    save_regions({"middle": matrix(), "edge": matrix()}, place / "R.h5")
-    run = lfcal("reduce", "R.h5", "-o", "out.h5")
-    assert run.code == 0 and "note: of 2 regions of the field middle alone is written" in run.err
 
 
 @pytest.mark.parametrize("more", [(), ("--executor", "threads", "--workers", 1)])

@@ -178,13 +178,16 @@ class ExportSettings(PageSettings):
 
 
 def export_task(psf: str, out: str, intent: ExportIntent) -> Task:
-    """Return the task that exports the H of a file as it was asked for."""
+    """Return the task that exports the H of a file as it was asked for: of several regions the one that is shown."""
+    from lfcal.psf import regions_of
     from lfcal.tasks import task_set
 
+    shown, *others = regions_of(psf) if Path(psf).is_file() else ("",)
     chosen = intent.options
     given = {
         "source": psf,
         "out": out,
+        "region": shown if others else "",
         "transposed": intent.transposed and intent.suffix != ".mat",
         "no_ht": chosen.include_transpose is False,
         "rows_first": chosen.rows_first,

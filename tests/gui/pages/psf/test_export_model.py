@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from lfcal.camera import preset
-from lfcal.psf import PSFMatrix
+from lfcal.psf import PSFMatrix, save_regions
 from lfcal.psf._export import WRITERS
+from lfcal.tasks import command_of
 from lfcal_gui.models.project import ProjectState
-from lfcal_gui.pages.psf.export_model import CHOICES, KINDS, ExportIntent, ExportSettings
+from lfcal_gui.pages.psf.export_model import CHOICES, KINDS, ExportIntent, ExportSettings, export_task
 
 
 def matrix() -> PSFMatrix:
@@ -82,3 +83,12 @@ def test_what_the_project_says_of_an_h_file_is_proposed() -> None:
     found = ExportSettings.of(ProjectState(settings={"psf": said.to_dict()})).on(ExportIntent(".mat"))
     assert found.suffix == ".h5" and found.options.given() == {"dtype": "rounded", "compress": False}
     assert "sixteen" in found.open_to(matrix())
+
+
+def test_of_several_regions_the_one_that_is_shown_is_exported(tmp_path: Path) -> None:
+    one, other = (PSFMatrix(np.full((1, 3, 3, 3, 3), value, np.float32)) for value in (1.0, 2.0))
+    psf = save_regions({"middle": one, "edge": other}, tmp_path / "R.h5")
+    task = export_task(str(psf), str(tmp_path / "made.npy"), ExportIntent(suffix=".npy"))
+    assert "--region=middle" in command_of(task)
+    task.run()
+    assert float(np.load(tmp_path / "made.npy").max()) == 1.0

@@ -22,8 +22,8 @@ from tests.tasks.routes import Lfcal
 from tests.tasks.test_matrices import contents
 
 lfcal = conftest.lfcal
-BY_HAND = {"mat_order"}
-"""Fields that no choice of the export sets: how a file was opened."""
+BY_HAND = {"region", "mat_order"}
+"""Fields that no choice of the export sets: which region of the file, and how it was opened."""
 
 
 def with_everything() -> Iterator[ExportIntent]:
