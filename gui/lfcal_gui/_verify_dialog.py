@@ -142,14 +142,10 @@ class VerifyDialog(QDialog):
 
 def _work(path: Path) -> Work[tuple[list[str], tuple[Any, ...]]]:
     """Check a folder as a session and anything else as an H file; return the verdict with details, and what to redo."""
-    from lfcal.cli import matrix_lines, session_lines  # a command line is slow to load
-
-    if path.is_dir():
-        from lfcal.acquire import iter_verify
-
-        report = yield from iter_verify(path)
-        return [judgement_of(report).verdict, *session_lines(report)], tuple(report.to_redo)
+    from lfcal.acquire import iter_verify
     from lfcal.psf import iter_verify as iter_verify_matrix
 
-    check = yield from iter_verify_matrix(path)
-    return [judgement_of(check).verdict, *matrix_lines(check)], ()
+    work: Work[Any] = (iter_verify if path.is_dir() else iter_verify_matrix)(path)
+    report = yield from work
+    lines = [judgement_of(report).verdict, *(f"  {line}" for line in report.lines())]
+    return lines, tuple(report.to_redo) if path.is_dir() else ()

@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 
-from lfcal.base import InputError, StorageError, format_count
+from lfcal.base import InputError, StorageError, Work, format_count
 from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 from lfcal.tasks import check_output
-
-if TYPE_CHECKING:
-    from lfcal.acquire import SessionReport
-    from lfcal.psf import MatrixCheck
-
-LISTED = 20
-"""Damaged frames that are listed; all of them are in the JSON output."""
 
 
 def register(app: typer.Typer) -> None:
@@ -50,88 +42,41 @@ def command(
     if is_regions(path):
         if redo is not None:
             raise InputError("--redo: is of one region; verify its folder below this one")
-        checks = [_session(folder, None, workers, json) for _, folder in region_sessions(path)]
-        if not all(checks):
-            raise typer.Exit(1)
-        return
-    whole = _session(path, redo, workers, json) if path.is_dir() else _matrix(path, redo, workers, json)
+        checks = [_is_whole(folder, None, workers, json) for _, folder in region_sessions(path)]  # all are shown
+        whole = all(checks)
+    else:
+        whole = _is_whole(path, redo, workers, json)
     if not whole:
         raise typer.Exit(1)
 
 
-def _session(path: Path, redo: Path | None, workers: int | None, json: bool) -> bool:
+def _is_whole(path: Path, redo: Path | None, workers: int | None, json: bool) -> bool:
+    """Check a session or an H file, print what was found, and list positions to record again."""
     from lfcal.acquire import RedoList, iter_verify
-    from lfcal.base import plain
-    from lfcal.cli._console import print_json, run_work
-    from lfcal.judge import judgement_of
-
-    report = run_work(iter_verify(path, workers=workers), quiet=json)
-    if redo is not None and report.to_redo:
-        RedoList.of(report.to_redo, ["damaged"] * len(report.to_redo)).write(redo)
-    if json:
-        told = {"ok": report.ok, "to_redo": report.to_redo}
-        print_json(plain(report) | told | judgement_of(report).to_dict())
-    else:
-        _show_session(report, redo)
-    return report.ok
-
-
-def session_lines(report: SessionReport) -> Iterator[str]:
-    """Yield every frame of a session that is damaged, in words."""
-    for found in report.damaged[:LISTED]:
-        where = f"{found.kind} (z, y, x) = {tuple(found.position)}"
-        said = f"{found.what}; recorded again since" if found.replaced else found.what
-        yield f"  {where}, {found.file}[{found.slot}]: {said}"
-    if len(report.damaged) > LISTED:
-        yield f"  and {len(report.damaged) - LISTED} more; --json lists all"
-
-
-def _show_session(report: SessionReport, redo: Path | None) -> None:
-    from lfcal.cli._findings import show_judgement
-    from lfcal.judge import judgement_of
-
-    show_judgement(judgement_of(report), str(report.path))
-    for line in session_lines(report):
-        typer.echo(line)
-    if redo is not None:
-        count = format_count(len(report.to_redo), "position", "positions")
-        typer.echo(f"  {redo}: {count} to record again" if report.to_redo else f"  {redo}: not written, no position")
-
-
-def _matrix(path: Path, redo: Path | None, workers: int | None, json: bool) -> bool:
     from lfcal.base import FileFormatError, plain
     from lfcal.cli._console import print_json, run_work
-    from lfcal.judge import judgement_of
-    from lfcal.psf import iter_verify
-
-    if redo is not None:
-        raise InputError.expected("--redo", "a session folder to list positions of", path, "leave it out")
-    if path.name == "recording.h5" or path.name.startswith("recording-"):
-        raise FileFormatError.expected(str(path), "a session folder or an H file", "a recording", "name its folder")
-    check = run_work(iter_verify(path, workers=workers), quiet=json)
-    if json:
-        result: dict[str, Any] = plain(check)
-        print_json(result | {"ok": check.ok} | judgement_of(check).to_dict())
-    else:
-        _show_matrix(check)
-    return check.ok
-
-
-def matrix_lines(check: MatrixCheck) -> Iterator[str]:
-    """Yield every plane of an H file that is damaged, and where the file is not as its format says, in words."""
-    for found in check.damaged:
-        name = f"{found.region}, plane {found.z}" if found.region else f"plane {found.z}"
-        listed = ", ".join(str(tuple(p)) for p in found.positions[:LISTED])
-        more = f" and {len(found.positions) - LISTED} more" if len(found.positions) > LISTED else ""
-        yield f"  {name}: {found.what}" + (f" at (z, y, x) = {listed}{more}" if listed else "")
-    for line in check.deviations:
-        yield f"  not as the format says: {line}"
-
-
-def _show_matrix(check: MatrixCheck) -> None:
     from lfcal.cli._findings import show_judgement
     from lfcal.judge import judgement_of
+    from lfcal.psf import iter_verify as iter_verify_matrix
 
-    show_judgement(judgement_of(check), str(check.path))
-    for line in matrix_lines(check):
-        typer.echo(line)
+    if not path.is_dir():
+        if redo is not None:
+            raise InputError.expected("--redo", "a session folder to list positions of", path, "leave it out")
+        if path.name == "recording.h5" or path.name.startswith("recording-"):
+            raise FileFormatError.expected(str(path), "a session folder or an H file", "a recording", "name its folder")
+    work: Work[Any] = (iter_verify if path.is_dir() else iter_verify_matrix)(path, workers=workers)
+    report = run_work(work, quiet=json)
+    judgement, again = judgement_of(report), report.to_redo if path.is_dir() else ()
+    if redo is not None and again:
+        RedoList.of(again, ["damaged"] * len(again)).write(redo)
+    if json:
+        listed = {"to_redo": again} if path.is_dir() else {}
+        print_json(plain(report) | {"ok": report.ok} | listed | judgement.to_dict())
+        return bool(report.ok)
+    show_judgement(judgement, str(report.path))
+    for line in report.lines():
+        typer.echo(f"  {line}")
+    if redo is not None:
+        count = format_count(len(again), "position", "positions")
+        typer.echo(f"  {redo}: {count} to record again" if again else f"  {redo}: not written, no position")
+    return bool(report.ok)

@@ -89,6 +89,16 @@ class MatrixCheck:
         """Whether everything that could be checked is as it was written, and as the format says."""
         return not self.damaged and not self.deviations
 
+    def lines(self, most: int = 20) -> Iterator[str]:
+        """Yield every damaged plane, with ``most`` of its positions, and each deviation from the format, in words."""
+        for found in self.damaged:
+            name = f"{found.region}, plane {found.z}" if found.region else f"plane {found.z}"
+            listed = ", ".join(str(tuple(p)) for p in found.positions[:most])
+            more = f" and {len(found.positions) - most} more" if len(found.positions) > most else ""
+            yield f"{name}: {found.what}" + (f" at (z, y, x) = {listed}{more}" if listed else "")
+        for line in self.deviations:
+            yield f"not as the format says: {line}"
+
     @property
     def known(self) -> str:
         """How many planes are whole, for a verdict."""

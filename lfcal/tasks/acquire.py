@@ -22,16 +22,9 @@ if TYPE_CHECKING:
     from lfcal.devices import Rig
     from lfcal.frames import Position
     from lfcal.targets import TargetPlan
+    from lfcal.tasks.assembly import Assemble, AssembleTarget
 
-__all__ = [
-    "ACQUIRE",
-    "Acquire",
-    "AcquireRegions",
-    "AcquireTarget",
-    "AcquireUntil",
-    "PlannedSession",
-    "RecordedSession",
-]
+__all__ = ["ACQUIRE", "Acquire", "AcquireRegions", "AcquireTarget", "AcquireUntil", "PlannedSession", "RecordedSession"]
 
 TARGET, SESSION = "lfcal-target-plan", "session.json"
 
@@ -44,6 +37,10 @@ def _numbers(text: str) -> tuple[float, ...]:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
         raise InputError.expected("numbers", "numbers separated by commas", text, "correct it") from None
+
+
+NUMBERS: dict[str, Any] = {"read": _numbers, "show": show_planes, "more": True}
+"""How fields of several numbers are read."""
 
 
 def _groups() -> tuple[str, ...]:
@@ -157,10 +154,8 @@ class _Acquire(Task):
         None,
         "Exposures of each position as factors of the planned one, merged to a high dynamic range, e.g. 1,0.25.",
         label="Exposure bracket",
-        read=_numbers,
-        show=show_planes,
         empty="1",
-        more=True,
+        **NUMBERS,
     )
     darks: int | None = opt(
         None, "Number of frames averaged into each dark frame; 0: none.", label="Dark frames", at_least=0, empty="8"
@@ -174,10 +169,7 @@ class _Acquire(Task):
         more=True,
     )
     cover: bool = opt(
-        False,
-        "Ask to cover the lens for dark frames, if no light can be switched.",
-        label="Cover the lens",
-        more=True,
+        False, "Ask to cover the lens for dark frames, if no light can be switched.", label="Cover the lens", more=True
     )
     reference_every: int | None = opt(
         None,
@@ -225,31 +217,21 @@ class _Acquire(Task):
         None,
         "Position tolerance X,Y,Z of the stage.",
         unit="µm",
-        read=_numbers,
-        show=show_planes,
         empty="a tenth of a step, and one plane step in depth",
-        more=True,
+        **NUMBERS,
     )
     overshoot: str | tuple[float, ...] | None = opt(
         None,
         "Approach positions from one side by this distance X,Y,Z; 0,0,0: directly.",
         unit="µm",
-        read=_numbers,
-        show=show_planes,
         empty="20,20,20",
-        more=True,
+        **NUMBERS,
     )
     keep_free: float | None = opt(
         None, "Disk space that stays free.", unit="GB", at_least=0, empty="a tenth of the recording", more=True
     )
     origin: str | tuple[float, ...] | None = opt(
-        None,
-        "Stage coordinates X,Y,Z of the sensor's centre.",
-        unit="µm",
-        read=_numbers,
-        show=show_planes,
-        empty="as planned",
-        more=True,
+        None, "Stage coordinates X,Y,Z of the sensor's centre.", unit="µm", empty="as planned", **NUMBERS
     )
     check_stage: bool | None = opt(
         None,
@@ -416,15 +398,19 @@ class _Acquire(Task):
 
     def _iter_assembled(self, out: Path, run: RunSettings) -> Work[dict[str, Any]]:
         """Make H of the session; return what was made."""
+        (made,) = yield from self._assembly(out).work(run)
+        with made.report.matrix as matrix:
+            found = {"H": out, "shape": matrix.shape, "saturated_positions": made.report.saturated}
+        return found if made.facts is None else found | {"target": made.facts}
+
+    def _assembly(self, out: Path) -> Assemble | AssembleTarget:
         from lfcal.acquire import SessionFile
         from lfcal.records import AssemblySettings
         from lfcal.tasks.assembly import Assemble
 
         # a complete session has every position once: a gap would be a defect, and is not to be filled quietly.
         settings = AssemblySettings(strict=not SessionFile.read(self.out).redo[0])
-        (made,) = yield from Assemble(frames=self.out, out=out, settings=settings).work(run)
-        with made.report.matrix as matrix:
-            return {"H": out, "shape": matrix.shape, "saturated_positions": made.report.saturated}
+        return Assemble(frames=self.out, out=out, settings=settings)
 
     def _sessions(self) -> Iterable[Path]:
         return (self.out,)
@@ -497,14 +483,11 @@ class AcquireTarget(_Acquire):
 
         return (coverage,), seen
 
-    def _iter_assembled(self, out: Path, run: RunSettings) -> Work[dict[str, Any]]:
+    def _assembly(self, out: Path) -> Assemble | AssembleTarget:
         from lfcal.tasks.assembly import AssembleTarget
 
         # holes that are missing, or displaced, leave positions that nothing showed: not strict
-        (made,) = yield from AssembleTarget(frames=self.out, out=out).work(run)
-        with made.report.matrix as matrix:
-            found = {"H": out, "shape": matrix.shape, "saturated_positions": made.report.saturated}
-        return found | {"target": made.facts}
+        return AssembleTarget(frames=self.out, out=out)
 
 
 @record

@@ -133,6 +133,14 @@ class SessionReport:
         """How many frames there are to take again; a position that is damaged in several recordings counts once."""
         return len(self.to_redo) + sum(d.kind != "position" for d in self.damaged)
 
+    def lines(self, most: int = 20) -> Iterator[str]:
+        """Yield every frame that is damaged, in words; no more than ``most`` of them."""
+        for found in self.damaged[:most]:
+            said = f"{found.what}; recorded again since" if found.replaced else found.what
+            yield f"{found.kind} (z, y, x) = {tuple(found.position)}, {found.file}[{found.slot}]: {said}"
+        if len(self.damaged) > most:
+            yield f"and {len(self.damaged) - most} more; --json lists all"
+
     def slots(self, file: str) -> NDArray[np.int64]:
         """Return the slots of the damaged frames of one file."""
         return np.array([d.slot for d in self.damaged if d.file == file], np.int64)
