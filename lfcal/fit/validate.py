@@ -333,7 +333,7 @@ def iter_write_validation(
 ) -> Work[Validation]:
     """Return how well a fit predicts patterns as `iter_validate`, and write it into the folder of the fit.
 
-    Numbers and picture are files of their own, and the report gets a section with the picture. ``source`` names the
+    Numbers and picture are separate files, and the report gets a section with the picture. ``source`` names the
     recording.
     """
     found = yield from iter_validate(fit, withheld, another=another)

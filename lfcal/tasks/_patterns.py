@@ -42,9 +42,6 @@ __all__ = [
     "positions_field",
 ]
 
-REPORT = "report"
-"""Folder of the report of all regions."""
-
 SOME = 40
 """Positions that are taken of a source that has more."""
 
@@ -143,13 +140,9 @@ class PatternReading:
 
 
 def names_of(sources: Sequence[Path]) -> list[str]:
-    """Return what the regions are called: as their files or folders are.
+    """Return what the regions are called, as their files or folders are; raises `InputError` if two have one name."""
+    from lfcal.fit import REPORT
 
-    Raises
-    ------
-    InputError
-        If two have one name.
-    """
     names = [path.stem if path.suffix else path.name for path in sources]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
@@ -212,8 +205,7 @@ def iter_patterns(source: Path, how: PatternReading) -> Work[tuple[Measured, dic
         if camera is None:
             raise InputError.expected(str(source), "an H with its camera", "none", "name it with --camera")
         check_optics(matrix)
-        noise, words = _noise_of(matrix, how.noise)
-        _check_noise(matrix, source, noise)
+        noise, words = _noise_of(matrix, source, how.noise)
         if words:
             note(words)
             known["noise"] = matrix.provenance["noise"]
@@ -245,39 +237,41 @@ def _left(
     return found[spread_out(found, most, plan.period)] if most and len(found) > most else found
 
 
-def _noise_of(matrix: PSFMatrix, given: tuple[float, float] | None) -> tuple[tuple[float, float] | None, str]:
-    """Return the noise to give for H, None where it states a variance, and in words where that is known from."""
+def _noise_of(
+    matrix: PSFMatrix, source: Path, given: tuple[float, float] | None
+) -> tuple[tuple[float, float] | None, str]:
+    """Return the noise to give for H, None where it states a variance, and in words where that is known from.
+
+    Raises
+    ------
+    InputError
+        If the noise is not known, or H states that of samples above a black level.
+    """
     import numpy as np
 
     from lfcal.psf import noise_of
 
-    found = noise_of(matrix.provenance)
-    if given is not None or found is None:
-        return given, ""
-    known = matrix.facts.noise
-    stated = known is not None and np.isfinite(known[matrix.recorded > 0]).all()
-    words = f"noise of the frames: {found.source} (variance {found.floor:.3g} + {found.slope:.3g} x signal)"
-    return None if stated else (found.floor, found.slope), words
-
-
-def _check_noise(matrix: PSFMatrix, source: Path, given: tuple[float, float] | None) -> None:
-    """Raise `InputError` unless the variance of the samples is given, or H states one that can be used."""
-    import numpy as np
-
     if given is not None:
-        return
-    noise = None if matrix.facts.noise is None else matrix.facts.noise[matrix.recorded > 0]
-    if noise is None or not np.isfinite(noise).all():
-        got, remedy = "none", "state it with --noise CONSTANT,SLOPE"
-        marks = None if matrix.camera is None else matrix.camera.marks
-        if marks is not None and "assumed" in (marks["sensor.read_noise_e"], marks["sensor.full_well_e"]):
-            got = "a sensor whose read noise or full well is assumed"
-            remedy = f"state them (camera new --set sensor.read_noise_e=…), or {remedy}"
-        raise InputError.expected(f"{source}, noise", "a variance of the samples", got, remedy)
-    # of samples above a black level the variance begins there, and at 0 it would be below nothing
-    if (noise[:, 0] < 0).any():
-        wanted, remedy = "without their black level", "name --dark, or --black-level"
-        raise InputError.expected(f"{source}, samples", wanted, "with it", remedy)
+        return given, ""
+    found, words = noise_of(matrix.provenance), ""
+    if found is not None:
+        words = f"noise of the frames: {found.source} (variance {found.floor:.3g} + {found.slope:.3g} x signal)"
+    known = matrix.facts.noise
+    stated = None if known is None else known[matrix.recorded > 0]
+    if stated is not None and np.isfinite(stated).all():
+        # of samples above a black level the variance begins there, and at 0 it would be below nothing
+        if (stated[:, 0] < 0).any():
+            wanted, remedy = "without their black level", "name --dark, or --black-level"
+            raise InputError.expected(f"{source}, samples", wanted, "with it", remedy)
+        return None, words
+    if found is not None:
+        return (found.floor, found.slope), words
+    got, remedy = "none", "state it with --noise CONSTANT,SLOPE"
+    marks = None if matrix.camera is None else matrix.camera.marks
+    if marks is not None and "assumed" in (marks["sensor.read_noise_e"], marks["sensor.full_well_e"]):
+        got = "a sensor whose read noise or full well is assumed"
+        remedy = f"state them (camera new --set sensor.read_noise_e=…), or {remedy}"
+    raise InputError.expected(f"{source}, noise", "a variance of the samples", got, remedy)
 
 
 def check_colours(source: Path, frames: FrameSource, plan: ScanPlan, remedy: Callable[[Sequence[str]], str]) -> None:

@@ -240,9 +240,9 @@ def _noise(matrix: PSFMatrix, recorded: NDArray[np.bool_]) -> tuple[tuple[float,
 
 # -- the task ----------------------------------------------------------------------------------------------
 def task_of(
-    settings: FitSettings, project: ProjectState, offer: Offer | None, out: Path = Path("fit"), beside: Path = Path()
+    settings: FitSettings, project: ProjectState, offer: Offer | None, out: Path = Path("fit"), where: Path = Path()
 ) -> FitMatrix:
-    """Return how a camera is fitted to the H of a project, whose camera and plan are in files in ``beside``.
+    """Return how a camera is fitted to the H of a project, whose camera and plan are in files in the folder ``where``.
 
     Groups that the page greys out are not asked for; None as the ``offer``: H is not there yet.
     """
@@ -256,8 +256,8 @@ def task_of(
     return FitMatrix(
         sources=(Path(project.psf),),
         out=out,
-        camera=str(beside / CAMERA_FILE) if CAMERA_FILE in files else "",
-        plan=beside / PLAN_FILE if PLAN_FILE in files else None,
+        camera=str(where / CAMERA_FILE) if CAMERA_FILE in files else "",
+        plan=where / PLAN_FILE if PLAN_FILE in files else None,
         unknowns="auto" if settings.auto else ",".join(groups),
         **{row.name: getattr(settings, row.name) for row in ROWS},
     )
