@@ -11,11 +11,11 @@ import typer
 
 import lfcal.cli
 from lfcal.base import replace_whole
-from lfcal.camera import Camera, Derived, derived_of, doubts, quantities_of, value_at
+from lfcal.camera import Camera, derived_of, doubts, quantities_of, value_at
 from lfcal.cli._console import print_json, print_table, report
 from lfcal.tasks import assumed_in_words, check_output
 
-__all__ = ["as_json", "print_camera", "register", "save_camera"]
+__all__ = ["as_json", "print_camera", "register", "save_camera", "write_camera"]
 
 
 def register(app: typer.Typer) -> None:
@@ -42,25 +42,14 @@ def print_camera(camera: Camera) -> None:
     if camera.distortion is not None:
         shown = ", ".join(f"{k:g}" for k in camera.distortion.coefficients)
         rows.append(["maker's distortion (Brown)", f"{shown}: kept, not applied", "stated"])
-    rows += _lattice_distortion(camera)
+    if (found := camera.lattice.distortion) is not None:
+        shown = f"{found.model} of degree {found.degree}, up to {found.largest / camera.sensor.pixel_um:.2f} px"
+        rows.append(["distortion of the lattice", shown, camera.marks["lattice.distortion"]])
     print_table(["value", "", "from"], rows, title=f"camera {camera.name}")
-    follows = [[item.label, item.text, _rests(item)] for item in derived_of(camera)]
+    follows = [[one.label, one.text, "from assumed values" if one.assumed else ""] for one in derived_of(camera)]
     print_table(["what follows", "", ""], follows)
     for doubt in doubts(camera):
         report(f"warning: {doubt}")
-
-
-def _lattice_distortion(camera: Camera) -> list[list[str]]:
-    """Return the row of the lattice's own distortion, where it has one."""
-    found = camera.lattice.distortion
-    if found is None:
-        return []
-    shown = f"{found.model} of degree {found.degree}, up to {found.largest / camera.sensor.pixel_um:.2f} px"
-    return [["distortion of the lattice", shown, camera.marks["lattice.distortion"]]]
-
-
-def _rests(item: Derived) -> str:
-    return "from assumed values" if item.assumed else ""
 
 
 def as_json(camera: Camera) -> dict[str, Any]:
@@ -76,13 +65,19 @@ def as_json(camera: Camera) -> dict[str, Any]:
     }
 
 
+def write_camera(camera: Camera, out: Path) -> Path:
+    """Write ``camera`` as JSON; return the file."""
+    with replace_whole(out) as part:
+        part.write_text(camera.to_json(), encoding="utf-8")
+    return out
+
+
 def save_camera(camera: Camera, out: Path | None, *inputs: Path | str | None, force: bool, json: bool) -> None:
     """Write ``camera`` where asked, and say what was taken and what is assumed."""
     derived_of(camera)  # what nothing can be calculated with is refused before it is written
     if out is not None:
         check_output(out, *inputs, force=force)
-        with replace_whole(out) as part:
-            part.write_text(camera.to_json(), encoding="utf-8")
+        write_camera(camera, out)
     if json:
         print_json({**as_json(camera), "written": out})
         return

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.base import InputError, replace_whole
+from lfcal.base import InputError
 from lfcal.cli._colour_planes import read_white
 from lfcal.cli._console import print_json, print_table, report
 from lfcal.cli._options import CameraArgument, ForceOption, JsonOption, OriginOption, WorkersOption
@@ -79,6 +79,8 @@ def command(
 
 
 def _write(found: CameraCheck, out: Path | None) -> Path | None:
+    from lfcal.cli.camera import write_camera
+
     if out is None:
         return None
     if found.camera is None:
@@ -91,10 +93,7 @@ def _write(found: CameraCheck, out: Path | None) -> Path | None:
             if line.label == "sensor"
             else "correct the camera",
         )
-    text = found.camera.to_json()
-    with replace_whole(out) as part:
-        part.write_text(text, encoding="utf-8")
-    return out
+    return write_camera(found.camera, out)
 
 
 def _show(found: CameraCheck, turned: TurnedWhite | None, written: Path | None, json: bool) -> None:

@@ -3,35 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.base import InputError, replace_whole
+from lfcal.base import InputError
 from lfcal.cli._console import print_json, print_table, report, run_work
 from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 from lfcal.tasks import check_outputs, load_camera
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera
-    from lfcal.frames.photon_transfer import MeasuredValue, SensorMeasurement
+    from lfcal.frames.photon_transfer import SensorMeasurement
 
 __all__ = ["register"]
-
-SHOWN = (
-    "gain",
-    "electrons_per_count",
-    "black_level",
-    "read_noise_counts",
-    "read_noise_e",
-    "saturation",
-    "full_well_e",
-    "linearity",
-    "prnu",
-    "dsnu_counts",
-    "dsnu_e",
-    "dark_current_e_s",
-)
 
 PICTURES = (".png", ".pdf", ".svg")
 
@@ -60,7 +45,8 @@ def command(
 
     Example: `lfcal camera sensor flats/ darks/ --camera camera.json -o measured.json --figure ptc.png`
     """
-    from lfcal.frames.photon_transfer import find_frames, iter_measure_sensor
+    from lfcal.cli.camera import write_camera
+    from lfcal.frames.photon_transfer import find_frames, iter_measure_sensor, save_curve
 
     if out is not None and not camera:
         raise InputError.expected("measured camera", "a camera to write the sensor into", "none", "add --camera")
@@ -71,30 +57,19 @@ def command(
     (lit, facts), (dark, _) = find_frames(flats), find_frames(darks)
     pattern = cfa or str(facts.get("cfa") or (known.sensor.cfa if known is not None else ""))
     found = run_work(iter_measure_sensor(lit, dark, cfa=pattern), quiet=json)
-    written = [] if figure is None else [_save_figure(found, figure)]
+    if figure is not None:
+        save_curve(found, figure)
+    written = [] if figure is None else [figure]
     # doubtful figures are shown before they are refused
     refusal = _refusal(found, known) if out is not None and known is not None else None
     if out is not None and known is not None and refusal is None:
-        written.append(_save_camera(found.camera(known), out))
+        written.append(write_camera(found.camera(known), out))
     if json:
-        print_json(_as_json(found) | {"written": written})
+        print_json(found.to_dict() | {"written": written})
     else:
         _show(found, known, written)
     if refusal is not None:
         raise refusal
-
-
-def _save_figure(found: SensorMeasurement, path: Path) -> Path:
-    from lfcal.frames.photon_transfer import save_curve
-
-    save_curve(found, path)
-    return path
-
-
-def _save_camera(camera: Camera, path: Path) -> Path:
-    with replace_whole(path) as part:
-        part.write_text(camera.to_json(), encoding="utf-8")
-    return path
 
 
 def _refusal(found: SensorMeasurement, known: Camera) -> InputError | None:
@@ -103,21 +78,6 @@ def _refusal(found: SensorMeasurement, known: Camera) -> InputError | None:
     except InputError as error:
         return error
     return None
-
-
-def _as_json(found: SensorMeasurement) -> dict[str, Any]:
-    values: dict[str, Any] = {}
-    for name in SHOWN:
-        one: MeasuredValue | None = getattr(found, name)
-        values[name] = None if one is None else one._asdict()
-    points = found.curve.points
-    return {
-        **values,
-        **{name: getattr(found, name) for name in ("bits", "shift", "hot", "dead", "doubts", "notes")},
-        "channels": {name: gain._asdict() for name, gain in found.channels.items()},
-        "frames": {"flats": found.frames[0], "darks": found.frames[1]},
-        "curve": {"signal": points.x, "variance": points.y, "pixels": points.n, "fitted": found.curve.used},
-    }
 
 
 def _show(found: SensorMeasurement, known: Camera | None, written: list[Path]) -> None:

@@ -1,6 +1,6 @@
 """The sensor measured from flats and darks by photon transfer (EMVA 1288 release 4; Janesick 2007).
 
-- ``values``: a number with its standard error
+- ``_values``: a number with its standard error
 - ``frame_list``: flats and darks found in folders and files, with their exposures
 - ``_converter``: what the sample values themselves show: bits in use, alignment, clipping
 - ``_darks``: read noise, black level, dark current

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError
 from lfcal.frames.photon_transfer._pairs import TransferPoints
-from lfcal.frames.photon_transfer.values import MeasuredValue
+from lfcal.frames.photon_transfer._values import MeasuredValue
 
 __all__ = ["PhotonTransferCurve", "fit_curve"]
 

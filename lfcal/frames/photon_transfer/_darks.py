@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError
 from lfcal.frames.photon_transfer._pairs import FramePair, TransferPoints, measure_pair
+from lfcal.frames.photon_transfer._values import MeasuredValue
 from lfcal.frames.photon_transfer.frame_list import CalibrationFrame
-from lfcal.frames.photon_transfer.values import MeasuredValue
 
 __all__ = ["ROUNDING_VARIANCE", "DarkLevel", "dark_current", "measure_darks", "offset_scatter", "read_noise"]
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from lfcal.frames.cfa import phases
 from lfcal.frames.photon_transfer._curve import PhotonTransferCurve
 from lfcal.frames.photon_transfer._pairs import FramePair, PairFinding, measure_pair
+from lfcal.frames.photon_transfer._values import MeasuredValue
 from lfcal.frames.photon_transfer.frame_list import CalibrationFrame
-from lfcal.frames.photon_transfer.values import MeasuredValue
 
 __all__ = ["FlatLevel", "find_dead", "measure_level", "measure_linearity", "measure_prnu", "sorted_levels"]
 

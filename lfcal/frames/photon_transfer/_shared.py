@@ -5,10 +5,8 @@ from __future__ import annotations
 from lfcal.frames.photon_transfer.frame_list import find_frames
 from lfcal.frames.photon_transfer.measurement import iter_measure_sensor
 from lfcal.frames.photon_transfer.result import SensorMeasurement, figures_of, save_curve, sensor_differences
-from lfcal.frames.photon_transfer.values import MeasuredValue
 
 __all__ = [
-    "MeasuredValue",
     "SensorMeasurement",
     "figures_of",
     "find_frames",

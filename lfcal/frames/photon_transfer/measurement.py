@@ -30,9 +30,9 @@ from lfcal.frames.photon_transfer._flats import (
     sorted_levels,
 )
 from lfcal.frames.photon_transfer._pairs import TransferPoints
+from lfcal.frames.photon_transfer._values import MeasuredValue
 from lfcal.frames.photon_transfer.frame_list import CalibrationFrame
 from lfcal.frames.photon_transfer.result import SensorMeasurement
-from lfcal.frames.photon_transfer.values import MeasuredValue
 
 __all__ = ["iter_measure_sensor", "measure_sensor"]
 

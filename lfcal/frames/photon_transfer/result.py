@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from lfcal.base import LINES, InputError, figure, format_number, save_figure
 from lfcal.camera import Camera, Sensor
 from lfcal.frames.photon_transfer._curve import PhotonTransferCurve
-from lfcal.frames.photon_transfer.values import MeasuredValue
+from lfcal.frames.photon_transfer._values import MeasuredValue
 
 __all__ = ["SensorMeasurement", "figures_of", "save_curve", "sensor_differences"]
+
+
+VALUES = (
+    *("gain", "electrons_per_count", "black_level", "read_noise_counts", "read_noise_e", "saturation", "full_well_e"),
+    *("linearity", "prnu", "dsnu_counts", "dsnu_e", "dark_current_e_s"),
+)
+"""Measured values, in the order in which they are listed."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +96,21 @@ class SensorMeasurement:
     def electrons_per_count(self) -> MeasuredValue | None:
         """One over the gain."""
         return None if self.gain is None else self.gain.inverse()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain values."""
+        found: dict[str, Any] = {}
+        for name in VALUES:
+            one: MeasuredValue | None = getattr(self, name)
+            found[name] = None if one is None else one._asdict()
+        points = self.curve.points
+        return {
+            **found,
+            **{name: getattr(self, name) for name in ("bits", "shift", "hot", "dead", "doubts", "notes")},
+            "channels": {name: gain._asdict() for name, gain in self.channels.items()},
+            "frames": {"flats": self.frames[0], "darks": self.frames[1]},
+            "curve": {"signal": points.x, "variance": points.y, "pixels": points.n, "fitted": self.curve.used},
+        }
 
     @property
     def brightest(self) -> float:
