@@ -226,8 +226,8 @@ class _Simulate(Task):
     )
     level: str = opt(
         "auto",
-        "How light is computed, from fast to accurate: rays (geometric), waves of each lenslet (wave) or of all at "
-        "once (grid, microscope), or the reference. auto: as the effects need.",
+        "How light is computed, from fast to accurate: rays (geometric), waves of each lenslet (wave) or of all "
+        "together (grid, microscope), or the reference. auto: as the effects need.",
         choices=LEVELS,
     )
 

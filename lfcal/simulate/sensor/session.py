@@ -179,7 +179,7 @@ def unfinished(folder: str | os.PathLike[str]) -> tuple[int, int] | None:
 
 
 def check_session_folder(folder: str | os.PathLike[str], *, resume: bool = False) -> None:
-    """Raise `InputError` unless a folder is new, empty, or has a session that was stopped and is to be resumed.
+    """Raise `InputError` unless a folder is new or empty; with ``resume`` it may have a session that was stopped.
 
     Frames of two sessions in one folder would be read as one.
     """

@@ -320,14 +320,14 @@ class Page(BasePage):
 
     def simulate_frames(self, folder: str = "") -> None:
         """Write the frames of a simulated session as a job, with plan and settings as they are now."""
+        from lfcal.simulate.sensor import check_session_folder
+
         plan, settings = self._plan(), self.settings
         if plan is None:
             return
         folder = folder or QFileDialog.getExistingDirectory(self, "Folder for the frames (new or empty)")
         if not folder:
             return
-        from lfcal.simulate.sensor import check_session_folder
-
         task = frames_task(settings, folder)
         try:
             check_session_folder(folder, resume=True)
