@@ -11,7 +11,7 @@ from lfcal.cli._task_command import add_task
 from lfcal.tasks import task_set
 
 if TYPE_CHECKING:
-    from lfcal.judge import Inspection
+    from lfcal.judge import Inspection, RegionLoss
     from lfcal.judge.quality import QualityReport
     from lfcal.psf import PSFMatrix
     from lfcal.tasks import InspectedMatrix
@@ -24,12 +24,10 @@ def register(app: typer.Typer) -> None:
 
 def show(made: tuple[InspectedMatrix, ...]) -> None:
     """Print verdict, metrics, apertures, comparisons, and where the report is."""
-    from lfcal.cli._regions import show_loss
-
     for one in made:
         _show(one)
         if one.loss is not None:
-            show_loss(one.loss)
+            _show_loss(one.loss)
         if one.page is not None:
             typer.echo(f"report: {one.page}")
 
@@ -107,3 +105,21 @@ def _show_f_number(H: PSFMatrix, quality: QualityReport) -> None:
     error = f" ± {f.standard_error:.2f}" if math.isfinite(f.standard_error) else ""
     stated = f"; the camera states {H.camera.optics.working_f_number:.2f}" if H.camera is not None else ""
     typer.echo(f"working f-number from the shadow over depth: {f.value:.2f}{error}{stated}")
+
+
+def _show_loss(loss: RegionLoss) -> None:
+    """Print it: the number of each region, and the worst."""
+    from lfcal.base import format_share
+    from lfcal.cli._console import print_table
+
+    rows = [
+        [name, f"{row:g}, {column:g}", format_share(error), f"{shift:.2f}"]
+        for name, (row, column), error, shift in zip(
+            loss.names, loss.anchors.tolist(), loss.losses.tolist(), loss.shift_px.tolist(), strict=True
+        )
+    ]
+    title = f"regions: patterns against those of {loss.names[0]}"
+    print_table(["region", "anchor (row, column)", "periodicity loss", "centroid shift (px rms)"], rows, title=title)
+    typer.echo(
+        f"where {loss.names[0]} stands for the whole field, patterns are {format_share(loss.worst)} off at worst"
+    )

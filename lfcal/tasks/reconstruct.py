@@ -54,10 +54,6 @@ USUAL = 20
 """Iterations of a run that stops automatically, for a forecast; it may take half or twice as many."""
 
 
-def _warm() -> bool:
-    return opt(False, "Start each frame from the volume of the one before it.", label="Start from the last volume")
-
-
 @dataclass(frozen=True, kw_only=True)
 class Reconstructed(TaskResult):
     """Volumes that were reconstructed.
