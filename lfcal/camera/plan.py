@@ -397,9 +397,14 @@ class ScanPlan:
         return json.dumps(self.to_dict(), indent=2, allow_nan=False)
 
     @classmethod
+    def is_one(cls, data: Any) -> bool:
+        """Return whether JSON ``data`` says that it is such a plan."""
+        return isinstance(data, Mapping) and data.get("format") == FORMAT
+
+    @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> ScanPlan:
         """Return the plan described by ``data``; unknown or missing entries raise `InputError`."""
-        if not isinstance(data, Mapping) or data.get("format") != FORMAT:
+        if not cls.is_one(data):
             raise FileFormatError.expected("scan plan", f'"format": "{FORMAT}"', "something else", "check the file")
         if data.get("version") != VERSION:
             raise FileFormatError.expected("scan plan", f"version {VERSION}", data.get("version"), "update lfcal")

@@ -53,6 +53,19 @@ class StageAxes:
             raise InputError.expected("stage axes", "x, y and z once each", got, "correct them")
         object.__setattr__(self, "origin_um", check_tuple("stage origin (x, y, z) (µm)", self.origin_um, 3))
 
+    @classmethod
+    def parse(cls, text: str) -> StageAxes:
+        """Return the axes of ``"+x,-y,+z"``: those that move the image right and down, and the source away."""
+        axes = [axis.strip() for axis in text.split(",")]
+        if len(axes) != len(AXES):
+            raise InputError.expected("stage axes", "three, such as +x,-y,+z", repr(text), "correct them")
+        return cls(*axes)
+
+    @property
+    def words(self) -> str:
+        """The axes as `parse` reads them."""
+        return f"{self.right},{self.down},{self.away}"
+
     def matrix(self) -> NDArray[np.float64]:
         """Return the signed permutation ``(3, 3)``: stage (x, y, z) from object (right, down, away)."""
         result = np.zeros((3, 3))

@@ -25,24 +25,24 @@ def show(made: tuple[PositionsPlanned]) -> None:
     from lfcal.fit import ERRORS, Fineness
 
     (one,) = made
-    found, whole, earlier = one.design, one.whole, one.earlier
+    found, whole, earlier = one.plan, one.forecast, one.earlier
     rows = [
         [str(p.positions), format_seconds(3600 * p.hours), format_share(p.error), format_share(p.spread_error)]
         for p in found.curve
     ]
     head = ["positions", "on the stage", "error of H expected", "spread evenly instead"]
-    print_table(head, rows, title=f"{len(found.fitted)} positions to fit, {len(found.held_out)} kept aside")
+    print_table(head, rows, title=f"{len(found.fitted)} positions to fit, {len(found.held_out)} held out")
     if found.start_error is not None:
         typer.echo(f"error of H by the earlier fit: {format_share(found.start_error)}")
     typer.echo(
-        f"the whole scan instead: {whole.positions} positions, {format_seconds(3600 * whole.hours)}{one.pace.note}, "
+        f"the whole scan instead: {whole.positions} positions, {format_seconds(3600 * whole.hours)}{one.task.unread}, "
         f"each pattern with {format_share(found.pattern_error)} of noise"
     )
     if earlier is not None and not earlier.complete:
-        report("note: the model of the earlier fit is incomplete: more patterns do not help where it does not suffice")
+        report("note: the model of the earlier fit is incomplete: more patterns do not correct it")
     floor = ERRORS[Fineness.finest]
     if found.curve[-1].error < floor:
-        report(f"note: the computation of patterns itself errs by about {format_share(floor)}, whatever is recorded")
-    report("note: expected errors hold where the unknowns suffice; what they do not contain stays in the model")
-    for path in one.files:
+        report(f"note: computed patterns have an error of about {format_share(floor)}, which no recording reduces")
+    report("note: expected errors assume that the unknowns describe the optics; other errors of the model remain")
+    for path in one.task.files("out"):
         typer.echo(f"written: {path}")

@@ -8,7 +8,7 @@ import typer
 
 from lfcal.base import format_length, format_seconds, format_share
 from lfcal.cli._task_command import add_task
-from lfcal.tasks import WITHOUT_READOUT, task_set
+from lfcal.tasks import task_set
 
 if TYPE_CHECKING:
     from lfcal.tasks import TargetPlanned
@@ -35,13 +35,11 @@ def show(made: tuple[TargetPlanned]) -> None:
         rows.append([format_length(depth), str(found["frames"]), str(found["least_frames"]), points, shown, crossing])
     ny, nx = plan.scan.period
     print_table(head, rows, title=f"{ny * nx} phases within {plan.tolerance_px:g} px by {facts['target']}")
-    single, hours = facts["single_point"], facts["hours"]
     rows = [
-        ["this target", str(facts["frames"]), format_seconds(3600 * hours)],
-        ["a single point", str(single["frames"]), format_seconds(3600 * single["hours"])],
+        [name, str(found["frames"]), format_seconds(3600 * found["hours"])]
+        for name, found in (("this target", facts), ("a single point", facts["single_point"]))
     ]
-    unread = "" if facts["readout_hours"] is not None else f" {WITHOUT_READOUT}"
-    print_table(["source", "frames", f"time in all{unread}"], rows)
+    print_table(["source", "frames", f"time in all{one.task.unread}"], rows)
     middle = len(facts["expected_error"]) // 2
     _show_expected(facts["expected_error"][middle], plan.scan.depths_um[middle])
     if "regions" in facts:
@@ -49,29 +47,27 @@ def show(made: tuple[TargetPlanned]) -> None:
     _note_what_is_not_shown(one)
     if one.verdict is not None:
         typer.echo(coding_words(one.verdict))
-    if one.display is not None:
-        typer.echo(display_words(plan, one.display))
-    for path in one.files:
-        typer.echo(f"written: {path}")
+    if one.task.display is not None:
+        typer.echo(display_words(plan, one.task.display))
+    if one.task.out is not None:
+        typer.echo(f"written: {one.task.out}")
 
 
 def _note_what_is_not_shown(one: TargetPlanned) -> None:
     from lfcal.cli._console import report
 
-    plan, facts = one.plan, one.facts
-    for found in facts["planes"]:
-        drawn = found["coverage_within_pose"]
-        if drawn is not None:
-            report(
-                f"note: with the pose within these bounds {format_share(float(drawn.mean()))} of the phases are shown "
-                f"({format_share(float(drawn.min()))} at worst of {len(drawn)} poses drawn): record one frame, measure "
-                "the pose, and plan again with it"
-            )
-            break
-    if plan.tails == "geometric":
-        report("note: crosstalk is by rays, whose patterns end")
-    if min(found["coverage"] for found in facts["planes"]) < 1:
-        report("note: not all phases are shown: record the rest with other offsets, or fit the optics to what is shown")
+    planes = one.facts["planes"]
+    drawn = planes[0]["coverage_within_pose"]
+    if drawn is not None:
+        report(
+            f"note: with poses within these bounds, {format_share(float(drawn.mean()))} of the phases are shown "
+            f"({format_share(float(drawn.min()))} in the worst of {len(drawn)} random poses): record one frame, "
+            "measure the pose, and plan again with it"
+        )
+    if one.plan.tails == "geometric":
+        report("note: crosstalk is computed by ray optics, which neglects diffraction")
+    if min(found["coverage"] for found in planes) < 1:
+        report("note: not all phases are shown: record the others with more frames, or fit the optics to those shown")
 
 
 def _show_regions(found: dict[str, Any]) -> None:
@@ -88,10 +84,10 @@ def _show_regions(found: dict[str, Any]) -> None:
     single = found["single_point"]
     hours = format_seconds(3600 * single["hours"])
     typer.echo(f"a single point would need {single['frames']} frames for these regions, {hours}")
-    typer.echo("H of every region: lfcal fit FRAMES --regions, in the same words")
+    typer.echo("to get H of every region: lfcal fit FRAMES with the same --regions")
     empty = [one["name"] for one in found["regions"] if not min(one["points"])]
     if empty:
-        report(f"note: no point lies near {', '.join(empty)}: H there is what the rest of the field tells")
+        report(f"note: no point lies near {', '.join(empty)}: H there follows from the rest of the field alone")
 
 
 def _show_expected(found: dict[str, Any], depth_um: float) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -236,6 +237,7 @@ def iter_next_positions(
     expected: Expected | None = None,
     candidates: int = CANDIDATES,
     stage_um_per_s: float = 1000.0,
+    frames_per_s: float | None = None,
     workers: int | None = None,
 ) -> Work[PositionDesign]:
     """Return the positions to record next by what they do to the error of H.
@@ -261,8 +263,8 @@ def iter_next_positions(
         Light and steadiness; None: the brightest pixel at 80 % of the full well, sources at their places.
     candidates
         How many positions are looked at, spread evenly; 0: all.
-    stage_um_per_s
-        Speed of the stage, for the hours.
+    stage_um_per_s, frames_per_s
+        Speed of the stage and frame rate of the camera, for the hours; None: readout is not counted.
     workers
         Threads; None takes every processor.
 
@@ -298,8 +300,9 @@ def iter_next_positions(
     aside = held_out_rows(index, _aside(count), plan, there)
     rows = choose(information, count - len(aside), np.setdiff1d(np.arange(len(index)), aside))
     yield clock.at(1)
+    rates = {"stage_um_per_s": stage_um_per_s, "frames_per_s": frames_per_s}
     curve = tuple(
-        _point(information, plan, rows, aside, int(n), stage_um_per_s)
+        _point(information, plan, rows, aside, int(n), rates)
         for n in np.unique(np.geomspace(FEWEST, count, POINTS).round())
     )
     yield clock.at(2)
@@ -338,7 +341,12 @@ def _aside(count: int) -> int:
 
 
 def _point(
-    information: Information, plan: ScanPlan, rows: list[int], aside: NDArray[np.intp], count: int, speed: float
+    information: Information,
+    plan: ScanPlan,
+    rows: list[int],
+    aside: NDArray[np.intp],
+    count: int,
+    rates: dict[str, Any],
 ) -> CurvePoint:
     """Return what the first ``count`` positions are expected to come to, and as many spread evenly."""
     apart = min(_aside(count), len(aside))
@@ -351,7 +359,7 @@ def _point(
         chosen.add(*used)
         errors.append(chosen.error)
     places = plan.in_scan_order(np.concatenate([information.index[own], information.index[aside[:apart]]]))
-    hours = Forecast.of(plan, stage_um_per_s=speed, positions=places).hours
+    hours = Forecast.of(plan, **rates, positions=places).hours
     return CurvePoint(count, errors[0], errors[1], hours)
 
 

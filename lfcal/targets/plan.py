@@ -14,7 +14,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from lfcal.base import FileFormatError, InputError, check_number, check_tuple, check_type, parse_json
-from lfcal.camera import Forecast, RegionPlan, ScanPlan, build
+from lfcal.camera import Forecast, RegionPlan, ScanPlan, build, readout_hours
 from lfcal.targets.images import HoleImages, hole_images, whole_at
 from lfcal.targets.offsets import covered_by
 from lfcal.targets.phases import Phases
@@ -110,6 +110,8 @@ class TargetForecast:
         Frames in all, repetitions included.
     exposure_hours, settle_hours, move_hours
         Exposing, settling and moving (h).
+    readout_hours
+        Reading frames out (h); None where the camera's rate is not known, and nothing is counted.
 
     Examples
     --------
@@ -128,11 +130,12 @@ class TargetForecast:
     exposure_hours: float
     settle_hours: float
     move_hours: float
+    readout_hours: float | None = None
 
     @property
     def hours(self) -> float:
-        """Time in all (h)."""
-        return self.exposure_hours + self.settle_hours + self.move_hours
+        """Time in all (h), readout included where it is known."""
+        return self.exposure_hours + self.settle_hours + self.move_hours + (self.readout_hours or 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,18 +241,23 @@ class TargetPlan:
             places.append(np.concatenate([moved, np.full((len(moved), 1), depth)], axis=1))
         return self.scan.stage.to_stage(np.concatenate(places))
 
-    def forecast(self, stage_um_per_s: float = 1000.0) -> TargetForecast:
-        """Return the time of all frames, with a stage that moves its axes at once at this speed (µm/s)."""
+    def forecast(self, stage_um_per_s: float = 1000.0, frames_per_s: float | None = None) -> TargetForecast:
+        """Return the time of all frames, with a stage that moves its axes at once at this speed (µm/s).
+
+        ``frames_per_s`` is the most that the camera delivers; without it readout is not counted.
+        """
         check_number("stage speed (µm/s)", stage_um_per_s, above=0)
         path, scan = self.stage_um(), self.scan
         way = float(np.abs(np.diff(path, axis=0)).max(axis=1).sum()) if len(path) > 1 else 0.0
         counts = [len(plane) for plane in self.offsets_px]
         exposing = sum(n * seconds for n, seconds in zip(counts, scan.exposures, strict=True))
+        frames = sum(counts) * scan.frames_averaged
         return TargetForecast(
-            sum(counts) * scan.frames_averaged,
+            frames,
             exposing * scan.frames_averaged / 3600,
             sum(counts) * scan.settle_s / 3600,
             way / stage_um_per_s / 3600,
+            readout_hours(frames, frames_per_s),
         )
 
     def single(self, stage_um_per_s: float = 1000.0) -> Forecast:

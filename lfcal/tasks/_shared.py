@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from lfcal.tasks._channels import ChannelPart
 from lfcal.tasks._coding import coding_verdict, coding_words, display_words
-from lfcal.tasks._pace import WITHOUT_READOUT
 from lfcal.tasks._patterns import most_taken
 from lfcal.tasks._solving import choice_of
 from lfcal.tasks.acquire import PlannedSession, RecordedSession
@@ -20,10 +19,9 @@ from lfcal.tasks.inspect_planes import control_frames
 from lfcal.tasks.matrices import check_mat_files, open_matrix
 from lfcal.tasks.notes import notes_to
 from lfcal.tasks.outputs import RECORDINGS, check_output, check_outputs, files_of
-from lfcal.tasks.plan import RegionsPlanned, ScanPlanned
 from lfcal.tasks.plan_fit import PositionsPlanned
 from lfcal.tasks.plan_target import TargetPlanned
-from lfcal.tasks.planned import planned_scan
+from lfcal.tasks.planned import WITHOUT_READOUT, Planned, planned_scan
 from lfcal.tasks.reconstruct import Reconstructed, ReconstructionForecast
 from lfcal.tasks.reduce import ReducedFile
 from lfcal.tasks.scan_frames import ScanFrames
@@ -45,6 +43,7 @@ __all__ = [
     "FitOutcome",
     "FittedPatterns",
     "InspectedMatrix",
+    "Planned",
     "PlannedSession",
     "PositionsPlanned",
     "PredictedObject",
@@ -52,9 +51,7 @@ __all__ = [
     "ReconstructionForecast",
     "RecordedSession",
     "ReducedFile",
-    "RegionsPlanned",
     "ScanFrames",
-    "ScanPlanned",
     "SimulatedH",
     "SimulatedRegions",
     "SimulationForecast",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -21,25 +21,17 @@ from lfcal.records import (
     show_pair,
     show_planes,
 )
-from lfcal.tasks._pace import Pace, frame_rate, speed
-from lfcal.tasks._scan_plan import write_plan
-from lfcal.tasks.cameras import is_camera_file, preset_names
-from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
+from lfcal.tasks.cameras import is_camera_file, load_camera, preset_names
+from lfcal.tasks.planned import Planned, PlanTask, frame_rate, speed, write_plan
+from lfcal.tasks.task import RunSettings, Task, TaskSet
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from lfcal.camera import Forecast, RegionPlan, ScanPlan, StageAxes
+    from lfcal.camera import Camera, RegionPlan, ScanPlan
 
-__all__ = [
-    "PLAN",
-    "PlanRecorded",
-    "PlanRegions",
-    "PlanScan",
-    "RegionsPlanned",
-    "ScanPlanned",
-]
+__all__ = ["PLAN", "PlanRecorded", "PlanRegions", "PlanScan"]
 
 
 def _exposures(text: str) -> float | tuple[float, ...]:
@@ -54,100 +46,8 @@ def _show(values: float | tuple[float, ...]) -> str:
     return show_planes(values if isinstance(values, tuple) else (values,))
 
 
-@dataclass(frozen=True, kw_only=True)
-class ScanPlanned(TaskResult):
-    """The plan of a scan, and what the scan costs.
-
-    Attributes
-    ----------
-    plan
-        The plan.
-    pace
-        Speed of stage and camera in the forecast.
-    forecast
-        What the scan costs.
-    computed
-        Which of ``"depths"`` and ``"virtual depths"`` follow from other values.
-    half
-        Of a half-cell scan: its positions ``(n, 3)``.
-    files
-        Files that were written.
-    """
-
-    plan: ScanPlan
-    pace: Pace
-    forecast: Forecast
-    computed: tuple[str, ...]
-    half: NDArray[np.intp] | None = None
-    files: tuple[Path, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
-        plan, forecast = self.plan, self.forecast
-        costs = {name: getattr(forecast, name) for name in forecast.__slots__}
-        return {
-            "period_px": plan.camera.period_px,
-            "period": plan.period,
-            "period_residual_px": plan.period_residual_px,
-            "tilt_residual_px": plan.tilt_residual_px,
-            "resample_factors": plan.resample_factors,
-            "cutout": plan.cutout,
-            "anchor_px": plan.anchor,
-            "lattice_anchor_px": plan.lattice_anchor,
-            "depths_um": plan.depths_um,
-            "virtual_depths": plan.virtual_depths,
-            "steps_um": [plan.step_um(z) for z in range(len(plan.depths_um))],
-            "assumed": plan.camera.marks.paths("assumed"),
-            "forecast": {
-                **costs,
-                "hours": forecast.hours,
-                "bytes_per_s": forecast.bytes_per_s,
-                "ht_float32_bytes": forecast.ht_float32_bytes,
-            },
-            "plan": plan.to_dict(),
-            "half_cell": self.half,
-        }
-
-
-@dataclass(frozen=True, kw_only=True)
-class RegionsPlanned(TaskResult):
-    """The plan of several regions, and what they cost.
-
-    Attributes
-    ----------
-    plan
-        The plan.
-    pace
-        Speed of stage and camera in the forecast.
-    single
-        What the scan of one region costs.
-    files
-        Files that were written.
-    """
-
-    plan: RegionPlan
-    pace: Pace
-    single: Forecast
-    files: tuple[Path, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
-        plan, one = self.plan, self.single
-        return {
-            "regions": [
-                {"name": name, "anchor": plan.anchors[k], "residual_px": plan.residual_px(k)}
-                for k, name in enumerate(plan.names)
-            ],
-            "frames": len(plan) * one.frames,
-            "hours": len(plan) * one.hours,
-            "readout_hours": None if one.readout_hours is None else len(plan) * one.readout_hours,
-            "single_region": {"frames": one.frames, "hours": one.hours},
-            "plan": plan.to_dict(),
-        }
-
-
 @record
-class _Plan(Task):
+class _Plan(PlanTask):
     """What all kinds have."""
 
     name: ClassVar[str] = "plan"
@@ -216,70 +116,71 @@ class _Plan(Task):
         if self.depths or self.virtual_depths or not isinstance(self, PlanRecorded):
             check_planes(self.depths, self.virtual_depths)
 
-    @property
-    def pace(self) -> Pace:
-        """Speed of stage and camera."""
-        return Pace(self.speed, self.frame_rate)
-
-    @property
-    def axes(self) -> StageAxes:
-        """Stage axes by name."""
-        from lfcal.camera import StageAxes
-
-        axes = [axis.strip() for axis in self.stage.split(",")]
-        if len(axes) != 3:
-            raise InputError.expected("stage axes", "three, such as +x,-y,+z", repr(self.stage), "correct them")
-        return StageAxes(axes[0], axes[1], axes[2])
-
     def _settings(self) -> dict[str, Any]:
         """Return what `ScanPlan.for_camera` and plans of lists have in common."""
+        from lfcal.camera import StageAxes
+
         return {
             "cutout": self.cutout,
             "anchor": self.anchor,
+            "stage": StageAxes.parse(self.stage),
             "order": self.order,
             "exposure_s": self.exposure,
             "settle_s": self.settle,
             "resample": self.resample,
         }
 
-    def _scan(self, average: int) -> ScanPlan:
-        """Return the plan of the scan of one region."""
-        from lfcal.camera import ScanPlan
-        from lfcal.tasks.cameras import load_camera
-
-        settings = self._settings() | {"stage": self.axes, "frames_averaged": average}
-        planes: dict[str, Any] = {"depths_um": self.depths or None, "virtual_depths": self.virtual_depths or None}
-        return ScanPlan.for_camera(load_camera(self.camera), **planes, **settings)
-
-    def _planned(
-        self, plan: ScanPlan, half: NDArray[np.intp] | None = None, positions: Path | None = None
-    ) -> ScanPlanned:
-        """Write the plan where asked, and return it with its forecast."""
+    def _planned(self, plan: ScanPlan, positions: NDArray[np.intp] | None = None) -> Planned[ScanPlan]:
+        """Write the plan where asked, and return it with what it costs; ``positions`` are those of a half cell."""
         # what cannot be forecast leaves no file behind
-        forecast = self.pace.forecast(plan, half)
-        write_plan(plan.to_json(), self.out)
-        if half is not None and positions is not None:
-            from lfcal.acquire import RedoList
-
-            RedoList.of(half.tolist()).write(positions)
-        # of a list that states neither, both follow from the steps
-        given = (("depths", self.depths), ("virtual depths", self.virtual_depths))
-        return ScanPlanned(
-            plan=plan,
-            pace=self.pace,
-            forecast=forecast,
-            computed=tuple(name for name, value in given if not value),
-            half=half,
-            files=self.files("out"),
-        )
-
-
-def _average() -> int:
-    return opt(1, "Number of frames averaged at each position.", label="Frames averaged", at_least=1)
+        forecast = self.forecast(plan, positions)
+        write_plan(plan, self.out)
+        facts = {
+            "period_px": plan.camera.period_px,
+            "period": plan.period,
+            "period_residual_px": plan.period_residual_px,
+            "tilt_residual_px": plan.tilt_residual_px,
+            "resample_factors": plan.resample_factors,
+            "cutout": plan.cutout,
+            "anchor_px": plan.anchor,
+            "lattice_anchor_px": plan.lattice_anchor,
+            "depths_um": plan.depths_um,
+            "virtual_depths": plan.virtual_depths,
+            "steps_um": [plan.step_um(z) for z in range(len(plan.depths_um))],
+            "assumed": plan.camera.marks.paths("assumed"),
+            "forecast": {
+                **asdict(forecast),
+                "hours": forecast.hours,
+                "bytes_per_s": forecast.bytes_per_s,
+                "ht_float32_bytes": forecast.ht_float32_bytes,
+            },
+            "plan": plan.to_dict(),
+            "half_cell": positions,
+        }
+        return Planned(task=self, plan=plan, forecast=forecast, facts=facts)
 
 
 @record
-class PlanRegions(_Plan):
+class _PlanOfCamera(_Plan):
+    """What kinds have that make a plan of a camera."""
+
+    average: int = opt(1, "Number of frames averaged at each position.", label="Frames averaged", at_least=1)
+
+    def scan(self, camera: Camera) -> ScanPlan:
+        """Return the plan of the scan of one region of a camera."""
+        from lfcal.camera import ScanPlan
+
+        return ScanPlan.for_camera(
+            camera,
+            depths_um=self.depths or None,
+            virtual_depths=self.virtual_depths or None,
+            frames_averaged=self.average,
+            **self._settings(),
+        )
+
+
+@record
+class PlanRegions(_PlanOfCamera):
     """Plan the scan of several regions of the field in one session.
 
     Examples
@@ -295,18 +196,27 @@ class PlanRegions(_Plan):
     regions: str = required(
         "Several regions of the field, ROWSxCOLUMNS over the sensor; 3x3: centre, edges and corners.",
     )
-    average: int = _average()
 
-    def work(self, run: RunSettings | None = None) -> Work[tuple[RegionsPlanned, ...]]:
+    def work(self, run: RunSettings | None = None) -> Work[tuple[Planned[RegionPlan], ...]]:
         """Plan the scan, and spread it over the field."""
         from lfcal.camera import RegionPlan, parse_regions
 
         yield from ()
-        scan = self._scan(self.average)
-        one = self.pace.forecast(scan)
-        plan = RegionPlan.spread(scan, parse_regions(self.regions))
-        write_plan(plan.to_json(), self.out)
-        return (RegionsPlanned(plan=plan, pace=self.pace, single=one, files=self.files("out")),)
+        scan = self.scan(load_camera(self.camera))
+        one, plan = self.forecast(scan), RegionPlan.spread(scan, parse_regions(self.regions))
+        write_plan(plan, self.out)
+        facts = {
+            "regions": [
+                {"name": name, "anchor": plan.anchors[k], "residual_px": plan.residual_px(k)}
+                for k, name in enumerate(plan.names)
+            ],
+            "frames": len(plan) * one.frames,
+            "hours": len(plan) * one.hours,
+            "readout_hours": None if one.readout_hours is None else len(plan) * one.readout_hours,
+            "single_region": {"frames": one.frames, "hours": one.hours},
+            "plan": plan.to_dict(),
+        }
+        return (Planned(task=self, plan=plan, forecast=one, facts=facts),)
 
 
 @record
@@ -347,13 +257,12 @@ class PlanRecorded(_Plan):
         more=True,
     )
 
-    def work(self, run: RunSettings | None = None) -> Work[tuple[ScanPlanned, ...]]:
+    def work(self, run: RunSettings | None = None) -> Work[tuple[Planned[ScanPlan], ...]]:
         """Read the list and look at its frames."""
         from lfcal.tasks._listed import plan_from_list
-        from lfcal.tasks.cameras import load_camera
 
         yield from ()
-        axes, settings, camera = self.axes, self._settings(), load_camera(self.camera)
+        camera = load_camera(self.camera)
         planes = self.depths or tuple(camera.depth_of(float(v)) for v in self.virtual_depths) or None
         plan = plan_from_list(
             self.positions,
@@ -362,15 +271,14 @@ class PlanRecorded(_Plan):
             columns=self.columns,
             orientation=self.orientation,
             origin=self.origin,
-            stage=axes,
             depths_um=planes,
-            **settings,
+            **self._settings(),
         )
         return (self._planned(plan),)
 
 
 @record
-class PlanScan(_Plan):
+class PlanScan(_PlanOfCamera):
     """Plan a scan, and show its positions, time, disk space and memory.
 
     Examples
@@ -383,7 +291,6 @@ class PlanScan(_Plan):
 
     input_words: ClassVar[str] = "a scan of one region"
 
-    average: int = _average()
     half_cell: bool = opt(
         False, "Record half of a hexagonal period, where the other half has the same patterns.", more=True
     )
@@ -398,13 +305,19 @@ class PlanScan(_Plan):
         more=True,
     )
 
-    def work(self, run: RunSettings | None = None) -> Work[tuple[ScanPlanned, ...]]:
+    def work(self, run: RunSettings | None = None) -> Work[tuple[Planned[ScanPlan], ...]]:
         """Plan it."""
         from lfcal.camera import half_cell
 
         yield from ()
-        plan = self._scan(self.average)
-        return (self._planned(plan, half_cell(plan).half(plan) if self.half_cell else None, self.list_file),)
+        plan = self.scan(load_camera(self.camera))
+        half = half_cell(plan).half(plan) if self.half_cell else None
+        planned = self._planned(plan, half)
+        if half is not None and self.list_file is not None:
+            from lfcal.acquire import RedoList
+
+            RedoList.of(half.tolist()).write(self.list_file)
+        return (planned,)
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:

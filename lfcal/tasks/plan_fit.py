@@ -9,20 +9,19 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from lfcal.base import Work
 from lfcal.records import opt, read_names, read_share, record, required, show_names
-from lfcal.tasks._pace import Pace, frame_rate, speed
-from lfcal.tasks._scan_plan import scan_of
-from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
+from lfcal.tasks.planned import Planned, PlanTask, frame_rate, scan_of, speed
+from lfcal.tasks.task import RunSettings, Task, TaskSet
 
 if TYPE_CHECKING:
-    from lfcal.camera import Forecast, ScanPlan
-    from lfcal.fit import Earlier, PositionDesign, Spread
+    from lfcal.fit import Earlier
 
 __all__ = ["PLAN_FIT", "PlanFit", "PositionsPlanned"]
 
 POSITION_ERROR = 0.05
 """Rms of the error of source positions where no fit states it (px)."""
 
-CHOSEN, HELD_OUT = "tells most of the optics", "kept aside: tells how good the fit is"
+CHOSEN, HELD_OUT = "chosen to fit the optics", "held out to check the fit"
+"""Reasons in the list of positions."""
 
 
 def _groups() -> tuple[str, ...]:
@@ -32,54 +31,27 @@ def _groups() -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PositionsPlanned(TaskResult):
-    """Positions that were chosen for a fit, and what to expect of them.
+class PositionsPlanned(Planned["PositionDesign"]):
+    """Positions that were chosen for a fit, with the expected error of H by their number.
 
     Attributes
     ----------
-    design
-        The positions, with the expected error of H by their number.
-    whole
-        What the whole scan costs.
     earlier
         The fit that they continue.
-    pace
-        Speed of stage and camera.
-    files
-        Files that were written.
     """
 
-    design: PositionDesign
-    whole: Forecast
     earlier: Earlier | None
-    pace: Pace
-    files: tuple[Path, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
-        found, whole = self.design, self.whole
-        return {
-            "positions": found.positions,
-            "kept_aside": found.held_out,
-            "curve": list(found.curve),
-            "pattern_error": found.pattern_error,
-            "start_error": found.start_error,
-            "sigmas": found.sigmas,
-            "candidates": found.candidates,
-            "whole_scan": {"positions": whole.positions, "hours": whole.hours, "readout_hours": whole.readout_hours},
-            "files": self.files,
-        }
 
 
 @record
-class PlanFit(Task):
+class PlanFit(PlanTask):
     """Choose the few positions of a scan that a fit of the optics needs, and predict the error of H.
 
     Examples
     --------
     >>> from lfcal.tasks import PlanFit
     >>> (chosen,) = PlanFit(plan="session/plan.json", count=5, unknowns="iris", candidates=12).run()
-    >>> print(len(chosen.design.fitted), "positions to fit,", len(chosen.design.held_out), "to check the fit")
+    >>> print(len(chosen.plan.fitted), "positions to fit,", len(chosen.plan.held_out), "to check the fit")
     4 positions to fit, 1 to check the fit
     """
 
@@ -151,43 +123,43 @@ class PlanFit(Task):
     def work(self, run: RunSettings | None = None) -> Work[tuple[PositionsPlanned, ...]]:
         """Choose positions, and write the list and the picture."""
         from lfcal.acquire import RedoList
-        from lfcal.fit import Expected, draw_design, iter_next_positions, read_earlier
+        from lfcal.fit import Expected, Spread, draw_design, iter_next_positions, read_earlier
 
-        pace, plan = Pace(self.speed, self.frame_rate), scan_of(self.plan)
+        scan = scan_of(self.plan)
         earlier = None if self.earlier is None else read_earlier(self.earlier)
-        whole = pace.forecast(plan)
+        whole = self.forecast(scan)
+        # what an earlier fit found, or else what is usual
+        spread = Spread(POSITION_ERROR) if earlier is None else earlier.spread
+        if self.position_error is not None:
+            spread = replace(spread, stage_px=self.position_error)
         found = yield from iter_next_positions(
-            plan,
+            scan,
             self.count,
             groups=self.unknowns or None,
             earlier=earlier,
-            expected=Expected(self.full, **asdict(self._spread(earlier))),
+            expected=Expected(self.full, **asdict(spread)),
             candidates=self.candidates,
-            stage_um_per_s=self.speed,
+            **self.rates,
             workers=run.workers if run else None,
         )
-        found = _read_out(found, plan, pace)
         fitted, held_out = found.fitted.tolist(), found.held_out.tolist()
         if self.out is not None:
             reasons = [CHOSEN] * len(fitted) + [HELD_OUT] * len(held_out)
             RedoList.of([*fitted, *held_out], reasons, kept_aside=held_out).write(self.out)
         if self.draw is not None:
             draw_design(found, self.draw, whole.positions, whole.hours)
-        planned = PositionsPlanned(design=found, whole=whole, earlier=earlier, pace=pace, files=self.files("out"))
-        return (planned,)
-
-    def _spread(self, earlier: Earlier | None) -> Spread:
-        """Return what an earlier fit found, or else what is usual, with the position error that was given."""
-        from lfcal.fit import Spread
-
-        found = Spread(POSITION_ERROR) if earlier is None else earlier.spread
-        return found if self.position_error is None else replace(found, stage_px=self.position_error)
-
-
-def _read_out(found: PositionDesign, plan: ScanPlan, pace: Pace) -> PositionDesign:
-    """Return what was found with the readout of its frames in its times."""
-    each = pace.reading(plan.frames_averaged)
-    return replace(found, curve=tuple(replace(p, hours=p.hours + p.positions * each) for p in found.curve))
+        facts = {
+            "positions": found.positions,
+            "kept_aside": found.held_out,
+            "curve": found.curve,
+            "pattern_error": found.pattern_error,
+            "start_error": found.start_error,
+            "sigmas": found.sigmas,
+            "candidates": found.candidates,
+            "whole_scan": {"positions": whole.positions, "hours": whole.hours, "readout_hours": whole.readout_hours},
+            "files": self.files("out"),
+        }
+        return (PositionsPlanned(task=self, plan=found, forecast=whole, facts=facts, earlier=earlier),)
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from lfcal.base import InputError, Work, read_text
 from lfcal.records import opt, read_share, record, required
-from lfcal.tasks._pace import Pace, frame_rate, speed
-from lfcal.tasks._scan_plan import scan_of, write_plan
-from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
+from lfcal.tasks.planned import Planned, PlanTask, frame_rate, scan_of, speed, write_plan
+from lfcal.tasks.task import RunSettings, Task, TaskSet
 
 if TYPE_CHECKING:
-    from lfcal.camera import RegionPlan, ScanPlan
+    from lfcal.camera import Forecast, RegionPlan, ScanPlan
     from lfcal.multiplex import CodingVerdict
-    from lfcal.targets import Display, Target, TargetPlan, Wishes
+    from lfcal.targets import Display, TargetPlan, Wishes
 
 __all__ = ["PLAN_TARGET", "PlanDisplay", "PlanTarget", "TargetPlanned"]
 
@@ -29,36 +28,20 @@ def _is_file(source: str) -> bool:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TargetPlanned(TaskResult):
+class TargetPlanned(Planned["TargetPlan"]):
     """The plan of a target, compared with the scan of a single point.
 
     Attributes
     ----------
-    plan
-        The plan.
-    facts
-        What the frames show and cost, as plain values.
     verdict
         Whether showing several frames together pays; None: there are too few of them.
-    display
-        The display that shows the points, if it is one.
-    files
-        Files that were written, without the pictures for a display.
     """
 
-    plan: TargetPlan
-    facts: Mapping[str, Any]
     verdict: CodingVerdict | None
-    display: Display | None
-    files: tuple[Path, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
-        return dict(self.facts)
 
 
 @record
-class _PlanTarget(Task):
+class _PlanTarget(PlanTask):
     """What all kinds have."""
 
     name: ClassVar[str] = "plan target"
@@ -73,12 +56,17 @@ class _PlanTarget(Task):
         is_path=_is_file,
     )
     tolerance: float = opt(
-        0.1, "Largest error of a phase, in rows and in columns.", label="Tolerance", unit="px", above=0, at_most=0.5
+        0.1,
+        "Largest error of a phase, in rows and in columns.",
+        label="Tolerance",
+        unit="px",
+        at_least=0.01,
+        at_most=0.5,
     )
     crosstalk: float = opt(
         0.005,
         "Largest share of the light of neighbours in a cutout, relative to the light of its own point.",
-        above=0,
+        at_least=1e-6,
         below=1,
         read=read_share,
     )
@@ -94,8 +82,8 @@ class _PlanTarget(Task):
     )
     signal: float | None = opt(
         None,
-        "Electrons in the brightest pixel of a point, by which coded frames are judged (several shown at once). "
-        "Frames of a display are coded if that pays.",
+        "Electrons in the brightest pixel of a point. They decide whether coded frames, each the sum of several, have "
+        "less noise. A display then shows coded frames.",
         unit="e",
         above=0,
         empty="0.8 of the full well",
@@ -107,10 +95,13 @@ class _PlanTarget(Task):
         None, "Plan of the target to write (.json).", label="Plan file", short="-o", file="out", empty="only shown"
     )
 
-    @property
-    def pace(self) -> Pace:
-        """Speed of stage and camera."""
-        return Pace(self.speed, self.frame_rate)
+    def __post_init__(self) -> None:
+        """Check every value, and that the regions are some."""
+        from lfcal.camera import parse_regions
+
+        super().__post_init__()
+        if self.regions:
+            parse_regions(self.regions)
 
     @property
     def wishes(self) -> Wishes:
@@ -119,39 +110,85 @@ class _PlanTarget(Task):
 
         return Wishes(self.tolerance, self.crosstalk, self.most_frames)
 
+    @property
+    def display(self) -> Display | None:
+        """The display that shows the points, if it is one."""
+        return None
+
     def _iter_plan(self, scan: ScanPlan) -> Work[TargetPlan]:
         raise NotImplementedError
 
-    def _shown(self) -> Display | None:
-        return None
+    def field(self, scan: ScanPlan) -> RegionPlan | None:
+        """Return the regions that the frames serve; None: one.
 
-    def _pictures(self, plan: TargetPlan) -> dict[str, Any]:
-        """Write what a display shows; return the facts of it."""
-        return {}
+        Raises
+        ------
+        InputError
+            If the sensor has no room for them.
+        """
+        from lfcal.camera import RegionPlan, parse_regions
+
+        return RegionPlan.spread(scan, parse_regions(self.regions)) if self.regions else None
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[TargetPlanned, ...]]:
         """Plan the target, and compare it with a single point."""
-        from lfcal.camera import RegionPlan, parse_regions
-        from lfcal.targets import shown_within
+        planned = yield from self.iter_planned(scan_of(self.plan))
+        write_plan(planned.plan, self.out)
+        return (planned,)
+
+    def iter_planned(self, scan: ScanPlan) -> Work[TargetPlanned]:
+        """Plan the target for a scan, without reading or writing its files."""
         from lfcal.tasks._coding import coding_verdict, planned_for_display
 
-        scan, pace, display = scan_of(self.plan), self.pace, self._shown()
-        field = RegionPlan.spread(scan, parse_regions(self.regions)) if self.regions else None
+        self.field(scan)  # refused before the frames are chosen
         plan = yield from self._iter_plan(scan)
         verdict = coding_verdict(plan, signal_e=self.signal)
         if verdict is None and self.signal is not None:
-            raise InputError("--signal: is of frames shown at once; here are too few, or of one point: leave it out")
-        if display is not None:
-            plan = planned_for_display(plan, display, verdict)
-        unsure = None
-        if not plan.target.within.known:
-            unsure = [shown_within(plan, z) for z in range(len(scan.depths_um))]
-        write_plan(plan.to_json(), self.out)
-        coding = None if verdict is None else verdict.to_dict()
-        facts = _facts(plan, pace, unsure) | {"expected_error": _expected(plan), "coding": coding}
-        facts |= self._pictures(plan) | ({} if field is None else {"regions": _regions(plan, field, pace)})
-        files = () if self.out is None else (self.out,)
-        return (TargetPlanned(plan=plan, facts=facts, verdict=verdict, display=display, files=files),)
+            raise InputError.expected(
+                "--signal", "several points and frames to show at once", "too few", "leave it out"
+            )
+        if self.display is not None:
+            plan = planned_for_display(plan, self.display, verdict)
+        return self.planned(plan, verdict)
+
+    def planned(self, plan: TargetPlan, verdict: CodingVerdict | None) -> TargetPlanned:
+        """Return a plan with what its frames show and cost."""
+        from lfcal.targets import error_forecast, shown_within, target_words
+
+        scan, target = plan.scan, plan.target
+        cost, single, field = plan.forecast(**self.rates), self.forecast(scan), self.field(scan)
+        planes, errors = [], []
+        for z, depth in enumerate(scan.depths_um):
+            counts, error = plan.shown(z), error_forecast(plan, z)
+            planes.append(
+                {
+                    "depth_um": depth,
+                    "frames": len(plan.offsets_px[z]),
+                    "least_frames": plan.least_frames(z),
+                    "points_a_frame": plan.points_a_frame(z),
+                    "coverage": float((counts > 0).mean()),
+                    "mean_repeats": float(counts.mean()),
+                    "crosstalk": plan.crosstalk[z],
+                    "coverage_within_pose": None if target.within.known else shown_within(plan, z),
+                }
+            )
+            errors.append({"single_point": error.single, "shown": error.shown, "error": error.error})
+        facts = {
+            "target": target_words(target),
+            "tolerance_px": plan.tolerance_px,
+            "tails": plan.tails,
+            "planes": planes,
+            "frames": cost.frames,
+            "hours": cost.hours,
+            "readout_hours": cost.readout_hours,
+            "single_point": {"frames": single.frames, "hours": single.hours},
+            "plan": plan.to_dict(),
+            "expected_error": errors,
+            "coding": None if verdict is None else verdict.to_dict(),
+        }
+        if field is not None:
+            facts["regions"] = _regions(plan, field, single)
+        return TargetPlanned(task=self, plan=plan, forecast=single, facts=facts, verdict=verdict)
 
 
 @record
@@ -176,24 +213,30 @@ class PlanTarget(_PlanTarget):
     )
     pose_within: str = opt("", "Bounds of the error of the pose, in the same words.", empty="known", more=True)
 
+    def __post_init__(self) -> None:
+        """Check every value, and that target and pose can be read."""
+        from lfcal.targets import Pose, parse_target, proposed_hole
+
+        super().__post_init__()
+        if not _is_file(self.source) and proposed_hole(self.source) is None:
+            parse_target(self.source)
+        for pose in (self.pose, self.pose_within):
+            Pose.parse(pose)
+
     def _iter_plan(self, scan: ScanPlan) -> Work[TargetPlan]:
-        from lfcal.targets import iter_plan_target
-
-        return (yield from iter_plan_target(scan, self._target(scan), self.wishes))
-
-    def _target(self, scan: ScanPlan) -> Target:
-        """Return the target: described, read, or proposed for the scan."""
-        from lfcal.targets import Pose, Target, parse_target, propose_target, proposed_hole
+        from lfcal.targets import Pose, Target, iter_plan_target, parse_target, propose_target, proposed_hole
 
         if _is_file(self.source):
-            found = Target.from_json(read_text(Path(self.source)))
+            target = Target.from_json(read_text(Path(self.source)))
         elif (hole := proposed_hole(self.source)) is not None:
-            found = propose_target(scan, self.wishes, hole_um=hole)
+            target = propose_target(scan, self.wishes, hole_um=hole)
         else:
-            found = parse_target(self.source)
+            target = parse_target(self.source)
         if self.pose:
-            found = replace(found, pose=Pose.parse(self.pose))
-        return replace(found, within=Pose.parse(self.pose_within)) if self.pose_within else found
+            target = replace(target, pose=Pose.parse(self.pose))
+        if self.pose_within:
+            target = replace(target, within=Pose.parse(self.pose_within))
+        return (yield from iter_plan_target(scan, target, self.wishes))
 
 
 @record
@@ -228,7 +271,9 @@ class PlanDisplay(_PlanTarget):
         pictures = dict.fromkeys((folder / "frame_0000.png", *pictures_in(folder)))
         return (*(path for path in files if path != folder), *pictures)
 
-    def _shown(self) -> Display:
+    @property
+    def display(self) -> Display:
+        """The display that shows the points."""
         from lfcal.targets import parse_display
 
         found = parse_display(self.source)
@@ -239,53 +284,23 @@ class PlanDisplay(_PlanTarget):
     def _iter_plan(self, scan: ScanPlan) -> Work[TargetPlan]:
         from lfcal.targets import iter_plan_display
 
-        return (yield from iter_plan_display(scan, self._shown(), self.wishes))
+        return (yield from iter_plan_display(scan, self.display, self.wishes))
 
-    def _pictures(self, plan: TargetPlan) -> dict[str, Any]:
+    def work(self, run: RunSettings | None = None) -> Work[tuple[TargetPlanned, ...]]:
+        """Plan the frames, and write the pictures of the display."""
         from lfcal.targets import write_pictures
 
-        return {} if self.patterns is None else {"patterns": write_pictures(plan, self._shown(), self.patterns)}
+        (made,) = yield from super().work(run)
+        if self.patterns is not None:
+            made.facts["patterns"] = write_pictures(made.plan, self.display, self.patterns)
+        return (made,)
 
 
-def _facts(plan: TargetPlan, pace: Pace, unsure: list[Any] | None) -> dict[str, Any]:
-    from lfcal.targets import target_words
-
-    forecast, single = plan.forecast(pace.stage_um_per_s), pace.forecast(plan.scan)
-    reading = pace.reading(forecast.frames)
-    planes = []
-    for z, depth in enumerate(plan.scan.depths_um):
-        counts = plan.shown(z)
-        planes.append(
-            {
-                "depth_um": depth,
-                "frames": len(plan.offsets_px[z]),
-                "least_frames": plan.least_frames(z),
-                "points_a_frame": plan.points_a_frame(z),
-                "coverage": float((counts > 0).mean()),
-                "mean_repeats": float(counts.mean()),
-                "crosstalk": plan.crosstalk[z],
-                "coverage_within_pose": None if unsure is None else unsure[z],
-            }
-        )
-    return {
-        "target": target_words(plan.target),
-        "tolerance_px": plan.tolerance_px,
-        "tails": plan.tails,
-        "planes": planes,
-        "frames": forecast.frames,
-        "hours": forecast.hours + reading,
-        "readout_hours": None if pace.frames_per_s is None else reading,
-        "single_point": {"frames": single.frames, "hours": single.hours},
-        "plan": plan.to_dict(),
-    }
-
-
-def _regions(plan: TargetPlan, field: RegionPlan, pace: Pace) -> dict[str, Any]:
+def _regions(plan: TargetPlan, field: RegionPlan, single: Forecast) -> dict[str, Any]:
     """Return what each region has of the frames, and what a single point would need for all of them."""
     from lfcal.targets import region_points
 
     counts = [region_points(plan, field, z) for z in range(len(plan.scan.depths_um))]
-    single = pace.forecast(plan.scan)
     found = [
         {
             "name": name,
@@ -297,14 +312,6 @@ def _regions(plan: TargetPlan, field: RegionPlan, pace: Pace) -> dict[str, Any]:
     ]
     frames = {"frames": len(field) * single.frames, "hours": len(field) * single.hours}
     return {"regions": found, "single_point": frames}
-
-
-def _expected(plan: TargetPlan) -> list[dict[str, Any]]:
-    """Return, for each plane, what noise leaves of a pattern by a single point, and of those shown frame by frame."""
-    from lfcal.targets import error_forecast
-
-    found = [error_forecast(plan, z) for z in range(len(plan.scan.depths_um))]
-    return [{"single_point": one.single, "shown": one.shown, "error": one.error} for one in found]
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:

@@ -1,18 +1,104 @@
-"""The scan plan that a task works on: a file of one, or a camera and its planes."""
+"""Scan plans as tasks make, read, write and forecast them."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from lfcal.base import InputError
-from lfcal.records import check_planes
-from lfcal.tasks.cameras import load_camera, tell_assumed
+from lfcal.base import InputError, read_text, replace_whole
+from lfcal.records import check_planes, opt
+from lfcal.tasks.cameras import is_camera_file, load_camera, tell_assumed
+from lfcal.tasks.task import Task, TaskResult
 
 if TYPE_CHECKING:
-    from lfcal.camera import RegionPlan, ScanPlan
+    import numpy as np
+    from numpy.typing import NDArray
 
-__all__ = ["planned_scan", "ready_plan", "ready_regions"]
+    from lfcal.camera import Forecast, RegionPlan, ScanPlan
+    from lfcal.targets import TargetPlan
+
+__all__ = [
+    "WITHOUT_READOUT",
+    "PlanTask",
+    "Planned",
+    "frame_rate",
+    "planned_scan",
+    "ready_regions",
+    "scan_of",
+    "speed",
+    "write_plan",
+]
+
+P = TypeVar("P")
+WITHOUT_READOUT = "without readout (--frame-rate)"
+"""Of a time that counts no readout."""
+
+
+def speed() -> float:
+    """Return the field of a task for the speed of the stage."""
+    return opt(1000.0, "Speed of the stage.", unit="µm/s", above=0, more=True)
+
+
+def frame_rate() -> float | None:
+    """Return the field of a task for the frame rate of the camera."""
+    return opt(
+        None,
+        "Largest frame rate of the camera for the region that is read, as in its data sheet.",
+        unit="frames/s",
+        above=0,
+        empty="readout is not counted",
+        more=True,
+    )
+
+
+class PlanTask(Task):
+    """Base of tasks that forecast a scan by its plan; they have the fields `speed` and `frame_rate`."""
+
+    speed: float
+    frame_rate: float | None
+
+    @property
+    def rates(self) -> dict[str, Any]:
+        """Speed of the stage and frame rate of the camera, as forecasts have them."""
+        return {"stage_um_per_s": self.speed, "frames_per_s": self.frame_rate}
+
+    @property
+    def unread(self) -> str:
+        """What follows a time in messages, after a blank; empty where readout is counted."""
+        return f" {WITHOUT_READOUT}" if self.frame_rate is None else ""
+
+    def forecast(self, plan: ScanPlan, positions: NDArray[np.intp] | None = None) -> Forecast:
+        """Return what the scan costs, or what some ``positions`` of it cost."""
+        from lfcal.camera import Forecast
+
+        return Forecast.of(plan, **self.rates, positions=positions)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Planned(TaskResult, Generic[P]):
+    """A plan, and what it costs.
+
+    Attributes
+    ----------
+    task
+        What was asked for.
+    plan
+        The plan.
+    forecast
+        What the scan of one region by a single point costs.
+    facts
+        All of it as plain values.
+    """
+
+    task: Any
+    plan: P
+    forecast: Forecast
+    facts: dict[str, Any]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as plain values."""
+        return self.facts
 
 
 def planned_scan(
@@ -32,8 +118,7 @@ def planned_scan(
     """
     from lfcal.camera import ScanPlan
 
-    regions = ready_regions(camera)
-    ready = regions.scan if regions else ready_plan(camera)
+    ready = _ready(camera)
     if ready is None:
         check_planes(depths, virtual_depths)
         return ScanPlan.for_camera(
@@ -44,28 +129,44 @@ def planned_scan(
         )
     if depths or virtual_depths or cutout:
         raise InputError("planes and cutout: expected those of the plan, got others; leave the options out")
-    tell_assumed(ready.camera, Path(camera).name)
-    return ready
+    tell_assumed(ready.scan.camera, Path(camera).name)
+    return ready.scan
 
 
-def ready_plan(path: str) -> ScanPlan | None:
-    """Return the scan plan in a JSON file, or None where it is something else."""
-    from lfcal.base import read_text
+def scan_of(path: Path) -> ScanPlan:
+    """Return the scan plan in a file; raises `InputError` if it is a camera, or another file."""
     from lfcal.camera import ScanPlan
 
-    if not path.endswith(".json"):
-        return None
-    # a camera and a plan are both JSON: the format's name in the text distinguishes them before parsing.
-    text = read_text(Path(path))
-    return ScanPlan.from_json(text) if '"lfcal-plan"' in text else None
+    named = not is_camera_file(str(path))
+    found = None if named else _ready(str(path))
+    if not isinstance(found, ScanPlan):
+        got = f"the camera {path}" if named else str(path)
+        raise InputError.expected("PLAN", "a scan plan (.json)", got, "make one with lfcal plan CAMERA -o plan.json")
+    return found
 
 
 def ready_regions(path: str) -> RegionPlan | None:
     """Return the plan of several regions in a JSON file, or None where it is something else."""
-    from lfcal.base import parse_json, read_text
     from lfcal.camera import RegionPlan
 
-    if not path.endswith(".json"):
-        return None
-    data = parse_json(read_text(Path(path)), path)
-    return RegionPlan.from_dict(data) if RegionPlan.is_one(data) else None
+    found = _ready(path)
+    return found if isinstance(found, RegionPlan) else None
+
+
+def _ready(path: str) -> ScanPlan | RegionPlan | None:
+    """Return the plan in a JSON file, or None where it is something else, such as a camera."""
+    from lfcal.base import parse_json
+    from lfcal.camera import RegionPlan, ScanPlan
+
+    data = parse_json(read_text(Path(path)), path) if path.endswith(".json") else None
+    for kind in (ScanPlan, RegionPlan):
+        if kind.is_one(data):
+            return kind.from_dict(data)
+    return None
+
+
+def write_plan(plan: ScanPlan | RegionPlan | TargetPlan, out: Path | None) -> None:
+    """Write a plan where a file is named."""
+    if out is not None:
+        with replace_whole(out) as part:
+            part.write_text(plan.to_json(), encoding="utf-8")

@@ -96,7 +96,10 @@ def test_the_command_says_it_in_a_line(lfcal: Lfcal, place: Path) -> None:
         (("display:20x20@5um",), "room for two points"),
         (("array:4x4@800um", "--patterns", "p"), "--patterns: expected a display, got a target that a stage moves"),
         ((*SOURCE, "--most-frames", "7", "--signal", "0"), "--signal: expected a number > 0"),
-        (("point", "--most-frames", "2", "--signal", "5"), "--signal: is of frames shown at once"),
+        (
+            ("point", "--most-frames", "2", "--signal", "5"),
+            "--signal: expected several points and frames",
+        ),
         ((*SOURCE, "--pose", "rotation=1"), "--pose: expected a target that a stage moves, got a display"),
     ],
 )

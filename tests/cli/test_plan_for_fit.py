@@ -41,10 +41,10 @@ def planned(lfcal: Lfcal, *more: str) -> Run:
 @pytest.mark.long
 def test_positions_are_chosen_recorded_and_fitted(lfcal: Lfcal, place: Path) -> None:
     run = planned(lfcal, "-o", "list.json", "--draw", "curve.png", "--unknowns", SOME)
-    assert run.code == 0 and "8 positions to fit, 2 kept aside" in run.out and "the whole scan instead: 627" in run.out
+    assert run.code == 0 and "8 positions to fit, 2 held out" in run.out and "the whole scan instead: 627" in run.out
     assert (place / "curve.png").stat().st_size > 5000
     listed = RedoList.read(place / "list.json")
-    assert len(listed.positions) == 10 and len(listed.kept_aside) == 2 and "kept aside" in listed.reasons[-1]
+    assert len(listed.positions) == 10 and len(listed.kept_aside) == 2 and "held out" in listed.reasons[-1]
     dry = lfcal("acquire", "plan.json", "--positions", "list.json", "-o", "s", "--dry-run", "--json")
     assert dry.code == 0 and isinstance(dry.json, dict) and dry.json["positions"] == 10 and dry.json["seconds"] < 10
     run = lfcal("acquire", "plan.json", "--positions", "list.json", "-o", "s", "--assemble", "H.h5", *SIMULATED)
@@ -103,8 +103,8 @@ def test_positions_are_chosen_recorded_and_fitted(lfcal: Lfcal, place: Path) -> 
 
 def test_errors_below_that_of_the_computation_are_named(lfcal: Lfcal, place: Path) -> None:
     run = planned(lfcal, "--unknowns", "iris", "--full", "1", "--position-error", "0", "--count", "20")
-    assert run.code == 0 and "the computation of patterns itself errs by about 0.06 %" in run.err, run.out
-    assert "itself errs" not in planned(lfcal, "--unknowns", SOME, "--full", "0.1").err
+    assert run.code == 0 and "computed patterns have an error of about 0.06 %" in run.err, run.out
+    assert "computed patterns" not in planned(lfcal, "--unknowns", SOME, "--full", "0.1").err
 
 
 @pytest.mark.long
