@@ -59,7 +59,8 @@ class StageAxes:
         axes = [axis.strip() for axis in text.split(",")]
         if len(axes) != len(AXES):
             raise InputError.expected("stage axes", "three, such as +x,-y,+z", repr(text), "correct them")
-        return cls(*axes)
+        right, down, away = axes
+        return cls(right, down, away)
 
     @property
     def words(self) -> str:

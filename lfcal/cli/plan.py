@@ -11,7 +11,7 @@ from lfcal.cli._task_command import add_task
 from lfcal.tasks import WITHOUT_READOUT, Planned, task_set
 
 if TYPE_CHECKING:
-    from lfcal.camera import RegionPlan, ScanPlan
+    from lfcal.camera import ScanPlan
 
 
 def register(app: typer.Typer) -> None:
@@ -19,7 +19,7 @@ def register(app: typer.Typer) -> None:
     add_task(app, task_set("plan"), show, parts=True)
 
 
-def show(made: tuple[Planned[ScanPlan] | Planned[RegionPlan]]) -> None:
+def show(made: tuple[Planned]) -> None:
     """Print the plan with its cost."""
     from lfcal.cli._console import print_table
 
@@ -32,7 +32,7 @@ def show(made: tuple[Planned[ScanPlan] | Planned[RegionPlan]]) -> None:
         typer.echo(f"written: {path}")
 
 
-def _show_regions(one: Planned[RegionPlan]) -> None:
+def _show_regions(one: Planned) -> None:
     from lfcal.cli._console import print_table
 
     facts, scan = one.facts, one.plan.scan
@@ -54,10 +54,11 @@ def _rests(plan: ScanPlan, paths: tuple[str, ...]) -> str:
     return " (from assumed values)" if assumed_of(plan.camera, paths) else ""
 
 
-def _rows(one: Planned[ScanPlan]) -> list[list[str]]:
+def _rows(one: Planned) -> list[list[str]]:
     from lfcal.camera import DEPTH, STEP, WHOLE_FRAMES
 
-    plan, forecast, task = one.plan, one.forecast, one.task
+    plan: ScanPlan = one.plan
+    forecast, task = one.forecast, one.task
     nz, ny, nx, nt, ns = plan.shape
     camera, (py, px), (ry, rx) = plan.camera, plan.camera.period_px, plan.period_residual_px
     steps = [format_length(plan.step_um(z)[1]) for z in range(nz)]

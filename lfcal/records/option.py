@@ -320,7 +320,8 @@ class FieldRow:
         return found
 
     def _value(self, given: Any, called: str) -> Any:
-        if given is None or (isinstance(given, str) and not given.strip() and self.kind is not str):
+        nothing = isinstance(given, str) and not given.strip()
+        if given is None or (nothing and (self.kind is not str or (self.optional and self.opt.read is not None))):
             if self.default is MISSING and not self.optional:
                 raise InputError.expected(called, "a value", "none", "give it")
             return self.empty

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from lfcal.camera import Camera, RegionPlan, ScanPlan
+    from lfcal.camera import Camera, ScanPlan
 
 __all__ = ["PLAN", "PlanRecorded", "PlanRegions", "PlanScan"]
 
@@ -116,8 +116,8 @@ class _Plan(PlanTask):
         if self.depths or self.virtual_depths or not isinstance(self, PlanRecorded):
             check_planes(self.depths, self.virtual_depths)
 
-    def _settings(self) -> dict[str, Any]:
-        """Return what `ScanPlan.for_camera` and plans of lists have in common."""
+    def settings(self) -> dict[str, Any]:
+        """Return the values of a `ScanPlan`, by its names; what is left to the camera is None."""
         from lfcal.camera import StageAxes
 
         return {
@@ -130,7 +130,7 @@ class _Plan(PlanTask):
             "resample": self.resample,
         }
 
-    def _planned(self, plan: ScanPlan, positions: NDArray[np.intp] | None = None) -> Planned[ScanPlan]:
+    def _planned(self, plan: ScanPlan, positions: NDArray[np.intp] | None = None) -> Planned:
         """Write the plan where asked, and return it with what it costs; ``positions`` are those of a half cell."""
         # what cannot be forecast leaves no file behind
         forecast = self.forecast(plan, positions)
@@ -166,17 +166,16 @@ class _PlanOfCamera(_Plan):
 
     average: int = opt(1, "Number of frames averaged at each position.", label="Frames averaged", at_least=1)
 
+    def settings(self) -> dict[str, Any]:
+        """Return the values of a `ScanPlan`, by its names; what is left to the camera is None."""
+        planes = {"depths_um": self.depths or None, "virtual_depths": self.virtual_depths or None}
+        return {**super().settings(), **planes, "frames_averaged": self.average}
+
     def scan(self, camera: Camera) -> ScanPlan:
         """Return the plan of the scan of one region of a camera."""
         from lfcal.camera import ScanPlan
 
-        return ScanPlan.for_camera(
-            camera,
-            depths_um=self.depths or None,
-            virtual_depths=self.virtual_depths or None,
-            frames_averaged=self.average,
-            **self._settings(),
-        )
+        return ScanPlan.for_camera(camera, **self.settings())
 
 
 @record
@@ -197,7 +196,7 @@ class PlanRegions(_PlanOfCamera):
         "Several regions of the field, ROWSxCOLUMNS over the sensor; 3x3: centre, edges and corners.",
     )
 
-    def work(self, run: RunSettings | None = None) -> Work[tuple[Planned[RegionPlan], ...]]:
+    def work(self, run: RunSettings | None = None) -> Work[tuple[Planned, ...]]:
         """Plan the scan, and spread it over the field."""
         from lfcal.camera import RegionPlan, parse_regions
 
@@ -257,7 +256,7 @@ class PlanRecorded(_Plan):
         more=True,
     )
 
-    def work(self, run: RunSettings | None = None) -> Work[tuple[Planned[ScanPlan], ...]]:
+    def work(self, run: RunSettings | None = None) -> Work[tuple[Planned, ...]]:
         """Read the list and look at its frames."""
         from lfcal.tasks._listed import plan_from_list
 
@@ -272,7 +271,7 @@ class PlanRecorded(_Plan):
             orientation=self.orientation,
             origin=self.origin,
             depths_um=planes,
-            **self._settings(),
+            **self.settings(),
         )
         return (self._planned(plan),)
 
@@ -305,7 +304,7 @@ class PlanScan(_PlanOfCamera):
         more=True,
     )
 
-    def work(self, run: RunSettings | None = None) -> Work[tuple[Planned[ScanPlan], ...]]:
+    def work(self, run: RunSettings | None = None) -> Work[tuple[Planned, ...]]:
         """Plan it."""
         from lfcal.camera import half_cell
 

@@ -13,7 +13,7 @@ from lfcal.tasks.planned import Planned, PlanTask, frame_rate, scan_of, speed
 from lfcal.tasks.task import RunSettings, Task, TaskSet
 
 if TYPE_CHECKING:
-    from lfcal.fit import Earlier
+    from lfcal.fit import Earlier, PositionDesign
 
 __all__ = ["PLAN_FIT", "PlanFit", "PositionsPlanned"]
 
@@ -31,15 +31,18 @@ def _groups() -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PositionsPlanned(Planned["PositionDesign"]):
+class PositionsPlanned(Planned):
     """Positions that were chosen for a fit, with the expected error of H by their number.
 
     Attributes
     ----------
+    plan
+        The positions.
     earlier
         The fit that they continue.
     """
 
+    plan: PositionDesign
     earlier: Earlier | None
 
 

@@ -28,15 +28,18 @@ def _is_file(source: str) -> bool:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TargetPlanned(Planned["TargetPlan"]):
+class TargetPlanned(Planned):
     """The plan of a target, compared with the scan of a single point.
 
     Attributes
     ----------
+    plan
+        The plan.
     verdict
         Whether showing several frames together pays; None: there are too few of them.
     """
 
+    plan: TargetPlan
     verdict: CodingVerdict | None
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from lfcal.base import InputError, read_text, replace_whole
 from lfcal.records import check_planes, opt
@@ -30,7 +30,6 @@ __all__ = [
     "write_plan",
 ]
 
-P = TypeVar("P")
 WITHOUT_READOUT = "without readout (--frame-rate)"
 """Of a time that counts no readout."""
 
@@ -76,7 +75,7 @@ class PlanTask(Task):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Planned(TaskResult, Generic[P]):
+class Planned(TaskResult):
     """A plan, and what it costs.
 
     Attributes
@@ -84,7 +83,7 @@ class Planned(TaskResult, Generic[P]):
     task
         What was asked for.
     plan
-        The plan.
+        The plan of a scan, of regions, of a target, or of positions for a fit.
     forecast
         What the scan of one region by a single point costs.
     facts
@@ -92,7 +91,7 @@ class Planned(TaskResult, Generic[P]):
     """
 
     task: Any
-    plan: P
+    plan: Any
     forecast: Forecast
     facts: dict[str, Any]
 
@@ -158,7 +157,7 @@ def _ready(path: str) -> ScanPlan | RegionPlan | None:
     from lfcal.base import parse_json
     from lfcal.camera import RegionPlan, ScanPlan
 
-    data = parse_json(read_text(Path(path)), path) if path.endswith(".json") else None
+    data: Any = parse_json(read_text(Path(path)), path) if path.endswith(".json") else None
     for kind in (ScanPlan, RegionPlan):
         if kind.is_one(data):
             return kind.from_dict(data)

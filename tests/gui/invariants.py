@@ -15,6 +15,7 @@ from lfcal_gui.jobs import JobState
 from lfcal_gui.models.form import parse, text_of
 from lfcal_gui.pages.camera.model import values_of as values_of_camera
 from lfcal_gui.pages.plan.model import values_of as values_of_plan
+from lfcal_gui.pages.plan.model_target import PlanSettings
 from lfcal_gui.pages.psf.model import shown_unit
 from lfcal_gui.pages.quality.model import listed_metrics
 from lfcal_gui.widgets.form import Form
@@ -128,6 +129,9 @@ def _form(form: Form, values: dict[str, Any]) -> None:
             continue  # it shows what was refused, and why
         if isinstance(editor, QLineEdit):
             told = f"{key}: {editor.text()} is shown of {values[key]}"
+            if field.read is not None:
+                assert field.read(editor.text()) == field.read(values[key]), told
+                continue
             assert parse(field, editor.text()) == _as_shown(field, values[key]), told
         elif isinstance(editor, QComboBox):
             assert editor.currentData() == values[key] or editor.findData(values[key]) < 0, key
@@ -154,7 +158,9 @@ def _plan(window: MainWindow, page: Any) -> None:
     plan = window.context.state.plan
     assert _body(page) == (plan is not None)
     if plan is not None:
-        _form(page.panel.form, values_of_plan(plan))
+        values = {**PlanSettings.of(window.context.state).shown(), **values_of_plan(plan)}
+        for form in (page.panel.form, page.panel.more):
+            _form(form, values)
 
 
 def _quality(window: MainWindow, page: Any) -> None:

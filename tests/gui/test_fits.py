@@ -179,7 +179,7 @@ def test_the_plan_and_its_target_are_whole(window: MainWindow, qtbot: QtBot) -> 
     idle(window.jobs, qtbot)
     window.job_dock.hide()
     settle()
-    for key in ("virtual_depths", "depths_um"):
+    for key in ("virtual_depths", "depths"):
         field = page.panel.form.editor(key)
         assert field.fontMetrics().horizontalAdvance(field.text()) + 20 < field.width()
     page.panel.tabs.setCurrentIndex(1)

@@ -22,10 +22,12 @@ from lfcal.records import (
     one_of,
     opt,
     panel,
+    read_pair,
     record,
     required,
     rows,
     rows_of,
+    show_pair,
     to_dict,
     value_at,
 )
@@ -159,6 +161,17 @@ def test_a_field_that_is_left_empty_has_its_default() -> None:
     row: FieldRow = ROWS["count"]
     assert row.empty == 3 and ROWS["share"].empty is None
     assert replace(row, optional=True).empty is None
+
+
+def test_a_pair_that_is_left_empty_is_none() -> None:
+    @record
+    class Paired:
+        """A record."""
+
+        pair: str | tuple[float, float] | None = opt(None, "A pair.", read=read_pair, show=show_pair)
+
+    (row,) = rows(Paired)
+    assert row.value(" ", "pair") is None and row.value("1,2", "pair") == (1.0, 2.0)
 
 
 @record

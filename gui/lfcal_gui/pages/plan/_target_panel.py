@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,17 +12,20 @@ from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from lfcal.base import format_length
+from lfcal.tasks import PlanTarget
+from lfcal_gui.models import fields_of
 from lfcal_gui.pages.plan.model_target import (
+    HELD_OF_TARGET,
     TABLE,
-    TARGET_FIELDS,
     PlaneDrawing,
     PlannedTarget,
-    TargetSettings,
+    PlanSettings,
     point_lines,
     table_rows,
 )
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import (
+    Folded,
     Form,
     PeriodMap,
     RowsTable,
@@ -42,9 +47,10 @@ COLUMN_PX, MAP_PX, TABLE_PX = 346, 330, 186
 FIRST, LAST = 40, 225
 """Colours of the first and the last frame: the ends of a map are hard to see on one theme or the other."""
 
+NO_TARGET = "none: a single point"
 POINT_WORDS = (
     "A single point: the plan of the tab Scan.\nFor many points in each frame, type array (the pitch is proposed) or "
-    "an array of your own, such as array:4x4@1.7mm."
+    "your own array, such as array:4x4@1.7mm."
 )
 COSTS = (
     "Noise: what the sensor's noise leaves of a recorded pattern, sum of errors over sum of light, expected in the "
@@ -69,7 +75,9 @@ class TargetPanel(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.found: PlannedTarget | None = None
-        self.form = Form(TARGET_FIELDS)
+        some, rare = (fields_of(PlanTarget, without=HELD_OF_TARGET, more=more) for more in (False, True))
+        self.form = Form(tuple(replace(one, empty=NO_TARGET) if one.key == "source" else one for one in some))
+        self.more = Form(rare)
         self.form.own_line("source", 260)
         self.form.own_line("pose", 260)
         self._build_images()
@@ -100,7 +108,10 @@ class TargetPanel(QWidget):
         self.costs.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.note = WrappedLabel("")
         self.note.setProperty("role", "hint")
+        more = Folded("More settings", "Bounds of the pose, and light by which coded frames are judged")
+        more.column.addWidget(self.more)
         column.addWidget(self.form)
+        column.addWidget(more)
         column.addLayout(line(self.plan_button, self.stop_button))
         column.addWidget(self.costs)
         column.addWidget(self.note)
@@ -163,14 +174,22 @@ class TargetPanel(QWidget):
         return holder
 
     # -- showing ---------------------------------------------------------------------------------------
-    def show_settings(self, asked: TargetSettings, *, busy: bool) -> None:
+    def follow(self, check: Callable[[str, Any], str], edited: Callable[[str, Any], None]) -> None:
+        """Check values by ``check``, and report those that are edited."""
+        for form in (self.form, self.more):
+            form.check = check
+            form.edited.connect(edited)
+
+    def show_settings(self, asked: PlanSettings, *, busy: bool) -> None:
         """Show what is asked for, and whether it is being planned."""
-        self.form.set_values({key: getattr(asked, key) for key in self.form.fields})
+        shown = asked.shown()
+        for form in (self.form, self.more):
+            form.set_values({key: shown[key] for key in form.fields})
+            for key in form.fields:
+                form.set_enabled(key, key == "source" or asked.many)
         self.plan_button.setEnabled(asked.many and not busy)
         self.stop_button.setEnabled(busy)
         self.save_button.setEnabled(self.found is not None)
-        for key in self.form.fields:
-            self.form.set_enabled(key, key == "source" or asked.many)
         if self.found is None:
             self.message.setText(
                 "Looking for the fewest frames …" if busy else READY_WORDS if asked.many else POINT_WORDS

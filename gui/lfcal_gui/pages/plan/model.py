@@ -1,79 +1,43 @@
-"""The scan plan as fields of a form, its drawing and its forecast as rows. No Qt."""
+"""The scan plan as the task PlanScan, its drawing and its forecast as rows. No Qt."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import LfcalError, format_bytes, format_length, format_seconds
-from lfcal.camera import Camera, Forecast, ScanPlan, StageAxes
-from lfcal_gui.models import Field
+from lfcal.base import InputError, LfcalError, format_bytes, format_length, format_seconds
+from lfcal.camera import Camera, Forecast, ScanPlan
+from lfcal.records import rows
+from lfcal.tasks import PlanScan
+from lfcal_gui.models import CAMERA_FILE, shown_of
 
 __all__ = [
-    "FIELDS",
+    "HELD",
     "RegionDrawing",
     "apply_change",
     "default_plan",
     "forecast_rows",
+    "is_usual",
     "path_lines",
     "region_drawing",
+    "scan_task",
     "values_of",
 ]
 
-AXES = tuple((sign + axis, sign.replace("-", "−") + axis) for axis in "xyz" for sign in "+-")
 PATH_POINTS = 6000
 MAX_LENSLETS = 20_000
 
-FIELDS = (
-    Field(
-        "virtual_depths",
-        "Planes at v",
-        "",
-        "Virtual depths v = a/B of the planes, separated by ', ' or ';'",
-        kind="floats",
-    ),
-    Field(
-        "depths_um",
-        "or at z",
-        "mm",
-        "Object-space depths, away from the camera, separated by ', ' or ';'",
-        kind="floats",
-        scale=1e3,
-    ),
-    Field("cutout_rows", "Cutout rows", "px", "Odd; size of the region kept around the image of the point", kind="int"),
-    Field("cutout_columns", "Cutout columns", "px", "Odd; the same along the rows", kind="int"),
-    Field("anchor_row", "Anchor row", "px", "Sensor row of the point's image at y = x = 0"),
-    Field("anchor_column", "Anchor column", "px", "Sensor column of the point's image at y = x = 0"),
-    Field(
-        "order",
-        "Order",
-        kind="choice",
-        choices=(("serpentine", "serpentine"), ("raster", "raster")),
-        tip="Serpentine has no long return moves; raster scans every row in the same direction",
-    ),
-    Field("exposure_s", "Exposure", "ms", "Per frame, the same for all planes", scale=1e-3),
-    Field("settle_s", "Settle time", "ms", "Wait after each move", scale=1e-3),
-    Field(
-        "frames_averaged",
-        "Frames averaged",
-        "",
-        "At each position: noise falls with their root, time grows with them",
-        kind="int",
-    ),
-    Field(
-        "resample",
-        "Make the period an integer",
-        kind="bool",
-        tip="Scale the frames so that the period of the array is an integer number of pixels",
-    ),
-    Field("right", "Image right", "stage", "Stage axis and sense that move the image right", "choice", 1.0, AXES),
-    Field("down", "Image down", "stage", "Stage axis and sense that move the image down", "choice", 1.0, AXES),
-    Field("away", "Away from camera", "stage", "Stage axis and sense that move the source away", "choice", 1.0, AXES),
-)
+HELD = frozenset({"camera", "out", "half_cell", "list_file"})
+"""Fields of `lfcal.tasks.PlanScan` that are not in the form: page Camera, *Save …*, and half-cell scans, which the
+window does not record."""
+
+ROWS = {row.name: row for row in rows(PlanScan)}
+PLANES = ("depths", "virtual_depths")
 
 
 def default_plan(camera: Camera) -> ScanPlan:
@@ -85,60 +49,72 @@ def default_plan(camera: Camera) -> ScanPlan:
     return ScanPlan.for_camera(camera, depths_um=[-20.0, -10.0, 0.0, 10.0, 20.0])
 
 
-def values_of(plan: ScanPlan) -> dict[str, Any]:
-    """Return the value of every field."""
+def _values(plan: ScanPlan) -> dict[str, Any]:
+    """Return the values of a plan by the names of the task's fields."""
+    exposures = plan.exposures
     return {
+        "depths": plan.depths_um,
+        "cutout": plan.cutout,
+        "anchor": plan.anchor,
+        "resample": plan.resample,
+        "order": plan.order,
+        "stage": plan.stage.words,
+        "exposure": exposures[0] if len(set(exposures)) == 1 else exposures,
+        "settle": plan.settle_s,
+        "average": plan.frames_averaged,
+    }
+
+
+def scan_task(plan: ScanPlan, out: str = "plan.json", **changed: Any) -> PlanScan:
+    """Return the task that makes a plan of its camera, with some values ``changed``."""
+    return PlanScan(**{"camera": CAMERA_FILE, "out": Path(out), **_values(plan), **changed})
+
+
+def values_of(plan: ScanPlan) -> dict[str, Any]:
+    """Return what the form shows of a plan: planes are rounded."""
+    planes = {
         # no minus before a zero
         "virtual_depths": tuple(float(f"{v:.6g}") + 0.0 for v in plan.virtual_depths),
-        "depths_um": tuple(float(f"{z:.8g}") + 0.0 for z in plan.depths_um),
-        "cutout_rows": plan.cutout[0],
-        "cutout_columns": plan.cutout[1],
-        "anchor_row": plan.anchor[0],
-        "anchor_column": plan.anchor[1],
-        "order": plan.order,
-        "exposure_s": plan.exposures[0],
-        "settle_s": plan.settle_s,
-        "frames_averaged": plan.frames_averaged,
-        "resample": plan.resample,
-        "right": plan.stage.right,
-        "down": plan.stage.down,
-        "away": plan.stage.away,
+        "depths": tuple(float(f"{z:.8g}") + 0.0 for z in plan.depths_um),
     }
+    values = {**_values(plan), **planes}
+    return {key: value for key, value in shown_of(PlanScan, values).items() if key in values}
 
 
 def apply_change(plan: ScanPlan, key: str, value: Any) -> tuple[ScanPlan | None, str]:
     """Return the plan with one field changed and an empty string, or None and the reason it cannot be."""
     try:
-        return _changed(plan, key, value), ""
+        return _changed(plan, key, ROWS[key].value(value, ROWS[key].label)), ""
     except (LfcalError, ZeroDivisionError, OverflowError) as error:
         return None, str(error)
 
 
 def _changed(plan: ScanPlan, key: str, value: Any) -> ScanPlan:
-    if key in ("virtual_depths", "depths_um"):
-        depths = tuple(plan.camera.depth_of(v) for v in value) if key == "virtual_depths" else value
-        same = len(depths) == len(plan.depths_um)
-        return replace(plan, depths_um=depths, exposure_s=plan.exposures if same else plan.exposures[0])
-    if key in ("cutout_rows", "cutout_columns"):
-        rows, columns = plan.cutout
-        return replace(plan, cutout=(value, columns) if key == "cutout_rows" else (rows, value))
-    if key in ("anchor_row", "anchor_column"):
-        row, column = plan.anchor
-        return replace(plan, anchor=(value, column) if key == "anchor_row" else (row, value))
-    if key in ("right", "down", "away"):
-        return replace(plan, stage=_swapped(plan.stage, key, value))
-    return replace(plan, **{key: value})
+    given = {key: value}
+    if key in PLANES:
+        if not value:
+            raise InputError.expected(ROWS[key].label, "one or more", "none", "for example 3,4")
+        if len(value) != len(plan.depths_um):
+            given["exposure"] = plan.exposures[0]
+        given = {"depths": (), **given}
+    task = scan_task(plan, **given)
+    if is_usual(plan):
+        made = task.scan(plan.camera)
+    else:  # one of another period, such as that of a recorded scan, keeps it
+        own = {name: found for name, found in task.settings().items() if found is not None}
+        if virtual := own.pop("virtual_depths", ()):
+            own["depths_um"] = tuple(plan.camera.depth_of(v) for v in virtual)
+        made = replace(plan, **own)
+    return replace(made, stage=replace(made.stage, origin_um=plan.stage.origin_um))
 
 
-def _swapped(stage: StageAxes, key: str, value: str) -> StageAxes:
-    """Return the axes with one changed; the move that used this axis takes the one set free."""
-    others = [name for name in ("right", "down", "away") if name != key]
-    changes = {key: value}
-    for name in others:
-        if getattr(stage, name)[1] == value[1]:
-            changes[name] = getattr(stage, name)[0] + getattr(stage, key)[1]
-    right, down, away = (changes.get(name, getattr(stage, name)) for name in ("right", "down", "away"))
-    return replace(stage, right=right, down=down, away=away)
+def is_usual(plan: ScanPlan) -> bool:
+    """Return whether the task makes this plan of its camera, but for the origin of the stage."""
+    try:
+        made = scan_task(plan).scan(plan.camera)
+    except LfcalError:
+        return False
+    return replace(made, stage=plan.stage) == plan
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,20 +160,22 @@ def path_lines(plan: ScanPlan, between: str) -> Iterator[str]:
         yield between.join((f"{y}", f"{x}", f"{row:.9g}", f"{column:.9g}")) + "\n"
 
 
-def forecast_rows(plan: ScanPlan, stage_um_per_s: float = 1000.0) -> list[tuple[str, str]]:
+def forecast_rows(plan: ScanPlan, speed: float = 1000.0, frame_rate: float | None = None) -> list[tuple[str, str]]:
     """Return the forecast as pairs of name and value with unit."""
-    found = Forecast.of(plan, stage_um_per_s=stage_um_per_s)
+    found = Forecast.of(plan, stage_um_per_s=speed, frames_per_s=frame_rate)
     ry, rx = plan.period_residual_px
     ny, nx = plan.period
+    readout = found.readout_hours
     return [
         ("Planes × rows × columns", f"{len(plan.depths_um)} × {ny} × {nx}"),
         ("Positions", f"{found.positions}"),
         ("Frames", f"{found.frames}"),
-        ("Time without readout", format_seconds(found.hours * 3600)),
+        ("Time without readout" if readout is None else "Time", format_seconds(found.hours * 3600)),
         ("  whole frames at", f"{format_bytes(found.bytes_per_s)}/s"),
         ("  exposing", format_seconds(found.exposure_hours * 3600)),
+        *([] if readout is None else [("  reading out", format_seconds(readout * 3600))]),
         ("  settling", format_seconds(found.settle_hours * 3600)),
-        (f"  moving at {format_length(stage_um_per_s)}/s", format_seconds(found.move_hours * 3600)),
+        (f"  moving at {format_length(speed)}/s", format_seconds(found.move_hours * 3600)),
         ("Whole frames on disk", format_bytes(found.frame_bytes)),
         ("Cutouts on disk", format_bytes(found.cutout_bytes)),
         ("H, float32", format_bytes(found.h_float32_bytes)),

@@ -1,153 +1,114 @@
-"""A target of many points beside the scan of one: what is asked for, and its plan as rows and drawings. No Qt."""
+"""A target of many points for the positions of a scan, as the task PlanTarget; its plan as rows and drawings. No Qt."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Clock, Work, check_number, drain, format_length, format_seconds, format_share, read_text
+from lfcal.base import Clock, Work, drain, format_length, format_seconds, format_share, read_text
 from lfcal.camera import ScanPlan
-from lfcal_gui.models import Field, PageSettings
+from lfcal.records import rows
+from lfcal.tasks import PlanTarget
+from lfcal_gui.models import PLAN_FILE, PageSettings, shown_of
 
 if TYPE_CHECKING:
-    from lfcal.targets import ErrorForecast, Pose, Target, TargetPlan, Wishes
+    from lfcal.targets import TargetPlan
+    from lfcal.tasks import TargetPlanned
 
 __all__ = [
+    "HELD_OF_TARGET",
+    "RATES",
     "TABLE",
-    "TARGET_FIELDS",
+    "PlanSettings",
     "PlaneDrawing",
     "PlannedTarget",
-    "TargetSettings",
     "iter_drawn",
     "iter_target",
     "point_lines",
     "read_plan",
     "table_rows",
+    "target_task",
 ]
 
-POINT = "point"
 MOST_DRAWN = 6000
 """Points that are drawn at most: whole frames, the first ones."""
 
-TARGET_FIELDS = (
-    Field(
-        "source",
-        "Source",
-        "",
-        "point: the scan of a single point. array: pinholes whose pitch is proposed. array:12x12@1.2mm: rows × columns "
-        "at a pitch; then hex, hole=20um or absent=0:0+0:1 may follow, after commas",
-        kind="text",
-    ),
-    Field("tolerance_px", "Tolerance of a phase", "px", "How far off a phase may be to count as covered, up to 0.5"),
-    Field(
-        "crosstalk", "Crosstalk allowed", "%", "Most light of neighbouring holes in a cutout, over its own", scale=0.01
-    ),
-    Field(
-        "most_frames",
-        "Frames a plane, at most",
-        "",
-        "For a session that must end: the coverage that these reach is shown",
-        kind="int",
-        optional=True,
-        empty="no limit",
-    ),
-    Field(
-        "pose",
-        "Pose",
-        "",
-        "How the target lies: rotation=1,tilt_right=2,tilt_down=0 (degrees), right=0.3mm,down=0,away=0. Measured "
-        "from one frame it tells where the holes really are",
-        kind="text",
-        empty="straight",
-    ),
-    Field(
-        "regions",
-        "Regions of the field",
-        "",
-        "How many regions H is wanted of, rows x columns: 3x3. All of them are in the same frames",
-        kind="text",
-        empty="one",
-    ),
-)
+RATES = ("speed", "frame_rate")
+"""Fields that forecasts of scan and target have in common: the form of the scan shows them."""
 
+HELD_OF_TARGET = frozenset({"plan", "out", *RATES})
+"""Fields of `lfcal.tasks.PlanTarget` that are not in the form of the target."""
+
+ROWS = {row.name: row for row in rows(PlanTarget)}
 TABLE = ("plane", "frames", "at least", "points a frame", "phases covered", "crosstalk")
 
 
 @dataclass(frozen=True)
-class TargetSettings(PageSettings):
-    """The source in the words of ``lfcal plan target``, and what its plan must keep (as `lfcal.targets.Wishes`)."""
+class PlanSettings(PageSettings):
+    """Values of `lfcal.tasks.PlanTarget` by the names of its fields; without a ``source`` there is a single point."""
 
     page: ClassVar[str] = "plan"
-    source: str = POINT
-    tolerance_px: float = 0.1
+    source: str = ""
+    tolerance: float = 0.1
     crosstalk: float = 0.005
     most_frames: int | None = None
     pose: str = ""
     regions: str = ""
+    pose_within: str = ""
+    signal: float | None = None
+    speed: float = 1000.0
+    frame_rate: float | None = None
+
+    @classmethod
+    def read(cls, data: object) -> tuple[Self, tuple[str, ...]]:
+        """Return the settings in ``data``, also by the names of earlier projects, and why values were refused."""
+        if isinstance(data, Mapping):
+            earlier = {"tolerance_px": "tolerance"}
+            data = {earlier.get(name, name): "" if value == "point" else value for name, value in data.items()}
+        return super().read(data)
 
     @property
     def many(self) -> bool:
         """Whether a target is to be planned."""
-        return self.source != POINT
+        return bool(self.source)
 
     def usable(self) -> None:
-        """Raise `InputError` where the words are of no target, or a number is out of bounds."""
-        if self.most_frames is not None:
-            check_number("frames a plane, at most", self.most_frames, at_least=1, integer=True)
-        check_number("crosstalk allowed (%)", 100 * self.crosstalk, at_least=1e-4, below=100)
-        if self != type(self)():
-            self.wishes()
-        self.lies()
-        self.field()
-        if self.many and self.proposed_hole() is None:
-            from lfcal.targets import parse_target
-
-            parse_target(self.source)
+        """Raise `InputError` where the task would refuse a value."""
+        target_task(self if self.many else replace(self, source="array"))
 
     def changed(self, key: str, value: Any) -> Self:
         """Return the settings with one changed; raise `InputError` where it cannot be."""
-        if isinstance(value, str):
-            value = value.strip()
-        made = replace(self, **{key: value})
+        given = value.strip() if isinstance(value, str) else value
+        made = replace(self, **{key: ROWS[key].value(given, ROWS[key].label)})
         made.usable()
         return made
 
-    def wishes(self) -> Wishes:
-        """Return what the plan must keep."""
-        from lfcal.targets import Wishes  # here and below: a page is shown before simulators are loaded
-
-        return Wishes(self.tolerance_px, self.crosstalk, self.most_frames)
-
-    def lies(self) -> Pose:
-        """Return how the target lies."""
-        from lfcal.targets import Pose
-
-        return Pose.parse(self.pose)
-
-    def field(self) -> tuple[int, int] | None:
-        """Return the regions of the field (rows, columns); None: one."""
-        from lfcal.camera import parse_regions
-
-        return parse_regions(self.regions) if self.regions else None
+    def shown(self) -> dict[str, Any]:
+        """Return what forms show."""
+        return shown_of(PlanTarget, self.to_dict())
 
     @classmethod
-    def of_plan(cls, plan: TargetPlan) -> TargetSettings:
-        """Return what was asked for where ``plan`` was made, as far as it tells."""
+    def of_plan(cls, plan: TargetPlan) -> PlanSettings:
+        """Return what was asked for where ``plan`` was made, as far as it shows it."""
         from lfcal.targets import target_words
 
         return cls(target_words(plan.target), plan.tolerance_px, max(plan.crosstalk), None, plan.target.pose.words)
 
-    def proposed_hole(self) -> float | None:
-        """Return the holes' diameter (µm) where the pitch is to be proposed, else None."""
-        from lfcal.targets import proposed_hole
+    def at_rates_of(self, other: PlanSettings) -> PlanSettings:
+        """Return the settings with the speed and the frame rate of others."""
+        return replace(self, speed=other.speed, frame_rate=other.frame_rate)
 
-        return proposed_hole(self.source)
+
+def target_task(settings: PlanSettings, out: str = "target_plan.json") -> PlanTarget:
+    """Return the task that plans the target; raises `InputError` where it cannot be."""
+    own = {one.name: getattr(settings, one.name) for one in fields(settings)}
+    return PlanTarget(plan=Path(PLAN_FILE), out=Path(out), **own)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,21 +150,22 @@ class PlannedTarget:
 
     Attributes
     ----------
-    plan, planes
-        The plan, and a drawing for each of its planes.
-    errors
-        Of each plane, what noise is expected to leave of a pattern.
-    regions
-        How many regions of the field the same frames serve, and the fewest points that one of them has in a plane.
+    made
+        What the task made.
+    planes
+        A drawing for each plane.
     coding
         Whether showing several frames at once would pay, in a line; empty where nothing is to be shown at once.
     """
 
-    plan: TargetPlan
+    made: TargetPlanned
     planes: tuple[PlaneDrawing, ...]
-    errors: tuple[ErrorForecast, ...] = ()
-    regions: tuple[int, int] = (1, 0)
     coding: str = ""
+
+    @property
+    def plan(self) -> TargetPlan:
+        """The plan."""
+        return self.made.plan
 
     @property
     def coding_briefly(self) -> str:
@@ -213,107 +175,89 @@ class PlannedTarget:
 
     def summary(self) -> list[tuple[str, str, str]]:
         """Return rows (what, by this target, by a single point)."""
-        ours, single = self.plan.forecast(), self.plan.single()
+        ours, single = self.plan.forecast(**self.made.task.rates), self.made.forecast
+        total = "Time, no readout" if ours.readout_hours is None else "Time"
+        parts = {
+            total: "hours",
+            "  exposing": "exposure_hours",
+            "  settling": "settle_hours",
+            "  moving": "move_hours",
+            "  reading out": "readout_hours",
+        }
         return [
             ("Frames", f"{ours.frames}", f"{single.frames}"),
-            ("Time, no readout", format_seconds(ours.hours * 3600), format_seconds(single.hours * 3600)),
-            ("  exposing", format_seconds(ours.exposure_hours * 3600), format_seconds(single.exposure_hours * 3600)),
-            ("  settling", format_seconds(ours.settle_hours * 3600), format_seconds(single.settle_hours * 3600)),
-            ("  moving", format_seconds(ours.move_hours * 3600), format_seconds(single.move_hours * 3600)),
+            *(
+                (name, format_seconds(3600 * getattr(ours, key)), format_seconds(3600 * getattr(single, key)))
+                for name, key in parts.items()
+                if getattr(ours, key) is not None
+            ),
             *self._expected(),
             *self._regions(single.frames),
         ]
 
     def _expected(self) -> Iterator[tuple[str, str, str]]:
         """Yield what noise leaves of a pattern, and the phases shown, by half and by all frames of the middle plane."""
-        if not self.errors:
-            return
-        found = self.errors[len(self.errors) // 2]
-        count = len(found.error)
+        errors = self.made.facts["expected_error"]
+        found = errors[len(errors) // 2]
+        count = len(found["error"])
         if not count:
             return
         half = max(1, count // 2) - 1
-        yield "Noise, in all", format_share(found.error[-1]), format_share(found.single)
-        yield "  half-way", format_share(found.error[half]), ""
-        yield "Phases, in all", format_share(found.shown[-1]), "100 %"
-        yield "  half-way", format_share(found.shown[half]), ""
+        yield "Noise, in all", format_share(found["error"][-1]), format_share(found["single_point"])
+        yield "  half-way", format_share(found["error"][half]), ""
+        yield "Phases, in all", format_share(found["shown"][-1]), "100 %"
+        yield "  half-way", format_share(found["shown"][half]), ""
 
     def _regions(self, single: int) -> Iterator[tuple[str, str, str]]:
-        count, fewest = self.regions
-        if count > 1:
-            yield f"For {count} regions", "same frames", f"{count * single}"
-            yield "  points in each", f"{fewest} …", ""
+        if "regions" in self.made.facts:
+            found = self.made.facts["regions"]["regions"]
+            yield f"For {len(found)} regions", "same frames", f"{len(found) * single}"
+            yield "  points in each", f"{min(min(one['points']) for one in found)} …", ""
 
 
-def iter_target(scan: ScanPlan, settings: TargetSettings) -> Work[PlannedTarget]:
+def iter_target(scan: ScanPlan, settings: PlanSettings) -> Work[PlannedTarget]:
     """Plan the target, as a job."""
-    from lfcal.targets import iter_plan_target
-
-    clock = Clock("choose the target", 1)
-    yield clock.at(0, settings.source)
-    if (field := settings.field()) is not None:
-        from lfcal.camera import RegionPlan
-
-        RegionPlan.spread(scan, field)  # refused before the frames are looked for
-    target = replace(_target(scan, settings), pose=settings.lies())
-    plan = yield from iter_plan_target(scan, target, settings.wishes())
-    return (yield from iter_drawn(plan, field))
+    made = yield from target_task(settings).iter_planned(scan)
+    return (yield from iter_drawn(made))
 
 
-def iter_drawn(plan: TargetPlan, regions: tuple[int, int] | None = None) -> Work[PlannedTarget]:
-    """Return what is shown of a plan; ``regions`` are those of the field (rows, columns)."""
-    from lfcal.targets import error_forecast
-
-    planes, errors, count = [], [], len(plan.scan.depths_um)
+def iter_drawn(made: TargetPlanned) -> Work[PlannedTarget]:
+    """Return what is shown of a plan."""
+    planes, count = [], len(made.plan.scan.depths_um)
     clock = Clock("look at what is covered", count)
     for z in range(count):
         yield clock.at(z)
-        planes.append(_drawing(plan, z))
-        errors.append(error_forecast(plan, z))
-    return PlannedTarget(plan, tuple(planes), tuple(errors), _served(plan, regions), _coding(plan))
+        planes.append(_drawing(made.plan, z))
+    return PlannedTarget(made, tuple(planes), _coding(made))
 
 
-def _coding(plan: TargetPlan) -> str:
+def _coding(made: TargetPlanned) -> str:
     """Return whether showing several frames at once would pay, at the exposure of a session."""
-    from lfcal.tasks import coding_verdict, coding_words  # here: a page is shown before simulators are loaded
+    from lfcal.tasks import coding_words  # here: a page is shown before simulators are loaded
 
-    if plan.lit is not None:
+    if made.plan.lit is not None:
         return "Frames of a display that shows several subsets of points at once, by an S-matrix."
-    verdict = coding_verdict(plan)
-    return "" if verdict is None else f"{_capital(coding_words(verdict))}."
-
-
-def _capital(words: str) -> str:
+    words = "" if made.verdict is None else f"{coding_words(made.verdict)}."
     return words[:1].upper() + words[1:]
 
 
-def _served(plan: TargetPlan, regions: tuple[int, int] | None) -> tuple[int, int]:
-    """Return how many regions the frames serve, and the fewest points of one in a plane."""
-    if regions is None:
-        return 1, 0
-    from lfcal.camera import RegionPlan
-    from lfcal.targets import region_points
+def read_plan(path: str, settings: PlanSettings | None = None) -> ScanPlan | PlannedTarget:
+    """Return the plan of a scan or of a target in a file, forecast at the rates of ``settings``.
 
-    field = RegionPlan.spread(plan.scan, regions)
-    fewest = min(int(region_points(plan, field, z).sum(0).min()) for z in range(len(plan.scan.depths_um)))
-    return len(field), fewest
-
-
-def read_plan(path: str) -> ScanPlan | PlannedTarget:
-    """Return the plan of a scan or of a target in a file; raises `LfcalError` where it is none."""
+    Raises
+    ------
+    LfcalError
+        If there is none in it.
+    """
     text = read_text(Path(path))
     if '"lfcal-target-plan"' not in text[:200]:
         return ScanPlan.from_json(text)
     from lfcal.targets import TargetPlan
+    from lfcal.tasks import coding_verdict
 
-    return drain(iter_drawn(TargetPlan.from_json(text)))
-
-
-def _target(scan: ScanPlan, settings: TargetSettings) -> Target:
-    from lfcal.targets import parse_target, propose_target
-
-    hole = settings.proposed_hole()
-    return parse_target(settings.source) if hole is None else propose_target(scan, settings.wishes(), hole_um=hole)
+    plan = TargetPlan.from_json(text)
+    task = target_task(PlanSettings("array").at_rates_of(settings or PlanSettings()))
+    return drain(iter_drawn(task.planned(plan, None if plan.lit else coding_verdict(plan))))
 
 
 def _drawing(plan: TargetPlan, z: int) -> PlaneDrawing:

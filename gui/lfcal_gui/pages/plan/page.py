@@ -16,7 +16,7 @@ from lfcal_gui.jobs import WindowJob
 from lfcal_gui.models import PageSpec, ProjectState
 from lfcal_gui.pages.plan import takes
 from lfcal_gui.pages.plan.model import apply_change, default_plan
-from lfcal_gui.pages.plan.model_target import PlannedTarget, TargetSettings, iter_target, read_plan
+from lfcal_gui.pages.plan.model_target import RATES, PlannedTarget, PlanSettings, iter_target, read_plan
 from lfcal_gui.pages.plan.panel import PlanPanel
 from lfcal_gui.pages.plan.step import scan_step, target_step
 from lfcal_gui.saving import ask_target, write_file
@@ -40,10 +40,9 @@ class Page(BasePage):
         self.panel = PlanPanel(self._check)
         self.panel.edited.connect(self._edited)
         self._job = 0
-        self._asked: tuple[ScanPlan, TargetSettings] | None = None
+        self._asked: tuple[ScanPlan, PlanSettings] | None = None
         target = self.panel.target
-        target.form.check = self._check_target
-        target.form.edited.connect(self._target_edited)
+        target.follow(self._check_target, self._target_edited)
         target.plan_asked.connect(self.plan_target)
         target.stop_asked.connect(lambda: context.jobs.cancel(self._job))
         target.save_asked.connect(self.save_target)
@@ -54,7 +53,7 @@ class Page(BasePage):
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Show the plan if it changed."""
-        if old.plan != new.plan or old.camera != new.camera or TargetSettings.of(old) != TargetSettings.of(new):
+        if old.plan != new.plan or old.camera != new.camera or PlanSettings.of(old) != PlanSettings.of(new):
             self._show(new)
 
     def let_go(self) -> None:
@@ -70,8 +69,8 @@ class Page(BasePage):
             )
             return
         self.show_body()
-        self.panel.show_plan(state.plan)
-        if self._asked != (state.plan, TargetSettings.of(state)):
+        self.panel.show_plan(state.plan, PlanSettings.of(state))
+        if self._asked != (state.plan, PlanSettings.of(state)):
             self._forget_target()
         self._show_target()
 
@@ -79,10 +78,15 @@ class Page(BasePage):
         state = self.context.state
         if state.plan is None:
             return ""
+        if key in RATES:
+            return self._check_target(key, value)
         plan, why = apply_change(state.plan, key, value)
         return why or self.context.project.held(replace(state, plan=plan))
 
     def _edited(self, key: str, value: Any) -> None:
+        if key in RATES:
+            self._target_edited(key, value)
+            return
         plan = self.context.state.plan
         changed = None if plan is None else apply_change(plan, key, value)[0]
         if changed is not None:
@@ -92,18 +96,18 @@ class Page(BasePage):
     def _check_target(self, key: str, value: Any) -> str:
         state = self.context.state
         try:
-            settings = TargetSettings.of(state).changed(key, value).into(state)
+            settings = PlanSettings.of(state).changed(key, value).into(state)
         except LfcalError as error:
             return str(error)
         return self.context.project.held(replace(state, settings=settings))
 
     def _target_edited(self, key: str, value: Any) -> None:
         state = self.context.state
-        settings = TargetSettings.of(state).changed(key, value).into(state)
+        settings = PlanSettings.of(state).changed(key, value).into(state)
         self.context.project.merge(f"change of {key.replace('_', ' ')}", settings=settings)
 
     def _show_target(self) -> None:
-        self.panel.target.show_settings(TargetSettings.of(self.context.state), busy=bool(self._job))
+        self.panel.target.show_settings(PlanSettings.of(self.context.state), busy=bool(self._job))
 
     def _forget_target(self) -> None:
         """Show no plan of a target that was made for other values, and look for none."""
@@ -114,12 +118,13 @@ class Page(BasePage):
     def plan_target(self) -> None:
         """Look for the frames as a job."""
         state = self.context.state
-        plan, settings = state.plan, TargetSettings.of(state)
+        plan, settings = state.plan, PlanSettings.of(state)
         if plan is None or not settings.many:
             self.refuse("there is no target to plan; make a plan, and type a source such as array")
             return
         self._forget_target()
-        if refused := self.panel.target.form.error:  # else the value before it would be planned with
+        # else the value before it would be planned with
+        if refused := self.panel.target.form.error or self.panel.target.more.error:
             self.panel.target.show_refusal(refused)
             return
         self._asked = asked = (plan, settings)
@@ -172,19 +177,19 @@ class Page(BasePage):
         def refused(words: str) -> None:
             self.refuse(words if name in words else f"{name}: {words}")
 
-        self.load(name, lambda: read_plan(path), lambda found: self._opened(name, found), on_error=refused)
+        settings = PlanSettings.of(self.context.state)
+        self.load(name, lambda: read_plan(path, settings), lambda found: self._opened(name, found), on_error=refused)
 
     def _opened(self, name: str, found: ScanPlan | PlannedTarget) -> None:
         """Go on with a scan's plan, or with a target's and the scan that it stands for."""
         if isinstance(found, ScanPlan):
             self.context.project.update(f"plan {name}", plan=found, camera=found.camera)
             return
-        scan, settings = found.plan.scan, TargetSettings.of_plan(found.plan)
+        state, scan = self.context.state, found.plan.scan
+        settings = PlanSettings.of_plan(found.plan).at_rates_of(PlanSettings.of(state))
         self._forget_target()
         self._asked = (scan, settings)
-        self.context.project.update(
-            f"target plan {name}", plan=scan, camera=scan.camera, settings=settings.into(self.context.state)
-        )
+        self.context.project.update(f"target plan {name}", plan=scan, camera=scan.camera, settings=settings.into(state))
         self.panel.target.show_planned(found)
         self._show_target()
         self.panel.tabs.setCurrentWidget(self.panel.target)

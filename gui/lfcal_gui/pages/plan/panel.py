@@ -10,10 +10,13 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QScrollArea, QTabWidget, QVBoxLayout, QWidget
 
 from lfcal.camera import ScanPlan
+from lfcal.tasks import PlanScan
+from lfcal_gui.models import fields_of
 from lfcal_gui.pages.plan._target_panel import TargetPanel
-from lfcal_gui.pages.plan.model import FIELDS, RegionDrawing, forecast_rows, path_lines, region_drawing, values_of
+from lfcal_gui.pages.plan.model import HELD, RegionDrawing, forecast_rows, path_lines, region_drawing, values_of
+from lfcal_gui.pages.plan.model_target import PlanSettings
 from lfcal_gui.theme import TYPE_COLOURS
-from lfcal_gui.widgets import Form, card, offer_menu, style_axes, table_entries, theme_plot
+from lfcal_gui.widgets import Folded, Form, card, offer_menu, style_axes, table_entries, theme_plot
 
 __all__ = ["PlanPanel"]
 
@@ -42,10 +45,11 @@ class PlanPanel(QWidget):
 
     def __init__(self, check: Callable[[str, Any], str]) -> None:
         super().__init__()
-        self.form = Form(FIELDS)
-        self.form.check = check
-        self.form.edited.connect(self.edited.emit)
-        for key in ("virtual_depths", "depths_um"):
+        self.form, self.more = (Form(fields_of(PlanScan, without=HELD, more=more)) for more in (False, True))
+        for form in (self.form, self.more):
+            form.check = check
+            form.edited.connect(self.edited.emit)
+        for key in ("virtual_depths", "depths"):
             self.form.own_line(key, LIST_PX)
         self._plan: ScanPlan | None = None
         self.target = TargetPanel()
@@ -68,10 +72,12 @@ class PlanPanel(QWidget):
         area = QScrollArea()
         area.setWidgetResizable(True)
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        area.setWidget(_titled("Scan", self.form))
+        more = Folded("More settings", "Order of the positions, stage axes, and the speeds that the forecast assumes")
+        more.column.addWidget(self.more)
+        area.setWidget(_titled("Scan", self.form, more))
         area.setFixedWidth(COLUMN_PX)
         row.addWidget(area)
-        row.addWidget(_titled("Representative region and scan path", self.graphics, stretch=True), 1)
+        row.addWidget(_titled("Representative region and scan path", self.graphics, stretch=1), 1)
         side = _titled("Forecast", self.forecast)
         side.setFixedWidth(310)
         row.addWidget(side)
@@ -97,13 +103,15 @@ class PlanPanel(QWidget):
         plan = self._plan
         return [] if plan is None else table_entries(self, "scan path", lambda between: path_lines(plan, between))
 
-    def show_plan(self, plan: ScanPlan) -> None:
+    def show_plan(self, plan: ScanPlan, settings: PlanSettings) -> None:
         """Show a plan: its values, its region, what it costs."""
         self._plan = plan
-        self.form.set_values(values_of(plan))
+        values = {**settings.shown(), **values_of(plan)}
+        for form in (self.form, self.more):
+            form.set_values({key: values[key] for key in form.fields})
         cells = "".join(
             f"<tr><td style='padding-right:12px'>{name.replace('  ', '&nbsp;&nbsp;')}</td><td><b>{value}</b></td></tr>"
-            for name, value in forecast_rows(plan)
+            for name, value in forecast_rows(plan, settings.speed, settings.frame_rate)
         )
         self.forecast.setText(f"<table cellspacing='3'>{cells}</table>")
         self._draw(region_drawing(plan))
@@ -131,9 +139,10 @@ class PlanPanel(QWidget):
         self.target.apply_theme()
 
 
-def _titled(title: str, content: QWidget, *, stretch: bool = False) -> QFrame:
+def _titled(title: str, *contents: QWidget, stretch: int = 0) -> QFrame:
     frame, column = card(title)
-    column.addWidget(content, int(stretch))
+    for content in contents:
+        column.addWidget(content, stretch)
     if not stretch:
         column.addStretch()
     return frame

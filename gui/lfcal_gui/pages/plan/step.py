@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from dataclasses import replace
 
-from lfcal.camera import ScanPlan
-from lfcal.tasks import PlanScan, PlanTarget, python_of, words_of
 from lfcal_gui.models import CAMERA_FILE, PLAN_FILE, CommandStep, ProjectState, needed_plan
-from lfcal_gui.pages.plan.model_target import TargetSettings
+from lfcal_gui.pages.plan.model import is_usual, scan_task
+from lfcal_gui.pages.plan.model_target import PlanSettings, target_task
 
 __all__ = ["scan_step", "step", "target_step"]
 
@@ -18,28 +16,17 @@ def step(project: ProjectState, out: str = "") -> CommandStep:
 
     ``out`` is a file of the scan's plan, which that of a target must not replace.
     """
-    return target_step(project) if TargetSettings.of(project).many else scan_step(project, out)
+    return target_step(project) if PlanSettings.of(project).many else scan_step(project, out)
 
 
 def scan_step(project: ProjectState, out: str = "") -> CommandStep:
-    """Return how the plan is made; of a recorded scan with another period, Python takes the plan as it is."""
+    """Return how the plan is made; one that no command makes, of a recorded scan, is in the Python as it is."""
     plan, out = needed_plan(project), out or "plan.json"
-    stage = f"{plan.stage.right},{plan.stage.down},{plan.stage.away}"
-    known: dict[str, Any] = {"cutout": plan.cutout, "anchor": plan.anchor, "resample": plan.resample}
-    task = PlanScan(
-        camera=CAMERA_FILE,
-        depths=plan.depths_um,
-        order=plan.order,
-        stage=stage,
-        exposure=plan.exposure_s,
-        settle=plan.settle_s,
-        average=plan.frames_averaged,
-        out=Path(out),
-        **known,
-    )
+    settings = PlanSettings.of(project)
+    task = scan_task(plan, out, speed=settings.speed, frame_rate=settings.frame_rate)
     files = ((CAMERA_FILE, project.camera.to_json()), (PLAN_FILE, plan.to_json()))
-    whole = ScanPlan.for_camera(plan.camera, depths_um=plan.depths_um, **known).period == plan.period
-    return CommandStep(words_of(task), python_of(task) if whole else _as_it_is(out), files)
+    found = CommandStep.of(task, files)
+    return found if is_usual(plan) and not any(plan.stage.origin_um) else replace(found, python=_as_it_is(out))
 
 
 def _as_it_is(out: str) -> str:
@@ -54,15 +41,5 @@ print(Forecast.of(plan))
 
 def target_step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how the plan of the target is made."""
-    asked, plan = TargetSettings.of(project), needed_plan(project)
-    task = PlanTarget(
-        plan=Path(PLAN_FILE),
-        source=asked.source,
-        tolerance=asked.tolerance_px,
-        crosstalk=asked.crosstalk,
-        most_frames=asked.most_frames,
-        pose=asked.pose,
-        regions=asked.regions,
-        out=Path(out or "target_plan.json"),
-    )
-    return CommandStep(words_of(task), python_of(task), ((PLAN_FILE, plan.to_json()),))
+    task = target_task(PlanSettings.of(project), out or "target_plan.json")
+    return CommandStep.of(task, ((PLAN_FILE, needed_plan(project).to_json()),))

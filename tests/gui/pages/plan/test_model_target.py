@@ -8,14 +8,14 @@ import pytest
 from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan
-from lfcal.targets import Pose, parse_target, plan_target
+from lfcal.targets import Pose, Wishes, parse_target, plan_target
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.plan import model
 from lfcal_gui.pages.plan.model_target import (
     MOST_DRAWN,
     PlaneDrawing,
     PlannedTarget,
-    TargetSettings,
+    PlanSettings,
     iter_target,
     point_lines,
     read_plan,
@@ -28,9 +28,9 @@ ARRAY = "array:6x6@1021.3um"
 
 
 def test_words_of_no_target_are_refused_in_one_line() -> None:
-    asked = TargetSettings()
+    asked = PlanSettings()
     assert not asked.many and asked.changed("source", " array ").many
-    for key, value in (("source", "array:6x6"), ("source", ""), ("tolerance_px", 0.0), ("crosstalk", 2.0)):
+    for key, value in (("source", "array:6x6"), ("tolerance", 0.0), ("crosstalk", "2")):
         with pytest.raises(InputError) as refused:
             asked.changed(key, value)
         assert "\n" not in str(refused.value)
@@ -39,18 +39,18 @@ def test_words_of_no_target_are_refused_in_one_line() -> None:
 
 
 def test_settings_go_into_a_project_and_back() -> None:
-    asked = TargetSettings(ARRAY, 0.2, 0.01, 7)
+    asked = PlanSettings(ARRAY, 0.2, 0.01, 7)
     project = ProjectState(settings=asked.into(ProjectState()))
-    assert TargetSettings.of(ProjectState.from_json(project.to_json())) == asked
+    assert PlanSettings.of(ProjectState.from_json(project.to_json())) == asked
     damaged = ProjectState(settings={"plan": {"source": "nonsense"}})
-    assert TargetSettings.of(damaged) == TargetSettings()
+    assert PlanSettings.of(damaged) == PlanSettings()
 
 
 def test_a_plan_is_the_library_s_and_its_drawing_tells_what_is_covered() -> None:
-    found = drain(iter_target(SCAN, TargetSettings(ARRAY, most_frames=12)))
+    found = drain(iter_target(SCAN, PlanSettings(ARRAY, most_frames=12)))
     (plane,) = found.planes
     assert len(found.plan.offsets_px[0]) == 12 and found.plan.target == parse_target(ARRAY)
-    assert found.plan == plan_target(SCAN, parse_target(ARRAY), TargetSettings(ARRAY, most_frames=12).wishes())
+    assert found.plan == plan_target(SCAN, parse_target(ARRAY), Wishes(most_frames=12))
     assert (plane.few, plane.many) == found.plan.points_a_frame(0)
     assert plane.coverage == found.plan.coverage(0) < 1
     for frame in (0, 11):  # as the plan tells them for a frame by itself
@@ -71,22 +71,29 @@ def test_a_plan_is_the_library_s_and_its_drawing_tells_what_is_covered() -> None
 
 
 def test_pose_and_regions_are_those_of_the_command() -> None:
-    asked = TargetSettings(ARRAY, most_frames=3).changed("pose", "rotation=1,right=0.2mm").changed("regions", "1x3")
+    asked = PlanSettings(ARRAY, most_frames=3).changed("pose", "rotation=1,right=0.2mm").changed("regions", "1x3")
     for key, value in (("pose", "turn=1"), ("regions", "3")):
         with pytest.raises(InputError):
             asked.changed(key, value)
     found = drain(iter_target(SCAN, asked))
-    assert found.plan.target.pose == Pose.parse("rotation=1,right=200") and found.regions[0] == 3
+    assert (
+        found.plan.target.pose == Pose.parse("rotation=1,right=200")
+        and len(found.made.facts["regions"]["regions"]) == 3
+    )
     assert {name: single for name, _, single in found.summary()}["For 3 regions"] == "756"
-    assert TargetSettings.of_plan(found.plan).pose == "rotation=1,right=200"
+    assert PlanSettings.of_plan(found.plan).pose == "rotation=1,right=200"
 
 
 def test_a_saved_plan_is_read_again_with_what_it_shows(tmp_path: Path) -> None:
-    plan = plan_target(SCAN, parse_target(ARRAY), TargetSettings(ARRAY, most_frames=3).wishes())
+    plan = plan_target(SCAN, parse_target(ARRAY), Wishes(most_frames=3))
     (tmp_path / "target.json").write_text(plan.to_json())
     (tmp_path / "scan.json").write_text(SCAN.to_json())
     found = read_plan(str(tmp_path / "target.json"))
-    assert isinstance(found, PlannedTarget) and found.plan == plan and len(found.errors[0].error) == 3
+    assert (
+        isinstance(found, PlannedTarget)
+        and found.plan == plan
+        and len(found.made.facts["expected_error"][0]["error"]) == 3
+    )
     assert read_plan(str(tmp_path / "scan.json")) == SCAN
 
 

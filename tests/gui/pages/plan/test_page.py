@@ -20,12 +20,12 @@ def test_plan_both_ways(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> Non
     page.make_default()
     plan = window.project.state.plan
     assert plan is not None and page.empty is None
-    editor = page.panel.form.editor("cutout_rows")
-    assert editor.text() == str(plan.cutout[0])
-    editor.setText("41")
-    editor.textEdited.emit("41")
+    editor = page.panel.form.editor("cutout")
+    assert editor.text() == f"{plan.cutout[0]},{plan.cutout[1]}"
+    editor.setText("41x43")
+    editor.textEdited.emit("41x43")
     changed = window.project.state.plan
-    assert changed is not None and changed.cutout == (41, plan.cutout[1])
+    assert changed is not None and changed.cutout == (41, 43) and editor.text() == "41x43"
     before = page.panel.forecast.text()
     editor.editingFinished.emit()
     editor.setText("40")

@@ -19,7 +19,7 @@ from lfcal.targets import TargetPlan
 from lfcal_gui.context import Context
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.plan import page as plan_page
-from lfcal_gui.pages.plan.model_target import TargetSettings
+from lfcal_gui.pages.plan.model_target import PlanSettings
 from lfcal_gui.pages.plan.step import step
 from lfcal_gui.theme import current_theme
 from tests.gui.waiting import GUARD_MS, idle
@@ -128,7 +128,7 @@ def test_a_search_is_stopped(
     qtbot.waitUntil(lambda: not context.jobs.busy, timeout=GUARD_MS)
     assert not target.stop_button.isEnabled() and "Nothing is planned" in target.message.text()
     page.plan_target()
-    type_in(page, "tolerance_px", "0.2")  # what is looked for is wanted no longer
+    type_in(page, "tolerance", "0.2")  # what is looked for is wanted no longer
     qtbot.waitUntil(lambda: not context.jobs.busy, timeout=GUARD_MS)
     assert target.plan_button.isEnabled() and target.found is None
 
@@ -170,7 +170,7 @@ def test_no_copied_step_replaces_the_other_plan(planned: Any, context: Context, 
 
 
 def test_a_proposed_pitch_is_asked_for_in_both(state: ProjectState) -> None:
-    asked = TargetSettings("array,hole=20um", 0.2)
+    asked = PlanSettings("array,hole=20um", 0.2)
     made = step(replace(state, settings=asked.into(state)))
     assert {"array,hole=20um", "--tolerance=0.2", "--out=target_plan.json"} <= set(made.arguments)
     assert "source='array,hole=20um'" in made.python and "tolerance=0.2" in made.python
@@ -185,7 +185,7 @@ def test_a_saved_target_plan_is_opened_again(planned: Any, context: Context, qtb
     idle(context.jobs, qtbot)
     assert planned.panel.target.found.plan == plan and context.state.plan == SCAN
     assert planned.panel.tabs.currentWidget() is planned.panel.target
-    assert TargetSettings.of(context.state).source == ARRAY
+    assert PlanSettings.of(context.state).source == ARRAY
 
 
 def test_what_cannot_be_planned_is_refused_where_it_is_typed(open_page: OpenPage, context: Context) -> None:
@@ -195,17 +195,17 @@ def test_what_cannot_be_planned_is_refused_where_it_is_typed(open_page: OpenPage
     for key, text, words in (
         ("pose", "rotation=400", r"rotation (degrees): expected a number ≥ -180 and ≤ 180, got 400"),
         ("pose", "tilt_right=90", "tilt_right (degrees): expected a number > -60 and < 60, got 90"),
-        ("crosstalk", "100", "crosstalk allowed (%): expected a number ≥ 0.0001 and < 100, got 100"),
-        ("tolerance_px", "0.001", "≥ 0.01"),
+        ("crosstalk", "100%", "Crosstalk: expected a number ≥ 1e-06 and < 1, got 1"),
+        ("tolerance", "0.001", "≥ 0.01"),
         ("regions", "0x0", "2 to 100 in all, got 0x0"),
         ("regions", "99x99", "2 to 100 in all, got 99x99"),
         ("regions", "100000x100000", "2 to 100 in all"),
     ):
         type_in(page, key, text)
         assert words in form.error
-        type_in(page, key, {"crosstalk": "0.5", "tolerance_px": "0.1"}.get(key, ""))
+        type_in(page, key, {"crosstalk": "0.5%", "tolerance": "0.1"}.get(key, ""))
         assert not form.error
-    assert TargetSettings.of(context.state) == TargetSettings(source="array")
+    assert PlanSettings.of(context.state) == PlanSettings(source="array")
 
 
 def test_regions_without_room_are_refused_before_frames_are_looked_for(
@@ -265,6 +265,6 @@ def test_nothing_of_the_target_is_cut_where_the_window_is_low(planned: Any, qtbo
 def test_nothing_is_planned_with_the_value_before_one_that_is_refused(open_page: OpenPage, context: Context) -> None:
     page = open_page("plan")
     type_in(page, "source", "array")
-    type_in(page, "tolerance_px", "0")
+    type_in(page, "tolerance", "0")
     page.panel.target.plan_button.click()
-    assert "tolerance of a phase" in page.panel.target.message.text() and not context.jobs.jobs()
+    assert "Tolerance" in page.panel.target.message.text() and not context.jobs.jobs()
