@@ -68,7 +68,12 @@ def command(
     if subject == "list":
         measuring = ("depths", "virtual_depths", "cutout", "place", "error", "seconds", "draw", "mat_order")
         refuse(context, "a camera, plan or H to measure", "list", *measuring)
-        _list_places(json=json)
+        heads = ("name", "title", "error", "cost")
+        listed = [{head: getattr(one, head) for head in heads} for one in PLACES]
+        if json:
+            print_json(listed)
+        else:
+            print_table(["place", "", "error", "cost"], [list(one.values()) for one in listed])
         return
     share = read_as("--error", read_share, error)
     check_number("--error", share, above=0, at_most=10)
@@ -85,7 +90,9 @@ def command(
                     "error": share,
                     "seconds": seconds,
                     "curves": curves,
-                    "answers": {curve.place: _answer(curve, share) for curve in curves},
+                    "answers": {
+                        curve.place: {"words": curve.answer(share), "rung": curve.cheapest(share)} for curve in curves
+                    },
                 }
             )
         if draw is not None and any(curve.rungs for curve in curves):
@@ -105,9 +112,9 @@ def _measured(
     from lfcal.accuracy import iter_measure_curve
 
     curves: list[Curve] = []
+    ended: BaseException | None = None
     for number, place in enumerate(places):
         kept: list[Curve] = []
-        ended: BaseException | None = None
         try:
             work = iter_measure_curve(place, subject, seconds, number=number, total=len(places))
             run_work(_keeping(work, kept), quiet=quiet)
@@ -115,16 +122,15 @@ def _measured(
             raise
         except BaseException as end:  # Ctrl-C and signals: what was measured until then is shown first
             ended = end
-        if kept:
-            curves.append(kept[-1])
-            if not quiet:
-                _show(kept[-1], share)
+        curves += kept
+        if kept and not quiet:
+            _show(kept[0], share)
         if ended is not None:
-            return curves, ended
-    return curves, None
+            break
+    return curves, ended
 
 
-def _keeping(work: Work[Curve], kept: list[Curve]) -> Work[Curve]:
+def _keeping(work: Work[Curve], kept: list[Curve]) -> Work[None]:
     """Follow ``work``, with its newest curve in ``kept``."""
     try:
         while True:
@@ -132,9 +138,7 @@ def _keeping(work: Work[Curve], kept: list[Curve]) -> Work[Curve]:
             kept[:] = [record.curve]  # type: ignore[attr-defined]
             yield record
     except StopIteration as end:
-        curve: Curve = end.value
-        kept[:] = [curve]
-        return curve
+        kept[:] = [end.value]
     finally:
         work.close()
 
@@ -165,11 +169,6 @@ def _subject(
         yield Subject.of_matrix(matrix, path.name, workers)
 
 
-def _answer(curve: Curve, share: float) -> dict[str, object]:
-    found = curve.cheapest(share)
-    return {"words": curve.answer(share), "rung": found}
-
-
 def _show(curve: Curve, share: float) -> None:
     """Print one curve as a table, what it means, and what the error asked for costs."""
     from lfcal.accuracy import format_cost
@@ -194,12 +193,3 @@ def _show(curve: Curve, share: float) -> None:
     if curve.stopped:
         typer.echo(f"  {curve.stopped}; --seconds measures longer")
     typer.echo(f"{curve.answer(share)}\n")
-
-
-def _list_places(*, json: bool) -> None:
-    from lfcal.accuracy import PLACES
-
-    if json:
-        print_json([{"name": p.name, "title": p.title, "error": p.error, "cost": p.cost} for p in PLACES])
-        return
-    print_table(["place", "", "error", "cost"], [[p.name, p.title, p.error, p.cost] for p in PLACES])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,8 +14,6 @@ import typer
 from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 
 if TYPE_CHECKING:
-    from lfcal.camera import ScanPlan
-    from lfcal.frames import Frames
     from lfcal.psf import PSFMatrix
 
 
@@ -58,57 +56,78 @@ def command(
     """
     from lfcal.base import format_seconds
     from lfcal.cli._console import print_json, print_table
-    from lfcal.cli.sample import sample_session
     from lfcal.judge.report import report_files
-    from lfcal.tasks import ScanFrames, check_outputs
+    from lfcal.tasks import check_outputs
 
     check_outputs([*(out / name for name in FILES), *report_files(out / REPORT)], force=force)
-    session = sample_session()
-    source, plan = ScanFrames(session / "frames", session / "plan.json").open()
     steps = _Steps()
-    with _assembled(source, session, plan, out, steps, quiet=json) as matrix:
-        _pictures(matrix, out, steps)
-        check = _against_truth(matrix, plan, out, steps)
-        check |= _recorded(out, steps, quiet=json)
-        _report(matrix, out, steps, quiet=json)
-        _export(matrix, out, steps, quiet=json)
+    with ExitStack() as files:
+        found = _made(out, steps, files, quiet=json)
     if json:
-        print_json(
-            {
-                "out": out,
-                "shape": plan.shape,
-                "steps": [{"step": title, "made": made, "seconds": seconds} for title, made, seconds in steps.rows],
-                **check,
-            }
-        )
+        done = [{"step": title, "made": made, "seconds": seconds} for title, made, seconds in steps.rows]
+        del found["camera"]
+        print_json({"out": out, "steps": done, **found})
         return
     print_table(
         ["step", "made", "time"],
         [[title, made, format_seconds(seconds)] for title, made, seconds in steps.rows],
-        title=f"H (z, y, x, t, s) = {plan.shape} from {plan.camera.name}, written to {out}/",
+        title=f"H (z, y, x, t, s) = {found['shape']} from {found['camera']}, written to {out}/",
     )
-    typer.echo(f"check: {check['words']}")
-    typer.echo(f"check: correlation of the recorded session with it {check['recorded_correlation']:.4f}")
+    typer.echo(f"check: {found['words']}")
+    typer.echo(f"check: correlation of the recorded session with it {found['recorded_correlation']:.4f}")
     typer.echo(f"next: open {out / 'report' / 'index.html'} in a browser, or run lfcal-gui --demo")
 
 
-@contextmanager
-def _assembled(
-    source: Frames, session: Path, plan: ScanPlan, out: Path, steps: _Steps, *, quiet: bool
-) -> Iterator[PSFMatrix]:
+def _made(out: Path, steps: _Steps, files: ExitStack, *, quiet: bool) -> dict[str, Any]:
+    """Do all steps, and return what the comparisons found; matrices are open until ``files`` are closed."""
+    from lfcal.base import read_text
+    from lfcal.camera import ScanPlan
     from lfcal.cli._console import run_work
-    from lfcal.frames import CorrectionRecipe, corrected_view
-    from lfcal.psf import AssemblySettings, iter_assemble_plan
+    from lfcal.cli.sample import sample_recording, sample_session
+    from lfcal.frames import CorrectionRecipe
+    from lfcal.judge import compare
+    from lfcal.judge.report import iter_report
+    from lfcal.psf import AssemblySettings, PSFMatrix, iter_export
+    from lfcal.simulate import simulate_psf
+    from lfcal.tasks import Assemble
 
+    def assembled(**given: Any) -> PSFMatrix:
+        (one,) = run_work(Assemble(settings=AssemblySettings(strict=True), **given).work(), quiet=quiet)
+        files.callback(one.close)
+        made.append(f"{one.out.name} from {one.report.frames} frames")
+        matrix: PSFMatrix = one.report.matrix
+        return matrix
+
+    session = sample_session()
+    plan = ScanPlan.from_json(read_text(session / "plan.json"))
     with steps.step("frames, corrected and cropped with the shifting cutout") as made:
-        with source:
-            recipe = CorrectionRecipe(dark=session / "dark", white=session / "white")
-            view = corrected_view(source, recipe, plan)
-            work = iter_assemble_plan(view, plan, out / "H.h5", AssemblySettings(strict=True))
-            report = run_work(work, quiet=quiet)
-        made.append(f"H.h5 from {report.frames} frames")
-    with report.matrix as matrix:
-        yield matrix
+        recipe = CorrectionRecipe(dark=session / "dark", white=session / "white")
+        given = {"frames": session / "frames", "plan": session / "plan.json", "corrections": recipe}
+        matrix = assembled(out=out / "H.h5", **given)
+    _pictures(matrix, out, steps)
+    with steps.step("the same H simulated directly, and compared") as made:
+        # the camera of the sample is simulated, so the truth is known.
+        truth = files.enter_context(simulate_psf(plan, "auto", tolerance=0.05, out=out / "truth.h5"))
+        found = compare(matrix, truth)
+        made.append("truth.h5")
+    with steps.step("a recorded session, with the darks it brings") as made:
+        own = assembled(frames=sample_recording(), out=out / "recorded_H.h5")
+        recorded = compare(own, PSFMatrix(truth.plane(0)[None], depths=own.depths))
+    with steps.step("quality report") as made:
+        run_work(iter_report(matrix, out / REPORT), quiet=quiet)
+        made.append("report/index.html")
+    with steps.step("export for the published codes") as made:
+        run_work(iter_export(matrix, out / "H.mat"), quiet=quiet)
+        made.append("H.mat (H, Ht, Nnum, CAindex, x3objspace)")
+    words = f"correlation with the simulated truth {found.correlation:.4f}, largest centroid shift "
+    return {
+        "shape": plan.shape,
+        "camera": plan.camera.name,
+        "correlation": found.correlation,
+        "max_shift_px": found.max_shift_px,
+        "words": words + f"{found.max_shift_px:.2f} px",
+        "recorded_correlation": recorded.correlation,
+    }
 
 
 def _pictures(matrix: PSFMatrix, out: Path, steps: _Steps) -> None:
@@ -134,58 +153,3 @@ def _pictures(matrix: PSFMatrix, out: Path, steps: _Steps) -> None:
             draw_image(axes, matrix.depth_sum(k), title=f"z = {format_length(float(matrix.depths[k]))}", unit="counts")
         save_figure(fig, out / "depth_sums.png")
         made.append("depth_sums.png")
-
-
-def _against_truth(matrix: PSFMatrix, plan: ScanPlan, out: Path, steps: _Steps) -> dict[str, Any]:
-    """Simulate the same H directly and compare: the sample camera's truth is known."""
-    from lfcal.judge import compare
-    from lfcal.simulate import simulate_psf
-
-    with steps.step("the same H simulated directly, and compared") as made:
-        truth = simulate_psf(plan, "auto", tolerance=0.05, out=out / "truth.h5")
-        with truth:
-            found = compare(matrix, truth)
-        made.append("truth.h5")
-    # the sample camera is simulated, so the truth is known.
-    words = f"correlation with the simulated truth {found.correlation:.4f}, largest centroid shift "
-    words += f"{found.max_shift_px:.2f} px"
-    return {"correlation": found.correlation, "max_shift_px": found.max_shift_px, "words": words}
-
-
-def _recorded(out: Path, steps: _Steps, *, quiet: bool) -> dict[str, Any]:
-    """Assemble the session that lfcal recorded itself, its own darks subtracted, and compare its plane."""
-    from lfcal.cli._console import run_work
-    from lfcal.cli.sample import sample_recording
-    from lfcal.frames import CorrectionRecipe, corrected_view
-    from lfcal.judge import compare
-    from lfcal.psf import AssemblySettings, PSFMatrix, iter_assemble_plan, open_psf
-    from lfcal.tasks import ScanFrames
-
-    with steps.step("a recorded session, with the darks it brings") as made:
-        source, plan = ScanFrames(sample_recording()).open()
-        with source:
-            view = corrected_view(source, CorrectionRecipe(), plan)
-            target = out / "recorded_H.h5"
-            report = run_work(iter_assemble_plan(view, plan, target, AssemblySettings(strict=True)), quiet=quiet)
-        with report.matrix as matrix, open_psf(out / "truth.h5") as truth:
-            found = compare(matrix, PSFMatrix(truth.plane(0)[None], depths=matrix.depths))
-        made.append(f"recorded_H.h5 from {report.frames} frames")
-    return {"recorded_correlation": found.correlation}
-
-
-def _report(matrix: PSFMatrix, out: Path, steps: _Steps, *, quiet: bool) -> None:
-    from lfcal.cli._console import run_work
-    from lfcal.judge.report import iter_report
-
-    with steps.step("quality report") as made:
-        run_work(iter_report(matrix, out / REPORT), quiet=quiet)
-        made.append("report/index.html")
-
-
-def _export(matrix: PSFMatrix, out: Path, steps: _Steps, *, quiet: bool) -> None:
-    from lfcal.cli._console import run_work
-    from lfcal.psf import iter_export
-
-    with steps.step("export for the published codes") as made:
-        run_work(iter_export(matrix, out / "H.mat"), quiet=quiet)
-        made.append("H.mat (H, Ht, Nnum, CAindex, x3objspace)")

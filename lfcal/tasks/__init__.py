@@ -7,7 +7,7 @@
 - ``transpose``, ``reduce``, ``export``, ``inspect``: H to HT, to a smaller file, to other programs, and its quality
 - ``reconstruct``: light-field frames to volumes
 - ``simulate``: a camera to H or frames
-- ``scan_frames``, ``target_frames``, ``cameras``, ``matrices``: inputs as tasks open them
+- ``target_frames``, ``cameras``, ``matrices``: inputs as tasks open them
 - ``acquire``: recordings of scans, regions and targets, and until H is good enough
 - ``plan``, ``plan_fit``, ``plan_target``: scans, positions for a fit, frames of a target
 - ``outputs``: what may be written where

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lfcal.base import InputError, LfcalError
-from lfcal.tasks.scan_frames import find_plan
+from lfcal.tasks._scan_frames import find_plan
 
 __all__ = ["assembled_first", "of_one_channel", "without_positions"]
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 from lfcal.base import FileFormatError, InputError, LfcalError, Work, check_number, read_text
 from lfcal.records import CorrectionRecipe, opt, read_orientation
 from lfcal.tasks._assembled_first import of_one_channel, without_positions
+from lfcal.tasks._scan_frames import ScanFrames, orientations
 from lfcal.tasks.cameras import tell_assumed
 from lfcal.tasks.matrices import open_matrix
 from lfcal.tasks.notes import note
-from lfcal.tasks.scan_frames import ScanFrames, orientations
 
 if TYPE_CHECKING:
     import numpy as np

@@ -24,7 +24,6 @@ from lfcal.tasks.plan_target import TargetPlanned
 from lfcal.tasks.planned import WITHOUT_READOUT, Planned, planned_scan
 from lfcal.tasks.reconstruct import Reconstructed, ReconstructionForecast
 from lfcal.tasks.reduce import ReducedFile
-from lfcal.tasks.scan_frames import ScanFrames
 from lfcal.tasks.sets import task_set
 from lfcal.tasks.simulate import SimulatedH, SimulatedRegions, SimulationForecast
 from lfcal.tasks.target_frames import left_words
@@ -51,7 +50,6 @@ __all__ = [
     "ReconstructionForecast",
     "RecordedSession",
     "ReducedFile",
-    "ScanFrames",
     "SimulatedH",
     "SimulatedRegions",
     "SimulationForecast",

@@ -25,10 +25,10 @@ from lfcal.records import (
     rows,
 )
 from lfcal.tasks._channels import ChannelPart, open_colour, parts_of
+from lfcal.tasks._scan_frames import ScanFrames, orientations, tell_size
 from lfcal.tasks.cameras import tell_assumed
 from lfcal.tasks.notes import note
 from lfcal.tasks.outputs import check_output, files_of
-from lfcal.tasks.scan_frames import ScanFrames, orientations, tell_size
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet, may_replace
 
 if TYPE_CHECKING:

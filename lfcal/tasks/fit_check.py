@@ -21,7 +21,7 @@ from lfcal.tasks._patterns import (
     orientation_field,
     own_words,
 )
-from lfcal.tasks.scan_frames import find_plan
+from lfcal.tasks._scan_frames import find_plan
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
 
 if TYPE_CHECKING:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -21,7 +21,9 @@ from lfcal.records import (
     show_pair,
     show_planes,
 )
+from lfcal.tasks._scan_frames import tell_size
 from lfcal.tasks.cameras import is_camera_file, load_camera, preset_names
+from lfcal.tasks.notes import note, warn
 from lfcal.tasks.planned import Planned, PlanTask, frame_rate, speed, write_plan
 from lfcal.tasks.task import RunSettings, Task, TaskSet
 
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lfcal.camera import Camera, ScanPlan
+    from lfcal.frames.lists import Listing
 
 __all__ = ["PLAN", "PlanRecorded", "PlanRegions", "PlanScan"]
 
@@ -257,23 +260,70 @@ class PlanRecorded(_Plan):
     )
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Planned, ...]]:
-        """Read the list and look at its frames."""
-        from lfcal.tasks._listed import plan_from_list
+        """Read the list, and see in the frames, where they are found, how the light moves."""
+        from lfcal.base import StorageError
+        from lfcal.frames import named_orientation, parse_origin
+        from lfcal.frames.lists import Part, any_listing, located, plan_of_list, reader, sample_of
 
         yield from ()
-        camera = load_camera(self.camera)
-        planes = self.depths or tuple(camera.depth_of(float(v)) for v in self.virtual_depths) or None
-        plan = plan_from_list(
-            self.positions,
-            camera,
-            folder=self.frames,
-            columns=self.columns,
-            orientation=self.orientation,
-            origin=self.origin,
-            depths_um=planes,
-            **self.settings(),
-        )
+        camera, settings = load_camera(self.camera), self.settings()
+        place, turn = parse_origin(self.origin), named_orientation(self.orientation)
+        listing, root = any_listing(self.positions, self.columns), self.frames or self.positions.parent
+        read = None
+        try:
+            listing = located(listing, root)
+            shape, colour, roi = sample_of(listing, root)
+            read = reader(listing, root, colour, turn)
+        except StorageError as error:
+            if self.frames is not None:
+                raise
+            note(f"frames were not found ({error}); --frames names their folder")
+        else:
+            _check_size(turn.shape(shape), camera, roi, place, str(root))
+            if colour is not None:
+                note(f"light is that of {colour} in colour pictures; lfcal assemble --channel chooses one")
+        depths = self.depths or tuple(camera.depth_of(float(v)) for v in self.virtual_depths) or None
+        part = None if place is None else Part(place, turn.name)
+        plan, notes = plan_of_list(listing, camera, read=read, part=part, depths_um=depths, **settings)
+        for one in notes:
+            note(one)
+        if read is not None and part is None:
+            _tell_turned(listing, plan, read)
         return (self._planned(plan),)
+
+
+def _tell_turned(listing: Listing, plan: ScanPlan, read: Callable[[int], NDArray[Any]]) -> None:
+    """Report frames that are flipped or turned against the camera, which the path of their light cannot show."""
+    from lfcal.base import FileFormatError, StorageError
+    from lfcal.campaign import find_turned_frames, seen_patterns
+    from lfcal.frames.lists import place
+
+    try:
+        seen = seen_patterns(read, place(listing, plan).positions, plan)
+    except (FileFormatError, StorageError):
+        return  # damaged frames are refused, or left out, where all frames are read
+    found = find_turned_frames(seen, plan)
+    if found is not None:
+        warn(f"the frames are {found.words}; make the plan again with {found.options}, and assemble with it")
+
+
+def _check_size(
+    shape: tuple[int, int],
+    camera: Camera,
+    roi: tuple[int, int, int, int] | None,
+    origin: tuple[int, int] | None,
+    folder: str,
+) -> None:
+    """Raise `InputError` for frames smaller than a sensor of known size if their place on it is not known."""
+    from lfcal.frames import check_inside, is_part_of_sensor, part_refusal, stated_origin
+
+    if origin is not None:
+        check_inside(origin, shape, camera.sensor.shape)
+    elif is_part_of_sensor(shape, camera):
+        stated = stated_origin(roi, shape)
+        raise part_refusal(shape, camera.sensor.shape, stated, "as their metadata say")
+    else:
+        tell_size(shape, camera, folder=folder)
 
 
 @record

@@ -14,7 +14,7 @@ from lfcal.campaign.turned_frames import SeenPattern, find_turned_frames, seen_p
 from lfcal.frames import ORIENTATIONS
 from lfcal.frames.lists.listing import Listing
 from lfcal.simulate import SimulatedCamera
-from lfcal.tasks._listed import _tell_turned
+from lfcal.tasks.plan import _tell_turned
 
 Scan = tuple[ScanPlan, NDArray[np.uint16], NDArray[np.intp]]
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lfcal.camera import Camera
-from lfcal.tasks.scan_frames import tell_size
+from lfcal.tasks._scan_frames import tell_size
 from tests.cli.conftest import Run
 from tests.frames.lists.scans import SENSOR, scan, small_camera, write_frames
 
