@@ -46,8 +46,8 @@ def test_from_the_camera_to_the_volume(
     plan_page: Any = window.page("plan")
     plan_page.open_file(str(tmp_path / "plan.json"))
     done(window, qtbot)
-    plan_page._edited("depths_um", sample.depths_um[:1])
-    plan_page._edited("settle_s", 0.0)
+    plan_page._edited("depths", sample.depths_um[:1])
+    plan_page._edited("settle", 0.0)
     plan = state.state.plan
     assert plan is not None and plan.shape == (1, *sample.shape[1:])
 
