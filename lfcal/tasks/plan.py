@@ -282,7 +282,7 @@ class PlanRecorded(_Plan):
             _check_size(turn.shape(shape), camera, roi, place, str(root))
             if colour is not None:
                 note(f"light is that of {colour} in colour pictures; lfcal assemble --channel chooses one")
-        depths = self.depths or tuple(camera.depth_of(float(v)) for v in self.virtual_depths) or None
+        depths: Any = self.depths or tuple(camera.depth_of(float(v)) for v in self.virtual_depths) or None
         part = None if place is None else Part(place, turn.name)
         plan, notes = plan_of_list(listing, camera, read=read, part=part, depths_um=depths, **settings)
         for one in notes:
