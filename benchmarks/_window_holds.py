@@ -84,16 +84,17 @@ def holds(plane: tuple[int, int, int, int], frame: tuple[int, int]) -> dict[str,
 
 
 def _frames(held: LongestTurn, jobs: Any, shape: tuple[int, int]) -> None:
-    from lfcal_gui.widgets.frame_view import FrameView
+    from lfcal_gui.models import Shot
+    from lfcal_gui.widgets import Picture
 
     rng = np.random.default_rng(1)
-    view = FrameView(jobs, "bench")
+    view = Picture(jobs=jobs)
     view.resize(1200, 800)
     view.show()
     for k in range(3):
         pixels = rng.integers(0, 4096, shape, np.uint16)
-        held.do("another frame", view.set_frame, pixels, (0, 4095))
-        held.do("zoom into a frame", view.show_region, 100 * k, 100 * k, 300, 400)
+        held.do("another frame", view.set_shot, Shot(pixels, levels=(0, 4095)))
+        held.do("zoom into a frame", view.show_part, 100 * k, 100 * k, 300, 400)
         held.do("whole frame", view.show_all)
     view.close()
 

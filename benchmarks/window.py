@@ -202,20 +202,21 @@ def _scrub(app: Any, page: Any, y: int, x: int) -> tuple[float, float]:
 def live_frames(scale: float = 1.0, seconds: float = 4.0) -> dict[str, Any]:
     """Return how many new full frames a second are drawn, and how long the window's thread is busy with each."""
     from lfcal_gui.jobs import Jobs
+    from lfcal_gui.models import Shot
     from lfcal_gui.theme import LIGHT, apply_theme
-    from lfcal_gui.widgets.frame_view import FrameView
+    from lfcal_gui.widgets import Picture
 
     app = _app()
     apply_theme(app, LIGHT)
     rows, columns = (int(n * scale**0.5) for n in R29_FRAME)
     rng = np.random.default_rng(0)
     frames = [rng.integers(0, 4096, (rows, columns), np.uint16) for _ in range(3)]
-    view = FrameView(jobs := Jobs(), "live")
+    view = Picture(jobs=(jobs := Jobs()))
     view.resize(1200, 800)
     view.show()
     drawn = [0]
-    view.drawn.connect(lambda: drawn.__setitem__(0, drawn[0] + 1))
-    view.set_frame(frames[0], (0, 4095))
+    view.changed.connect(lambda: drawn.__setitem__(0, drawn[0] + 1))
+    view.set_shot(Shot(frames[0], levels=(0, 4095)))
     while not drawn[0]:
         app.processEvents()
     busy: list[float] = []
@@ -224,7 +225,7 @@ def live_frames(scale: float = 1.0, seconds: float = 4.0) -> dict[str, Any]:
         before, at = time.thread_time(), drawn[0]
         if drawn[0] - shown >= sent:
             sent += 1
-            view.set_frame(frames[sent % 3], (0, 4095))
+            view.set_shot(Shot(frames[sent % 3], levels=(0, 4095)))
         app.processEvents()
         if drawn[0] != at:
             view.graphics.viewport().repaint()

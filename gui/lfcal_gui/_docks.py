@@ -1,4 +1,4 @@
-"""The docks of the window: jobs, and the log with all that was done and refused since the start."""
+"""The dock of the window: the log with all that was done and refused since the start."""
 
 from __future__ import annotations
 

@@ -66,9 +66,7 @@ class WindowMenus:
         self._action(menu, "Command palette …", window.show_palette, "Ctrl+Shift+P")
         self._action(menu, "Enlarge the picture, or put it back", window.enlarge_picture, "Ctrl+E")
         self._action(menu, "Light or dark", window.toggle_theme, "Ctrl+T")
-        jobs = window.job_dock.toggleViewAction()
-        jobs.triggered.connect(window.keep_dock)
-        menu.addAction(jobs)
+        self._action(menu, "Jobs", lambda: window.job_line.toggle(), "Ctrl+J")
         menu.addAction(window.log_dock.toggleViewAction())
 
     def _tools(self) -> None:

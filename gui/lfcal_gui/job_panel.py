@@ -26,7 +26,7 @@ KEPT = 20
 """Jobs that have ended and are still listed."""
 
 ROWS = 2
-"""Jobs that are seen whole in the dock, however low it is made; the others scroll."""
+"""Jobs that are seen whole in the lowest window; the others scroll."""
 
 
 class JobPanel(QWidget):
@@ -56,6 +56,8 @@ class JobPanel(QWidget):
         whole.addWidget(self._empty)
         whole.addStretch()
         self.area.setWidget(inner)
+        for part in (inner, self.area.viewport()):
+            part.setAutoFillBackground(False)
         self.area.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         outer.addWidget(self.area, 1)
         watch = QPushButton("Watch a run …")
@@ -70,7 +72,7 @@ class JobPanel(QWidget):
         jobs.queued.connect(self._show_queue)
 
     def minimumSizeHint(self) -> QSize:
-        """Return room for `ROWS` jobs: the lowest that the dock can be made."""
+        """Return room for `ROWS` jobs."""
         height = self.fontMetrics().height() + 28
         return QSize(super().minimumSizeHint().width(), ROWS * height)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from lfcal_gui.scenes import Shot, Stage
+    from lfcal_gui.scenes import Capture, Stage
 
 __all__ = ["main"]
 
@@ -82,7 +82,7 @@ def _play(options: argparse.Namespace, sizes: Sequence[str]) -> int:
     return 0
 
 
-def _write(stage: Stage, shot: Shot, sizes: Sequence[str], themes: Sequence[str], out: Path) -> None:
+def _write(stage: Stage, shot: Capture, sizes: Sequence[str], themes: Sequence[str], out: Path) -> None:
     window = stage.window
     for theme in (shot.theme,) if shot.theme else themes:
         window.set_theme(theme)

@@ -93,13 +93,18 @@ QSlider::handle:vertical {{ background: {accent}; width: 14px; height: 14px; mar
 
 @dataclass(frozen=True)
 class Theme:
-    """Colours of one theme, as ``#rrggbb``; ``red``: pictures are red on black, too."""
+    """Colours of one theme, as ``#rrggbb``.
+
+    ``edge`` surrounds what can be typed into; pictures, and words in their place, lie on ``canvas``. In a dark lab all
+    is ``red`` on black.
+    """
 
     name: str
     window: str
     panel: str
     raised: str
     line: str
+    edge: str
     text: str
     muted: str
     accent: str
@@ -107,55 +112,57 @@ class Theme:
     good: str
     fair: str
     bad: str
-    plot: str
+    canvas: str = "#0b0d10"
+    canvas_text: str = "#9eabba"
     red: bool = False
 
 
 LIGHT = Theme(
     "light",
-    "#f4f5f7",
-    "#ffffff",
-    "#eef0f3",
-    "#d5d9e0",
-    "#1b1f27",
-    "#667085",
-    "#0b6e99",
-    "#ffffff",
-    "#2e7d32",
-    "#b26a00",
-    "#c62828",
-    "#ffffff",
+    window="#eef1f4",
+    panel="#ffffff",
+    raised="#edf0f4",
+    line="#d7dde4",
+    edge="#838f9d",
+    text="#131c26",
+    muted="#546271",
+    accent="#0a6a94",
+    accent_text="#ffffff",
+    good="#1b7540",
+    fair="#8a5200",
+    bad="#b3261e",
 )
 DARK = Theme(
     "dark",
-    "#16191f",
-    "#1e222a",
-    "#282d37",
-    "#3a404c",
-    "#e6e9ef",
-    "#98a2b3",
-    "#4db6dd",
-    "#0d1117",
-    "#66bb6a",
-    "#ffb74d",
-    "#ef5350",
-    "#1e222a",
+    window="#101317",
+    panel="#171b21",
+    raised="#222831",
+    line="#2c343f",
+    edge="#667384",
+    text="#e9edf2",
+    muted="#9eabba",
+    accent="#58bfe6",
+    accent_text="#06222e",
+    good="#6ccf8e",
+    fair="#f0b65a",
+    bad="#ff8177",
 )
-
 NIGHT = Theme(
     "night",
-    "#000000",
-    "#080000",
-    "#1f0503",
-    "#4d110c",
-    "#ff5a45",
-    "#b23a2c",
-    "#c9301c",
-    "#000000",
-    "#c9301c",
-    "#ff8a5c",
-    "#ff2010",
-    "#030000",
+    window="#000000",
+    panel="#0a0000",
+    raised="#220605",
+    line="#4a120d",
+    edge="#a03428",
+    text="#ff6a55",
+    muted="#e05a4b",
+    accent="#e8402c",
+    accent_text="#000000",
+    good="#e8402c",
+    fair="#ff8a5c",
+    bad="#ff5a48",
+    canvas="#000000",
+    canvas_text="#e05a4b",
     red=True,
 )
 """For a dark lab: nothing but red, which eyes that are used to the dark hardly see as light."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from datetime import datetime
 from pathlib import Path
 
-from PySide6.QtCore import QByteArray, QSettings, QSize, Qt, QTimer
+from PySide6.QtCore import QByteArray, QSettings, QSize, Qt
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
 from PySide6.QtWidgets import (
     QApplication,
@@ -22,6 +22,7 @@ from PySide6.QtWidgets import (
 from lfcal.base import LfcalError
 from lfcal_gui._docks import LogView, add_dock
 from lfcal_gui._icons import icon_of
+from lfcal_gui._jobs_line import JobsLine
 from lfcal_gui._leaving import Leaving
 from lfcal_gui._manual import Manual
 from lfcal_gui._menus import WindowMenus, page_key
@@ -31,7 +32,6 @@ from lfcal_gui._tools import Tools
 from lfcal_gui._window_size import fit_screen
 from lfcal_gui.base_page import BasePage, page_class
 from lfcal_gui.context import Context
-from lfcal_gui.job_panel import JobPanel
 from lfcal_gui.jobs import JOBS_S, Jobs, JobState, WindowJob
 from lfcal_gui.models import PAGES, PageSpec, PageState, Project, ProjectState, available_pages, page_states
 from lfcal_gui.palette import Palette, doable
@@ -40,9 +40,6 @@ from lfcal_gui.widgets import name_controls, toggle_in
 from lfcal_gui.workers import LOG
 
 __all__ = ["MainWindow"]
-
-DOCK_MS = 6000
-"""How long jobs that have ended well are still shown (ms)."""
 
 INI = QSettings.Format.IniFormat
 
@@ -75,7 +72,7 @@ class MainWindow(QMainWindow):
         self.files = ProjectFiles(project, self.jobs, folder, self)
         self._attention: set[str] = set()
         self._manual: Manual | None = None
-        self._stopped = self._leaving = self._overdue = self._dock_opened = False
+        self._stopped = self._leaving = self._overdue = False
         self._pages: dict[str, BasePage] = {}
         self.specs = tuple(available_pages() if pages is None else pages)
         self._build_centre()
@@ -131,17 +128,11 @@ class MainWindow(QMainWindow):
 
     def _build_docks(self) -> None:
         self.log_view = LogView()
-        self.job_dock = add_dock(self, "Jobs", JobPanel(self.jobs))
         self.log_dock = add_dock(self, "Log", self.log_view)
-        self.tabifyDockWidget(self.job_dock, self.log_dock)
-        self.job_dock.raise_()
-        self.resizeDocks([self.job_dock], [110], Qt.Orientation.Vertical)
-        self.job_dock.hide()
+        self.resizeDocks([self.log_dock], [110], Qt.Orientation.Vertical)
         self.log_dock.hide()
-        self.dock_timer = QTimer(self)  # runs while the dock was opened for jobs that have all ended well
-        self.dock_timer.setSingleShot(True)
-        self.dock_timer.setInterval(DOCK_MS)
-        self.dock_timer.timeout.connect(self.job_dock.hide)
+        self.job_line = JobsLine(self.jobs, self)
+        self.statusBar().addPermanentWidget(self.job_line)
 
     # -- pages -----------------------------------------------------------------------------------------
     def page(self, key: str) -> BasePage:
@@ -204,25 +195,6 @@ class MainWindow(QMainWindow):
             self.log(f"{job.title}: {job.error}")
         if not job.active or job.progress is None:
             self._refresh()
-        if job.active and self.job_dock.isHidden():
-            self._dock_opened = True
-            self.job_dock.show()
-            self.job_dock.raise_()
-        self._leave_dock(job)
-
-    def keep_dock(self) -> None:
-        """Leave the jobs as they are: the user opened or closed them."""
-        self._dock_opened = False
-        self.dock_timer.stop()
-
-    def _leave_dock(self, job: WindowJob) -> None:
-        """Give the room of the jobs back when they have ended well, unless the user wanted to see them."""
-        if job.active or job.state is JobState.FAILED:
-            self.dock_timer.stop()
-        if job.state is JobState.FAILED:
-            self._dock_opened = False  # its error stays to be read
-        elif self._dock_opened and not self.jobs.running_pages():
-            self.dock_timer.start()
 
     def _refresh(self) -> None:
         """Show what follows from the state: rail, title, undo."""
@@ -274,8 +246,8 @@ class MainWindow(QMainWindow):
     def _style(self) -> None:
         """Style what stands around the pages, which style themselves as soon as they are seen."""
         dialogs = (dialog for dialog in self.findChildren(QDialog) if dialog.styleSheet())  # others take their page's
-        docks = self.job_dock, self.log_dock
-        for part in (self.menuBar(), self.statusBar(), self.rail, *docks, self._manual, *dialogs):
+        parts = self.log_dock, self.job_line.sheet
+        for part in (self.menuBar(), self.statusBar(), self.rail, *parts, self._manual, *dialogs):
             if part is not None:
                 part.setStyleSheet(style_sheet())
             if isinstance(part, Themed):  # a window with plots: a page redraws its own only
@@ -371,11 +343,9 @@ class MainWindow(QMainWindow):
 
     def reset_layout(self) -> None:
         """Give the window the size and the docks of the first start."""
-        for dock in (self.job_dock, self.log_dock):
-            dock.setFloating(False)
-            self.addDockWidget(Qt.DockWidgetArea.BottomDockWidgetArea, dock)
-            dock.hide()
-        self.tabifyDockWidget(self.job_dock, self.log_dock)
+        self.log_dock.setFloating(False)
+        self.addDockWidget(Qt.DockWidgetArea.BottomDockWidgetArea, self.log_dock)
+        self.log_dock.hide()
         fit_screen(self)
 
     def _restore(self) -> None:

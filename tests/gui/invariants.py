@@ -45,12 +45,12 @@ def check_window(window: MainWindow) -> None:
 
 
 def _axes(window: MainWindow) -> None:
-    for view in window.stack.currentWidget().findChildren(pg.GraphicsLayoutWidget):
-        for item in view.ci.items:
-            if isinstance(item, pg.PlotItem):
-                for side in ("bottom", "left"):
-                    axis = item.getAxis(side)
-                    assert axis.autoSIPrefixScale == 1, f"{axis.labelText}: numbers off by {axis.autoSIPrefixScale}"
+    for view in window.stack.currentWidget().findChildren(pg.GraphicsView):
+        plots = [item for item in view.scene().items() if isinstance(item, pg.PlotItem)]
+        for plot in plots:
+            for side in ("bottom", "left"):
+                axis = plot.getAxis(side)
+                assert axis.autoSIPrefixScale == 1, f"{axis.labelText}: numbers off by {axis.autoSIPrefixScale}"
 
 
 def _jobs(window: MainWindow) -> None:
@@ -104,21 +104,23 @@ def _psf(window: MainWindow, page: Any) -> None:
 def _psf_pictures(page: Any) -> None:
     """Hold controls, titles, unit and values against the position that is asked for."""
     panel, intent, matrix = page.panel, page.intent, page.matrix
-    assert page.plane.z == intent.z == panel.plane_slider.value() == panel.strip.currentRow()
+    assert page.plane.z == intent.z == panel.strip.currentRow()
     assert panel.show_box.currentData() == intent.show
-    assert (panel.h_button.isChecked(), panel.ht_button.isChecked()) == (not intent.transposed, intent.transposed)
+    shown = [title for title, button in panel.view_buttons.items() if button.isChecked()]
+    assert shown == [{"both": "Both", "sum": "Sum"}.get(intent.view, "HT" if intent.transposed else "H")]
     names, at = ("HT", "H") if intent.transposed else ("H", "HT"), f"position y {intent.y}, x {intent.x}"
     what = {"measured": ""}.get(intent.show, f"{intent.show.capitalize()}: ")
-    assert panel.main_title.text() == f"{what}{names[0]}, {at}", f"{panel.main_title.text()} for {what}{names[0]}, {at}"
-    assert panel.linked_title.text().startswith(f"{what}{names[1]}, ")
+    main, linked = panel.main_view.shot.caption, panel.linked_view.shot.caption
+    assert main == f"{what}{names[0]}, {at}", f"{main} for {what}{names[0]}, {at}"
+    assert linked.startswith(f"{what}{names[1]}, ")
     unit = shown_unit(intent, matrix, page.reference)
-    assert {panel.main_view.quantity(), panel.linked_view.quantity()} == {unit}
+    assert {panel.main_view.quantity, panel.linked_view.quantity} == {unit}
     assert (panel.readout.text().startswith("Hover")) == (intent.pixel is None)
     shown = {"measured": matrix, "reference": page.reference}.get(intent.show)
     if shown is not None:
         seen = shown.T if intent.transposed else shown
         wanted = np.asarray(seen[intent.z, intent.y, intent.x])
-        np.testing.assert_array_equal(panel.main_view.image, wanted, f"another pattern than {at} is shown")
+        np.testing.assert_array_equal(panel.main_view.values, wanted, f"another pattern than {at} is shown")
 
 
 def _form(form: Form, values: dict[str, Any]) -> None:

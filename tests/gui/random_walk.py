@@ -229,7 +229,7 @@ class Walk:
         return f"{row} {column}"
 
     def _mouse(self) -> str:
-        view = self._some(pg.GraphicsLayoutWidget)
+        view = self._some(pg.GraphicsView)
         if view is None:
             return "nothing"
         place = QPoint(self.random.randrange(max(1, view.width())), self.random.randrange(max(1, view.height())))

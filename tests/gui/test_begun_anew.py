@@ -171,10 +171,10 @@ def test_a_frame_of_other_choices(window: MainWindow, qtbot: QtBot) -> None:
     page.make_frame()
     idle(window.jobs, qtbot)
     frame = page.panel.frame
-    assert frame.view.measured() is not None
+    assert frame.view.values is not None
     page._set_tolerance(0.3)
     idle(window.jobs, qtbot)
-    assert frame.view.measured() is None and "changed since" in frame.words.text()
+    assert frame.view.values is None and "changed since" in frame.words.text()
 
 
 @pytest.mark.long
@@ -185,14 +185,14 @@ def test_charts_and_frames_of_another_plan(window: MainWindow, qtbot: QtBot) -> 
     page.make_frame()
     idle(window.jobs, qtbot)
     curve, frame = page.panel.curve, page.panel.frame
-    assert curve._curves and frame.view.measured() is not None
+    assert curve._curves and frame.view.values is not None
     star = curve._curves["chosen by the tolerance"].getData()[0]
     page._set_tolerance(max(rung.error for rung in page._ladder.rungs) * 1.01)
     idle(window.jobs, qtbot)
     fastest = min(page._ladder.rungs, key=lambda rung: rung.whole_seconds)
     now = curve._curves["chosen by the tolerance"].getData()[0]
     assert 10 ** now[0] == pytest.approx(fastest.whole_seconds) or now[0] == pytest.approx(fastest.whole_seconds), star
-    assert frame.view.measured() is None and "changed since" in frame.words.text()
+    assert frame.view.values is None and "changed since" in frame.words.text()
     assert not frame.save_button.isEnabled() and frame.make_button.isEnabled()
     window.project.update("planes", plan=replace(plan, depths_um=plan.depths_um[:1], exposure_s=0.02))
     idle(window.jobs, qtbot)

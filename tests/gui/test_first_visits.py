@@ -16,7 +16,7 @@ from lfcal_gui.pages.acquire._record_pictures import RecordPictures
 from lfcal_gui.pages.acquire.panel import AcquirePanel
 from lfcal_gui.pages.fit._found_tabs import FoundTabs
 from lfcal_gui.pages.fit.panel import FitPanel
-from lfcal_gui.widgets.image_view import ImageView
+from lfcal_gui.widgets.picture import Picture
 
 LOADED = """
 import json, sys, threading
@@ -49,15 +49,15 @@ def test_what_a_fit_finds_has_widgets_only_when_there_is_a_fit(qtbot: QtBot) -> 
     panel.on_patterns(lambda view: view.step(1))
     panel.show_place((0, 0, 0))
     panel.apply_theme()
-    assert not panel.findChildren(FoundTabs) and not panel.findChildren(ImageView)
+    assert not panel.findChildren(FoundTabs) and not panel.findChildren(Picture)
     assert panel.tabs is panel.tabs and panel.findChildren(FoundTabs) == [panel.tabs]
 
 
-def test_a_picture_is_one_plot(qtbot: QtBot) -> None:
-    """Its colour bar was another one, with four axes and two menus."""
-    view = ImageView()
+def test_a_picture_without_axes_holds_no_plot(qtbot: QtBot) -> None:
+    """Its colour bar was a plot of its own, with four axes and two menus."""
+    view = Picture()
     qtbot.addWidget(view)
-    assert [item for item in view.graphics.scene().items() if isinstance(item, pg.PlotItem)] == [view.plot]
+    assert not [item for item in view.graphics.scene().items() if isinstance(item, pg.PlotItem)]
 
 
 def test_the_record_tab_draws_a_session_only_where_it_is_looked_at(qtbot: QtBot) -> None:

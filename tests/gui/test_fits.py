@@ -69,7 +69,6 @@ def test_the_column_of_the_frames_is_whole(window: MainWindow, qtbot: QtBot) -> 
     page: Any = window.page("frames")
     assert page.accept_drop([str(sample_recording())])
     idle(window.jobs, qtbot)
-    window.job_dock.hide()
     settle()
     assert page.loaded is not None and scrolled(page) == []
 
@@ -128,7 +127,6 @@ def test_no_page_scrolls_in_a_small_window(window: MainWindow, camera: str, them
         window.go(spec.key)
         page: Any = window.page(spec.key)
         page.show_body()
-        window.job_dock.hide()
         for theme in themes:
             window.set_theme(theme)
             settle()
@@ -144,7 +142,6 @@ def test_the_routes_of_multiplexing_leave_room_for_pictures(window: MainWindow, 
     page: Any = window.page("multiplex")
     page.panel.tabs.setCurrentIndex(1)
     page.show_body()
-    window.job_dock.hide()
     idle(window.jobs, qtbot)
     settle()
     assert moving(page) == [] and page.panel.pictures.isVisible() and window.width() == 1280
@@ -159,7 +156,6 @@ def test_the_settings_of_a_recording_are_whole(window: MainWindow) -> None:
     window.go("acquire")
     page: Any = window.page("acquire")
     page.show_body()
-    window.job_dock.hide()
     (tabs,) = page.findChildren(QTabWidget)
     tabs.setCurrentIndex(1)
     for theme in ("light", "dark", "night"):
@@ -177,7 +173,6 @@ def test_the_plan_and_its_target_are_whole(window: MainWindow, qtbot: QtBot) -> 
     window.go("plan")
     page: Any = window.page("plan")
     idle(window.jobs, qtbot)
-    window.job_dock.hide()
     settle()
     for key in ("virtual_depths", "depths"):
         field = page.panel.form.editor(key)
@@ -188,7 +183,6 @@ def test_the_plan_and_its_target_are_whole(window: MainWindow, qtbot: QtBot) -> 
     type_in.textEdited.emit("array")
     page.plan_target()
     idle(window.jobs, qtbot)
-    window.job_dock.hide()
     settle()
     assert page.panel.target.found is not None and moving(page) == []
     for shown in (page.panel.target.graphics, page.panel.target.map, page.panel.target.save_button):
@@ -206,7 +200,6 @@ def test_nothing_scrolls_beside_the_live_view(window: MainWindow, qtbot: QtBot) 
     qtbot.waitUntil(lambda: page.panel.setup.devices.backend.count() > 0, timeout=GUARD_MS)
     page.setup.connect_devices()
     qtbot.waitUntil(lambda: page.setup.station is not None and page.panel.setup.live.isEnabled(), timeout=GUARD_MS)
-    window.job_dock.hide()
     for theme in ("light", "dark", "night"):
         window.set_theme(theme)
         settle()
@@ -220,11 +213,10 @@ def test_no_scroll_bar_beside_the_sample(window: MainWindow, qtbot: QtBot) -> No
     page: Any = window.page("frames")
     assert page.accept_drop([str(sample_recording())])
     idle(window.jobs, qtbot)
-    window.job_dock.hide()
     settle()
     assert page.loaded is not None and moving(page) == []
     assert page.panel.view.height() > 400
-    for shown in (page.panel.histogram.graphics, page.panel.numbers):
+    for shown in (page.panel.contrast, page.panel.numbers):
         assert whole(shown, page), "was cut off below"
 
 

@@ -1,4 +1,4 @@
-"""The Jobs dock: a line for each job, its log, and room for more than one."""
+"""Jobs in the status bar and their sheet: a row for each job, its log, and room for more than one."""
 
 from __future__ import annotations
 
@@ -132,14 +132,16 @@ def test_the_trace_of_a_failure_is_in_its_log(jobs: Jobs, qtbot: QtBot) -> None:
     assert not panel.isAncestorOf(row), "dismissed"
 
 
-def test_two_jobs_are_seen_whole_in_the_dock_of_a_small_window(window: MainWindow, qtbot: QtBot) -> None:
+def test_two_jobs_are_seen_whole_in_a_small_window(window: MainWindow, qtbot: QtBot) -> None:
     """Of the second job a strip was seen: the button below took the room."""
     window.resize(1280, 800)
     for name in ("Assemble H.h5", "Inspect H.h5"):
         window.jobs.start(name, "frames", lambda: working(warn=False))
     qtbot.waitUntil(lambda: not window.jobs.busy, timeout=GUARD_MS)
     QApplication.processEvents()
-    panel: Any = window.job_dock.widget()
+    window.job_line.toggle()
+    QApplication.processEvents()
+    panel = window.job_line.sheet.panel
     port = panel.area.viewport()
     seen = QRect(port.mapToGlobal(QPoint(0, 0)), port.size())
     for number in (1, 2):

@@ -28,7 +28,7 @@ from pytestqt.qtbot import QtBot
 
 from lfcal_gui.scenes.all import SCENES
 from lfcal_gui.scenes.sample import camera, open_sample, psf
-from lfcal_gui.scenes.stage import Scene, Shot, Stage
+from lfcal_gui.scenes.stage import Capture, Scene, Stage
 from lfcal_gui.theme import DARK, LIGHT, apply_theme
 from lfcal_gui.widgets.plots import style_axes
 from lfcal_gui.widgets.words import WrappedLabel
@@ -61,7 +61,7 @@ def looked_at(stage: Stage, scene: Scene, *sizes: tuple[int, int]) -> Iterator[s
         yield from (f"{state}: {one}" for state, wrong in before.items() for one in wrong)
 
 
-def looked_at_in_the_dark(stage: Stage, shot: Shot) -> Iterator[tuple[str, list[str]]]:
+def looked_at_in_the_dark(stage: Stage, shot: Capture) -> Iterator[tuple[str, list[str]]]:
     """Change the theme and back; yield the parts that kept colours of the one before."""
     for theme in ("dark", "light"):
         stage.window.set_theme(theme)

@@ -170,7 +170,9 @@ def test_rows_of_the_queue_are_whole_in_a_small_window(
     gates = [gate(f"Assemble H_{k}.h5") for k in range(4)]
     numbers = [window.jobs.start(one.name, "frames", one.work) for one in gates]
     QApplication.processEvents()
-    panel: Any = window.job_dock.widget()
+    window.job_line.toggle()
+    QApplication.processEvents()
+    panel = window.job_line.sheet.panel
     for number in numbers:
         shown = [one for one in panel.row(number).findChildren(QPushButton) if one.isVisible()]
         assert shown and all(one.width() >= one.sizeHint().width() and one.accessibleName() for one in shown)

@@ -5,8 +5,9 @@ import pytest
 from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QApplication
 
+from lfcal_gui.models.shot import Shot
 from lfcal_gui.theme import DARK, LIGHT, apply_theme, current_theme, style_sheet
-from lfcal_gui.widgets.image_view import ImageView
+from lfcal_gui.widgets.picture import Picture
 from lfcal_gui.window import MainWindow
 from tests.gui.layout_colours import of_other_themes
 
@@ -77,9 +78,9 @@ def test_a_dialog_that_is_open_takes_another_theme(window: MainWindow) -> None:
 def test_a_window_that_measures_takes_the_theme(window: MainWindow) -> None:
     """Its plots stayed dark."""
     window.go("camera")
-    view = ImageView()
+    view = Picture()
     view.setParent(window)
-    view.set_image(np.ones((8, 8)))
+    view.set_shot(Shot(np.ones((8, 8))))
     view.show()
     measuring = view.measure()
     for theme in ("dark", "light"):

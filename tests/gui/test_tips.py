@@ -124,7 +124,8 @@ def test_docks_and_dialogs_of_the_window(window: MainWindow) -> None:
     window.show_palette()
     (palette,) = window.findChildren(Palette)
     for part in (
-        window.job_dock,
+        window.job_line,
+        window.job_line.sheet,
         window.log_dock,
         tools.verify(),
         tools.doctor(),

@@ -53,12 +53,12 @@ def test_a_whole_sitting(window: MainWindow, qtbot: QtBot, recorded: Path, tmp_p
     assert frames.opened is not None and frames.loaded is not None
     np.testing.assert_array_equal(frames.loaded.raw, true_frame(0, 0, 0) + 100)
     np.testing.assert_allclose(frames.loaded.fixed, true_frame(0, 0, 0), atol=0.5)
-    left, right = (v for v in frames.panel.view.cutout.getData()[0][:2])
+    columns = frames.panel.view.overlays[0].points[:, 1]
     qtbot.keyClick(frames, Qt.Key.Key_Right)
     idle(window.jobs, qtbot)
     assert frames.position == (0, 0, 1)
-    assert frames.panel.view.cutout.getData()[0][0] == left + 1, "the cutout moves one pixel with the point"
-    assert right > left
+    moved = frames.panel.view.overlays[0].points[:, 1]
+    assert (moved == columns + 1).all() and np.ptp(columns) > 0, "the cutout moves one pixel with the point"
     frames.panel.choices.boxes["use_dark"].setChecked(False)
     assert not FrameSettings.of(window.project.state).use_dark
     window.project.undo()
@@ -72,10 +72,10 @@ def test_a_whole_sitting(window: MainWindow, qtbot: QtBot, recorded: Path, tmp_p
     window.go("psf", (1, 2, 3))
     psf: Any = window.page("psf")
     idle(window.jobs, qtbot)
-    np.testing.assert_allclose(psf.panel.main_view.image.max(), 20000, rtol=0.01)
+    np.testing.assert_allclose(psf.panel.main_view.values.max(), 20000, rtol=0.01)
     qtbot.keyClick(psf, Qt.Key.Key_T)
     assert psf.intent.transposed
-    np.testing.assert_array_equal(psf.panel.main_view.image, psf.matrix.T[1, 2, 3])
+    np.testing.assert_array_equal(psf.panel.main_view.values, psf.matrix.T[1, 2, 3])
     with qtbot.waitSignal(window.jobs.finished, timeout=GUARD_MS) as end:
         psf.export(str(tmp_path / "H.npy"))
     assert end.args[0].state is JobState.DONE and (tmp_path / "H.npy").exists()
@@ -325,8 +325,8 @@ def test_events_do_not_leak_references_to_none(qapp: QApplication, qtbot: QtBot)
     assert sys.getrefcount(None) > before - 500
 
 
-def test_the_jobs_give_their_room_back_when_they_ended_well(window: MainWindow, qtbot: QtBot) -> None:
-    """A job that was done kept the dock open for good."""
+def test_jobs_are_listed_without_moving_the_page(window: MainWindow, qtbot: QtBot) -> None:
+    """A dock opened and closed by itself, and the page moved under the pointer."""
 
     def work(error: str = "") -> Work[int]:
         yield Progress(0, 1, "at it")
@@ -334,17 +334,24 @@ def test_the_jobs_give_their_room_back_when_they_ended_well(window: MainWindow, 
             raise InputError(error)
         return 1
 
-    dock = window.job_dock
-    window.jobs.start("well", "plan", work)
-    assert dock.isVisible()
-    qtbot.waitUntil(lambda: window.dock_timer.isActive(), timeout=GUARD_MS)
-    window.dock_timer.timeout.emit()
-    assert dock.isHidden()
-    window.jobs.start("badly", "plan", lambda: work("no"))
+    line, before = window.job_line, window.stack.geometry()
+    window.jobs.start("Assemble H.h5", "plan", work)
+    assert line.button.text().startswith("Assemble H.h5") and line.bar.isVisible()
     idle(window.jobs, qtbot)
-    assert dock.isVisible() and not window.dock_timer.isActive(), "an error stays to be read"
-    dock.hide()
-    dock.toggleViewAction().trigger()
-    window.jobs.start("again", "plan", work)
+    assert line.button.text() == "No jobs running" and line.sheet.isHidden()
+    window.jobs.start("Export H.mat", "plan", lambda: work("no room"))
     idle(window.jobs, qtbot)
-    assert dock.isVisible() and not window.dock_timer.isActive(), "the user opened it"
+    assert line.button.text() == "Failed: Export H.mat" and line.button.property("role") == "error"
+    window.jobs.start("Inspect H.h5", "plan", work)
+    idle(window.jobs, qtbot)
+    assert line.button.text() == "Failed: Export H.mat", "an error stays until it was read"
+    qtbot.keyClick(window, Qt.Key.Key_J, Qt.KeyboardModifier.ControlModifier)
+    assert line.sheet.isVisible() and line.button.text() == "No jobs running"
+    assert "no room" in line.sheet.panel.row(2).error.text()
+    assert window.stack.geometry() == before, "nothing moved"
+    qtbot.keyClick(line.sheet, Qt.Key.Key_Escape)
+    assert line.sheet.isHidden()
+    window.jobs.start("again", "plan", lambda: work("no room"))
+    line.toggle()
+    idle(window.jobs, qtbot)
+    assert line.button.text() == "No jobs running", "it was seen as it failed"

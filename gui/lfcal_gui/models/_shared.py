@@ -3,7 +3,16 @@
 from __future__ import annotations
 
 from lfcal_gui.models.autosave import Claim, UnsavedCopy, find_kept, keep
-from lfcal_gui.models.display import COLOUR_MAPS, SCALES, DisplaySettings, colour_table, levels_of, shades, to_uint8
+from lfcal_gui.models.display import (
+    COLOUR_MAPS,
+    DIVERGING,
+    SCALES,
+    DisplaySettings,
+    colour_table,
+    levels_of,
+    shades,
+    to_uint8,
+)
 from lfcal_gui.models.doctor import doctor_html, doctor_text
 from lfcal_gui.models.filling import Filling
 from lfcal_gui.models.fitted import FittedCamera
@@ -29,6 +38,7 @@ from lfcal_gui.models.page import (
 )
 from lfcal_gui.models.project import Hold, Project, ProjectState, RecentProjects, read_project
 from lfcal_gui.models.record_form import check_of, fields_of, options_in, shown_of, value_in
+from lfcal_gui.models.shot import CUTOUT, Levels, Marks, Outline, Overlay, Shot, cutout_of, scale_bar
 from lfcal_gui.models.stamp import Stamp, stamp_of
 from lfcal_gui.models.step import CAMERA_FILE, PLAN_FILE, CommandStep, needed_file, needed_plan, options_of, step_of
 from lfcal_gui.models.words import plane_words, said_in_window, typeset, unbroken
@@ -37,6 +47,8 @@ __all__ = [
     "ATLAS",
     "CAMERA_FILE",
     "COLOUR_MAPS",
+    "CUTOUT",
+    "DIVERGING",
     "ICON_SIDE",
     "PAGES",
     "PLAN_FILE",
@@ -54,11 +66,16 @@ __all__ = [
     "JobState",
     "Keeping",
     "KeptRun",
+    "Levels",
+    "Marks",
     "Mishap",
     "Mishaps",
+    "Outline",
+    "Overlay",
     "Project",
     "ProjectState",
     "RecentProjects",
+    "Shot",
     "Sketch",
     "Stamp",
     "Taken",
@@ -68,6 +85,7 @@ __all__ = [
     "available_pages",
     "check_of",
     "colour_table",
+    "cutout_of",
     "doctor_html",
     "doctor_text",
     "fields_of",
@@ -95,6 +113,7 @@ __all__ = [
     "render_tile",
     "safe_words",
     "said_in_window",
+    "scale_bar",
     "section_of",
     "shades",
     "shown_of",

@@ -12,13 +12,23 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, njit
 
-__all__ = ["COLOUR_MAPS", "DisplaySettings", "bin_max", "colour_table", "levels_of", "shades", "to_uint8"]
+__all__ = [
+    "COLOUR_MAPS",
+    "DIVERGING",
+    "SCALES",
+    "DisplaySettings",
+    "bin_max",
+    "colour_table",
+    "levels_of",
+    "shades",
+    "to_uint8",
+]
 
-COLOUR_MAPS = ("viridis", "cividis", "magma", "gray")
-"""Perceptually even maps offered for intensities."""
+COLOUR_MAPS = ("magma", "viridis", "cividis", "gray")
+"""Perceptually even maps offered for intensities; in the first, no light is black."""
 
-DIFFERENCE = "RdBu_r"
-"""Map for signed differences, symmetric about zero."""
+DIVERGING = "vanimo"
+"""Map for signed values, dark at zero."""
 
 COLOURS = Path(__file__).with_name("colours.npy")
 """Red, green and blue of these maps ``(5, 256, 3)``, as matplotlib has them; to load it takes a tenth of a second."""
@@ -38,20 +48,20 @@ class DisplaySettings:
     scale
         ``"linear"``, ``"log"`` (of the value itself, at most four decades below the top) or ``"gamma"`` (square root).
     colour_map
-        One of `COLOUR_MAPS`, or the map for differences.
+        One of `COLOUR_MAPS`, or the map for signed values.
     levels
         Lowest and highest value shown; None follows the data.
     """
 
     scale: str = "linear"
-    colour_map: str = "viridis"
+    colour_map: str = "magma"
     levels: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         """Check every value."""
         if self.scale not in SCALES:
             raise InputError.expected("scaling", " or ".join(SCALES), self.scale, "choose one of these")
-        if self.colour_map not in (*COLOUR_MAPS, DIFFERENCE):
+        if self.colour_map not in (*COLOUR_MAPS, DIVERGING):
             raise InputError.expected("colour map", " or ".join(COLOUR_MAPS), self.colour_map, "choose one")
 
 
@@ -111,15 +121,15 @@ def shades(image: NDArray[np.generic], scale: str, levels: tuple[float, float]) 
 
 @lru_cache(maxsize=16)
 def colour_table(name: str, *, red: bool = False) -> NDArray[np.uint8]:
-    """Return the ``(256, 4)`` RGBA table of a colour map: one of `COLOUR_MAPS`, or that of differences.
+    """Return the ``(256, 4)`` RGBA table of a colour map: one of `COLOUR_MAPS`, or that of signed values.
 
     ``red``: from black to red, as bright as it would be.
     """
-    colours = np.load(COLOURS)[(*COLOUR_MAPS, DIFFERENCE).index(name)]
+    colours = np.load(COLOURS)[(*COLOUR_MAPS, DIVERGING).index(name)]
     if red:
         brightness = colours @ np.array([0.2126, 0.7152, 0.0722])
-        # differences are brightest in the middle, where there is nothing
-        brightness = 255 - brightness if name == DIFFERENCE else brightness
+        if name != DIVERGING:
+            brightness = np.maximum.accumulate(brightness)
         colours = np.column_stack([brightness, 0 * brightness, 0 * brightness])
     return np.column_stack([colours, np.full(256, 255)]).astype(np.uint8)
 

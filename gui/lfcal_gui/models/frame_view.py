@@ -1,4 +1,4 @@
-"""What the Frames page shows: the visible part of a large frame, its histogram, the cutout. No Qt."""
+"""What the Frames page shows: the visible part of a large frame, its numbers, the lattice. No Qt."""
 
 from __future__ import annotations
 
@@ -58,39 +58,27 @@ def render_tile(
     return to_uint8(bin_max(part, tile.step), display, levels)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class FrameNumbers:
     """Exact numbers of a frame.
 
     Attributes
     ----------
-    counts, edges
-        Histogram of all pixels and its bin edges (counts).
     low, high, mean
         Smallest, largest and mean value.
     saturated
         Saturated pixels, counted one by one; None: nobody can tell.
     """
 
-    counts: NDArray[np.int64]
-    edges: NDArray[np.float64]
     low: float
     high: float
     mean: float
     saturated: int | None
 
 
-def frame_numbers(frame: NDArray[np.generic], saturated: int | None, bins: int = 256) -> FrameNumbers:
-    """Return histogram, true extremes and mean of ``frame``, every pixel counted, with its ``saturated`` pixels."""
-    low, high = float(frame.min()), float(frame.max())
-    if frame.dtype == np.uint16 or frame.dtype == np.uint8:
-        each = np.bincount(frame.ravel(), minlength=int(high) + 1)
-        edges = np.linspace(low, max(high, low + 1), bins + 1)
-        where = np.clip(np.searchsorted(edges, np.arange(each.size), side="right") - 1, 0, bins - 1)
-        counts = np.bincount(where, weights=each, minlength=bins).astype(np.int64)
-    else:
-        counts, edges = np.histogram(frame, bins=bins, range=(low, max(high, low + 1e-9)))
-    return FrameNumbers(counts, edges, low, high, float(frame.mean(dtype=np.float64)), saturated)
+def frame_numbers(frame: NDArray[np.generic], saturated: int | None) -> FrameNumbers:
+    """Return true extremes and mean of ``frame``, every pixel counted, with its ``saturated`` pixels."""
+    return FrameNumbers(float(frame.min()), float(frame.max()), float(frame.mean(dtype=np.float64)), saturated)
 
 
 def lattice_points(

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from lfcal_gui.scenes.all import SCENES
-from lfcal_gui.scenes.stage import Shot, Stage
+from lfcal_gui.scenes.stage import Capture, Stage
 
 __all__ = [
     "SCENES",
-    "Shot",
+    "Capture",
     "Stage",
 ]

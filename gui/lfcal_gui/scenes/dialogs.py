@@ -7,41 +7,41 @@ from collections.abc import Iterator
 from lfcal.cli import sample_session
 from lfcal_gui.palette import Palette, doable
 from lfcal_gui.scenes.sample import open_sample
-from lfcal_gui.scenes.stage import Shot, Stage
+from lfcal_gui.scenes.stage import Capture, Stage
 
 __all__ = ["dialogs"]
 
 
-def dialogs(stage: Stage) -> Iterator[Shot]:
+def dialogs(stage: Stage) -> Iterator[Capture]:
     """Open one after the other."""
     window = stage.window
     open_sample(stage)
     page = stage.page("frames")
     page.start_import(str(sample_session() / "frames"))
     stage.settle()
-    yield Shot("dialog_import", page.dialog)
+    yield Capture("dialog_import", page.dialog)
     page.dialog.close()
     page = stage.page("psf")
     page.export()
     stage.settle()
-    yield Shot("dialog_export", page._export_dialog)
+    yield Capture("dialog_export", page._export_dialog)
     page._export_dialog.close()
     page = stage.page("camera")
     page.measure_sensor()
     stage.settle()
-    yield Shot("dialog_sensor", page.dialog)
+    yield Capture("dialog_sensor", page.dialog)
     page.dialog.close()
     for name in ("preferences", "doctor", "verify"):
         dialog = getattr(window.tools, name)()
         stage.settle()
-        yield Shot(f"dialog_{name}", dialog)
+        yield Capture(f"dialog_{name}", dialog)
         dialog.close()
     palette = Palette(window, doable(window.menuBar(), window.stack.currentWidget(), "Camera"))
     palette.open()
     stage.turn()
-    yield Shot("dialog_palette", palette)
+    yield Capture("dialog_palette", palette)
     palette.close()
     window.show_manual("faults.md")
     stage.settle()
-    yield Shot("dialog_manual", window._manual)
+    yield Capture("dialog_manual", window._manual)
     window._manual.close()

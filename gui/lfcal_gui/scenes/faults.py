@@ -16,12 +16,12 @@ from lfcal_gui.job_panel import JobPanel
 from lfcal_gui.models import Mishap, UnsavedCopy
 from lfcal_gui.restore_dialog import RestoreDialog
 from lfcal_gui.scenes.sample import open_sample
-from lfcal_gui.scenes.stage import Shot, Stage
+from lfcal_gui.scenes.stage import Capture, Stage
 
 __all__ = ["faults"]
 
 
-def faults(stage: Stage) -> Iterator[Shot]:
+def faults(stage: Stage) -> Iterator[Capture]:
     """Judge an H with misplaced, swapped and empty positions; then the dialogs of mishaps."""
     window = stage.window
     open_sample(stage)
@@ -32,16 +32,16 @@ def faults(stage: Stage) -> Iterator[Shot]:
     stage.page("psf")
     stage.settle()
     stage.tidy()
-    yield Shot("psf_spoilt")
+    yield Capture("psf_spoilt")
     page = stage.page("quality")
     page.measure(force=True)
     stage.settle()
     stage.tidy()
-    yield Shot("quality_faults")
+    yield Capture("quality_faults")
     for row in range(1, min(3, page.panel.inspect.faults.rowCount())):
         page.panel.inspect.faults.selectRow(row)
         stage.settle()
-        yield Shot(f"quality_fault_{row}")
+        yield Capture(f"quality_fault_{row}")
     yield from _log(stage)
     yield from _mishaps(stage)
 
@@ -57,16 +57,16 @@ def _spoil(source: Path, target: Path) -> None:
         save(PSFMatrix(data, depths=whole.depths, camera=whole.camera, anchor=whole.anchor, facts=whole.facts), target)
 
 
-def _log(stage: Stage) -> Iterator[Shot]:
+def _log(stage: Stage) -> Iterator[Capture]:
     window = stage.window
     panel = window.findChild(JobPanel)
     view = panel.row(panel.listed()[-1]).show_log()
     stage.turn(100)
-    yield Shot("dialog_job_log", view)
+    yield Capture("dialog_job_log", view)
     view.close()
 
 
-def _mishaps(stage: Stage) -> Iterator[Shot]:
+def _mishaps(stage: Stage) -> Iterator[Capture]:
     window = stage.window
     try:
         raise ZeroDivisionError("division by zero")
@@ -75,10 +75,10 @@ def _mishaps(stage: Stage) -> Iterator[Shot]:
     crash = CrashDialog(stage.folder / "lfcal.log", window)
     crash.show_mishaps([dataclasses.replace(first, count=4)], safe_now(window))
     stage.turn()
-    yield Shot("dialog_crash", crash)
+    yield Capture("dialog_crash", crash)
     crash.more.setChecked(True)
     stage.turn()
-    yield Shot("dialog_crash_details", crash)
+    yield Capture("dialog_crash_details", crash)
     crash.close()
     kept = UnsavedCopy(
         stage.folder / "copy.lfcal", window.project.state, str(stage.folder / "bench.lfcal"), time.time()
@@ -86,5 +86,5 @@ def _mishaps(stage: Stage) -> Iterator[Shot]:
     restore = RestoreDialog(kept, window)
     restore.open()
     stage.turn()
-    yield Shot("dialog_restore", restore)
+    yield Capture("dialog_restore", restore)
     restore.close()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lfcal.camera import preset
 from lfcal.frames import Position
 from lfcal.psf import PSFMatrix
-from lfcal_gui.scenes.stage import Shot, Stage
+from lfcal_gui.scenes.stage import Capture, Stage
 
 __all__ = ["large"]
 
@@ -22,37 +22,37 @@ NAME = "R29_main_lens_100mm_f2.8_2026-03-16_second_alignment_after_cleaning"
 PITCH, CUTOUT = 27.6, 181
 
 
-def large(stage: Stage) -> Iterator[Shot]:
+def large(stage: Stage) -> Iterator[Capture]:
     """Show PSF, camera and plan of an R29, then one of its frames."""
     window = stage.window
     window.project.update("R29", camera=preset("r29"), plan=None, frames="", psf="", reference="")
     stage.page("plan").make_default()
     stage.page("camera").panel.tabs.setCurrentIndex(1)
     stage.tidy()
-    yield Shot("camera_r29_assumed")
+    yield Capture("camera_r29_assumed")
     for key in ("camera", "plan"):
         page = stage.page(key)
         page.panel.tabs.setCurrentIndex(0)
         stage.tidy()
-        yield Shot(f"{key}_r29")
+        yield Capture(f"{key}_r29")
     window.context.matrices.put(f"/data/psf/{NAME}.h5", _matrix())
     window.project.update("open", psf=f"/data/psf/{NAME}.h5")
     stage.page("psf")
     stage.tidy()
-    yield Shot("psf_r29")
+    yield Capture("psf_r29")
     page = stage.page("frames")
     page.open_folder(str(_frames(stage.folder / NAME)))
     stage.settle()
     page.panel.lattice_box.setChecked(True)
     stage.settle()
     stage.tidy()
-    yield Shot("frames_r29_missing")
+    yield Capture("frames_r29_missing")
     page.go_to(Position(0, 27, 47))
     stage.settle()
-    yield Shot("frames_r29")
+    yield Capture("frames_r29")
     page.panel.follow.setChecked(True)
     stage.settle()
-    yield Shot("frames_r29_follow")
+    yield Capture("frames_r29_follow")
     page.panel.follow.setChecked(False)
 
 

@@ -10,12 +10,12 @@ from typing import Any
 from lfcal.camera import ScanPlan
 from lfcal.cli import sample_session
 from lfcal.devices.simulated import DeviceFault
-from lfcal_gui.scenes.stage import Shot, Stage
+from lfcal_gui.scenes.stage import Capture, Stage
 
 __all__ = ["recording"]
 
 
-def recording(stage: Stage) -> Iterator[Shot]:
+def recording(stage: Stage) -> Iterator[Capture]:
     """Set up, record one plane, assemble it."""
     page = _begin(stage)
     yield from _set_up(stage, page)
@@ -37,11 +37,11 @@ def _begin(stage: Stage) -> Any:
     return page
 
 
-def _set_up(stage: Stage, page: Any) -> Iterator[Shot]:
+def _set_up(stage: Stage, page: Any) -> Iterator[Capture]:
     setup = page.panel.setup
     page.panel.setCurrentWidget(setup)
     stage.tidy()
-    yield Shot("acquire_setup_unconnected")
+    yield Capture("acquire_setup_unconnected")
     page.setup.connect_devices()
     stage.until(lambda: page.setup.station is not None, "the simulator")
     setup.live.setChecked(True)
@@ -49,7 +49,7 @@ def _set_up(stage: Stage, page: Any) -> Iterator[Shot]:
     setup.lattice.setChecked(True)
     stage.turn(40)
     stage.tidy()
-    yield Shot("acquire_setup_live")
+    yield Capture("acquire_setup_live")
     setup.live.setChecked(False)
     stage.settle()
     for key in ("stage", "axis", "exposure", "white", "dark"):
@@ -57,32 +57,32 @@ def _set_up(stage: Stage, page: Any) -> Iterator[Shot]:
         stage.until(lambda: page.setup.free, key)
         stage.settle()
     stage.tidy()
-    yield Shot("acquire_setup_found")
+    yield Capture("acquire_setup_found")
     setup.devices.more.setChecked(True)
     setup.faults.fold.open()
     stage.turn()
-    yield Shot("acquire_setup_options")
+    yield Capture("acquire_setup_options")
     setup.devices.more.setChecked(False)
 
 
-def _record(stage: Stage, page: Any) -> Iterator[Shot]:
+def _record(stage: Stage, page: Any) -> Iterator[Capture]:
     """Record, let the camera fail on the way, go on, and assemble."""
     tab, panel = page.record, page.panel.record
     page.panel.setCurrentWidget(panel)
     stage.settle()
     stage.tidy()
-    yield Shot("acquire_record_ready")
+    yield Capture("acquire_record_ready")
     tab.start()
     stage.until(lambda: tab.recording and panel.bar.value() > 250, "a quarter of the recording")
     tab.pause()
     stage.turn(60)
-    yield Shot("acquire_record_running")
+    yield Capture("acquire_record_running")
     yield from _dark_lab(stage, page)
     page.setup.station.inject(DeviceFault("vanishes", 40, 1))
     tab.pause()
     stage.until(lambda: not tab.recording, "the camera to be unplugged")
     stage.settle()
-    yield Shot("acquire_record_failed")
+    yield Capture("acquire_record_failed")
     page.setup.disconnect_devices()
     stage.settle()
     tab.start()
@@ -90,19 +90,19 @@ def _record(stage: Stage, page: Any) -> Iterator[Shot]:
     stage.until(lambda: not tab.recording, "the end of the recording")
     stage.settle()
     stage.tidy()
-    yield Shot("acquire_record_complete")
+    yield Capture("acquire_record_complete")
     panel.extent.setCurrentIndex(panel.extent.findData("error"))
     panel.extent_asked.emit("error")
     stage.settle()
-    yield Shot("acquire_record_error")
+    yield Capture("acquire_record_error")
     tab.after.assemble(str(stage.folder / "session" / "H.h5"))
     stage.settle()
     stage.tidy()
-    yield Shot("psf_recorded")
+    yield Capture("psf_recorded")
 
 
-def _dark_lab(stage: Stage, page: Any) -> Iterator[Shot]:
+def _dark_lab(stage: Stage, page: Any) -> Iterator[Capture]:
     page.lab.toggle.setChecked(True)
     stage.turn(20)
-    yield Shot("acquire_lab", theme="night")
+    yield Capture("acquire_lab", theme="night")
     page.lab.toggle.setChecked(False)

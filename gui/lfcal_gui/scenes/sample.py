@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 from lfcal.accuracy import PLACES
 from lfcal.cli import sample_session
-from lfcal_gui.scenes.stage import Shot, Stage
+from lfcal_gui.scenes.stage import Capture, Stage
 
 __all__ = ["camera", "frames", "open_sample", "plan", "psf", "sample"]
 
 
-def sample(stage: Stage) -> Iterator[Shot]:
+def sample(stage: Stage) -> Iterator[Capture]:
     """Go through all pages with the sample session."""
     open_sample(stage)
     for scene in (camera, plan, frames, psf, simulate, quality, fit, reconstruct, multiplex, accuracy):
@@ -26,72 +26,72 @@ def open_sample(stage: Stage) -> None:
         stage.done()
 
 
-def camera(stage: Stage) -> Iterator[Shot]:
+def camera(stage: Stage) -> Iterator[Capture]:
     """Show the camera's tabs, with its white image."""
     page = stage.page("camera")
     stage.tidy()
-    yield Shot("camera")
+    yield Capture("camera")
     page.panel.tabs.setCurrentIndex(1)
     stage.turn()
-    yield Shot("camera_assumed")
+    yield Capture("camera_assumed")
     white = next((sample_session() / "white").glob("*.png"))
     page.check_white(str(white))
     stage.settle()
     stage.tidy()
-    yield Shot("camera_white")
+    yield Capture("camera_white")
 
 
-def plan(stage: Stage) -> Iterator[Shot]:
+def plan(stage: Stage) -> Iterator[Capture]:
     """Show the plan."""
     stage.page("plan")
     stage.tidy()
-    yield Shot("plan")
+    yield Capture("plan")
 
 
-def frames(stage: Stage) -> Iterator[Shot]:
+def frames(stage: Stage) -> Iterator[Capture]:
     """Show a frame whole, and followed with its lattice."""
     page = stage.page("frames")
     stage.tidy()
-    yield Shot("frames")
+    yield Capture("frames")
     page.panel.lattice_box.setChecked(True)
     page.panel.follow.setChecked(True)
     stage.settle()
-    yield Shot("frames_follow")
+    yield Capture("frames_follow")
     page.panel.follow.setChecked(False)
     page.panel.view.show_all()
 
 
-def psf(stage: Stage) -> Iterator[Shot]:
+def psf(stage: Stage) -> Iterator[Capture]:
     """Show H, HT, and a logarithmic scale."""
     page = stage.page("psf")
     stage.settle()
     stage.tidy()
-    yield Shot("psf")
+    yield Capture("psf")
     page.set_intent(transposed=True, pixel=(20, 20))
     page.panel.toggle_scale("log")
     stage.settle()
-    yield Shot("psf_transposed")
+    yield Capture("psf_transposed")
     page.set_intent(transposed=False)
     page.panel.toggle_scale("log")
 
 
-def simulate(stage: Stage) -> Iterator[Shot]:
+def simulate(stage: Stage) -> Iterator[Capture]:
     """Show an effect, the response, a frame, and accuracy; then hold H against the simulation."""
     page = stage.page("simulate")
     page.panel.table.select("vignetting")
     stage.settle()
     stage.tidy()
-    yield Shot("simulate")
+    yield Capture("simulate")
     page.panel.tabs.setCurrentIndex(1)
     stage.settle()
-    yield Shot("simulate_response")
+    yield Capture("simulate_response")
     page.make_frame()
     stage.settle()
-    yield Shot("simulate_frame")
+    yield Capture("simulate_frame")
     page.ladder()
     stage.done()
     stage.tidy()
-    yield Shot("simulate_accuracy")
+    yield Capture("simulate_accuracy")
     simulated = stage.folder / "simulated.h5"
     if simulated.is_file():
         stage.window.project.update("reference", reference=str(simulated))
@@ -102,42 +102,42 @@ def simulate(stage: Stage) -> Iterator[Shot]:
     judge.set_intent(show="difference")
     stage.settle()
     stage.tidy()
-    yield Shot("psf_difference")
+    yield Capture("psf_difference")
     judge.set_intent(show="measured")
 
 
-def quality(stage: Stage) -> Iterator[Shot]:
+def quality(stage: Stage) -> Iterator[Capture]:
     """Show the inspection, the comparison in its modes, and the trend."""
     page = stage.page("quality")
     if page.inspection is None:
         page.measure(force=True)
         stage.done()
     stage.tidy()
-    yield Shot("quality")
+    yield Capture("quality")
     inspect = page.panel.inspect
     inspect.table.setCurrentCell(4, 0)
     stage.settle()
-    yield Shot("quality_metric")
+    yield Capture("quality_metric")
     page.panel.setCurrentWidget(page.panel.compare)
     page.comparing.compare()
     stage.done()
     stage.tidy()
-    yield Shot("quality_compare")
+    yield Capture("quality_compare")
     for mode in ("blink", "difference"):
         box = page.panel.compare.mode
         box.setCurrentIndex(box.findData(mode))
         stage.turn()
-        yield Shot(f"quality_compare_{mode}")
+        yield Capture(f"quality_compare_{mode}")
     box.setCurrentIndex(0)
     yield from _trend(stage)
     page.panel.setCurrentWidget(page.panel.inspect)
 
 
-def _trend(stage: Stage) -> Iterator[Shot]:
+def _trend(stage: Stage) -> Iterator[Capture]:
     page = stage.window.page("quality")
     page.panel.setCurrentWidget(page.panel.trend)  # type: ignore[attr-defined]
     stage.turn()
-    yield Shot("quality_trend_empty")
+    yield Capture("quality_trend_empty")
     reports = stage.folder / "reports"
     for day in ("2026-03-02", "2026-03-09", "2026-03-16"):
         if not (reports / day).is_dir():
@@ -147,14 +147,14 @@ def _trend(stage: Stage) -> Iterator[Shot]:
     stage.done()
     page.panel.trend.table.setCurrentCell(2, 0)  # type: ignore[attr-defined]
     stage.tidy()
-    yield Shot("quality_trend")
+    yield Capture("quality_trend")
 
 
-def fit(stage: Stage) -> Iterator[Shot]:
+def fit(stage: Stage) -> Iterator[Capture]:
     """Show the choices, and the tabs of a fit."""
     page = stage.page("fit")
     stage.tidy()
-    yield Shot("fit_ready")
+    yield Capture("fit_ready")
     page._edited("positions", 12)
     page.fit()
     stage.done()
@@ -163,39 +163,39 @@ def fit(stage: Stage) -> Iterator[Shot]:
     for k, name in enumerate(("patterns", "parameters", "findings", "convergence")):
         tabs.setCurrentIndex(k)
         stage.settle()
-        yield Shot(f"fit_{name}")
+        yield Capture(f"fit_{name}")
     tabs.setCurrentIndex(0)
 
 
-def reconstruct(stage: Stage) -> Iterator[Shot]:
+def reconstruct(stage: Stage) -> Iterator[Capture]:
     """Show a light field, and the volume made of it."""
     page = stage.page("reconstruct")
     page.make_light_field("points", str(stage.folder / "points.tif"))
     stage.done()
     stage.tidy()
-    yield Shot("reconstruct_light_field")
+    yield Capture("reconstruct_light_field")
     page.panel.form.set_values({"iterations": 5})
     page._edited("iterations", 5)
     stage.settle()
     page.start()
     stage.done()
     stage.tidy()
-    yield Shot("reconstruct")
+    yield Capture("reconstruct")
 
 
-def multiplex(stage: Stage) -> Iterator[Shot]:
+def multiplex(stage: Stage) -> Iterator[Capture]:
     """Show the modulator and the reconstruction."""
     page = stage.page("multiplex")
     stage.tidy()
-    yield Shot("multiplex")
+    yield Capture("multiplex")
     page.panel.tabs.setCurrentIndex(1)
     stage.settle()
     stage.tidy()
-    yield Shot("multiplex_reconstruction")
+    yield Capture("multiplex_reconstruction")
     page.panel.tabs.setCurrentIndex(0)
 
 
-def accuracy(stage: Stage) -> Iterator[Shot]:
+def accuracy(stage: Stage) -> Iterator[Capture]:
     """Show what accuracy costs."""
     page = stage.page("accuracy")
     for name in PLACES.names():
@@ -204,4 +204,4 @@ def accuracy(stage: Stage) -> Iterator[Shot]:
         page._edited("place", name)
         stage.settle()
         stage.tidy()
-        yield Shot(f"accuracy_{name}")
+        yield Capture(f"accuracy_{name}")

@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QApplication, QWidget
 from lfcal_gui.jobs import JobState
 from lfcal_gui.window import MainWindow
 
-__all__ = ["Scene", "Shot", "Stage"]
+__all__ = ["Capture", "Scene", "Stage"]
 
 LONGEST_S = 900.0
 """Ends what hangs."""
@@ -23,7 +23,7 @@ TURNS = 8
 
 
 @dataclass(frozen=True)
-class Shot:
+class Capture:
     """A state that the window is in now: its name, and what is looked at, by default the whole window.
 
     ``theme`` is the only one that the state has, where it has one.
@@ -34,7 +34,7 @@ class Shot:
     theme: str = ""
 
 
-Scene = Callable[["Stage"], Iterator[Shot]]
+Scene = Callable[["Stage"], Iterator[Capture]]
 """Leads the window from one state to the next; each is looked at where it is yielded."""
 
 
@@ -92,5 +92,5 @@ class Stage:
     def tidy(self) -> None:
         """Let the line of the status bar and the jobs that have ended go."""
         self.window.statusBar().clearMessage()
-        self.window.job_dock.hide()
+        self.window.job_line.sheet.hide()
         self.turn()

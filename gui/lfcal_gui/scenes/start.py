@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from lfcal_gui.scenes.stage import Shot, Stage
+from lfcal_gui.scenes.stage import Capture, Stage
 
 __all__ = ["empty"]
 
 
-def empty(stage: Stage) -> Iterator[Shot]:
+def empty(stage: Stage) -> Iterator[Capture]:
     """Show the welcome and the empty pages."""
     window = stage.window
     welcome = window.tools.welcome()
     stage.turn()
-    yield Shot("welcome", welcome)
+    yield Capture("welcome", welcome)
     welcome.close()
     for spec in window.specs:
         stage.page(spec.key)
         stage.tidy()
-        yield Shot(f"{spec.key}_empty")
+        yield Capture(f"{spec.key}_empty")

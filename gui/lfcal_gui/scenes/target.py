@@ -8,38 +8,38 @@ from typing import Any
 
 from lfcal.camera import preset
 from lfcal_gui.models import ProjectState
-from lfcal_gui.scenes.stage import Shot, Stage
+from lfcal_gui.scenes.stage import Capture, Stage
 
 __all__ = ["target"]
 
 
-def target(stage: Stage) -> Iterator[Shot]:
+def target(stage: Stage) -> Iterator[Capture]:
     """Plan a target for the bench camera, and record it."""
     stage.window.files.start_with(ProjectState(camera=preset("bench")))
     page = stage.page("plan")
     page.make_default()
     page.panel.tabs.setCurrentIndex(1)
     stage.tidy()
-    yield Shot("plan_point")
+    yield Capture("plan_point")
     _type(page, "source", "array")
     _planned(stage, page)
-    yield Shot("plan_target")
+    yield Capture("plan_target")
     _type(page, "most_frames", "30")
     _planned(stage, page)
-    yield Shot("plan_target_part")
+    yield Capture("plan_target_part")
     yield from _recorded(stage, page)
     page = stage.page("plan")
     _type(page, "source", "array:4x4@1mm")
     _planned(stage, page)
-    yield Shot("plan_target_refused")
+    yield Capture("plan_target_refused")
 
 
-def _recorded(stage: Stage, plan: Any) -> Iterator[Shot]:
+def _recorded(stage: Stage, plan: Any) -> Iterator[Capture]:
     """Record the target that was planned, with the simulator."""
     _type(plan, "pose", "rotation=0.2")
     _type(plan, "regions", "1x3")
     _planned(stage, plan)
-    yield Shot("plan_target_pose")
+    yield Capture("plan_target_pose")
     file = stage.folder / "target_plan.json"
     file.write_text(plan.panel.target.found.plan.to_json(), encoding="utf-8")
     page = stage.page("acquire")
@@ -51,13 +51,13 @@ def _recorded(stage: Stage, plan: Any) -> Iterator[Shot]:
     page.record.folder_choice.take(str(folder))
     stage.settle()
     stage.tidy()
-    yield Shot("acquire_target_ready")
+    yield Capture("acquire_target_ready")
     page.record.start()
     stage.until(lambda: page.record.recording, "the recording to begin")
     stage.until(lambda: not page.record.recording, "the recording to end")
     stage.settle()
     stage.tidy()
-    yield Shot("acquire_target_complete")
+    yield Capture("acquire_target_complete")
 
 
 def _type(page: Any, key: str, text: str) -> None:

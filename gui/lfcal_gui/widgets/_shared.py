@@ -15,18 +15,16 @@ from lfcal_gui.widgets.cards import (
     scrolling,
     told_or_shown,
 )
-from lfcal_gui.widgets.colour_bar import ColourBar, bar_table, theme_table
+from lfcal_gui.widgets.colours import ramp, theme_table
+from lfcal_gui.widgets.contrast import SCALINGS, Contrast
 from lfcal_gui.widgets.enlarging import toggle_in, whole_page
 from lfcal_gui.widgets.fitted_text import FittedBrowser, lines_px
 from lfcal_gui.widgets.folded import Folded
 from lfcal_gui.widgets.form import Form
-from lfcal_gui.widgets.frame_view import FrameView
 from lfcal_gui.widgets.headed_card import HeadedCard
-from lfcal_gui.widgets.image_view import ImageView
-from lfcal_gui.widgets.linking import link_plots, link_views
-from lfcal_gui.widgets.measured_part import MeasuredPart, entries_at
 from lfcal_gui.widgets.naming import name_controls
 from lfcal_gui.widgets.period_map import PeriodMap
+from lfcal_gui.widgets.picture import Picture, link, share_contrast
 from lfcal_gui.widgets.picture_menu import offer_menu, table_entries
 from lfcal_gui.widgets.pixel_axis import count_pixels, pixel_axes
 from lfcal_gui.widgets.plots import LINES, DecadeAxis, LinePlot, line_px, shown_tone, style_axes, theme_plot
@@ -37,41 +35,39 @@ from lfcal_gui.widgets.words import ElidedLabel, WrappedLabel, set_look, set_rol
 __all__ = [
     "LINES",
     "NOTHING",
+    "SCALINGS",
     "SPACING",
     "AxisArrows",
-    "ColourBar",
+    "Contrast",
     "DecadeAxis",
     "ElidedLabel",
     "FittedBrowser",
     "Folded",
     "Form",
-    "FrameView",
     "HeadedCard",
-    "ImageView",
     "LinePlot",
-    "MeasuredPart",
     "PeriodMap",
+    "Picture",
     "RowsTable",
     "WrappedLabel",
-    "bar_table",
     "card",
     "choice_box",
     "clear",
     "column_area",
     "count_pixels",
-    "entries_at",
     "heading",
     "line",
     "line_px",
     "lines_px",
-    "link_plots",
-    "link_views",
+    "link",
     "name_controls",
     "offer_menu",
     "pixel_axes",
+    "ramp",
     "scrolling",
     "set_look",
     "set_role",
+    "share_contrast",
     "shown_tone",
     "split",
     "style_axes",

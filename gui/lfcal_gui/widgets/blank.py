@@ -14,20 +14,24 @@ NOTHING = "Nothing to show yet."
 
 
 class Blank(QLabel):
-    """A line in the middle of a plot on ``graphics``; ``words`` may be changed to the next step.
+    """A line in the middle of ``box`` on ``graphics``; ``words`` may be changed to the next step.
+
+    Where the box is that of a ``plot``, its axes have no numbers meanwhile; ``dark``: it lies on a picture's ground.
 
     While the picture is read or made, `wait` says so in the place of the words.
     """
 
-    def __init__(self, graphics: pg.GraphicsLayoutWidget, plot: pg.PlotItem) -> None:
+    def __init__(
+        self, graphics: pg.GraphicsView, box: pg.ViewBox, plot: pg.PlotItem | None = None, *, dark: bool = False
+    ) -> None:
         super().__init__(graphics)
-        self._graphics, self._plot = graphics, plot
+        self._graphics, self._box, self._plot, self._dark = graphics, box, plot, dark
         self._words, self._waits, self._shown = NOTHING, "", False
         self.setWordWrap(True)
         self.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self.hide()
-        plot.vb.sigResized.connect(self._fill)
+        box.sigResized.connect(self._fill)
 
     @property
     def words(self) -> str:
@@ -56,9 +60,8 @@ class Blank(QLabel):
         self._shown = blank
         if not blank:
             self._waits = ""
-        for side in ("bottom", "left"):
-            axis = self._plot.getAxis(side)
-            axis.setTicks([] if blank else None)
+        for side in ("bottom", "left") if self._plot is not None else ():
+            self._plot.getAxis(side).setTicks([] if blank else None)
         if blank:
             self.setText(self._waits or self._words)
             self.apply_theme()
@@ -67,11 +70,13 @@ class Blank(QLabel):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        self.setStyleSheet(f"color: {current_theme().muted}; background: transparent;")
+        theme = current_theme()
+        colour = theme.canvas_text if self._dark else theme.muted
+        self.setStyleSheet(f"color: {colour}; background: transparent;")
 
     def _fill(self) -> None:
         """Lie over the inside of the plot; where nothing is seen it is not worth laying the plot out for."""
         if not self._shown:
             return
-        inside = self._graphics.mapFromScene(self._plot.vb.sceneBoundingRect()).boundingRect()
+        inside = self._graphics.mapFromScene(self._box.sceneBoundingRect()).boundingRect()
         self.setGeometry(inside.adjusted(4, 4, -4, -4))

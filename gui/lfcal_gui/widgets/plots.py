@@ -59,10 +59,10 @@ def style_axes(plot: pg.PlotItem, xlabel: str, ylabel: str) -> None:
         plot.getAxis(side).unlinkFromView()
 
 
-def theme_plot(graphics: pg.GraphicsLayoutWidget, *plots: pg.PlotItem) -> None:
+def theme_plot(graphics: pg.GraphicsView, *plots: pg.PlotItem) -> None:
     """Give a plot the colours of the theme in use."""
     theme = current_theme()
-    graphics.setBackground(theme.plot)
+    graphics.setBackground(theme.panel)
     font = QFont()
     font.setPointSizeF(8.5)
     for plot in plots:
@@ -178,7 +178,7 @@ class LinePlot(QWidget):
         self._known: set[str] = set()
         self._tones: dict[str, str] = {}
         self._red = current_theme().red
-        self.blank = Blank(self.graphics, self.plot)
+        self.blank = Blank(self.graphics, self.plot.vb, self.plot)
         self.blank.show_blank(True)
         offer_menu(self, lambda: "plot", self._entries)
         self.apply_theme()

@@ -5,7 +5,7 @@ import pytest
 from matplotlib import colormaps
 
 from lfcal.base.errors import InputError
-from lfcal_gui.models.display import COLOUR_MAPS, DisplaySettings, bin_max, colour_table, levels_of, to_uint8
+from lfcal_gui.models.display import COLOUR_MAPS, DIVERGING, DisplaySettings, bin_max, colour_table, levels_of, to_uint8
 
 
 @pytest.mark.parametrize("scale", ["linear", "log", "gamma"])
@@ -26,7 +26,7 @@ def test_bad_displays() -> None:
     assert colour_table("viridis").shape == (256, 4)
 
 
-@pytest.mark.parametrize("name", [*COLOUR_MAPS, "RdBu_r"])
+@pytest.mark.parametrize("name", [*COLOUR_MAPS, DIVERGING])
 def test_colours_are_those_of_matplotlib(name: str) -> None:
     np.testing.assert_array_equal(colour_table(name), colormaps[name](np.arange(256), bytes=True))
 

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
 
-from lfcal_gui.jobs import Jobs
+from lfcal_gui.models.shot import Shot
 from lfcal_gui.pages.accuracy._chart import ParetoChart
 from lfcal_gui.pages.acquire._error_view import ErrorView
 from lfcal_gui.pages.fit.rounds_view import DecadePlot
 from lfcal_gui.widgets.blank import NOTHING
-from lfcal_gui.widgets.frame_view import FrameView
-from lfcal_gui.widgets.image_view import ImageView
+from lfcal_gui.widgets.picture import Picture
 from lfcal_gui.widgets.plots import LinePlot
 
 
@@ -32,7 +31,11 @@ def numbers(view: Any) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("made", [ImageView, lambda: LinePlot("x", "y"), ErrorView, ParetoChart])
+def with_axes() -> Picture:
+    return Picture(axes=("column (px)", "row (px)"))
+
+
+@pytest.mark.parametrize("made", [with_axes, lambda: LinePlot("x", "y"), ErrorView, ParetoChart])
 def test_an_empty_view_says_so(made: Any, qtbot: QtBot) -> None:
     view = made()
     qtbot.addWidget(view)
@@ -41,28 +44,25 @@ def test_an_empty_view_says_so(made: Any, qtbot: QtBot) -> None:
 
 
 def test_numbers_come_with_the_data_and_go_with_them(qtbot: QtBot) -> None:
-    image, plot, rounds = ImageView(), LinePlot("x", "y"), DecadePlot("χ²", "#000000")
-    frame = FrameView(Jobs(), "test")
-    for view in (image, plot, rounds, frame):
+    image, plot, rounds = with_axes(), LinePlot("x", "y"), DecadePlot("χ²", "#000000")
+    for view in (image, plot, rounds):
         qtbot.addWidget(view)
         view.show()
         assert view.blank.text() == NOTHING and numbers(view) == []
-    image.set_image(np.eye(5))
+    image.set_shot(Shot(np.eye(5)))
     plot.set_curve("line", [1, 2, 3], [4, 5, 6])
     rounds.show_values([1.0, 0.1], [False, False])
     for view in (image, plot, rounds):
         assert not view.blank.isVisible() and numbers(view)
-    assert image.bar.isVisible()
-    image.set_image(None)
+    image.set_shot(None)
     plot.clear()
-    assert image.blank.isVisible() and plot.blank.isVisible() and not image.bar.isVisible()
+    assert image.blank.isVisible() and plot.blank.isVisible()
     assert numbers(image) == [] == numbers(plot)
-    frame._jobs.close()
 
 
 def test_it_says_what_is_under_way_until_there_is_a_picture(qtbot: QtBot) -> None:
     """Four pictures said "Nothing to show yet." while a plane was read for them."""
-    view = ImageView()
+    view = Picture()
     qtbot.addWidget(view)
     view.show()
     view.blank.words = "Open a light field."
@@ -71,8 +71,8 @@ def test_it_says_what_is_under_way_until_there_is_a_picture(qtbot: QtBot) -> Non
     view.blank.wait("")
     assert view.blank.text() == "Open a light field."
     view.blank.wait("Making lf.tif …")
-    view.set_image(np.eye(5))
-    view.set_image(None)
+    view.set_shot(Shot(np.eye(5)))
+    view.set_shot(None)
     assert view.blank.text() == "Open a light field."
     view.blank.wait("Making lf.tif …")
     view.blank.words = "It failed."

@@ -12,9 +12,10 @@ from PySide6.QtWidgets import QApplication, QGridLayout, QMenu, QVBoxLayout, QWi
 from pytestqt.qtbot import QtBot
 
 from lfcal.psf import PSFMatrix, save
+from lfcal_gui.models.shot import Shot
 from lfcal_gui.widgets.cards import card
 from lfcal_gui.widgets.enlarging import Enlarged, enlarge, pictures_in, toggle_in, whole_page
-from lfcal_gui.widgets.image_view import ImageView
+from lfcal_gui.widgets.picture import Picture
 from lfcal_gui.widgets.plots import LinePlot
 from lfcal_gui.widgets.splitting import split
 from lfcal_gui.window import MainWindow
@@ -36,9 +37,9 @@ def shown(page: QWidget, qtbot: QtBot) -> None:
     qtbot.waitExposed(page, timeout=GUARD_MS)
 
 
-def picture() -> ImageView:
-    view = ImageView()
-    view.set_image(np.arange(12.0).reshape(3, 4))
+def picture() -> Picture:
+    view = Picture()
+    view.set_shot(Shot(np.arange(12.0).reshape(3, 4)))
     return view
 
 
@@ -116,8 +117,8 @@ def test_what_is_enlarged_goes_on(psf: Any, window: MainWindow, qtbot: QtBot) ->
     enlarge(view)
     holder = psf.findChild(Enlarged)
     QTest.keyClick(holder, Qt.Key.Key_Right)
-    assert psf.intent.x == 3 and psf.panel.main_title.isVisibleTo(holder), "keys are the page's, its title goes along"
-    np.testing.assert_array_equal(view.image, psf.matrix[1, 1, 3])
+    assert psf.intent.x == 3 and "x 3" in view.shot.caption, "keys are the page's"
+    np.testing.assert_array_equal(view.values, psf.matrix[1, 1, 3])
     QTest.keyClick(holder, Qt.Key.Key_Escape)
     assert psf.findChildren(Enlarged) == [] and view.isVisible()
 
@@ -153,21 +154,21 @@ def test_menu_key_and_menu_bar(psf: Any, window: MainWindow, qtbot: QtBot) -> No
     QApplication.processEvents()
     assert psf.findChildren(Enlarged) == []
     # the page is laid out anew, and the largest of its pictures is known then
-    qtbot.waitUntil(lambda: area(psf.panel.main_view) > area(psf.panel.profile), timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: area(psf.panel.main_view) > area(psf.panel.sum_view), timeout=GUARD_MS)
     action.trigger()
     largest = psf.findChild(Enlarged)
     assert largest is not None and {*pictures_in(largest)} & {psf.panel.main_view, psf.panel.linked_view}
 
 
 def test_a_page_that_becomes_empty_hides_it_and_it_is_there_again(psf: Any, window: MainWindow, qtbot: QtBot) -> None:
-    enlarge(psf.panel.profile)
+    enlarge(psf.panel.sum_view)
     window.project.update("close", psf="")
     idle(window.jobs, qtbot)
-    assert psf.empty is not None and psf.empty.isVisible() and not psf.panel.profile.isVisible()
+    assert psf.empty is not None and psf.empty.isVisible() and not psf.panel.sum_view.isVisible()
     window.project.undo()
     idle(window.jobs, qtbot)
     psf.findChild(Enlarged).put_back()
-    assert psf.panel.profile.isVisible()
+    assert psf.panel.sum_view.isVisible()
 
 
 @pytest.mark.parametrize("key", ["psf", "frames", "reconstruct"])

@@ -1,4 +1,4 @@
-"""Contrast handles, line, region, and the menu of every picture."""
+"""Contrast, line and region of a picture, and the menu of every picture and plot."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from PySide6.QtWidgets import QApplication, QMenu, QWidget
 from pytestqt.qtbot import QtBot
 
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.widgets.frame_view import FrameView
-from lfcal_gui.widgets.image_view import ImageView
+from lfcal_gui.models.shot import Shot
+from lfcal_gui.widgets.picture import LARGE, Picture
 from lfcal_gui.widgets.plots import LinePlot
 from tests.gui.waiting import GUARD_MS, idle
 
@@ -47,37 +47,30 @@ def entries(widget: QWidget) -> dict[str, Any]:
     return found
 
 
-@pytest.fixture(params=["image", "frame"])
+@pytest.fixture(params=["small", "large"])
 def view(request: pytest.FixtureRequest, qtbot: QtBot, jobs: Jobs) -> Any:
-    if request.param == "image":
-        made = shown(ImageView(), qtbot)
-        made.set_image(SPOT, levels=(0.0, 2000.0))
-    else:
-        made = shown(FrameView(jobs, "test"), qtbot)
-        made.set_frame(SPOT, (0.0, 2000.0))
-        idle(jobs, qtbot)
+    """Return a picture of a spot that is drawn at once, or in the background."""
+    made = shown(Picture(jobs=jobs), qtbot)
+    values = SPOT if request.param == "small" else np.pad(SPOT, ((0, 600), (0, LARGE // 600)), constant_values=100)
+    made.set_shot(Shot(values, levels=(0.0, 2000.0)))
+    idle(jobs, qtbot)
     return made
 
 
-def test_dragged_handles_change_what_is_shown_and_stay_with_the_next_picture(
-    view: Any, qtbot: QtBot, jobs: Jobs
-) -> None:
+def test_chosen_levels_stay_with_the_next_picture(view: Any, qtbot: QtBot, jobs: Jobs) -> None:
     window = view.measure()
-    assert window.handles.getRegion() == (0.0, 2000.0), "the handles stand where the page put the scale"
-    window.handles.setRegion((200.0, 700.0))
-    assert view.shown_levels() == (200.0, 700.0)
-    if isinstance(view, ImageView):
-        assert view.bar.levels() == (200.0, 700.0)
-        view.set_image(SPOT + 1, levels=(0.0, 2000.0))
-        assert view.item.image.max() == 255 and view.item.image.min() == 0, "values beyond the handles are cut off"
-    else:
-        view.set_frame(SPOT + 1, (0.0, 2000.0))
-    assert view.shown_levels() == (200.0, 700.0)
-    assert "Automatic contrast" in entries(view)
-    window.whole.click()
-    assert view.shown_levels() == (0.0, 2000.0) == window.handles.getRegion()
-    assert "Automatic contrast" not in entries(view)
+    assert window.contrast.levels == (0.0, 2000.0), "the handles stand where the page put the scale"
+    window.contrast.set_levels((200.0, 700.0))
     idle(jobs, qtbot)
+    assert view.levels == (200.0, 700.0)
+    assert view.item.image.max() == 255 and view.item.image.min() == 0, "values beyond the handles are cut off"
+    view.set_shot(Shot(view.values + 1, levels=(0.0, 2000.0)))
+    idle(jobs, qtbot)
+    assert view.levels == (200.0, 700.0)
+    entries(view)["Automatic contrast"].trigger()
+    idle(jobs, qtbot)
+    assert view.levels == (0.0, 2000.0) == window.contrast.levels
+    assert "Automatic contrast" not in entries(view)
 
 
 def test_line_and_region_are_measured_where_they_lie(view: Any, qtbot: QtBot, jobs: Jobs) -> None:
@@ -91,21 +84,21 @@ def test_line_and_region_are_measured_where_they_lie(view: Any, qtbot: QtBot, jo
     assert "44.0 px long, FWHM 9.4" in window.profile_words.text()
     assert "5 × 5 px, rows 18 to 22, columns 28 to 32" in window.region_words.text()
     assert "centroid row 20.00, column 30.00" in window.region_words.text()
-    before = len(view.plot.items)
+    before = len(view.box.addedItems)
     window.close()
-    assert len(view.plot.items) == before - 2, "line and rectangle go with their window"
+    assert len(view.box.addedItems) == before - 2, "line and rectangle go with their window"
     idle(jobs, qtbot)
 
 
 def test_a_picture_in_axis_units_is_measured_in_its_pixels(qtbot: QtBot) -> None:
-    view = shown(ImageView(), qtbot)
-    view.set_image(SPOT, origin=(-20.0, -30.0))
+    view = shown(Picture(), qtbot)
+    view.set_shot(Shot(SPOT, origin=(-20.0, -30.0)))
     window = view.measure()
     window.region.setPos((-2.5, -2.5))
     window.region.setSize((5, 5))
     window.measure()
     assert "centroid row 20.00, column 30.00" in window.region_words.text()
-    view.set_image(None)
+    view.set_shot(None)
     window.measure()
     assert window.profile_words.text() == "no picture"
 
@@ -123,10 +116,11 @@ def test_every_picture_and_plot_is_copied_and_saved(view: Any, qtbot: QtBot, job
     plot.save_picture(str(tmp_path / "plot.svg"))
     root = ElementTree.parse(tmp_path / "plot.svg").getroot()
     assert root.tag.endswith("svg") and len(root.findall(".//{http://www.w3.org/2000/svg}polyline")) > 0
-    plot.save_picture(str(tmp_path / "plot.png"))
-    assert (tmp_path / "plot.png").read_bytes()[:4] == b"\x89PNG"
+    for widget, name in ((plot, "plot.png"), (view, "view.png")):
+        widget.save_picture(str(tmp_path / name))
+        assert (tmp_path / name).read_bytes()[:4] == b"\x89PNG"
     view.save_data(str(tmp_path / "a.npy"))
     view.save_data(str(tmp_path / "a.csv"))
-    np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), SPOT)
-    np.testing.assert_allclose(np.loadtxt(tmp_path / "a.csv", delimiter=","), SPOT, rtol=1e-6)
+    np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), view.values)
+    np.testing.assert_allclose(np.loadtxt(tmp_path / "a.csv", delimiter=","), view.values, rtol=1e-6)
     idle(jobs, qtbot)

@@ -7,9 +7,14 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from lfcal_gui.widgets.image_view import ImageView
+from lfcal_gui.models.shot import Shot
 from lfcal_gui.widgets.period_map import PeriodMap
+from lfcal_gui.widgets.picture import Picture
 from lfcal_gui.widgets.pixel_axis import PixelAxis
+
+
+def with_axes(unit: str = "px") -> Picture:
+    return Picture(axes=(f"column ({unit})", f"row ({unit})"))
 
 
 def ticks(axis: PixelAxis, low: float, high: float, size: float = 300.0) -> list[float]:
@@ -18,10 +23,10 @@ def ticks(axis: PixelAxis, low: float, high: float, size: float = 300.0) -> list
 
 def test_whole_numbers_of_what_is_there(qtbot: QtBot) -> None:
     """A matrix of 4 rows had ticks at 0.5, and the map of a period at -1 and beyond its end."""
-    view, period = ImageView(), PeriodMap()
+    view, period = with_axes(), PeriodMap()
     for widget in (view, period):
         qtbot.addWidget(widget)
-    view.set_image(np.ones((4, 7)), origin=(-2.0, 0.0))
+    view.set_shot(Shot(np.ones((4, 7)), origin=(-2.0, 0.0)))
     period.set_values(np.ones((3, 5)))
     assert ticks(view.plot.getAxis("left"), -2.6, 1.6) == [-2, -1, 0, 1]
     assert ticks(view.plot.getAxis("left"), 1.6, -2.6) == [-2, -1, 0, 1], "rows count downwards"
@@ -39,9 +44,9 @@ def test_numbers_keep_apart_where_the_picture_is_small_on_its_axis(qtbot: QtBot)
 
 def test_an_axis_too_short_for_two_numbers_is_no_smear(qtbot: QtBot) -> None:
     """A picture of 110 rows on 30 screen pixels had 110 numbers, one over the other."""
-    view = ImageView()
+    view = with_axes()
     qtbot.addWidget(view)
-    view.set_image(np.ones((110, 132)))
+    view.set_shot(Shot(np.ones((110, 132))))
     for size in (10.0, 30.0):
         found = ticks(view.plot.getAxis("left"), -60.0, 170.0, size)
         assert found and all(gap * size / 230 >= 14 for gap in np.diff(found))
@@ -49,11 +54,11 @@ def test_an_axis_too_short_for_two_numbers_is_no_smear(qtbot: QtBot) -> None:
 
 def test_both_axes_of_a_picture_have_numbers(qtbot: QtBot) -> None:
     """Drawn as they are, not asked for."""
-    view = ImageView()
+    view = with_axes()
     qtbot.addWidget(view)
     view.resize(400, 300)
     view.show()
-    view.set_image(np.ones((40, 70)))
+    view.set_shot(Shot(np.ones((40, 70))))
     QApplication.processEvents()
     for side, last in (("left", 39), ("bottom", 69)):
         axis = view.plot.getAxis(side)
@@ -63,9 +68,9 @@ def test_both_axes_of_a_picture_have_numbers(qtbot: QtBot) -> None:
 
 @pytest.mark.parametrize(("origin", "step"), [((0.5, 0.5), 1.0), ((0.0, 0.0), 0.25)])
 def test_pictures_of_other_units_have_the_usual_axes(qtbot: QtBot, origin: tuple[float, float], step: float) -> None:
-    view = ImageView(unit="µm")
+    view = with_axes("µm")
     qtbot.addWidget(view)
-    view.set_image(np.ones((4, 4)), origin=origin, step=step)
+    view.set_shot(Shot(np.ones((4, 4)), origin=origin, step=step))
     assert any(value % 1 for value in ticks(view.plot.getAxis("left"), 0.0, 1.0))
 
 

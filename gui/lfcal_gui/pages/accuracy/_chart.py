@@ -66,7 +66,7 @@ class ParetoChart(LinePlot):
                     "size": PICKED_SIZE if point.picked else SIZE,
                     "symbol": "star" if point.picked else "o",
                     "brush": pg.mkBrush(self._colour(point)),
-                    "pen": pg.mkPen(theme.plot, width=line_px(0.8)),
+                    "pen": pg.mkPen(theme.panel, width=line_px(0.8)),
                 }
                 for number, point in ((k, points[k]) for k in order)
             ]

@@ -77,7 +77,7 @@ class ErrorView(LinePlot):
         stated, aside, wanted = (_log(np.array(v, float)) for v in (curve.stated, curve.aside, [curve.wanted]))
         self.stated.setData(x, stated)
         limit = np.isnan(np.array(curve.below, float))
-        fill = {True: pg.mkBrush(current_theme().plot), False: pg.mkBrush(ASIDE)}
+        fill = {True: pg.mkBrush(current_theme().panel), False: pg.mkBrush(ASIDE)}
         pen = pg.mkPen(ASIDE, width=1.6)
         self.aside.setData(
             [

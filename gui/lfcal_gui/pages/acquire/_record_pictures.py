@@ -5,26 +5,23 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtWidgets import QGridLayout, QLabel, QStackedWidget, QWidget
 
 from lfcal.acquire import LiveFrame
 from lfcal_gui.jobs import Jobs
+from lfcal_gui.models import CUTOUT, Marks, Overlay, Shot, cutout_of
 from lfcal_gui.pages.acquire._error_view import TITLE, ErrorView
 from lfcal_gui.pages.acquire.model_recorder import RecordPicture
 from lfcal_gui.pages.acquire.model_until import ErrorCurve
 from lfcal_gui.widgets import (
     LINES,
     ElidedLabel,
-    FrameView,
-    ImageView,
     LinePlot,
     PeriodMap,
+    Picture,
     card,
-    line_px,
     name_controls,
-    style_axes,
 )
 
 __all__ = ["RecordPictures"]
@@ -50,12 +47,9 @@ class RecordPictures(QWidget):
         self._light: NDArray[np.float64] | None = None
         self.map = PeriodMap()
         self.map.setToolTip("Positions of one period in this plane; empty: not recorded")
-        self.map.cross.hide()
-        self.frame = FrameView(jobs, "acquire record frame")
-        style_axes(self.frame.plot, "column (px)", "row (px)")
-        self.holes = pg.ScatterPlotItem(size=11, symbol="o", pen=pg.mkPen("#ff5a5f", width=line_px(1)), brush=None)
-        self.frame.plot.addItem(self.holes)
-        self.depth_sum = ImageView(value_label="10³ counts")
+        self.map.pointed = False
+        self.frame = Picture("counts", jobs=jobs)
+        self.depth_sum = Picture("10³ counts")
         self.depth_sum.blank.words = NOTHING
         self.frame.setToolTip("The frame just recorded, in pixels of the region that is read")
         self.frame.blank.words = "The frame just recorded is shown here."
@@ -79,7 +73,7 @@ class RecordPictures(QWidget):
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setSpacing(8)
         titles = [QLabel(title) for title in (MAP, "Current frame", SUM)]
-        self.map_title, self.frame_title, self.third_title = titles
+        self.map_title, _, self.third_title = titles
         for picture in (self.map, self.frame, self.depth_sum):
             picture.graphics.setMinimumSize(120, 90)
         for k, (title, view) in enumerate(zip(titles, (self.map, self.frame, self.third), strict=True)):
@@ -96,7 +90,7 @@ class RecordPictures(QWidget):
         grid.setRowStretch(0, 5)
         grid.setRowStretch(1, 3)
         for k in range(3):
-            grid.setColumnStretch(k, 11 if k == 2 else 9)  # the third has a colour bar
+            grid.setColumnStretch(k, 1)
 
     @cached_property
     def error(self) -> ErrorView:
@@ -116,7 +110,7 @@ class RecordPictures(QWidget):
             self.map_title.setText(COVERED if picture.covered else MAP)
         self.depth_sum.blank.words = NO_SUM if picture.covered else picture.reading.capitalize() or NOTHING
         seen = picture.depth_sum / 1e3 if picture.depth_sum.any() else None
-        self.depth_sum.set_image(seen, name="depth_sum")
+        self.depth_sum.set_shot(Shot(seen, name="depth_sum"))
         for k, (key, (x, y)) in enumerate(picture.curves.items()):
             self.curves[key].set_curve(key, x, y, colour=LINES[k])
             top = float(y.max(initial=0.0))
@@ -163,34 +157,22 @@ class RecordPictures(QWidget):
 
         Cutout and title change with the picture, which is drawn in the background.
         """
-        data = frame.data
-        levels = (float(data.min()), float(max(data.max(), data.min() + 1)))
-        self.frame.set_frame(data, levels, lambda: self._mark_frame(frame, point, target))
-
-    def _mark_frame(
-        self, frame: LiveFrame, point: tuple[float, float] | None, target: NDArray[np.float64] | None
-    ) -> None:
         where = frame.position
         place = "" if where is None else f", z {where.z}, y {where.y}, x {where.x}"
-        self.frame_title.setText(f"Frame: {frame.what}{place}")
-        self.holes.setData([], []) if target is None else self.holes.setData(target[:, 1], target[:, 0])
+        caption = f"{frame.what}{place}"
+        overlays: tuple[Overlay, ...] = ()
         if target is not None:
-            self.frame_title.setText(f"Frame {0 if where is None else where.x + 1}: {len(target)} points as planned")
-            self.frame.clear_cutout()
-            return
-        if frame.cutout is not None:
+            caption = f"frame {0 if where is None else where.x + 1}: {len(target)} points as planned"
+            overlays = (Marks(target, "o", CUTOUT, 11),)
+        elif frame.cutout is not None:
             row, column = frame.cutout.row - frame.roi.row, frame.cutout.column - frame.roi.column
             image = (0.0, 0.0) if point is None else (point[0] - frame.roi.row, point[1] - frame.roi.column)
-            self.frame.set_cutout(row, column, frame.cutout.shape, image)
-        else:
-            self.frame.clear_cutout()
+            overlays = cutout_of(row, column, frame.cutout.shape, image)
+        self.frame.set_shot(Shot(frame.data, caption, name="frame", overlays=overlays))
 
     def clear_frame(self) -> None:
         """Show no frame."""
-        self.frame.set_frame(None, (0, 1))
-        self.frame.clear_cutout()
-        self.holes.setData([], [])
-        self.frame_title.setText("Current frame")
+        self.frame.set_shot(None)
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""

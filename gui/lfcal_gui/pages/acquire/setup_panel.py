@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QHBoxLayout, QLabel, QP
 
 from lfcal.camera import ScanPlan
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.models import DisplaySettings
+from lfcal_gui.models import DisplaySettings, Overlay, Shot, cutout_of
 from lfcal_gui.pages.acquire._device_panel import DevicePanel
 from lfcal_gui.pages.acquire._fault_panel import FaultPanel
 from lfcal_gui.pages.acquire.model_live import LivePicture, age_words, expected_words
@@ -21,9 +21,8 @@ from lfcal_gui.widgets import (
     NOTHING,
     AxisArrows,
     ElidedLabel,
-    FrameView,
-    ImageView,
     LinePlot,
+    Picture,
     card,
     column_area,
     heading,
@@ -75,14 +74,14 @@ class SetupPanel(QWidget):
     def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.devices, self.stage, self.faults = DevicePanel(), StagePanel(), FaultPanel()
-        self.view = FrameView(jobs, "acquire live frame")
+        self.view = Picture("counts", jobs=jobs)
         self.view.hovered.connect(self._hovered)
         self.histogram = LinePlot("sample value (counts)", "pixels")
         self.histogram.plot.setLogMode(False, True)
         self.view.blank.words = "Connect devices, then switch the live view on."
         self.histogram.blank.words = "Shows every pixel of the live view."
-        self.seen = ImageView(value_label="counts above background")
-        self.predicted = ImageView(value_label="share of the light")
+        self.seen = Picture("counts above background", legend=False)
+        self.predicted = Picture("share of the light", legend=False)
         self._said: dict[str, tuple[str, bool, bool]] = {}
         self._counted: int | None = None
         row = QHBoxLayout(self)
@@ -220,10 +219,6 @@ class SetupPanel(QWidget):
             half = QVBoxLayout()
             half.addWidget(heading(title))
             view.setToolTip(tip)
-            view.plot.hideAxis("left")
-            view.plot.hideAxis("bottom")
-            view.graphics.removeItem(view.bar)
-            view.graphics.setMinimumHeight(90)
             half.addWidget(view, 1)
             pictures.addLayout(half)
         column.addLayout(pictures, 1)
@@ -257,8 +252,7 @@ class SetupPanel(QWidget):
         if self._waiting:
             self._waiting = False
             self.readout.setText(" ")
-        low, high = float(picture.frame.min()), float(picture.frame.max())
-        self.view.set_frame(picture.frame, (low, max(high, low + 1)), lambda: self._mark_cutout(picture))
+        self.view.set_shot(self._shot_of(picture))
         middle = (picture.edges[1:] + picture.edges[:-1]) / 2
         self.histogram.set_curve("pixels", middle, np.maximum(picture.counts, 0.5))
         self.numbers.setText(picture.numbers)
@@ -266,8 +260,8 @@ class SetupPanel(QWidget):
         self._show_saturated()
         self.spot.setText(picture.spot)
         self.view.set_lattice(plan.camera if self.lattice.isChecked() else None)
-        self.seen.set_image(picture.seen, name="seen")
-        self.predicted.set_image(picture.predicted, name="predicted")
+        self.seen.set_shot(Shot(picture.seen, name="seen"))
+        self.predicted.set_shot(Shot(picture.predicted, name="predicted"))
         self.predicted.blank.words = "No prediction for this place."
         words = expected_words(picture, plan)
         self.correlation.setText(f"{words}; {note}" if note else words)
@@ -286,14 +280,14 @@ class SetupPanel(QWidget):
         if self._last is not None:
             picture, plan = self._last
             self.view.set_lattice(plan.camera if self.lattice.isChecked() else None)
-            self._mark_cutout(picture)
+            self.view.set_shot(self._shot_of(picture))
 
-    def _mark_cutout(self, picture: LivePicture) -> None:
+    def _shot_of(self, picture: LivePicture) -> Shot:
+        overlays: tuple[Overlay, ...] = ()
         if picture.window is not None and picture.point is not None and self.cutout.isChecked():
             row, column, nt, ns = picture.window
-            self.view.set_cutout(row, column, (nt, ns), picture.point)
-        else:
-            self.view.clear_cutout()
+            overlays = cutout_of(row, column, (nt, ns), picture.point)
+        return Shot(picture.frame, name="frame", overlays=overlays)
 
     def show_waiting(self, waiting: bool) -> None:
         """Say in the pictures that are empty that the first frame is awaited, or no longer."""
@@ -305,12 +299,11 @@ class SetupPanel(QWidget):
         """Show no live frame, and nothing of one."""
         self._last = None
         self.age.setText("")
-        self.view.set_frame(None, (0.0, 1.0))
+        self.view.set_shot(None)
         self.view.set_lattice(None)
-        self.view.clear_cutout()
         self.histogram.clear()
         for view in (self.seen, self.predicted):
-            view.set_image(None)
+            view.set_shot(None)
         self.predicted.blank.words = NOTHING
         self.numbers.setText("–")
         self.spot.setText("–")
@@ -342,7 +335,7 @@ class SetupPanel(QWidget):
     def _zoom(self) -> None:
         if self._last is not None and self._last[0].window is not None:
             row, column, nt, ns = self._last[0].window
-            self.view.show_region(row, column, nt, ns)
+            self.view.show_part(row, column, nt, ns)
 
     def _hovered(self, row: int, column: int, value: float) -> None:
         self.readout.setText(" " if row < 0 else f"row {row}, column {column}: {value:.5g} counts")

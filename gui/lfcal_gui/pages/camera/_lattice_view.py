@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import pyqtgraph as pg
-from PySide6.QtCore import QRectF
+import numpy as np
 from PySide6.QtWidgets import QLabel, QStackedWidget, QVBoxLayout, QWidget
 
-from lfcal_gui.models import DisplaySettings
+from lfcal_gui.models import Marks, Outline, Shot
 from lfcal_gui.pages.camera.model_check import Checked
 from lfcal_gui.pages.camera.model_lattice_map import DISTORTION, RESIDUALS, LatticeMap
-from lfcal_gui.widgets import ImageView, choice_box
+from lfcal_gui.widgets import Picture, choice_box
 
 __all__ = ["LatticeView"]
 
@@ -36,18 +35,8 @@ class LatticeView(QWidget):
         self.legend = QLabel()
         self.legend.setProperty("role", "hint")
         self.legend.setWordWrap(True)
-        self.image = ImageView(xlabel="column", ylabel="row")
-        self.image.graphics.removeItem(self.image.bar)  # levels say nothing here
-        # white and red are seen on every brightness of the picture
-        self.fitted = pg.ScatterPlotItem(size=9, pxMode=True, symbol="+", pen=pg.mkPen("#ff3b30", width=1.5))
-        pen = pg.mkPen("#ffffff", width=1.5)
-        self.described = pg.ScatterPlotItem(size=11, pxMode=True, symbol="o", brush=None, pen=pen)
-        for marks in (self.described, self.fitted):
-            self.image.add_overlay(marks)
-        self.map = ImageView(xlabel="column", ylabel="row", value_label="displacement (px)")
-        self.map.set_display(DisplaySettings(colour_map="cividis"))
-        self.arrows = pg.PlotCurveItem(connect="pairs", pen=self.map.overlay_pen("#ffffff", 1.2))
-        self.map.add_overlay(self.arrows)
+        self.image = Picture(legend=False, colour_map="gray")
+        self.map = Picture("displacement (px)", axes=("column (px)", "row (px)"), colour_map="cividis")
         self.stack = QStackedWidget()
         for view in (self.image, self.map):
             self.stack.addWidget(view)
@@ -62,9 +51,8 @@ class LatticeView(QWidget):
     def show_check(self, found: Checked) -> None:
         """Show what was found, as it is chosen."""
         self._found = found
-        self.image.set_image(found.picture, name=found.name, step=found.step, keep_view=False)
-        self.fitted.setData(x=found.centres[:, 1], y=found.centres[:, 0])
-        self.described.setData(x=found.described[:, 1], y=found.described[:, 0])
+        marks = Marks(found.described, "o", "#ffffff", 11), Marks(found.centres, "+", "#ff5a5f", 9)
+        self.image.set_shot(Shot(found.picture, name=found.name, step=found.step, overlays=marks), keep_view=False)
         self._look_at_corner(found)
         self._show()
 
@@ -73,7 +61,7 @@ class LatticeView(QWidget):
         side = LENSLETS * (found.check.fit.pitch_px if found.check.fit is not None else 30.0)
         if found.picture is not None:
             side = min(side, found.step * max(found.picture.shape))
-        self.image.plot.setRange(QRectF(-2, -2, side, side), padding=0)
+        self.image.show_part(-2, -2, side, side, padding=0)
 
     def _show(self) -> None:
         if self._found is None:
@@ -86,18 +74,17 @@ class LatticeView(QWidget):
         elif name == PICTURE:
             self.legend.setText(LEGENDS[PICTURE])
         else:
-            self.map.set_image(None)
-            self.arrows.setData([], [])
+            self.map.set_shot(None)
             fitted = self._found.check.fit is not None
             self.legend.setText(STRAIGHT if fitted else "No lattice was fitted.")
 
     def _draw(self, name: str, shown: LatticeMap) -> None:
         first = (shown.cell - 1) / 2
         top = max(shown.largest, 1e-3)
-        self.map.set_image(
-            shown.size, name=name, levels=(0.0, top), origin=(first, first), step=shown.cell, keep_view=False
-        )
-        self.arrows.setData(shown.arrows[:, 1], shown.arrows[:, 0])
+        pairs = np.asarray(shown.arrows, float).reshape(-1, 2, 2)
+        arrows = tuple(Outline(pair, closed=False, width=1.2) for pair in pairs)
+        shot = Shot(shown.size, "", "", name, (0.0, top), origin=(first, first), step=shown.cell, overlays=arrows)
+        self.map.set_shot(shot, keep_view=False)
         drawn = f"; arrows {shown.gain:.2g} times too long." if shown.largest else "."
         self.legend.setText(LEGENDS[name].format(largest=shown.largest) + drawn)
 

@@ -2,125 +2,102 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-import pyqtgraph as pg
-from PySide6.QtCore import QRectF, Signal
-from PySide6.QtWidgets import QVBoxLayout, QWidget
+from PySide6.QtCore import Signal
 
+from lfcal_gui.models import Marks, Shot
 from lfcal_gui.pages.fit.model_run import FoundFit, Place
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets import (
-    ColourBar,
-    count_pixels,
-    offer_menu,
-    pixel_axes,
-    style_axes,
-    table_entries,
-    theme_plot,
-    theme_table,
-)
+from lfcal_gui.widgets import Picture, table_entries, theme_table
 
 __all__ = ["PlaceMap"]
 
 SYMBOLS = {"fitted": "o", "kept aside": "s", "left out": "x"}
-COLOURS = "viridis"
+COLOURS = "cividis"
 LEAST = (0.8, 1.5)
 """χ² at the ends of the colours, at least: what noise alone scatters is no pattern."""
 
 
-class PlaceMap(QWidget):
-    """A dot for each pattern: round where it was fitted, square where it was kept aside, a cross where left out.
+class PlaceMap(Picture):
+    """A mark for each pattern: round where it was fitted, square where it was kept aside, a cross where left out.
 
     Signals
     -------
     chosen(place)
-        The dot of a position (z, y, x) was clicked.
+        The mark of a position (z, y, x) was clicked.
     """
 
     chosen = Signal(tuple)
 
     def __init__(self) -> None:
-        super().__init__()
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        self.graphics = pg.GraphicsLayoutWidget()
-        self.graphics.setMinimumSize(120, 110)
-        column.addWidget(self.graphics)
-        self.plot: pg.PlotItem = self.graphics.addPlot(row=0, col=0, axisItems=pixel_axes(), enableMenu=False)
-        self.plot.setAspectLocked(True)
-        self.plot.invertY(True)
-        self.plot.hideButtons()
-        self.plot.setMouseEnabled(False, False)
-        style_axes(self.plot, "source x (px)", "source y (px)")
-        self.bar = ColourBar(LEAST, label="χ²")
-        self.graphics.addItem(self.bar, row=0, col=1)
         self.places: tuple[Place, ...] = ()
-        self._tips: dict[Place, str] = {}
-        self._shown: tuple[FoundFit, int] | None = None
-        self.dots = pg.ScatterPlotItem(hoverable=True, tip=lambda x, y, data: self._tips[data])
-        self.dots.sigClicked.connect(self._clicked)
-        self.ring = pg.ScatterPlotItem(size=19, symbol="o", brush=None)
-        for item in (self.ring, self.dots):
-            self.plot.addItem(item)
-        offer_menu(self, lambda: "chi2", self._entries)
+        self._found: FoundFit | None = None
+        super().__init__("χ²", axes=("source x (px)", "source y (px)"), colour_map=COLOURS)
+        self.box.setMouseEnabled(False, False)
         self.setToolTip("Click a position to see its pattern")
-        self.apply_theme()
+        self.clicked.connect(self._choose)
+        self.hovered.connect(self._tip)
 
     def show_plane(self, found: FoundFit, z: int) -> None:
         """Show the patterns of a plane; colours mean the same in all planes."""
-        self._shown = (found, z)
-        ny, nx = found.measured.plan.period
+        self._found = found
         self.places = tuple(place for place in found.places if place[0] == z)
-        self._tips = {
-            (z, y, x): f"y {y}, x {x}\nχ² {found.chi2[z, y, x]:.3g}\n{found.fate((z, y, x))}" for z, y, x in self.places
-        }
         kept = [value for place, value in found.chi2.items() if found.fate(place) != "left out"]
-        levels = (min(LEAST[0], *kept), max(LEAST[1], *kept)) if kept else LEAST
-        self.bar.set_levels(levels)
-        theme, table, spots = current_theme(), theme_table(COLOURS), []
-        for place in self.places:
-            fate = found.fate(place)
-            share = (found.chi2[place] - levels[0]) / (levels[1] - levels[0])
-            colour = theme.bad if fate == "left out" else tuple(table[round(255 * float(np.clip(share, 0, 1)))])
-            spot = {"pos": (place[2], place[1]), "data": place, "size": 10, "symbol": SYMBOLS[fate]}
-            spots.append({**spot, "brush": pg.mkBrush(colour), "pen": pg.mkPen(theme.muted, width=0.6)})
-        self.dots.setData(spots)
-        count_pixels(self.plot, (ny, nx))
-        self.plot.setRange(QRectF(-1.5, -1.5, nx + 2, ny + 2), padding=0)
+        low, high = (min(LEAST[0], *kept), max(LEAST[1], *kept)) if kept else LEAST
+        table = theme_table(COLOURS)
 
-    def _entries(self) -> list[tuple[str, Any]]:
-        return table_entries(self, "chi2", self._lines) if self._shown is not None else []
+        def colour(place: Place) -> str:
+            if found.fate(place) == "left out":
+                return current_theme().bad
+            share = float(np.clip((found.chi2[place] - low) / (high - low), 0, 1))
+            return "#{:02x}{:02x}{:02x}".format(*table[round(255 * share)][:3])
 
-    def _lines(self, between: str) -> Iterator[str]:
-        """Yield χ² and the fate of each pattern of the plane."""
-        assert self._shown is not None
-        yield between.join(("z", "y", "x", "chi2", "fate")) + "\n"
-        for place in self.places:
-            found = self._shown[0]
-            yield between.join((*map(str, place), f"{found.chi2[place]:.7g}", found.fate(place))) + "\n"
+        overlays = []
+        for fate, symbol in SYMBOLS.items():
+            shown = [place for place in self.places if found.fate(place) == fate]
+            points = np.array([place[1:] for place in shown], float).reshape(-1, 2)
+            overlays.append(Marks(points, symbol, [colour(place) for place in shown], 9, filled=symbol != "x"))
+        ground = np.full(found.measured.plan.period, np.nan)
+        self.set_shot(Shot(ground, name="chi2", levels=(low, high), overlays=tuple(overlays)))
 
     def show_place(self, place: Place | None) -> None:
-        """Put the ring about a position; None: nowhere."""
-        self.ring.setData([] if place is None else [place[2]], [] if place is None else [place[1]])
+        """Point out a position; None: none."""
+        self.set_cross(*((None, None) if place is None else place[1:]))
 
     def clear(self) -> None:
         """Show nothing."""
-        self.places, self._tips, self._shown = (), {}, None
-        self.dots.setData([])
-        self.show_place(None)
+        self.places, self._found = (), None
+        self.set_shot(None)
 
-    def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
-        theme_plot(self.graphics, self.plot)
-        self.bar.apply_theme()
-        self.bar.set_colours(theme_table(COLOURS))
-        if self._shown is not None:
-            self.show_plane(*self._shown)
-        self.ring.setPen(pg.mkPen(current_theme().accent, width=2))
+    def entries(self) -> list[tuple[str, Callable[[], Any]]]:
+        """Return what a menu offers."""
+        return table_entries(self, "chi2", self._lines) if self._found is not None else []
 
-    def _clicked(self, _: Any, spots: Any, *__: Any) -> None:
-        if len(spots):
-            self.chosen.emit(spots[0].data())
+    def _lines(self, between: str) -> Iterator[str]:
+        """Yield χ² and the fate of each pattern of the plane."""
+        assert self._found is not None
+        yield between.join(("z", "y", "x", "chi2", "fate")) + "\n"
+        for place in self.places:
+            yield between.join((*map(str, place), f"{self._found.chi2[place]:.7g}", self._found.fate(place))) + "\n"
+
+    def _nearest(self, row: int, column: int) -> Place | None:
+        """Return the position whose mark is nearest, where it is no farther than its size."""
+        units = self.box.viewRect().width() / max(1.0, self.box.width())
+        near = [(float(np.hypot(y - row, x - column)), (z, y, x)) for z, y, x in self.places]
+        distance, place = min(near, default=(np.inf, None))
+        return place if distance <= max(0.75, 9 * units) else None
+
+    def _choose(self, row: int, column: int) -> None:
+        place = self._nearest(row, column)
+        if place is not None:
+            self.chosen.emit(place)
+
+    def _tip(self, row: int, column: int, _: float) -> None:
+        found, place = self._found, self._nearest(row, column) if row >= 0 else None
+        if found is None or place is None:
+            self.setToolTip("Click a position to see its pattern")
+        else:
+            self.setToolTip(f"y {place[1]}, x {place[2]}\nχ² {found.chi2[place]:.3g}\n{found.fate(place)}")

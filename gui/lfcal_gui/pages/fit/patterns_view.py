@@ -4,57 +4,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QPushButton, QSlider, QVBoxLayout, QWidget
 
-from lfcal_gui.models import levels_of
+from lfcal_gui.models import Shot, levels_of
 from lfcal_gui.pages.fit._place_map import PlaceMap
 from lfcal_gui.pages.fit.model_run import FoundFit, Place
 from lfcal_gui.pages.fit.model_words import chi2_words, place_words
-from lfcal_gui.widgets import ImageView, choice_box, heading
+from lfcal_gui.widgets import SCALINGS, Picture, choice_box, heading, link, share_contrast
 
 __all__ = ["PatternsView"]
 
-SCALES = (("linear", "linear"), ("log", "log, 4 decades"), ("gamma", "gamma 0.5"))
 SIGMAS = 5.0
 """Residuals at the ends of the colours: always the same, so that noise looks like noise."""
-
-
-class LinkedView(ImageView):
-    """A picture that is moved with others.
-
-    Signals
-    -------
-    moved(box)
-        The user panned or zoomed: the view box.
-    whole_asked()
-        The whole picture is shown again.
-    """
-
-    moved = Signal(object)
-    whole_asked = Signal()
-
-    def __init__(self, value_label: str, *, signed: bool = False, first: bool = False) -> None:
-        super().__init__(value_label=value_label, signed=signed)
-        box = self.plot.getViewBox()
-        # not every change: a picture that only becomes larger moves no other
-        box.sigRangeChangedManually.connect(lambda *_: self.moved.emit(box))
-        if first:  # the next one has the same colours
-            self.graphics.removeItem(self.bar)
-
-    @property
-    def bar_px(self) -> int:
-        """Width of the colour bar with its numbers and its name (px)."""
-        return round(self.bar.size().width() + self.graphics.ci.layout.horizontalSpacing())
-
-    def show_all(self) -> None:
-        """Zoom so that the whole image is seen."""
-        super().show_all()
-        self.whole_asked.emit()
 
 
 LEGEND = "Round: fitted. Square: kept aside. Cross: left out as unlike the others."
@@ -75,9 +39,10 @@ class PatternsView(QWidget):
         super().__init__()
         self._found: FoundFit | None = None
         self._place: Place | None = None
-        self.measured, self.model = LinkedView("counts", first=True), LinkedView("counts")
-        self.residual = LinkedView("residual (σ of the noise)", signed=True)
+        self.measured, self.model, self.residual = Picture(), Picture(), Picture("residual (σ of the noise)")
         self.views = (self.measured, self.model, self.residual)
+        link(*self.views)
+        share_contrast(self.measured, self.model)
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 6, 0, 0)
         grid.setSpacing(6)
@@ -87,8 +52,7 @@ class PatternsView(QWidget):
             grid.addWidget(heading(title), 0, column)
             grid.addWidget(view, 1, column)
             view.hovered.connect(self._hovered)
-            view.moved.connect(self._follow)
-            view.whole_asked.connect(self._show_whole)
+            grid.setColumnStretch(column, 1)
         self.map = PlaceMap()
         self.map.chosen.connect(self.place_asked.emit)
         grid.addWidget(heading("χ² of each pattern of the plane, weighted by the light"), 2, 0, 1, 2)
@@ -96,15 +60,6 @@ class PatternsView(QWidget):
         grid.addWidget(self._controls(), 2, 2, 2, 1)
         grid.setRowStretch(1, 3)
         grid.setRowStretch(3, 2)
-        self._grid = grid
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        """Give the first, which has no colour bar, as much less room as that takes: all pictures are of one size."""
-        super().resizeEvent(event)
-        bar = self.model.bar_px
-        each = max(1, (self.width() - 2 * bar - 2 * self._grid.spacing()) // 3)
-        for column in range(3):
-            self._grid.setColumnStretch(column, each + bar if column else each)
 
     # -- building --------------------------------------------------------------------------------------
     def _controls(self) -> QWidget:
@@ -132,7 +87,7 @@ class PatternsView(QWidget):
         self.worst_button = QPushButton("Worst pattern")
         self.worst_button.setToolTip("The pattern that is explained worst (W)")
         self.worst_button.clicked.connect(lambda _=False: self.show_worst())
-        self.scale_box = choice_box(SCALES, "Gamma and log bring out faint light (L, G); residuals stay linear")
+        self.scale_box = choice_box(SCALINGS, "Gamma and log bring out faint light (L, G); residuals stay linear")
         self.scale_box.currentIndexChanged.connect(lambda _: self._show_pictures())
         row = QHBoxLayout()
         row.addWidget(self.worst_button)
@@ -152,8 +107,6 @@ class PatternsView(QWidget):
         """Show the patterns of a fit, from the first."""
         self._found = found
         self._place = None  # the map is of the fit before, also where the plane is the same
-        for view in self.views[:2]:
-            view.set_value_label(found.unit)
         self.sums.setText(chi2_words(found))
         self.show_place(found.places[0])
 
@@ -161,8 +114,7 @@ class PatternsView(QWidget):
         """Show nothing, and keep nothing of the fit."""
         self._found = self._place = None
         for view in self.views:
-            view.set_image(None)
-            view.set_cursor(None)
+            view.set_shot(None)
         self.map.clear()
         for slider in (self.planes, self.patterns):
             _offer(slider, 0)
@@ -202,8 +154,9 @@ class PatternsView(QWidget):
         name = "z{}_y{}_x{}".format(*place)
         for view, image, what in ((self.measured, measured, "measured"), (self.model, model, "model")):
             view.set_display(replace(view.display, scale=self.scale_box.currentData()))
-            view.set_image(image, name=f"{what}_{name}", levels=levels)
-        self.residual.set_image(found.residual[place], name=f"residual_{name}", levels=(-SIGMAS, SIGMAS))
+            view.set_shot(Shot(image, "", found.unit, f"{what}_{name}", levels))
+        residual = Shot(found.residual[place], name=f"residual_{name}", levels=(-SIGMAS, SIGMAS), signed=True)
+        self.residual.set_shot(residual)
 
     def _planes(self) -> list[int]:
         return [] if self._found is None else sorted({place[0] for place in self._found.places})
@@ -246,25 +199,13 @@ class PatternsView(QWidget):
         found, place = self._found, self._place
         if found is None or place is None or row < 0:
             for view in self.views:
-                view.set_cursor(None)
+                view.set_cross(None)
             return
         for view in self.views:
-            view.set_cursor(row, column)
+            view.set_cross(row, column)
         a, b, c = (float(one[place][row, column]) for one in (found.patterns, found.model, found.residual))
         off = f"{c:+.1f} σ" if found.valid[place][row, column] else "no measurement"
         self.readout.setText(f"t {row}, s {column}: measured {a:.5g}, model {b:.5g} {found.unit}; {off}")
-
-    def _follow(self, source: Any) -> None:
-        """Give all pictures the range of the one that was moved."""
-        x, y = source.viewRange()
-        for view in self.views:
-            box = view.plot.getViewBox()
-            if box is not source:
-                box.setRange(xRange=x, yRange=y, padding=0)
-
-    def _show_whole(self) -> None:
-        for view in self.views:
-            ImageView.show_all(view)
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""

@@ -49,7 +49,7 @@ class DecadePlot(LinePlot):
         points = [(k, math.log10(max(v, FLOOR)), limits[k]) for k, v in enumerate(values) if not math.isnan(v)]
         self.line.setData([x for x, _, _ in points], [y for _, y, _ in points])
         pen = pg.mkPen(self._colour, width=line_px(1.6))
-        fill = {True: pg.mkBrush(theme.plot), False: pg.mkBrush(self._colour)}
+        fill = {True: pg.mkBrush(theme.panel), False: pg.mkBrush(self._colour)}
         self.dots.setData([{"pos": (x, y), "pen": pen, "brush": fill[limit]} for x, y, limit in points])
         self.plot.getAxis("bottom").setTickSpacing(5 if len(values) > MANY else 1, 1)
         if points:

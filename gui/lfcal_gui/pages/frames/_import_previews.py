@@ -6,8 +6,9 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QStackedLayout, QVBoxLayout, QWidget
 
 from lfcal_gui.jobs import Jobs
+from lfcal_gui.models import Shot, cutout_of
 from lfcal_gui.pages.frames.model_frame import Loaded
-from lfcal_gui.widgets import FrameView, heading
+from lfcal_gui.widgets import Picture, heading
 
 __all__ = ["ImportPreviews"]
 
@@ -25,8 +26,8 @@ class ImportPreviews(QWidget):
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         self.views, self.labels, self.stacks = [], [], []
-        for k, title in enumerate(SHOWN):
-            part, label, view = QVBoxLayout(), heading(title), FrameView(jobs, f"frames import {k}")
+        for title in SHOWN:
+            part, label, view = QVBoxLayout(), heading(title), Picture("sample value (counts)", jobs=jobs)
             view.setMinimumHeight(HEIGHT)
             empty, stack = QLabel(NONE), QStackedLayout()
             empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
@@ -45,22 +46,20 @@ class ImportPreviews(QWidget):
         for k, view in enumerate(self.views):
             self._show_frame(k, view, shown[k] if k < len(shown) else None)
 
-    def _show_frame(self, k: int, view: FrameView, loaded: Loaded | None) -> None:
+    def _show_frame(self, k: int, view: Picture, loaded: Loaded | None) -> None:
         label = self.labels[k]
         # axes around nothing would be read as a picture
         self.stacks[k].setCurrentIndex(0 if loaded is None else 1)
         if loaded is None:
             label.setText(SHOWN[k])
-            view.set_frame(None, (0, 1))
-            view.clear_cutout()
+            view.set_shot(None)
             return
         z, y, x = loaded.position
         label.setText(f"{SHOWN[k]}: z {z}, y {y}, x {x}")
         label.setToolTip(loaded.label)
-        view.set_frame(loaded.raw, (float(loaded.raw.min()), float(loaded.raw.max())))
         row, column, rows, columns = loaded.window
-        view.set_cutout(row, column, (rows, columns), loaded.point)
-        view.show_all()
+        cutout = cutout_of(row, column, (rows, columns), loaded.point)
+        view.set_shot(Shot(loaded.raw, name="frame", overlays=cutout), keep_view=False)
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""

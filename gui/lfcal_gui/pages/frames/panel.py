@@ -21,24 +21,31 @@ from PySide6.QtWidgets import (
 
 from lfcal.camera import Camera
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.models import DisplaySettings, FrameNumbers
+from lfcal_gui.models import DisplaySettings, FrameNumbers, Shot, cutout_of
 from lfcal_gui.pages.frames._choices import FrameChoices
 from lfcal_gui.pages.frames.model_frame import Loaded
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets import FrameView, ImageView, LinePlot, PeriodMap, WrappedLabel, card, choice_box, heading, split
+from lfcal_gui.widgets import (
+    SCALINGS,
+    Contrast,
+    PeriodMap,
+    Picture,
+    WrappedLabel,
+    card,
+    choice_box,
+    heading,
+    line,
+    share_contrast,
+    split,
+)
 
 __all__ = ["FramesPanel"]
 
-SCALES = (("linear", "linear"), ("gamma", "gamma 0.5"), ("log", "log, 4 decades"))
-
-HEIGHTS = ((130, 230), (150, 290))
+HEIGHTS = ((136, 230), (110, 290))
 """Least and most height of map and cutout (px): what is low enough needs no scroll bar."""
 
 LEFT = 320
 """Least width of the column of positions (px)."""
-
-LOW = 116
-"""Height of the histogram (px)."""
 
 
 class FramesPanel(QWidget):
@@ -63,9 +70,11 @@ class FramesPanel(QWidget):
     def __init__(self, jobs: Jobs) -> None:
         super().__init__()
         self.choices = FrameChoices()
-        self.view = FrameView(jobs, "frame view")
+        self.view = Picture("sample value (counts)", jobs=jobs, legend=False)
+        self.contrast = Contrast(self.view)
         self.view.hovered.connect(self._hovered)
-        self.crop = ImageView(value_label="counts")
+        self.crop = Picture("counts", legend=False)
+        share_contrast(self.view, self.crop)
         self.crop_words = QLabel(" ")
         self.crop_words.setProperty("role", "hint")
         self.crop_words.setWordWrap(True)
@@ -75,9 +84,6 @@ class FramesPanel(QWidget):
         self.map_words.setProperty("role", "hint")
         self.map_words.setWordWrap(True)
         self.map_words.hide()
-        self.histogram = LinePlot("sample value (counts)", "pixels")
-        self.histogram.plot.setLogMode(False, True)
-        self.histogram.setFixedHeight(LOW)
         for picture, (least, most) in zip((self.map, self.crop), HEIGHTS, strict=True):
             picture.setMinimumHeight(least)
             picture.setMaximumHeight(most)
@@ -94,21 +100,12 @@ class FramesPanel(QWidget):
         column = QVBoxLayout()
         column.addLayout(self._bar())
         column.addWidget(self.view, 1)
-        column.addWidget(self.readout)
-        column.addWidget(self._numbers_card())
+        column.addWidget(self.contrast)
+        column.addLayout(line(self.numbers, self.readout, stretch=1))
         self.split = split(self._left(), column, sizes=(LEFT, 960), fixed=1)
         row.addWidget(self.split)
 
     # -- building --------------------------------------------------------------------------------------
-    def _numbers_card(self) -> QWidget:
-        """Return the histogram and the numbers of the frame: below it, for frames are wider than high."""
-        panel, column = card("Histogram of the frame as recorded")
-        row = QHBoxLayout()
-        row.addWidget(self.histogram, 1)
-        row.addWidget(self.numbers)
-        column.addLayout(row)
-        return panel
-
     def _bar(self) -> QHBoxLayout:
         row = QHBoxLayout()
         self.lattice_box = QCheckBox("Lattice")
@@ -119,7 +116,7 @@ class FramesPanel(QWidget):
         self.before_box.setToolTip("Show the frame as it was recorded, to see what the corrections do")
         self.lattice_box.toggled.connect(self.lattice_toggled.emit)
         self.before_box.toggled.connect(self.before_toggled.emit)
-        self.scale_box = choice_box(SCALES, "Gamma and log bring out faint light beside the spot (L: log, G: gamma)")
+        self.scale_box = choice_box(SCALINGS, "Gamma and log bring out faint light beside the spot (L: log, G: gamma)")
         self.scale_box.setAccessibleName("scaling of colours")
         self.scale_box.currentIndexChanged.connect(
             lambda _: self._set_display(DisplaySettings(scale=self.scale_box.currentData()))
@@ -193,29 +190,24 @@ class FramesPanel(QWidget):
 
     def show_reading(self, words: str) -> None:
         """Say in the pictures that are empty what is read for them."""
-        for view in (self.view, self.crop, self.histogram):
+        for view in (self.view, self.crop):
             view.blank.wait(words)
 
     def show_missing(self, words: str, why: str = "No frame was recorded here.") -> None:
         """Say that there is no frame, and in the pictures why."""
         self.position_label.setText(words)
-        self.view.set_frame(None, (0, 1))
-        self.view.clear_cutout()
+        self.view.set_shot(None)
         self._window = None
-        self.histogram.clear()
         self._count(None)
         self._show_crop(None, "no frame")
-        for blank in (self.view.blank, self.crop.blank, self.histogram.blank):
+        for blank in (self.view.blank, self.crop.blank):
             blank.words = why
 
     def show_frame(self, loaded: Loaded) -> None:
         """Show a frame with its numbers."""
         position = loaded.position
         self.position_label.setText(f"{loaded.label}\nz {position.z}, y {position.y}, x {position.x}")
-        numbers = loaded.numbers
-        middle = (numbers.edges[1:] + numbers.edges[:-1]) / 2
-        self.histogram.set_curve("pixels", middle, np.maximum(numbers.counts, 0.5))
-        self._count(numbers)
+        self._count(loaded.numbers)
         self.show_pixels(loaded)
 
     def _count(self, numbers: FrameNumbers | None) -> None:
@@ -225,13 +217,15 @@ class FramesPanel(QWidget):
     def show_pixels(self, loaded: Loaded) -> None:
         """Show the frame before or after its correction, as chosen."""
         frame = loaded.raw if self.before_box.isChecked() else loaded.fixed
-        self.view.set_frame(frame, (float(frame.min()), float(frame.max())))
+        row, column, rows, columns = loaded.window
+        cutout = cutout_of(row, column, (rows, columns), loaded.point)
+        self.view.set_shot(Shot(frame, name="frame", overlays=cutout))
         crop = None if loaded.crop is None else loaded.crop[0 if self.before_box.isChecked() else 1]
         words = "It leaves the frame." if crop is None else f"{crop.shape[0]} × {crop.shape[1]} px, as it goes into H"
         self._show_crop(crop, words)
 
     def _show_crop(self, crop: NDArray[Any] | None, words: str) -> None:
-        self.crop.set_image(crop, name="cutout")
+        self.crop.set_shot(Shot(crop, name="cutout"))
         self.crop_words.setText(words)
 
     def _set_display(self, display: DisplaySettings) -> None:
@@ -243,11 +237,6 @@ class FramesPanel(QWidget):
         origin = (0, 0) if loaded is None else loaded.origin
         self.view.set_lattice(camera if self.lattice_box.isChecked() else None, origin)
         self._window = None if loaded is None else loaded.window
-        if loaded is None:
-            self.view.clear_cutout()
-            return
-        row, column, rows, columns = loaded.window
-        self.view.set_cutout(row, column, (rows, columns), loaded.point)
         self._zoom_cutout()
 
     def toggle_scale(self, scale: str) -> None:
@@ -257,7 +246,7 @@ class FramesPanel(QWidget):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        for widget in (self.view, self.crop, self.map, self.histogram):
+        for widget in (self.view, self.crop, self.map, self.contrast):
             widget.apply_theme()
         self._count(self._counted)  # its colours are the theme's
 
@@ -268,7 +257,7 @@ class FramesPanel(QWidget):
     def _zoom_cutout(self) -> None:
         """Keep the cutout in view, where that is chosen."""
         if self.follow.isChecked() and self._window is not None:
-            self.view.show_region(*self._window)
+            self.view.show_part(*self._window)
 
     def _show_whole(self) -> None:
         self.follow.setChecked(False)
@@ -283,7 +272,6 @@ def _number_words(numbers: FrameNumbers) -> str:
     colour = theme.bad if numbers.saturated else theme.text
     saturated = "unknown" if numbers.saturated is None else f"{numbers.saturated}"
     return (
-        f"maximum <b>{numbers.high:g}</b> counts<br>minimum <b>{numbers.low:g}</b>, "
-        f"mean <b>{numbers.mean:.1f}</b> counts<br>"
+        f"as recorded: {numbers.low:g} to <b>{numbers.high:g}</b> counts, mean {numbers.mean:.1f}, "
         f"<span style='color:{colour}'>saturated pixels: <b>{saturated}</b></span>"
     )

@@ -7,11 +7,10 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QComboBox, QGridLayout, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
-from lfcal_gui.models import Field
-from lfcal_gui.pages.multiplex.matrix_view import MatrixView
+from lfcal_gui.models import Field, Shot
 from lfcal_gui.pages.multiplex.model_fields import FIELDS, ROUTE_FIELDS
 from lfcal_gui.pages.multiplex.model_scene import Reconstructions, shown
-from lfcal_gui.widgets import Form, card, line, set_role
+from lfcal_gui.widgets import Form, Picture, card, line, link, set_role, share_contrast
 
 __all__ = ["MultiplexPictures"]
 
@@ -102,13 +101,14 @@ class MultiplexPictures(QWidget):
             head = QLabel(title)
             head.setMinimumWidth(60)
             frame, column = card(head)
-            view = MatrixView(xlabel="column", ylabel="row", value_label="intensity (1)", signed=title == HEADS[2])
+            view = Picture("intensity (1)", axes=("column (px)", "row (px)"))
             view.hovered.connect(self._hovered)
             column.addWidget(view, 1)
-            view.plot.vb.sigRangeChangedManually.connect(lambda _, view=view: self._zoomed(view))
             grid.addWidget(frame, k // 2, k % 2)
             self.heads.append(head)
             self.views.append(view)
+        link(*self.views)
+        share_contrast(*self.views[:2])
         for k in range(2):
             grid.setColumnStretch(k, 1)
             grid.setRowStretch(k, 1)
@@ -152,48 +152,38 @@ class MultiplexPictures(QWidget):
         low = min(float(np.min(p)) for p in pictures[:2] if p is not None)
         high = max(float(np.max(p)) for p in pictures[:2] if p is not None)
         levels = (low, high if high > low else low + 1.0)
-        third = self.views[2]
-        if third.signed != signed:
-            third.set_signed(signed, self.views[0].display)
-            if not signed:
-                third.set_display(self.views[0].display)
         for k, (view, image) in enumerate(zip(self.views, pictures, strict=True)):
             if image is None:
-                view.set_image(None)
+                view.set_shot(None)
                 continue
             step = found.step if k < 3 else 1.0  # all in pixels of the frame
             middle = ((step - 1) / 2, (step - 1) / 2)
             plain = k == 3 or (k == 2 and signed)
-            view.show_array(
+            shot = Shot(
                 image,
                 name=HEADS[k].lower(),
                 levels=None if plain else levels,
+                signed=k == 2 and signed,
                 step=step,
                 origin=middle if found.origin is None or k == 3 else found.origin,
             )
+            view.set_shot(shot)
         titles = (found.spatial.words, *_titles(found, signed), HEADS[3])
         for head, text in zip(self.heads, titles, strict=True):
             head.setText(text)
         self.show_status(found.words)
 
-    def _zoomed(self, source: MatrixView) -> None:
-        """Give all pictures the range the user gave one of them; each keeps its pixels square."""
-        across, down = source.plot.vb.viewRange()
-        for view in self.views:
-            if view is not source:
-                view.plot.vb.setRange(xRange=across, yRange=down, padding=0)
-
     def clear_pictures(self) -> None:
         """Show no reconstruction."""
         for view, head, title in zip(self.views, self.heads, HEADS, strict=True):
-            view.set_image(None)
+            view.set_shot(None)
             head.setText(title)
 
     def show_reconstructing(self) -> None:
         """Say that other pictures are made; those of the settings before stay meanwhile, without their numbers."""
         for head, title in zip(self.heads, HEADS, strict=True):
             head.setText(title)
-        before = any(view.image is not None for view in self.views)
+        before = any(view.values is not None for view in self.views)
         self.show_status("reconstructing …" + "; the pictures are of the settings before" * before)
 
     def show_status(self, text: str, *, bad: bool = False) -> None:
@@ -205,7 +195,7 @@ class MultiplexPictures(QWidget):
         if row < 0:
             self.readout.setText("")
             return
-        images: list[NDArray[np.float64] | None] = [view.image for view in self.views]
+        images: list[NDArray[np.float64] | None] = [view.values for view in self.views]
         parts = [
             f"{name} {image[row, column]:.4g}"
             for name, image in zip(("spatial", "Fourier", "third"), images[:3], strict=True)

@@ -11,9 +11,9 @@ from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QStackedWidget, QVBoxLayout, QWidget
 
 from lfcal.multiplex import FIGURES, GainCurves, GainMap, PaperFigure, PaperPanel
-from lfcal_gui.pages.multiplex.matrix_view import MatrixView
+from lfcal_gui.models import Shot
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets import LINES, LinePlot, card, choice_box, line, name_controls, set_role, shown_tone, style_axes
+from lfcal_gui.widgets import LINES, LinePlot, Picture, card, choice_box, line, name_controls, set_role, shown_tone
 
 __all__ = ["MAP", "FiguresView"]
 
@@ -91,7 +91,7 @@ class FiguresView(QWidget):
             words.setAlignment(Qt.AlignmentFlag.AlignTop)
             frame, column = card(head)
             frame.setParent(widget)
-            view = MatrixView(xlabel="column", ylabel="row", value_label="intensity (1)", bar_below=True)
+            view = Picture("intensity (1)", axes=("column (px)", "row (px)"))
             column.addWidget(view, 1)
             column.addWidget(words)
             self.cards.append(frame)
@@ -130,9 +130,7 @@ class FiguresView(QWidget):
         self.map_head, self.map_words = QLabel(""), QLabel("")
         self.map_head.setMinimumWidth(60)
         frame, column = card(self.map_head)
-        self.map = MatrixView(
-            xlabel="log₁₀ χ²", ylabel="sample", unit="1", value_label="gain (dB)", signed=True, square=False
-        )
+        self.map = Picture("gain (dB)", axes=("log₁₀ χ² (1)", "sample (1)"), square=False)
         self.map.setToolTip("Gain of each sample (band, colour, view) over the reference; blue: a loss, red: a gain")
         self.map_words.setProperty("role", "hint")
         self.map_words.setWordWrap(True)
@@ -148,10 +146,11 @@ class FiguresView(QWidget):
         self.show_status(f"{found.modulator} over {found.reference}")
         self.map_head.setText(f"Gain of each sample of {found.modulator}")
         gains = np.where(np.isfinite(found.gains), found.gains, np.nan)
-        self.map.set_image(gains, name="gain map", origin=(0.0, round(math.log10(float(found.chi2[0])))))
-        first = [f"{k}: {name}" for k, name in enumerate(found.samples[:16])]
+        first = (0.0, round(math.log10(float(found.chi2[0]))))
+        self.map.set_shot(Shot(gains, name="gain map", signed=True, origin=first))
+        names = [f"{k}: {name}" for k, name in enumerate(found.samples[:16])]
         more = f" and {len(found.samples) - 16} more" if len(found.samples) > 16 else ""
-        self.map_words.setText(f"{', '.join(first)}{more}; what is not recovered is left blank")
+        self.map_words.setText(f"{', '.join(names)}{more}; what is not recovered is left blank")
 
     def show_choice(self, number: int, own: bool) -> None:
         """Show what is chosen, without reporting it."""
@@ -172,7 +171,7 @@ class FiguresView(QWidget):
         self.make()
         self.shown = None
         self.stack.setCurrentIndex(2)
-        self.map.set_image(None)
+        self.map.set_shot(None)
         for label in (self.map_head, self.map_words):
             label.setText("")
         set_role(self.status, "error")
@@ -198,13 +197,13 @@ class FiguresView(QWidget):
             self._show_panel(self.views[k], panel)
             self.cards[k].show()
 
-    def _show_panel(self, view: MatrixView, panel: PaperPanel) -> None:
+    def _show_panel(self, view: Picture, panel: PaperPanel) -> None:
         """Draw a picture, or a spectrum with zero frequency in the middle."""
         spectral = panel.title == "spectrum"
         first = tuple(-(n // 2) for n in panel.image.shape[:2]) if spectral else (0, 0)
-        style_axes(view.plot, *(("u (1/frame)", "v (1/frame)") if spectral else ("column (px)", "row (px)")))
-        view.set_value_label("log₁₀ magnitude (1)" if spectral else "intensity (1)")
-        view.show_array(panel.image, name=panel.title, levels=panel.levels, origin=(first[0], first[1]))
+        view.set_axes(*(("u (1/frame)", "v (1/frame)") if spectral else ("column (px)", "row (px)")))
+        quantity = "log₁₀ magnitude (1)" if spectral else ""
+        view.set_shot(Shot(panel.image, "", quantity, panel.title, panel.levels, origin=(first[0], first[1])))
 
     def _show_curves(self, k: int, title: str, curves: GainCurves) -> None:
         plot, named = self.curves[k], []

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from html import escape
-from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
@@ -26,15 +25,15 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from lfcal_gui.models import Shot
 from lfcal_gui.pages.multiplex._pictures import MultiplexPictures
 from lfcal_gui.pages.multiplex.figures_view import FiguresView
-from lfcal_gui.pages.multiplex.matrix_view import MatrixView
 from lfcal_gui.pages.multiplex.model import ModulatorPicture, MultiplexSettings, used_by, why_unused
 from lfcal_gui.pages.multiplex.model_compare import ModulatorComparison, number
 from lfcal_gui.pages.multiplex.model_fields import FIELDS, ROUTE_FIELDS
 from lfcal_gui.pages.multiplex.search_view import SearchView
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets import LINES, Form, LinePlot, card, column_area, set_role, shown_tone
+from lfcal_gui.widgets import LINES, Form, LinePlot, Picture, card, column_area, set_role, shown_tone
 
 __all__ = ["MultiplexPanel"]
 
@@ -128,18 +127,11 @@ class MultiplexPanel(QWidget):
         column.addWidget(self.file)
         return frame
 
-    def _make_views(self) -> tuple[MatrixView, ...]:
-        self.pattern = MatrixView(xlabel="column", ylabel="row", value_label="transmission (1)", bar_below=True)
-        self.spectrum = MatrixView(xlabel="u", ylabel="v", value_label="magnitude (1)", unit="1/period", bar_below=True)
-        basis: dict[str, Any] = {
-            "value_label": "weight (1)",
-            "unit": "index",
-            "bar_below": True,
-            "signed": True,
-            "square": False,
-        }
-        self.sigma = MatrixView(xlabel="j", ylabel="pixel k", **basis)
-        self.pi = MatrixView(xlabel="j", ylabel="sample n", **basis)
+    def _make_views(self) -> tuple[Picture, ...]:
+        self.pattern = Picture("transmission (1)", axes=("column (px)", "row (px)"))
+        self.spectrum = Picture("magnitude (1)", axes=("u (1/period)", "v (1/period)"))
+        self.sigma = Picture("weight (1)", axes=("j (index)", "pixel k (index)"), square=False)
+        self.pi = Picture("weight (1)", axes=("j (index)", "sample n (index)"), square=False)
         return self.pattern, self.spectrum, self.sigma, self.pi
 
     def _modulator_tab(self) -> QWidget:
@@ -259,12 +251,12 @@ class MultiplexPanel(QWidget):
 
     def show_picture(self, picture: ModulatorPicture) -> None:
         """Draw the modulator."""
-        self.pattern.show_array(picture.pattern if picture.colours is None else picture.colours, name="pattern")
-        self.spectrum.show_array(picture.spectrum, name="spectrum")
+        self.pattern.set_shot(Shot(picture.pattern if picture.colours is None else picture.colours, name="pattern"))
         rows, columns = picture.spectrum.shape
-        self.spectrum.set_image(picture.spectrum, origin=(-(rows // 2), -(columns // 2)), keep_view=False)
-        self.sigma.show_array(picture.sigma, name="sigma")
-        self.pi.show_array(picture.pi, name="pi")
+        spectrum = Shot(picture.spectrum, name="spectrum", origin=(-(rows // 2), -(columns // 2)))
+        self.spectrum.set_shot(spectrum, keep_view=False)
+        self.sigma.set_shot(Shot(picture.sigma, name="sigma", signed=True))
+        self.pi.set_shot(Shot(picture.pi, name="pi", signed=True))
         kind = "" if picture.real else ", real part"
         shapes = ((SIGMA, picture.sigma), (PI, picture.pi))
         for label, (name, array) in zip(self.titles[2:], shapes, strict=True):
@@ -277,7 +269,7 @@ class MultiplexPanel(QWidget):
             label.setText(title)
         self.curve_title.setText(CURVES)
         for view in (self.pattern, self.spectrum, self.sigma, self.pi):
-            view.set_image(None)
+            view.set_shot(None)
         self.table.setRowCount(0)
         self.curve.clear()
         self._drawn = []

@@ -5,10 +5,10 @@ from __future__ import annotations
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QLabel, QPushButton, QWidget
 
-from lfcal_gui.pages.multiplex.matrix_view import MatrixView
+from lfcal_gui.models import Shot
 from lfcal_gui.pages.multiplex.model_fields import SEARCH_FIELDS
 from lfcal_gui.pages.multiplex.model_search import FoundDesign
-from lfcal_gui.widgets import Form, card, set_role
+from lfcal_gui.widgets import Form, Picture, card, set_role
 
 __all__ = ["SearchView"]
 
@@ -60,7 +60,7 @@ class SearchView(QWidget):
 
     def _result(self) -> QWidget:
         frame, column = card("Design")
-        self.view = MatrixView(xlabel="column", ylabel="row", value_label="transmission (1)", bar_below=True)
+        self.view = Picture("transmission (1)", axes=("column (px)", "row (px)"))
         self.view.setToolTip(
             "Transmission of each pixel of the super-pixel, for the middle view; filters in their colour"
         )
@@ -92,14 +92,13 @@ class SearchView(QWidget):
                 widget.hide()
                 widget.deleteLater()
         if found is None:
-            self.view.set_image(None)
+            self.view.set_shot(None)
             self.show_status("Filters or a mask of most gain at the project's camera, as they can be made.")
             return
         self.show_status("")
         pattern = found.design.modulator.pattern()
-        self.view.show_array(
-            pattern if found.design.modulator.colours else pattern[..., 0], name="design", levels=(0.0, 1.0)
-        )
+        values = pattern if found.design.modulator.colours else pattern[..., 0]
+        self.view.set_shot(Shot(values, name="design", levels=(0.0, 1.0)))
         for k, (name, value) in enumerate(found.words):
             for column, text in enumerate((name, value)):
                 label = QLabel(text)

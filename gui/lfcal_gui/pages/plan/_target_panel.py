@@ -137,7 +137,7 @@ class TargetPanel(QWidget):
 
     def _build_map(self) -> None:
         self.map = PeriodMap()
-        self.map.cross.hide()
+        self.map.pointed = False
         self.map.setToolTip("Frames that show each position; crossed out: none within the tolerance. Click to read one")
         self.map.setAccessibleName("phases of the period that are covered")
         self.map.chosen.connect(self._read)

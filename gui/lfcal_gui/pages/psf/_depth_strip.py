@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 __all__ = ["EXPECTED", "FITTED", "Apertures", "DepthStrip", "PlaneTile", "legend_words", "outline_tones", "to_pixmap"]
 
-FITTED, EXPECTED = "#ff5a5f", "#56b4e9"
-"""Colours of the outlines."""
+FITTED, EXPECTED = "#39d353", "#56b4e9"
+"""Colours of the outlines, which no colour of a picture comes near."""
 
 RED_FITTED, RED_EXPECTED = "#ff8a5c", "#7d2a20"
 """The same where all is red."""
@@ -81,7 +81,7 @@ class PlaneTile:
         painter.end()
 
 
-def to_pixmap(image: NDArray[Any], side: int, colour_map: str = "viridis") -> QPixmap:
+def to_pixmap(image: NDArray[Any], side: int, colour_map: str = "magma") -> QPixmap:
     """Return ``image`` as a square picture of ``side`` points."""
     data = to_uint8(image, DisplaySettings(), levels_of(image))
     rgba = np.ascontiguousarray(theme_table(colour_map)[data])

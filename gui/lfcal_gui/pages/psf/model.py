@@ -49,6 +49,8 @@ class PSFIntent:
         Pixel (t, s) the pointer is on in the main picture, None: none.
     display
         Scaling and colour map.
+    view
+        ``"both"``: H and HT, ``"one"`` of them, or ``"sum"``: that of the plane.
     """
 
     z: int = 0
@@ -58,6 +60,7 @@ class PSFIntent:
     show: str = "measured"
     pixel: Pixel | None = None
     display: DisplaySettings = field(default_factory=DisplaySettings)
+    view: str = "both"
 
     def clamped(self, shape: tuple[int, int, int, int, int], *, reference: bool = True) -> PSFIntent:
         """Return the intent with every index inside a matrix of ``shape``; without a ``reference`` H alone is shown."""

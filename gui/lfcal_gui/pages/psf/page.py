@@ -126,7 +126,8 @@ class Page(BasePage):
         self.reference = self._comparable(matrix, state.reference)
         self.show_body()
         self._show_hint(matrix)
-        self.panel.show_matrix(matrix.known_depths, unit_of(matrix), reference=self.reference is not None)
+        pixel = None if matrix.camera is None else matrix.camera.sensor.pixel_um
+        self.panel.show_matrix(matrix.known_depths, unit_of(matrix), pixel, reference=self.reference is not None)
         self._summed = None
         if matrix is before:
             self.set_intent()
@@ -281,7 +282,7 @@ class Page(BasePage):
 
     def _set_display(self, changes: dict[str, Any]) -> None:
         self.intent = replace(self.intent, display=replace(self.intent.display, **changes))
-        self.panel.set_display(self.intent.display, sum_only=self.intent.show == "difference")
+        self.panel.set_display(self.intent.display)
 
     def _step(self, dy: int, dx: int) -> None:
         if self.matrix is not None:

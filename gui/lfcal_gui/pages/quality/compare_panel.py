@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QSignalBlocker, QTimer, Signal
 from PySide6.QtGui import QHideEvent
@@ -19,18 +18,19 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from lfcal_gui.models import SCALES, DisplaySettings
+from lfcal_gui.models import SCALES, DisplaySettings, Marks, Shot
 from lfcal_gui.pages.quality.model_compare import COLUMNS, MODES, TIPS, Both, Place
 from lfcal_gui.widgets import (
     NOTHING,
     ElidedLabel,
-    ImageView,
+    Picture,
     RowsTable,
     WrappedLabel,
     card,
     choice_box,
     line,
-    link_views,
+    link,
+    share_contrast,
     told_or_shown,
 )
 
@@ -39,6 +39,7 @@ __all__ = ["ComparePanel"]
 BLINK_MS = 600
 NONE = "Choose a second H to hold beside this one: of another day, a simulation, or the H of a fit."
 NOT_COMPARED = "Not compared: no position of this plane has light in both."
+MISSING = "#ff5a5f"
 PAIRING = (("depth", "by depth"), ("number", "by number"))
 NUMBERS = (1, 2, 3, 4, 5)
 
@@ -157,11 +158,8 @@ class ComparePanel(QWidget):
         self.readout.setProperty("role", "hint")
         column.addLayout(line("Show", self.mode, self.scaling, "Differs most at", self.worst, self.readout, stretch=5))
         self.titles = tuple(ElidedLabel() for _ in range(3))
-        self.views = (
-            ImageView(value_label="value"),
-            ImageView(value_label="value at that light"),
-            ImageView(value_label="difference", signed=True),
-        )
+        self.views = Picture("value"), Picture("value at that light"), Picture("difference")
+        share_contrast(*self.views[:2])
         row = QHBoxLayout()
         self._cells = []
         for k, (title, view) in enumerate(zip(self.titles, self.views, strict=True)):
@@ -174,7 +172,7 @@ class ComparePanel(QWidget):
             row.addWidget(cell, 1)
             self._cells.append(cell)
             view.hovered.connect(lambda t, s, value, k=k: self._hovered(t, s))
-        link_views(self.views)
+        link(*self.views)
         column.addLayout(row, 1)
         return frame
 
@@ -195,10 +193,8 @@ class ComparePanel(QWidget):
     def _map(self) -> QFrame:
         self.map_title = QLabel("Difference over the positions")
         frame, column = card(self.map_title)
-        self.map = ImageView(xlabel="position x", ylabel="position y", value_label="difference (%)")
+        self.map = Picture("difference (%)", axes=("position x (px)", "position y (px)"), colour_map="cividis")
         self.map.setToolTip("Click a position to see both patterns; those crossed out were not compared")
-        self._missing = pg.ScatterPlotItem(size=7, pen=None, brush=pg.mkBrush("#dc3c3c"), symbol="x")
-        self.map.add_overlay(self._missing)
         self.map.clicked.connect(lambda y, x: self.place_chosen.emit((self._plane, y, x)))
         column.addWidget(self.map)
         return frame
@@ -230,10 +226,8 @@ class ComparePanel(QWidget):
         self._names, self._both = names, None
         self._timer.stop()
         for view in (*self.views, self.map):  # until the new ones are read
-            view.set_image(None)
+            view.set_shot(None)
         self.map.blank.words = NOTHING
-        self._missing.setData([], [])
-        self.map.set_cursor(None)
         for title in (*self.titles, self.map_title):
             title.setText(" ")
         self.verdict.setText(words[0])
@@ -252,15 +246,15 @@ class ComparePanel(QWidget):
         self._plane = plane
         self.map_title.setText(title)
         known = np.isfinite(error)
-        y, x = np.nonzero(~known if known.any() else known)
-        self._missing.setData(x, y)
         self.map.blank.words = "" if known.any() else NOT_COMPARED
-        self.map.set_image(error if known.any() else None, name="difference", levels=levels)
+        missing = Marks(np.argwhere(~known).astype(float), "x", MISSING, 7)
+        shot = Shot(error, name="difference", levels=levels, overlays=(missing,))
+        self.map.set_shot(shot if known.any() else None)
 
     def show_both(self, both: Both, where: str) -> None:
         """Show a position of both."""
         self._both = both
-        self.map.set_cursor(*(both.place[1:] if self.map.image is not None else (None, None)))
+        self.map.set_cross(*both.place[1:])
         first, second = self._names
         self._where = f"{first} {where}"
         self.titles[1].setText(second)
@@ -279,9 +273,9 @@ class ComparePanel(QWidget):
             return
         both = self._both
         self.titles[0].setText(self._where)
-        self.views[0].set_image(both.first, name="first", levels=both.levels)
-        self.views[1].set_image(both.second, name="second", levels=both.levels)
-        self.views[2].set_image(both.difference, name="difference", levels=both.signed_levels)
+        self._show_first(both, "first")
+        self.views[1].set_shot(Shot(both.second, name="second", levels=both.levels))
+        self.views[2].set_shot(Shot(both.difference, name="difference", levels=both.signed_levels, signed=True))
         if mode == "blink":
             self._timer.start()
         else:
@@ -297,9 +291,11 @@ class ComparePanel(QWidget):
         if self._both is None:
             return
         self._second = not self._second
-        shown = self._both.second if self._second else self._both.first
         self.titles[0].setText(self._names[1] if self._second else self._where)
-        self.views[0].set_image(shown, name="second" if self._second else "first", levels=self._both.levels)
+        self._show_first(self._both, "second" if self._second else "first")
+
+    def _show_first(self, both: Both, name: str) -> None:
+        self.views[0].set_shot(Shot(getattr(both, name), name=name, levels=both.levels))
 
     def hideEvent(self, event: QHideEvent) -> None:
         """Blink only where it is seen."""

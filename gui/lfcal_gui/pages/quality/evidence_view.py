@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QSlider, QStackedWidget, QVBoxLayout, QWidget
 
-from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets import LINES, ImageView, LinePlot, card
+from lfcal_gui.models import Marks, Shot
+from lfcal_gui.widgets import LINES, LinePlot, Picture, card
 
 __all__ = ["EvidenceView"]
 
-MARK = "#ff9f1c"
+MARK = "#ff5a5f"
 """Colour of the squares about positions: it stands out of every map."""
 
 CONCERNED = "1: concerned"
@@ -51,12 +50,10 @@ class EvidenceView(QWidget):
     def _map_card(self) -> QFrame:
         self.map_title = QLabel("Positions of a plane")
         frame, column = card(self.map_title)
-        self.map = ImageView(xlabel="position x", ylabel="position y", value_label="value")
+        self.map = Picture("value", axes=("position x (px)", "position y (px)"), colour_map="cividis")
         self.map.setToolTip("Click a position to look at it")
         self.map.clicked.connect(self.position_clicked.emit)
         self.map.hovered.connect(self._hovered)
-        self.marks = pg.ScatterPlotItem(size=9, symbol="s", brush=None, pen=pg.mkPen(MARK, width=1.6))
-        self.map.add_overlay(self.marks)
         self.plane_label = QLabel("Plane 0")
         self.slider = QSlider(Qt.Orientation.Horizontal)
         self.slider.setAccessibleName("plane")
@@ -81,8 +78,8 @@ class EvidenceView(QWidget):
         self.picture_title = QLabel("Over depth")
         frame, column = card(self.picture_title)
         self.curve = LinePlot("depth z (mm)", "value")
-        self.image = ImageView(xlabel="column", ylabel="row", value_label="value")
-        self.image.plot.setAspectLocked(False)  # rows and columns of it need not be pixels of one size
+        # rows and columns of it need not be pixels of one size
+        self.image = Picture("value", axes=("column", "row"), square=False, colour_map="cividis")
         self.none = QLabel()
         self.none.setProperty("role", "hint")
         self.none.setAlignment(Qt.AlignmentFlag.AlignCenter)
@@ -108,9 +105,7 @@ class EvidenceView(QWidget):
         """Show a value over the positions ``(ny, nx)`` of plane ``z``; None: not known in it, and ``none`` says so."""
         self.map_title.setText(title)
         self.plane_label.setText(f"Plane {z}")
-        self.map.set_value_label(label)
-        flags = label == CONCERNED
-        self.map.set_image(image, name=name, levels=(0.0, 1.0) if flags else None)
+        self.map.set_shot(Shot(image, "", label, name, (0.0, 1.0) if label == CONCERNED else None))
         self._hint = none if image is None else " "
         self.readout.setText(self._hint)
 
@@ -125,7 +120,7 @@ class EvidenceView(QWidget):
 
     def mark(self, positions: NDArray[np.intp]) -> None:
         """Mark positions (y, x) ``(n, 2)`` of the plane shown."""
-        self.marks.setData(positions[:, 1].astype(float), positions[:, 0].astype(float))
+        self.map.set_overlays(Marks(positions.astype(float), "s", MARK, 9))
 
     def _hovered(self, y: int, x: int, value: float) -> None:
         told = f"{value:.4g}" if math.isfinite(value) else "not known"
@@ -155,8 +150,7 @@ class EvidenceView(QWidget):
         """Show a map ``(rows, columns)`` with the names of its axes, numbered from ``origin``, and the values' unit."""
         self.picture_title.setText(title)
         self.image.set_axes(axes[1], axes[0])
-        self.image.set_value_label(label)
-        self.image.set_image(np.asarray(image, np.float64), name=title, origin=origin, keep_view=False)
+        self.image.set_shot(Shot(np.asarray(image, np.float64), "", label, title, origin=origin), keep_view=False)
         self.pictures.setCurrentWidget(self.image)
 
     def show_none(self, title: str, words: str) -> None:
@@ -169,4 +163,3 @@ class EvidenceView(QWidget):
         """Take the colours of the theme in use."""
         for plot in (self.map, self.image, self.curve):
             plot.apply_theme()
-        self.marks.setPen(pg.mkPen(MARK if current_theme().name == "light" else "#ffb74d", width=1.6))

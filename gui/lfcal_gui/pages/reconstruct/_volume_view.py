@@ -6,31 +6,18 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pyqtgraph as pg
 from numpy.typing import NDArray
-from PySide6.QtCore import QRectF, Qt, Signal
-from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QSlider, QVBoxLayout, QWidget
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QHBoxLayout, QLabel, QSlider, QVBoxLayout, QWidget
 
 from lfcal.base import format_length
-from lfcal_gui.models import COLOUR_MAPS, to_uint8
+from lfcal_gui.models import COLOUR_MAPS, CUTOUT, Outline, Shot
 from lfcal_gui.pages.reconstruct.model_volume import VolumeIntent, VolumePicture, resolve
-from lfcal_gui.widgets import (
-    ColourBar,
-    MeasuredPart,
-    bar_table,
-    count_pixels,
-    entries_at,
-    offer_menu,
-    pixel_axes,
-    style_axes,
-    theme_plot,
-    theme_table,
-)
+from lfcal_gui.widgets import Contrast, Picture, share_contrast
 
 __all__ = ["VolumeView"]
 
 VALUE = "brightness (counts)"
-CROSS = "#ff5a5f"
 
 
 class VolumeView(QWidget):
@@ -51,63 +38,35 @@ class VolumeView(QWidget):
         self._volume: NDArray[Any] | None = None
         self._depths: NDArray[np.float64] | None = None
         self._whole = (0.0, 1.0)
-        self.graphics = pg.GraphicsLayoutWidget()
-        self.xy, self.yz = self._plot(0, 0, "x (voxels)", "y (voxels)"), self._plot(0, 1, "z (planes)", "")
-        self.xz = self._plot(1, 0, "x (voxels)", "z (planes)")
-        self.yz.setYLink(self.xy)
-        self.xz.setXLink(self.xy)
-        self.xy.setAspectLocked(True)
-        self.bar = ColourBar(label=VALUE, below=True)
-        self.graphics.addItem(self.bar, row=1, col=1)
-        offer_menu(
-            self.graphics, lambda: "volume", at=lambda p: entries_at(self.graphics, tuple(self.parts.values()), p)
-        )
-        layout = self.graphics.ci.layout
+        names = {"xy": ("x", "y"), "xz": ("x", "z"), "yz": ("z", "y")}
+        self.pictures = {name: Picture(VALUE, steered=True, square=name == "xy", legend=False) for name in names}
+        share_contrast(*self.pictures.values())
+        self.xy, self.xz, self.yz = self.pictures.values()
+        self.yz.box.setYLink(self.xy.box)
+        self.xz.box.setXLink(self.xy.box)
+        for name, (across, down) in names.items():
+            picture = self.pictures[name]
+            picture.setAccessibleName(f"{down} over {across}")
+            picture.steered_to.connect(lambda row, column, a=across, d=down: self.set_cross(**{d: row, a: column}))
+        self.contrast = Contrast(self.xy)
+        self.contrast.display_asked.connect(lambda changes: self._display(**changes))
+        grid = QGridLayout()
+        grid.setSpacing(3)
+        for row, column, name in ((0, 0, "xy"), (0, 1, "yz"), (1, 0, "xz")):
+            grid.addWidget(self.pictures[name], row, column)
         for index, share in ((0, 5), (1, 2)):
-            layout.setColumnStretchFactor(index, share)
-            layout.setRowStretchFactor(index, share)
-        self.items: dict[str, pg.ImageItem] = {}
-        self.lines: dict[tuple[str, str], pg.InfiniteLine] = {}
-        for name, plot in (("xy", self.xy), ("xz", self.xz), ("yz", self.yz)):
-            self._add_image(name, plot)
-        self.parts = {
-            name: MeasuredPart(self, plot, f"volume_{name}", VALUE, lambda _: self._show())
-            for name, plot in (("xy", self.xy), ("xz", self.xz), ("yz", self.yz))
-        }
-        self.graphics.scene().sigMouseClicked.connect(self._clicked)
+            grid.setColumnStretch(index, share)
+            grid.setRowStretch(index, share)
         outer = QVBoxLayout(self)
         outer.setContentsMargins(0, 0, 0, 0)
         outer.setSpacing(5)
         outer.addLayout(self._controls())
-        outer.addWidget(self.graphics, 1)
+        outer.addLayout(grid, 1)
+        outer.addWidget(self.contrast)
         outer.addLayout(self._depth_row())
         self.apply_theme()
 
     # -- building --------------------------------------------------------------------------------------
-    def _plot(self, row: int, column: int, xlabel: str, ylabel: str) -> pg.PlotItem:
-        plot = self.graphics.addPlot(row=row, col=column, axisItems=pixel_axes(), enableMenu=False)
-        plot.hideButtons()
-        if row == 0:
-            plot.invertY(True)
-        style_axes(plot, xlabel, ylabel)
-        if not ylabel:
-            plot.getAxis("left").setStyle(showValues=False)
-            plot.getAxis("left").setLabel("")
-        return plot
-
-    def _add_image(self, name: str, plot: pg.PlotItem) -> None:
-        item = pg.ImageItem(axisOrder="row-major")
-        plot.addItem(item)
-        self.items[name] = item
-        pen, hover = pg.mkPen(CROSS, width=1), pg.mkPen(CROSS, width=3)
-        for axis, angle in ((name[0], 90), (name[1], 0)):
-            if name == "yz":  # z runs to the right there, y down as in the slice beside it
-                angle = 90 - angle
-            one = pg.InfiniteLine(angle=angle, movable=True, pen=pen, hoverPen=hover)
-            one.sigDragged.connect(lambda line, axis=axis: self.set_cross(**{axis: round(line.value())}))
-            plot.addItem(one)
-            self.lines[name, axis] = one
-
     def _controls(self) -> QHBoxLayout:
         row = QHBoxLayout()
         row.setSpacing(6)
@@ -160,16 +119,12 @@ class VolumeView(QWidget):
         before = None if self._volume is None else self._volume.shape
         self._volume, self._depths = volume, depths_um
         if volume is None:
-            for item in self.items.values():
-                item.clear()
-            for part in self.parts.values():
-                part.take(None)
+            for picture in self.pictures.values():
+                picture.set_shot(None)
             self.readout.setText("–")
             return
         low, high = float(np.nanmin(volume)), float(np.nanmax(volume))
         self._whole = (min(low, 0.0), high if high > low else low + 1.0)
-        for plot, down, across in ((self.xy, 1, 2), (self.xz, 0, 2), (self.yz, 1, 0)):
-            count_pixels(plot, (volume.shape[down], volume.shape[across]))
         if before != volume.shape:
             self.intent = VolumeIntent.middle(volume.shape, self.intent)
             self.slider.blockSignals(True)
@@ -200,15 +155,13 @@ class VolumeView(QWidget):
         """Zoom so that the whole volume is seen."""
         if self._volume is None:
             return
-        nz, ny, nx = self._volume.shape
-        self.xy.setRange(QRectF(-0.5, -0.5, nx, ny), padding=0.01)
-        self.xz.setYRange(-0.5, nz - 0.5, padding=0.01)
-        self.yz.setXRange(-0.5, nz - 0.5, padding=0.01)
+        for picture in self.pictures.values():
+            picture.show_all()
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        theme_plot(self.graphics, self.xy, self.xz, self.yz)
-        self.bar.apply_theme()
+        for picture in (*self.pictures.values(), self.contrast):
+            picture.apply_theme()
         self._show()
 
     # -- inside ----------------------------------------------------------------------------------------
@@ -224,31 +177,27 @@ class VolumeView(QWidget):
             return
         intent = self.intent
         picture = self.picture = resolve(intent, self._volume, self._whole)
-        table = theme_table(intent.display.colour_map)
-        for name, image, levels in (
-            ("xy", picture.xy, picture.levels),
-            ("xz", picture.xz, picture.side_levels),
-            ("yz", picture.yz, picture.side_levels),
+        where = {"x": intent.x, "y": intent.y, "z": intent.z}
+        for name, image, levels, (across, down) in (
+            ("xy", picture.xy, picture.levels, "xy"),
+            ("xz", picture.xz, picture.side_levels, "xz"),
+            ("yz", picture.yz, picture.side_levels, "zy"),
         ):
-            shown = to_uint8(np.ascontiguousarray(image), intent.display, self.parts[name].take(image, levels))
-            self.items[name].setImage(shown, levels=(0, 255), lut=table, autoLevels=False)
-            self.items[name].setRect(QRectF(-0.5, -0.5, image.shape[1], image.shape[0]))
-        for (_, axis), line in self.lines.items():
-            line.setValue(getattr(intent, axis))
-            line.setVisible(not intent.projection or axis == "z")
-        levels = self.parts["xy"].shown_levels()
-        self.bar.set_colours(bar_table(intent.display.colour_map, intent.display.scale, levels))
-        self.bar.set_levels(levels)
+            shown = [axis for axis in (across, down) if not intent.projection or axis == "z"]
+            lines = tuple(_line(axis == across, where[axis], image.shape) for axis in shown)
+            caption = f"{down} over {across}"
+            shot = Shot(np.ascontiguousarray(image), caption, VALUE, f"volume_{name}", levels, overlays=lines)
+            self.pictures[name].set_display(intent.display)
+            self.pictures[name].set_shot(shot)
         self.slider.blockSignals(True)
         self.slider.setValue(intent.z)
         self.slider.blockSignals(False)
         depth = "" if self._depths is None else f" ({format_length(float(self._depths[intent.z]))})"
         self.readout.setText(f"plane {intent.z}{depth}, y {intent.y}, x {intent.x}: {picture.value:.4g} counts")
 
-    def _clicked(self, event: Any) -> None:
-        if self._volume is None or event.button() != Qt.MouseButton.LeftButton:
-            return
-        for plot, across, down in ((self.xy, "x", "y"), (self.xz, "x", "z"), (self.yz, "z", "y")):
-            if plot.vb.sceneBoundingRect().contains(event.scenePos()):
-                point = plot.vb.mapSceneToView(event.scenePos())
-                self.set_cross(**{across: round(point.x()), down: round(point.y())})
+
+def _line(upright: bool, at: float, shape: tuple[int, ...]) -> Outline:
+    """Return a line through the middle of a column, or of a row, of a picture ``(rows, columns)``."""
+    rows, columns = shape[:2]
+    ends = [(-0.5, at), (rows - 0.5, at)] if upright else [(at, -0.5), (at, columns - 0.5)]
+    return Outline(np.array(ends), CUTOUT, closed=False, width=1)

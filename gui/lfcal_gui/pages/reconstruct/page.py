@@ -14,7 +14,7 @@ from lfcal.psf import empty_words
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
-from lfcal_gui.models import PageSpec, ProjectState
+from lfcal_gui.models import PageSpec, ProjectState, Shot
 from lfcal_gui.pages.reconstruct import takes
 from lfcal_gui.pages.reconstruct._volume_file import VolumeFile
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings, forecast_words, projector_for
@@ -192,7 +192,7 @@ class Page(BasePage):
     def _load(self) -> None:
         path = self.context.state.light_field
         self.image = None
-        self.panel.light_field.set_image(None)
+        self.panel.light_field.set_shot(None)
         self._show_controls()
         ready, self._ready = self._ready, None
         self.context.jobs.drop("reconstruct load")
@@ -210,7 +210,7 @@ class Page(BasePage):
     def _loaded(self, path: str, image: NDArray[Any]) -> None:
         self.image, self._opened = image, path
         self._show_file()
-        self.panel.light_field.set_image(image, name="light_field", keep_view=False)
+        self.panel.light_field.set_shot(Shot(image, name="light_field"), keep_view=False)
         self._show_region()
         self._show_controls()
         self._forecast()

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import (
@@ -24,7 +23,7 @@ from PySide6.QtWidgets import (
 )
 
 from lfcal.reconstruct import PHANTOMS, SOLVERS
-from lfcal_gui.models import unbroken
+from lfcal_gui.models import cutout_of, unbroken
 from lfcal_gui.pages.reconstruct._volume_view import VolumeView
 from lfcal_gui.pages.reconstruct.model import FIELDS, RARE, ReconstructSettings, used_by
 from lfcal_gui.pages.reconstruct.model_device import DEVICE, NO_DEVICE
@@ -32,13 +31,12 @@ from lfcal_gui.widgets import (
     ElidedLabel,
     Folded,
     Form,
-    ImageView,
     LinePlot,
+    Picture,
     WrappedLabel,
     card,
     column_area,
     line,
-    line_px,
     set_role,
     split,
 )
@@ -89,11 +87,9 @@ class ReconstructPanel(QWidget):
             for key in form.fields:
                 form.editor(key).setMinimumWidth(56)
         self.volume = VolumeView()
-        self.light_field = ImageView(xlabel="column", ylabel="row")
+        self.light_field = Picture(legend=False)
         self.light_field.blank.words = "Open a light field, or make one."
         self.light_field.setToolTip("The light field; the frame shows the region that is used")
-        self.frame = pg.PlotCurveItem(pen=pg.mkPen("#ff5a5f", width=line_px(1.5)))
-        self.light_field.add_overlay(self.frame)
         self.residual = LinePlot("iteration", "residual (%)", counted=True)
         self.residual.setToolTip("Weighted rms of image minus model, over that of the image")
         self.likelihood = LinePlot("iteration", "log-lik. / px", counted=True)
@@ -200,7 +196,6 @@ class ReconstructPanel(QWidget):
         column.setSpacing(8)
         self.pixel = QLabel("Light field")
         top, inner = card(self.pixel)
-        self.light_field.graphics.removeItem(self.light_field.bar)
         self.light_field.hovered.connect(self._hovered)
         self.light_field.graphics.setMinimumSize(150, 110)
         inner.addWidget(self.light_field, 1)
@@ -264,11 +259,10 @@ class ReconstructPanel(QWidget):
     def show_region(self, region: tuple[int, int, int, int] | None) -> None:
         """Frame the region that is used: first row, row behind the last, and so for columns; None: no light field."""
         if region is None:
-            self.frame.setData([], [])
+            self.light_field.set_overlays()
             return
-        # pixel centres have whole numbers: the edge lies half a pixel outside
-        top, bottom, left, right = (n - 0.5 for n in region)
-        self.frame.setData([left, right, right, left, left], [top, top, bottom, bottom, top])
+        top, bottom, left, right = region
+        self.light_field.set_overlays(*cutout_of(top, left, (bottom - top, right - left)))
 
     def show_forecast(self, words: str) -> None:
         """Show what a reconstruction will cost, as rich text, or why that is not known."""

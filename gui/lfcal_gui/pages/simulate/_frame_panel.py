@@ -8,10 +8,10 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QLabel, QPushButton, QVBoxLayout, QWidget
 
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.models import levels_of
+from lfcal_gui.models import Shot, cutout_of
 from lfcal_gui.pages.simulate.model_frames import SimulatedFrame, write_frame
 from lfcal_gui.saving import ask_target, write_file
-from lfcal_gui.widgets import FrameView, line
+from lfcal_gui.widgets import Picture, line
 
 __all__ = ["FramePanel"]
 
@@ -40,7 +40,7 @@ class FramePanel(QWidget):
         self.words = QLabel("A frame has every effect that is on for frames: noise, stage errors, rounding.")
         self.words.setWordWrap(True)
         self.words.setProperty("role", "hint")
-        self.view = FrameView(jobs, "simulate frame tile")
+        self.view = Picture("counts", jobs=jobs)
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 6, 0, 0)
         column.addLayout(line(self.make_button, self.save_button))
@@ -60,10 +60,10 @@ class FramePanel(QWidget):
             return
         self.frame = frame
         self.save_button.setEnabled(True)
-        self.view.set_frame(frame.samples, levels_of(frame.samples))
         top, left = frame.window()
         nt, ns = frame.question.plan.cutout
-        self.view.set_cutout(top, left, (nt, ns), (top + nt // 2, left + ns // 2))
+        cutout = cutout_of(top, left, (nt, ns), (top + nt // 2, left + ns // 2))
+        self.view.set_shot(Shot(frame.samples, name="frame", overlays=cutout))
         self.words.setText(frame.words())
 
     def show_none(self) -> None:
@@ -71,8 +71,7 @@ class FramePanel(QWidget):
         self.frame = None
         self.make_button.setEnabled(True)
         self.save_button.setEnabled(False)
-        self.view.set_frame(None, (0.0, 1.0))
-        self.view.clear_cutout()
+        self.view.set_shot(None)
         self.words.setText("Plan or choices changed since a frame was made: make one anew.")
 
     def save(self, path: str = "") -> None:

@@ -20,6 +20,7 @@ from PySide6.QtWidgets import (
 
 from lfcal.base import format_seconds
 from lfcal_gui.jobs import Jobs
+from lfcal_gui.models import Shot
 from lfcal_gui.pages.simulate._effect_panel import EffectPanel
 from lfcal_gui.pages.simulate._effects_table import EffectsTable
 from lfcal_gui.pages.simulate._frame_panel import FramePanel
@@ -34,7 +35,7 @@ from lfcal_gui.pages.simulate.model import (
     tolerance_step,
 )
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict
-from lfcal_gui.widgets import Folded, Form, ImageView, LinePlot, card, heading, line, split
+from lfcal_gui.widgets import Folded, Form, LinePlot, Picture, card, heading, line, split
 
 __all__ = ["SimulatePanel"]
 
@@ -137,7 +138,7 @@ class SimulatePanel(QWidget):
         column = QVBoxLayout(inner)
         column.setContentsMargins(0, 6, 0, 0)
         self.preview_label = heading("")
-        self.view = ImageView(value_label="share of the light")
+        self.view = Picture("share of the light")
         self.z_slider = QSlider(Qt.Orientation.Horizontal)
         self.z_slider.setRange(0, Z_STEPS)
         self.z_slider.setToolTip("Depth of the preview: rays while you drag, the chosen level when you stop")
@@ -182,7 +183,7 @@ class SimulatePanel(QWidget):
 
     def show_preview(self, image: NDArray[np.float32]) -> None:
         """Show the pattern of a position ``(nt, ns)``."""
-        self.view.set_image(image, name="preview")
+        self.view.set_shot(Shot(image, name="preview"))
 
     def show_ladder(self, ladder: Any) -> None:
         """Show measured time and error of every level, and the one that the tolerance picks.

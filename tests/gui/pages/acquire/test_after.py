@@ -22,7 +22,6 @@ from lfcal_gui.context import Context
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.acquire.model_assembly import iter_assembly
 from lfcal_gui.pages.acquire.model_stills import recipe_of
-from lfcal_gui.window import MainWindow
 from tests.gui.waiting import GUARD_MS, idle
 from tests.psf.test_joining import contents
 
@@ -108,19 +107,3 @@ def test_a_session_s_h_that_failed_goes_on_to_the_same(
     context.matrices.forget(str(out))
     assert contents(out) == contents(whole)
     assert "assemble plane" not in context.jobs.log(job.number).text().partition("goes on")[2]
-
-
-def test_labels_of_the_frame_are_whole_in_a_small_window(window: MainWindow, qtbot: QtBot, state: ProjectState) -> None:
-    """The end of "column in the region read (px)" was cut."""
-    window.resize(1280, 800)
-    window.project.start(state)
-    window.go("acquire")
-    page: Any = window.page("acquire")
-    page.panel.setCurrentWidget(page.panel.record)
-    qtbot.waitUntil(lambda: page.panel.record.pictures.frame.isVisible(), timeout=GUARD_MS)
-    idle(window.jobs, qtbot)
-    for side in ("bottom", "left"):
-        axis = page.panel.record.pictures.frame.plot.getAxis(side)
-        room = axis.width() if side == "bottom" else axis.height()
-        qtbot.waitUntil(lambda axis=axis: bool(axis.labelText), timeout=GUARD_MS)
-        assert axis.label.boundingRect().width() <= room, axis.labelText

@@ -59,10 +59,10 @@ def test_night_is_red_alone() -> None:
     colours = [value for name, value in vars(NIGHT).items() if name not in ("name", "red")]
     rgb = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in colours])
     assert (rgb[:, 0] >= rgb[:, 1]).all() and (rgb[:, 1:].max() <= 0x8A) and (rgb[:, 2] <= 0x5C).all()
-    for name in ("viridis", "gray", "RdBu_r"):
+    for name in ("magma", "gray", "vanimo"):
         table = colour_table(name, red=True)
         assert not table[:, 1:3].any() and table[:, 0].max() > 200 and table[:, 0].min() < 80
-    assert (np.diff(colour_table("viridis", red=True)[:, 0].astype(int)) >= 0).all()
+    assert (np.diff(colour_table("magma", red=True)[:, 0].astype(int)) >= 0).all()
 
 
 @pytest.fixture
@@ -101,7 +101,7 @@ def test_a_sitting_by_the_large_buttons_and_their_keys(
     assert page.setup.station is None and not page.setup.connecting, "what is not shown is not pressed"
     qtbot.keyClick(page, Qt.Key.Key_F11)
     assert panel.bar.isVisible() and current_theme() is NIGHT and NIGHT.text in page.styleSheet()
-    assert page.panel.record.pictures.map.graphics.backgroundBrush().color().name() == NIGHT.plot
+    assert page.panel.record.pictures.map.graphics.backgroundBrush().color().name() == NIGHT.panel
     assert shown(page, "next") == "Next: Connect\nF9" and shown(page, "start") == "Start\nF6"
     qtbot.keyClick(page, Qt.Key.Key_F9)
     qtbot.waitUntil(lambda: page.setup.station is not None, timeout=GUARD_MS)

@@ -56,12 +56,12 @@ def test_a_simulator_of_another_camera_is_let_go(page: Page, context: Context, q
     context.project.update("exposure", plan=replace(PLAN, exposure_s=0.03, order="raster"))
     assert page.setup.station is station, "what is set and not described"
     page.panel.setup.live.setChecked(True)
-    qtbot.waitUntil(lambda: page.panel.setup.view.measured() is not None, timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: page.panel.setup.view.values is not None, timeout=GUARD_MS)
     camera = replace(PLAN.camera, optics=replace(optics, f_number=11.0))
     context.project.update("f-number", camera=camera, plan=replace(PLAN, camera=camera))
     devices = page.panel.setup.devices
     assert page.setup.station is None and devices.button.text() == "Connect" and devices.button.isEnabled()
-    assert "connect again" in devices.reason.text() and page.panel.setup.view.measured() is None
+    assert "connect again" in devices.reason.text() and page.panel.setup.view.values is None
     connect(page, qtbot)
     assert page.setup.station is not None
     said: list[str] = []

@@ -18,6 +18,7 @@ from lfcal.acquire.session_file import SessionFile
 from lfcal.camera import preset
 from lfcal.psf import open_psf
 from lfcal_gui.context import Context
+from lfcal_gui.models import Marks
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.pages.acquire.model_recorder import folder_state
@@ -183,11 +184,11 @@ def test_overlays_are_switched_without_another_frame(page: Page, qtbot: QtBot, c
     qtbot.waitUntil(lambda: not panel._waiting, timeout=GUARD_MS)
     panel.live.setChecked(False)
     idle(context.jobs, qtbot)
-    assert len(panel.view.cutout.getData()[0]) == 5
+    assert len(panel.view.overlays) == 2
     panel.cutout.setChecked(False)
+    assert not panel.view.overlays
     panel.lattice.setChecked(True)
-    assert len(panel.view.cutout.getData()[0]) == 0
-    assert sum(len(points.data) for points in panel.view.lattice) > 0
+    qtbot.waitUntil(lambda: any(isinstance(one, Marks) and len(one.points) for one in panel.view.overlays))
 
 
 def test_the_stage_goes_to_a_typed_position(page: Page, qtbot: QtBot, context: Context) -> None:
@@ -305,7 +306,7 @@ def test_a_session_from_start_to_h(page: Page, context: Context, qtbot: QtBot, t
     qtbot.waitUntil(lambda: page.record.folder.complete, timeout=GUARD_MS)
     assert "Complete: 24 of 24" in panel.status.text()
     qtbot.waitUntil(lambda: panel.open_plane.isEnabled(), timeout=GUARD_MS)
-    assert "complete" in panel.plane_label.text() and panel.pictures.depth_sum.image is not None
+    assert "complete" in panel.plane_label.text() and panel.pictures.depth_sum.values is not None
     assert threads == {threading.main_thread()}, "the recording thread never reaches the window"
 
     went: list[str] = []

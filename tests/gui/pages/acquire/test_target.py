@@ -23,6 +23,7 @@ from lfcal_gui.pages.acquire.model_recorder import folder_state
 from lfcal_gui.pages.acquire.model_target import points_px
 from lfcal_gui.pages.acquire.page import Page
 from lfcal_gui.pages.acquire.step import step
+from lfcal_gui.widgets.period_map import PeriodMap
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle
 from tests.targets.common import small
@@ -71,17 +72,18 @@ def test_a_target_is_recorded_while_its_phases_fill_the_map(
     assert AcquireSettings.of(context.state).devices()["target"].endswith("target_plan.json")
     context.project.update("folder", recording=str(folder))
     idle(context.jobs, qtbot)
-    assert len(panel.pictures.map.missing.data) == 252, "nothing is covered yet"
+    assert crossed_out(panel.pictures.map) == 252, "nothing is covered yet"
     seen: list[int] = []
-    panel.pictures.holes.sigPlotChanged.connect(lambda item: seen.append(len(item.data)))
+    frame = panel.pictures.frame
+    frame.changed.connect(lambda: seen.extend(len(marks.points) for marks in frame.overlays))
     qtbot.mouseClick(panel.buttons["start"], Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: page.record.recording, timeout=GUARD_MS)
     qtbot.waitUntil(lambda: not page.record.recording, timeout=GUARD_MS)
     qtbot.waitUntil(lambda: page.record.folder.complete, timeout=GUARD_MS)
     idle(context.jobs, qtbot)
     assert "5 of 5 frames" in panel.status.text() and "5 of 5 frames of a target" in panel.folder_words.text()
-    assert max(seen) == len(plan.points(0, 4)) and "points as planned" in panel.pictures.frame_title.text()
-    assert len(panel.pictures.map.missing.data) == int((plan.shown(0) == 0).sum())
+    assert max(seen) == len(plan.points(0, 4)) and "points as planned" in frame.shot.caption
+    assert crossed_out(panel.pictures.map) == int((plan.shown(0) == 0).sum())
     assert panel.pictures.map_title.text() == "Phases covered"
     assert len(panel.pictures.curves["energy"].plot.listDataItems()) == 1
     assert not panel.buttons["fit"].isEnabled() and "lfcal fit" in panel.why.text()
@@ -137,3 +139,8 @@ def test_the_command_records_the_target(file: Path) -> None:
     assert "AcquireTarget(" in found.python and "controls" not in found.python
     assert not found.files
     compile(found.python, "script", "exec")
+
+
+def crossed_out(period: PeriodMap) -> int:
+    """Return how many positions of a map are crossed out."""
+    return sum(len(marks.points) for marks in period.overlays)

@@ -134,7 +134,7 @@ def test_check_against_a_white_image(open_page: OpenPage, context: Context, qtbo
         panel.table.item(row, 0).text(): panel.table.item(row, 1).text() for row in range(panel.table.rowCount())
     }
     assert verdicts["Pitch"] == "differs" and verdicts["Sensor"] == "fits"
-    assert len(panel.view.fitted.getData()[0]) > 100 and len(panel.view.described.getData()[0]) > 100
+    assert all(len(marks.points) > 100 for marks in panel.view.image.overlays)
     panel.take.click()
     measured = context.project.state.camera
     assert measured.pitch_px == pytest.approx(16.0, abs=0.01) and measured.marks["lattice.pitch_um"] == "measured"
@@ -162,18 +162,18 @@ def test_a_bent_lattice_and_its_residuals_are_drawn(
     assert "radial" in panel.about.text() and "rms off it" in panel.about.text()
     view = panel.view
     view.choice.setCurrentIndex(view.choice.findData("distortion"))
-    x, y = view.arrows.getData()
     # the fit may give part of a barrel to pitch and origin; what bends grows outwards from the middle
-    shown = view.map.image
+    shown = view.map.values
     assert shown.shape == (18, 24) and shown[0, 0] > 1.0 > 10 * shown[9, 12]
-    tails, tips = np.stack([x, y])[:, ::6], np.stack([x, y])[:, 1::6]
+    lines = np.stack([line.points for line in view.map.overlays])  # the shaft and both barbs of each arrow
+    tails, tips = lines[::3, 0, ::-1].T, lines[::3, 1, ::-1].T
     middle = np.array([[319.5], [239.5]])
     outward = ((tips - tails) * (tails - middle)).sum(0)
     far = np.hypot(*(tails - middle)) > reach / 2
     assert np.all(outward[far] > 0), "arrows point to where micro-images are seen"
     assert "times too long" in view.legend.text() and "px" in view.legend.text()
     view.choice.setCurrentIndex(view.choice.findData("residuals"))
-    assert float(np.nanmax(view.map.image)) < 0.3
+    assert float(np.nanmax(view.map.values)) < 0.3
     panel.take.click()
     taken = context.project.state.camera
     form = page.panel.forms["lattice"]

@@ -71,13 +71,13 @@ def test_pictures_of_a_position(fitted: Page) -> None:
     place = found.places[2]
     assert view.place == place
     for picture, values in ((view.measured, found.patterns), (view.model, found.model)):
-        np.testing.assert_array_equal(picture.image, values[place])
-    np.testing.assert_array_equal(view.residual.image, found.fit.residual(*place))
-    assert view.residual.bar.levels() == (-5.0, 5.0)
+        np.testing.assert_array_equal(picture.values, values[place])
+    np.testing.assert_array_equal(view.residual.values, found.fit.residual(*place))
+    assert view.residual.levels == (-5.0, 5.0)
     assert f"χ² {found.chi2[place]:.3g}" in view.words.text()
     view.model.hovered.emit(3, 4, 0.0)
     assert f"t 3, s 4: measured {found.patterns[place][3, 4]:.5g}" in view.readout.text() and "σ" in view.readout.text()
-    assert all(one.cursor.isVisible() and one.cursor.pos().x() == 4 for one in view.views)
+    assert all(one.shot.cross is not None and one.shot.cross[1] == 4 for one in view.views)
     view.worst_button.click()
     assert view.place == max(found.places, key=lambda one: found.chi2[one])
     view.map.chosen.emit(found.places[4])
@@ -118,7 +118,7 @@ def test_patterns_of_a_fit_with_fewer_of_them(fitted: Page) -> None:
     view.show_place(found.places[-1])
     fitted.panel.show_found(less := fewer(found, 3), ())
     assert view.place == less.places[0] and view.map.places == less.places and view.patterns.maximum() == 2
-    assert len(view.map.dots.points()) == 3
+    assert sum(len(marks.points) for marks in view.map.overlays) == 3
     view.apply_theme()
     view.patterns.setValue(2)
     assert view.place == less.places[2]
@@ -141,16 +141,16 @@ def test_nothing_is_stepped_through_without_a_fit(fitted: Page) -> None:
 def test_pictures_are_zoomed_together(fitted: Page) -> None:
     view = fitted.panel.tabs.patterns
     QApplication.processEvents()
-    box = view.model.plot.getViewBox()
+    box = view.model.box
     box.setRange(xRange=(4, 8), yRange=(5, 9), padding=0)
     box.sigRangeChangedManually.emit([True, True])
     for one in view.views:
-        (left, right), (top, bottom) = one.plot.getViewBox().viewRange()
+        (left, right), (top, bottom) = one.box.viewRange()
         assert (left + right) / 2 == pytest.approx(6, abs=0.2) and (top + bottom) / 2 == pytest.approx(7, abs=0.2)
         assert right - left < 14
     view.residual.show_all()
     for one in view.views:
-        (left, right), _ = one.plot.getViewBox().viewRange()
+        (left, right), _ = one.box.viewRange()
         assert left <= -0.5 and right >= 14.5
 
 
@@ -313,7 +313,7 @@ def test_nothing_of_an_h_is_shown_beside_another(fitted: Page, qtbot: QtBot, tmp
     idle(fitted.context.jobs, qtbot)
     assert panel.stack.currentWidget() is panel.ready and not any(button_states(fitted))
     assert panel.tabs.parameters.rowCount() == panel.tabs.findings.rowCount() == 0
-    assert panel.tabs.patterns.measured.image is None
+    assert panel.tabs.patterns.measured.values is None
     assert panel.status.isHidden() and panel.choices.source.text().startswith("other.h5")
     gc.collect()
     assert there() is None, "its patterns may be large"

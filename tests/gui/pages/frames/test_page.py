@@ -15,6 +15,7 @@ from lfcal.frames.source import Position
 from lfcal.psf import open_psf
 from lfcal.psf.assembly import AssemblyProgress
 from lfcal_gui.context import Context
+from lfcal_gui.models import Marks
 from lfcal_gui.pages.frames import page as frames_page
 from lfcal_gui.pages.frames._assembly import iter_assembly
 from lfcal_gui.pages.frames.model import FrameSettings
@@ -31,7 +32,7 @@ def test_a_recorded_session_opens_by_dropping_it(qtbot: QtBot, context: Context,
     assert "627 frames of 55 × 55 px" in page.hint.text()
     assert "saturated pixels: <b>0</b>" in page.panel.numbers.text()
     page.panel.lattice_box.setChecked(True)
-    points = sum(len(item.getData()[0]) for item in page.panel.view.lattice)
+    points = sum(len(one.points) for one in page.panel.view.overlays if isinstance(one, Marks) and one.filled)
     assert points > 4, "lenslets of the place the cutout was taken from"
 
 
@@ -129,18 +130,18 @@ def test_the_cutout_is_followed_and_shown_as_it_goes_into_h(scanned: Any, contex
         idle(context.jobs, qtbot)
         row, column = (round(v) for v in plan.image_px(place))
         part = true_frame(*place)[row - nt // 2 :, column - ns // 2 :][:nt, :ns]
-        np.testing.assert_allclose(panel.crop.image, part, atol=0.5)
-        seen = panel.view.plot.vb.viewRect()
+        np.testing.assert_allclose(panel.crop.values, part, atol=0.5)
+        seen = panel.view.box.viewRect()
         assert seen.contains(column, row) and seen.height() < 2 * nt
         assert abs(seen.center().x() - column) <= 0.5 and abs(seen.center().y() - row) <= 0.5
     panel.before_box.setChecked(True)
-    np.testing.assert_array_equal(panel.crop.image, part)
+    np.testing.assert_array_equal(panel.crop.values, part)
     panel.scale_box.setCurrentIndex(panel.scale_box.findData("log"))
     assert panel.crop.display.scale == "log"
     for button in panel.findChildren(QPushButton):
         if button.text() == "Whole frame":
             button.click()
-    assert not panel.follow.isChecked() and panel.view.plot.vb.viewRect().width() > 40
+    assert not panel.follow.isChecked() and panel.view.box.viewRect().width() > 40
 
 
 def test_where_there_is_no_frame_nothing_of_another_is_shown(scanned: Any, context: Context, qtbot: QtBot) -> None:
@@ -149,14 +150,13 @@ def test_where_there_is_no_frame_nothing_of_another_is_shown(scanned: Any, conte
     page.go_to(Position(*GONE))
     idle(context.jobs, qtbot)
     assert "no frame" in panel.position_label.text() and panel.view.item.image is None
-    assert panel.numbers.text() == "" and panel.crop.image is None and panel.view.cutout.getData()[0].size == 0
-    assert not panel.histogram._curves
+    assert panel.numbers.text() == "" and panel.crop.values is None and not panel.view.overlays
     panel.before_box.setChecked(True)
     panel.lattice_box.setChecked(True)
-    assert panel.view.item.image is None and panel.view.cutout.getData()[0].size == 0
+    assert panel.view.item.image is None and not panel.view.overlays
     page.go_to(Position(0, 0, 0))
     idle(context.jobs, qtbot)
-    assert panel.numbers.text() and panel.crop.image is not None
+    assert panel.numbers.text() and panel.crop.values is not None
 
 
 def test_a_frame_that_cannot_be_read_has_no_picture(scan: Path, scanned: Any, context: Context, qtbot: QtBot) -> None:
@@ -169,7 +169,7 @@ def test_a_frame_that_cannot_be_read_has_no_picture(scan: Path, scanned: Any, co
     page.go_to(Position(0, 0, 2))
     idle(context.jobs, qtbot)
     assert "0_0_2.npy" in panel.position_label.text() and panel.view.item.image is None
-    assert panel.numbers.text() == "" and panel.crop.image is None and page.loaded is None
+    assert panel.numbers.text() == "" and panel.crop.values is None and page.loaded is None
     page.go_to(Position(0, 0, 3))
     idle(context.jobs, qtbot)
     assert page.loaded is not None and panel.view.item.image is not None and not page.notice.isVisible()

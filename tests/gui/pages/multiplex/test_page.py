@@ -65,14 +65,14 @@ def cells(page: Page) -> dict[str, str]:
 def test_the_modulator_is_drawn_with_its_numbers(page: Page, context: Context, qtbot: QtBot) -> None:
     assert page.body.minimumSizeHint().width() <= 1100 and page.minimumSizeHint().height() <= 640
     assert cells(page)["Transmission τ"] == "0.5833" and cells(page)["Rank"] == "3 of 3"
-    np.testing.assert_array_equal(page.panel.sigma.image, cfa("CYMG").spatial)
-    np.testing.assert_array_equal(page.panel.pi.image, cfa("CYMG").plenoptic)
-    assert page.panel.pattern.coloured is not None
+    np.testing.assert_array_equal(page.panel.sigma.values, cfa("CYMG").spatial)
+    np.testing.assert_array_equal(page.panel.pi.values, cfa("CYMG").plenoptic)
+    assert page.panel.pattern.shot.coloured
     type_in(page, "size", "5")
     choose(page, "family", "mask")
     settle(page, qtbot)
-    assert cells(page)["Samples N"] == "25" and page.panel.pattern.coloured is None
-    assert page.panel.pattern.image is not None and page.panel.pattern.image.shape == (5, 5)
+    assert cells(page)["Samples N"] == "25" and not page.panel.pattern.shot.coloured
+    assert page.panel.pattern.values is not None and page.panel.pattern.values.shape == (5, 5)
     assert "real part" in page.panel.titles[2].text() and "over pinhole" in page.panel.curve_title.text()
     settings = MultiplexSettings(family="both", mask="lenslet", size=4, right="truth")
     context.project.update("all", settings=settings.into(context.state))
@@ -83,7 +83,7 @@ def test_the_modulator_is_drawn_with_its_numbers(page: Page, context: Context, q
     assert "No gains" in page.panel.curve_hint.text() and cells(page)["Rank"] == "16 of 48"
     type_in(page, "size", "31")
     settle(page, qtbot)
-    assert "smaller mask" in page.panel.curve_hint.text() and page.panel.sigma.image is None
+    assert "smaller mask" in page.panel.curve_hint.text() and page.panel.sigma.values is None
 
 
 def test_gain_curves_follow_ticks_and_camera(page: Page, context: Context, qtbot: QtBot, qapp: QApplication) -> None:
@@ -134,17 +134,17 @@ def test_reconstructions_equal_the_library_s_and_zoom_together(page: Page, qtbot
     chosen = page.settings.filter
     spatial, fourier = (demultiplex(frame, cfa("CYMG"), route=r, filter=chosen)[1] for r in ("spatial", "fourier"))
     for view, expected in zip(shown.views, (spatial, fourier, spatial - fourier, frame), strict=True):
-        assert view.image is not None
-        np.testing.assert_allclose(view.image, expected, atol=1e-9)
+        assert view.values is not None
+        np.testing.assert_allclose(view.values, expected, atol=1e-9)
     assert "% rms" in shown.heads[0].text() and "Fourier" in shown.heads[1].text()
     shown.right.setCurrentIndex(1)
-    np.testing.assert_array_equal(shown.views[2].image, truth[1])
-    assert not shown.views[2].signed and page.settings.right == "truth"
-    box = shown.views[1].plot.vb
+    np.testing.assert_array_equal(shown.views[2].values, truth[1])
+    assert not shown.views[2].shot.signed and page.settings.right == "truth"
+    box = shown.views[1].box
     box.setRange(xRange=(50, 90), yRange=(60, 100), padding=0)
     box.sigRangeChangedManually.emit([True, True])
     for view in shown.views:
-        (left, right), (top, bottom) = view.plot.vb.viewRange()
+        (left, right), (top, bottom) = view.box.viewRange()
         assert (left + right) / 2 == pytest.approx(70) and (top + bottom) / 2 == pytest.approx(80)
     shown.views[0].hovered.emit(3, 4, 0.0)
     assert f"{spatial[3, 4]:.4g}" in shown.readout.text()
@@ -158,20 +158,20 @@ def test_an_opened_frame_is_demultiplexed_as_a_job(page: Page, context: Context,
     page.panel.tabs.setCurrentIndex(1)
     choose(page, "scene", "image")
     settle(page, qtbot)
-    assert "Open an image" in shown.status.text() and shown.views[0].image is None
+    assert "Open an image" in shown.status.text() and shown.views[0].values is None
     frame = np.random.default_rng(0).random((40, 50)).astype(np.float32)
     np.save(tmp_path / "frame.npy", frame)
     assert page.accept_drop([str(tmp_path / "frame.npy")]) and not page.accept_drop([str(tmp_path)])
     settle(page, qtbot)
     assert page.settings.image.endswith("frame.npy") and context.jobs.jobs()[0].page == "multiplex"
-    assert shown.views[0].image is not None and shown.sample.currentText() == "view 2,2"
-    np.testing.assert_allclose(shown.views[0].image, demultiplex(frame, mask("lenslet", 5))[12], rtol=1e-5)
+    assert shown.views[0].values is not None and shown.sample.currentText() == "view 2,2"
+    np.testing.assert_allclose(shown.views[0].values, demultiplex(frame, mask("lenslet", 5))[12], rtol=1e-5)
     bad = tmp_path / "bad.tif"
     bad.write_bytes(b"nothing")
     page.open_image(str(bad))
     settle(page, qtbot)
     assert "bad.tif" in page.notice.label.text() and page.notice.isVisible()
-    assert page.settings.image.endswith("frame.npy") and shown.views[0].image is not None, "the good one stays"
+    assert page.settings.image.endswith("frame.npy") and shown.views[0].values is not None, "the good one stays"
 
 
 @pytest.mark.long
@@ -186,12 +186,12 @@ def test_any_modulator_as_written(page: Page, qtbot: QtBot) -> None:
     assert page.body.minimumSizeHint().width() <= 1100, "a long name does not widen the page"
     type_in(page, "written", "polarisers:0,45/90")
     settle(page, qtbot)
-    assert "equal rows" in page.panel.curve_hint.text() and page.panel.sigma.image is None
+    assert "equal rows" in page.panel.curve_hint.text() and page.panel.sigma.values is None
     type_in(page, "written", "shutter:100,010/001,111")
     type_in(page, "reference_written", "shutter:100,010,001")
     page.panel.tabs.setCurrentIndex(1)
     settle(page, qtbot)
-    assert page.panel.pictures.names == ("t0", "t1", "t2") and page.panel.pictures.views[0].image is not None
+    assert page.panel.pictures.names == ("t0", "t1", "t2") and page.panel.pictures.views[0].values is not None
 
 
 def test_figures_of_the_paper(
@@ -204,7 +204,7 @@ def test_figures_of_the_paper(
     shown = page.panel.figures
     wanted = paper_figure(7)
     assert "PG Dragonfly" in shown.status.text() and shown.numbers[5].text() == wanted.panels[5].numbers
-    np.testing.assert_array_equal(shown.views[5].image, wanted.panels[5].image)
+    np.testing.assert_array_equal(shown.views[5].values, wanted.panels[5].image)
     assert not any(card.isHidden() for card in shown.cards)
     shown.own.click()
     settle(page, qtbot)
@@ -232,15 +232,15 @@ def test_map_of_the_samples_gains(page: Page, qtbot: QtBot) -> None:
     shown.figure.setCurrentIndex(shown.figure.findData("0"))
     settle(page, qtbot)
     wanted = gain_map(cfa("CYMG"), cfa("Bayer"), 10.0 ** np.arange(-4, 5)).gains
-    np.testing.assert_allclose(shown.map.image, wanted, rtol=1e-6)
+    np.testing.assert_allclose(shown.map.values, wanted, rtol=1e-6)
     assert shown.stack.currentIndex() == 2 and "0: R, 1: G, 2: B" in shown.map_words.text()
     choose(page, "reference_cfa", "CYMG")
     settle(page, qtbot)
-    np.testing.assert_allclose(shown.map.image, 0, atol=1e-9)
+    np.testing.assert_allclose(shown.map.values, 0, atol=1e-9)
     choose(page, "cfa", "typed")
     type_in(page, "pattern", "RG/RG")
     settle(page, qtbot)
-    assert np.isnan(shown.map.image[2]).all() and np.isfinite(shown.map.image[0]).all()
+    assert np.isnan(shown.map.values[2]).all() and np.isfinite(shown.map.values[0]).all()
 
 
 def test_search_and_use(page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -251,7 +251,7 @@ def test_search_and_use(page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: p
     settle(page, qtbot)
     assert search.found is not None
     design = search.found.design
-    assert design.exhaustive and "best of all" in search.found.words[2][1] and search.view.coloured is not None
+    assert design.exhaustive and "best of all" in search.found.words[2][1] and search.view.shot.coloured
     search.buttons["Use"].click()
     settle(page, qtbot)
     np.testing.assert_array_equal(page.settings.modulator().matrix, design.modulator.matrix)
@@ -379,17 +379,17 @@ def test_the_general_route_and_dead_pixels(
     settle(page, qtbot)
     wanted = demultiplex_generally(frame, shares, 2.0, weights=dead == 0).samples
     assert shown.names == ("sample 0", "sample 1") and editor_of(page, "dead").text().endswith("dead.npy")
-    np.testing.assert_allclose(shown.views[0].image, wanted[1], atol=1e-6)
-    assert shown.views[1].image is None and shown.heads[1].text() == "No second route"
+    np.testing.assert_allclose(shown.views[0].values, wanted[1], atol=1e-6)
+    assert shown.views[1].values is None and shown.heads[1].text() == "No second route"
     assert "iterations" in shown.status.text() and not editor_of(page, "filter").isEnabled()
     type_in(page, "dead", str(tmp_path / "none.npy"))
     settle(page, qtbot)
-    assert "none.npy" in shown.status.text() and "<br" not in shown.status.text() and shown.views[0].image is None
+    assert "none.npy" in shown.status.text() and "<br" not in shown.status.text() and shown.views[0].values is None
     type_in(page, "dead", "")
     type_in(page, "spacing", "0.1")
     settle(page, qtbot)
     assert any("node spacing" in form.error for form in shown.forms) and page.settings.spacing == 2
-    assert shown.views[0].image is not None
+    assert shown.views[0].values is not None
 
 
 def test_a_mask_on_the_lattice_of_the_project_s_camera(page: Page, context: Context, qtbot: QtBot) -> None:
@@ -400,7 +400,7 @@ def test_a_mask_on_the_lattice_of_the_project_s_camera(page: Page, context: Cont
     choose(page, "route", "lattice")
     settle(page, qtbot)
     assert f"lattice of {context.state.camera.name}" in shown.status.text() and page.found is not None
-    assert page.found.fourier is not None and shown.views[1].image is not None
+    assert page.found.fourier is not None and shown.views[1].values is not None
     before, camera = page.found.step, context.state.camera
     lattice = replace(camera.lattice, pitch_um=1.3 * camera.lattice.pitch_um, clear_um=None)
     context.project.update("lattice", camera=replace(camera, lattice=lattice))
@@ -408,7 +408,7 @@ def test_a_mask_on_the_lattice_of_the_project_s_camera(page: Page, context: Cont
     assert page.found is not None and page.found.step == pytest.approx(1.3 * before)
     choose(page, "family", "cfa")
     settle(page, qtbot)
-    assert "one super-pixel of a light field" in shown.status.text() and shown.views[0].image is None
+    assert "one super-pixel of a light field" in shown.status.text() and shown.views[0].values is None
 
 
 @pytest.mark.long
@@ -482,7 +482,7 @@ def test_a_file_that_is_opened_again_is_read_again(
     monkeypatch.setattr("lfcal_gui.pages.multiplex.page.QFileDialog.getOpenFileName", lambda *_: (str(dead), ""))
     page.panel.pictures.buttons["dead"].click()
     settle(page, qtbot)
-    assert page.found is not None and page.panel.pictures.views[0].image is not None
+    assert page.found is not None and page.panel.pictures.views[0].values is not None
 
 
 def test_no_numbers_of_the_settings_before_stand_beside_others(page: Page, qtbot: QtBot) -> None:
@@ -519,12 +519,12 @@ def test_nothing_of_a_modulator_is_shown_under_the_refusal_of_another(page: Page
     type_in(page, "size", "31")
     settle(page, qtbot)
     assert "smaller mask" in shown.status.text() and shown.status.property("role") == "error"
-    assert shown.map.image is None and not shown.map_head.text() and not shown.map_words.text()
+    assert shown.map.values is None and not shown.map_head.text() and not shown.map_words.text()
     assert [label.text() for label in page.panel.titles][2:] == ["Spatial basis Σ", "Plenoptic basis Π"]
     assert page.panel.titles[0].text() == "Pattern" and "over" not in page.panel.curve_title.text()
     choose(page, "family", "cfa")
     settle(page, qtbot)
-    assert shown.map.image is not None and shown.status.property("role") == "hint"
+    assert shown.map.values is not None and shown.status.property("role") == "hint"
 
 
 def test_a_design_goes_with_the_wishes_that_it_was_found_for(page: Page, context: Context, qtbot: QtBot) -> None:
@@ -536,7 +536,7 @@ def test_a_design_goes_with_the_wishes_that_it_was_found_for(page: Page, context
     assert search.found is not None, "the page's modulator is none of its wishes"
     for key, text in (("kinds", "2"), ("gain", "4")):
         type_in(page, key, text)
-        assert search.found is None and not search.buttons["Use"].isEnabled() and search.view.image is None
+        assert search.found is None and not search.buttons["Use"].isEnabled() and search.view.values is None
         type_in(page, key, "4" if key == "kinds" else "1")
         search.buttons["Search"].click()
         settle(page, qtbot)

@@ -35,28 +35,28 @@ def test_psf_controls_follow_the_intent_and_back(window: MainWindow, qtbot: QtBo
     idle(window.jobs, qtbot)
     assert (page.intent.z, page.intent.y, page.intent.x) == (1, 2, 2)
     page.panel.map.chosen.emit(3, 4)
-    np.testing.assert_array_equal(page.panel.main_view.image, values[1, 3, 4])
-    page.panel.plane_slider.setValue(2)
+    np.testing.assert_array_equal(page.panel.main_view.values, values[1, 3, 4])
+    page.panel.strip.setCurrentRow(2)
     idle(window.jobs, qtbot)
-    np.testing.assert_array_equal(page.panel.main_view.image, values[2, 3, 4])
+    np.testing.assert_array_equal(page.panel.main_view.values, values[2, 3, 4])
     page.panel.strip.setCurrentRow(0)
     idle(window.jobs, qtbot)
-    assert page.intent.z == 0 and page.panel.plane_slider.value() == 0
-    page.panel.ht_button.click()
-    np.testing.assert_array_equal(page.panel.main_view.image, page.matrix.T[0, 3, 4])
+    assert page.intent.z == 0
+    page.set_intent(transposed=True)
+    np.testing.assert_array_equal(page.panel.main_view.values, page.matrix.T[0, 3, 4])
     page.panel.main_view.hovered.emit(2, 3, 0.0)
-    assert page.panel.linked_view.cursor.isVisible()
+    assert page.panel.linked_view.shot.cross is not None
     page.panel.main_view.hovered.emit(-1, -1, float("nan"))
-    assert not page.panel.linked_view.cursor.isVisible()
+    assert page.panel.linked_view.shot.cross is None
     page.panel.show_box.setCurrentIndex(page.panel.show_box.findData("difference"))
-    assert page.panel.main_view.signed and np.abs(page.panel.main_view.image).max() < 1e-5
+    assert page.panel.main_view.shot.signed and np.abs(page.panel.main_view.values).max() < 1e-5
     page.panel.scale_box.setCurrentIndex(page.panel.scale_box.findData("log"))
     page.panel.show_box.setCurrentIndex(page.panel.show_box.findData("measured"))
-    assert not page.panel.main_view.signed
+    assert not page.panel.main_view.shot.signed
     page.panel.main_view.save_picture(str(tmp_path / "p.png"))
     page.panel.main_view.save_data(str(tmp_path / "p.csv"))
     page.panel.profile.save_data(str(tmp_path / "q.csv"))
-    np.testing.assert_allclose(np.loadtxt(tmp_path / "p.csv", delimiter=","), page.panel.main_view.image, rtol=1e-6)
+    np.testing.assert_allclose(np.loadtxt(tmp_path / "p.csv", delimiter=","), page.panel.main_view.values, rtol=1e-6)
     assert (tmp_path / "p.png").stat().st_size > 1000 and (tmp_path / "q.csv").read_text().startswith("#")
 
 
@@ -88,13 +88,13 @@ def test_a_plane_that_cannot_be_read_has_no_picture(
     page.set_intent(z=2)
     idle(context.jobs, qtbot)
     for view in (panel.main_view, panel.linked_view, panel.sum_view):
-        assert view.image is None and view.blank.shown and "cannot be read" in view.blank.text()
+        assert view.values is None and view.blank.shown and "cannot be read" in view.blank.text()
     assert "damaged" in panel.readout.text() and panel.map.item.image is None and not panel.profile._curves
     assert panel.aperture_text.text() == ""
     page._step(0, 1)
     page.set_intent(transposed=True, z=1)
     qtbot.waitUntil(lambda: panel.map.item.image is not None, timeout=GUARD_MS)
-    assert np.array_equal(panel.main_view.image, page.matrix.T[1, page.intent.y, page.intent.x])
+    assert np.array_equal(panel.main_view.values, page.matrix.T[1, page.intent.y, page.intent.x])
     assert panel.readout.text().startswith("Hover") and panel.aperture_text.text()
 
 
@@ -124,10 +124,10 @@ def test_the_readout_follows_the_picture(page: Any, context: Context, qtbot: QtB
         page.set_intent(**change)
         idle(context.jobs, qtbot)
         unit = "of the light" if page.intent.show == "reference" else "counts"
-        assert panel.readout.text() == f"t 2, s 3: {panel.main_view.image[2, 3]:.5g} {unit}", change
-    assert panel.main_view.bar.label() == "share of the light"
+        assert panel.readout.text() == f"t 2, s 3: {panel.main_view.values[2, 3]:.5g} {unit}", change
+    assert panel.main_view.quantity == "share of the light"
     page.set_intent(show="measured")
-    assert panel.main_view.bar.label() == "intensity (counts)"
+    assert panel.main_view.quantity == "intensity (counts)"
     panel.main_view.hovered.emit(-1, -1, float("nan"))
     assert panel.readout.text().startswith("Hover")
 
@@ -136,26 +136,26 @@ def test_the_readout_follows_the_picture(page: Any, context: Context, qtbot: QtB
 def test_h_and_ht_share_one_scale_whatever_is_chosen(page: Any, show: str) -> None:
     panel = page.panel
     panel.show_box.setCurrentIndex(panel.show_box.findData(show))
-    before = panel.main_view.bar.levels()
+    before = panel.main_view.levels
     for change in ({"y": 0, "x": 1}, {"transposed": True}):
         page.set_intent(**change)
-        assert panel.main_view.bar.levels() == panel.linked_view.bar.levels() == before
-        assert before[0] <= panel.main_view.image.min() and panel.main_view.image.max() <= before[1]
+        assert panel.main_view.levels == panel.linked_view.levels == before
+        assert before[0] <= panel.main_view.values.min() and panel.main_view.values.max() <= before[1]
     panel.map_box.setCurrentIndex(2)
     panel.toggle_scale("log")
-    assert panel.main_view.bar.levels() == before
+    assert panel.main_view.levels == before
     panel.own_scale.setChecked(True)
-    assert panel.main_view.bar.levels() != before
+    assert panel.main_view.levels != before
 
 
 def test_an_h_without_reference_shows_itself(page: Any, context: Context, qtbot: QtBot, files: Any) -> None:
     page.set_intent(show="difference")
-    assert page.panel.main_view.signed
+    assert page.panel.main_view.shot.signed
     context.project.update("open", psf=files[2])
     idle(context.jobs, qtbot)
     assert page.intent.show == "measured" == page.panel.show_box.currentData()
-    assert not page.panel.main_view.signed and page.panel.main_title.text().startswith("H,")
-    assert page.panel.plane_label.text().startswith("Plane 0 (the only one)")
+    assert not page.panel.main_view.shot.signed and page.panel.main_view.shot.caption.startswith("H,")
+    assert page.panel.place_label.text().startswith("Plane 0 (the only one)")
 
 
 def test_pictures_keep_their_height_whatever_is_said_of_the_aperture(page: Any) -> None:
@@ -165,7 +165,38 @@ def test_pictures_keep_their_height_whatever_is_said_of_the_aperture(page: Any) 
     before = page.panel.main_view.height()
     page.panel.aperture_text.setText("<br>".join("a long line of many words" for _ in range(40)))
     QApplication.processEvents()
-    assert page.panel.main_view.height() == before > 1.2 * page.panel.profile.height()
+    assert page.panel.main_view.height() == before > 0.6 * page.height()
+
+
+@pytest.mark.parametrize(("size", "share"), [((1920, 1080), 0.45), ((1280, 800), 0.35)])
+def test_h_and_ht_are_what_one_sees(
+    window: MainWindow, qtbot: QtBot, files: Any, size: tuple[int, int], share: float
+) -> None:
+    """They had a tenth of the window."""
+    window.resize(*size)
+    window.project.update("open", psf=files[2])
+    window.go("psf")
+    page: Any = window.page("psf")
+    drawn(page, qtbot)
+    views = page.panel.main_view, page.panel.linked_view
+    assert sum(view.graphics.width() * view.graphics.height() for view in views) > share * size[0] * size[1]
+
+
+def test_h_or_ht_or_the_sum_takes_the_place_of_both(page: Any, qtbot: QtBot) -> None:
+    panel, buttons = page.panel, page.panel.view_buttons
+    drawn(page, qtbot)
+    assert buttons["Both"].isChecked() and panel.linked_view.isVisible()
+    buttons["HT"].click()
+    assert page.intent.transposed and panel.main_view.isVisible() and not panel.linked_view.isVisible()
+    np.testing.assert_array_equal(panel.main_view.values, page.matrix.T[page.intent.z, page.intent.y, page.intent.x])
+    small = panel.sum_view.width()
+    buttons["Sum"].click()
+    QApplication.processEvents()
+    assert not panel.main_view.isVisible() and panel.sum_view.isVisible() and panel.sum_view.width() > 1.5 * small
+    buttons["H"].click()
+    QApplication.processEvents()
+    assert not page.intent.transposed and panel.main_view.isVisible() and panel.sum_view.width() <= small + 4
+    assert [title for title, button in buttons.items() if button.isChecked()] == ["H"]
 
 
 def test_no_outline_is_drawn_where_no_aperture_is_seen(page: Any, context: Context, qtbot: QtBot) -> None:
@@ -179,8 +210,7 @@ def test_no_outline_is_drawn_where_no_aperture_is_seen(page: Any, context: Conte
         for aperture in (seen, unseen, seen):
             panel.show_aperture(aperture, None, cutout)
             panel.sum_view.grab()
-            points = panel.outline.getData()[0]
-            assert (0 if points is None else len(points)) == (360 if aperture.seen else 0)
+            assert len(panel.sum_view.overlays[0].points) == (360 if aperture.seen else 0)
     assert not raised
 
 
@@ -266,7 +296,7 @@ def test_the_window_s_thread_loads_no_kernel_for_the_apertures(
     context.project.update("open", psf="disc")
     page = open_page("psf")
     drawn(page, qtbot)
-    assert len(page.panel.outline.getData()[0]) == 360
+    assert len(page.panel.sum_view.overlays[0].points) == 360
     main = threading.main_thread().name
     assert first[0] != main and main in first
     assert asked and main not in asked

@@ -12,8 +12,9 @@ from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from lfcal.psf import PSFMatrix
+from lfcal_gui.models import shot
 from lfcal_gui.pages.psf.model import LoadedPlane
-from lfcal_gui.widgets import image_view
+from lfcal_gui.widgets import contrast, picture
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import idle
 
@@ -36,7 +37,7 @@ def page(open_page: OpenPage, qtbot: QtBot) -> Any:
 def drawn(page: Any) -> None:
     for _ in range(5):
         QApplication.processEvents()
-    for view in page.panel.findChildren(pg.GraphicsLayoutWidget):
+    for view in page.panel.findChildren(pg.GraphicsView):
         view.viewport().repaint()
 
 
@@ -54,11 +55,11 @@ def counted(monkeypatch: pytest.MonkeyPatch, owner: Any, name: str) -> list[str]
 
 def test_a_step_cuts_one_slice_and_scales_two_pictures(page: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     slices = counted(monkeypatch, LoadedPlane, "transposed_pattern")
-    scaled = counted(monkeypatch, image_view, "to_uint8")
-    searched = counted(monkeypatch, image_view, "levels_of")
-    colours = counted(monkeypatch, image_view, "bar_table")
+    scaled = counted(monkeypatch, picture, "to_uint8")
+    searched = counted(monkeypatch, shot, "levels_of")
+    colours = counted(monkeypatch, contrast, "ramp")
     page.panel.map.chosen.emit(3, 4)
-    np.testing.assert_array_equal(page.panel.main_view.image, page.matrix.T[0, 3, 4])
+    np.testing.assert_array_equal(page.panel.main_view.values, page.matrix.T[0, 3, 4])
     assert (len(slices), len(scaled)) == (1, 2)
     assert not searched, "all positions share the levels of their plane"
     assert not colours
@@ -66,9 +67,7 @@ def test_a_step_cuts_one_slice_and_scales_two_pictures(page: Any, monkeypatch: p
 
 def test_a_step_draws_no_axis_anew(page: Any) -> None:
     panel = page.panel
-    views = (panel.main_view, panel.linked_view, panel.map, panel.profile)
-    axes = [view.plot.getAxis(side) for view in views for side in ("left", "bottom")]
-    axes += [panel.main_view.bar.axis, panel.linked_view.bar.axis]
+    axes = [panel.map.plot.getAxis(side) for side in ("left", "bottom")]
     before = [axis.picture for axis in axes]
     assert all(before)
     for step in range(3):

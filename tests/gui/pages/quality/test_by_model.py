@@ -107,10 +107,10 @@ def test_faults_come_first_with_what_shows_them(page: Page, qtbot: QtBot) -> Non
     exposed = next(k for k, one in enumerate(found.faults) if one.fault.title.startswith("single frames"))
     inspect.faults.selectRow(exposed)
     finding = found.faults[exposed]
-    assert not evidence.map_card.isHidden() and evidence.map.image is not None
+    assert not evidence.map_card.isHidden() and evidence.map.values is not None
     here = finding.positions[finding.positions[:, 0] == 0, 1:]
-    assert np.argwhere(evidence.map.image > 0).tolist() == sorted(map(list, here.tolist()))
-    assert len(evidence.marks.getData()[0]) == len(here) > 0
+    assert np.argwhere(evidence.map.values > 0).tolist() == sorted(map(list, here.tolist()))
+    assert len(evidence.map.overlays[0].points) == len(here) > 0
     assert evidence.pictures.currentWidget() is evidence.image and "record again" in fault_words(found, finding)
     assert page.redo_button.text() == f"Send {len(found.redo())} to Acquire"
 

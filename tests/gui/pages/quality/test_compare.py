@@ -96,7 +96,7 @@ def test_a_second_h_is_chosen_and_compared(page: Page, qtbot: QtBot, tmp_path: P
     assert cells[0] == "0: -2 mm" and cells[4] == "+0.300, -0.200"
     # where they differ most is shown first, both at the same light
     assert panel.worst.itemData(0) == (1, 2, 3) and panel.titles[0].text() == "H.h5 at (1, 2, 3)"
-    first, second, apart = (view.image for view in panel.views)
+    first, second, apart = (view.values for view in panel.views)
     assert first is not None and second is not None and apart is not None
     assert first.sum() == pytest.approx(second.sum()) and np.array_equal(apart, first - second)
 
@@ -120,10 +120,10 @@ def test_blink_shows_both_in_one_place(page: Page, qtbot: QtBot, tmp_path: Path)
     compared(page, qtbot, written(tmp_path / "earlier.h5", moved()))
     panel = page.panel.compare
     panel.mode.setCurrentIndex(panel.mode.findData("blink"))
-    before = panel.views[0].image
+    before = panel.views[0].values
     assert panel.views[1].isHidden() or not panel.views[1].isVisible()
     qtbot.waitUntil(lambda: panel.titles[0].text() == "earlier.h5", timeout=GUARD_MS)
-    assert panel.views[0].image is not before
+    assert panel.views[0].values is not before
     qtbot.waitUntil(lambda: panel.titles[0].text() == "H.h5 at (1, 2, 3)", timeout=GUARD_MS)
     panel.mode.setCurrentIndex(panel.mode.findData("difference"))
     assert panel.views[2].isVisible() and not panel.views[0].isVisible() and not panel._timer.isActive()
@@ -132,9 +132,9 @@ def test_blink_shows_both_in_one_place(page: Page, qtbot: QtBot, tmp_path: Path)
 def test_pictures_are_zoomed_together(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
     compared(page, qtbot, written(tmp_path / "earlier.h5", moved()))
     views = page.panel.compare.views
-    views[0].plot.vb.setRange(xRange=(5, 9), yRange=(5, 9), padding=0)
-    views[0].plot.vb.sigRangeChangedManually.emit([True, True])
-    seen = [view.plot.vb.viewRect() for view in views]
+    views[0].box.setRange(xRange=(5, 9), yRange=(5, 9), padding=0)
+    views[0].box.sigRangeChangedManually.emit([True, True])
+    seen = [view.box.viewRect() for view in views]
     assert seen[1].center() == seen[0].center() == seen[2].center()
     assert seen[1].width() == pytest.approx(seen[0].width(), rel=0.3)
 
@@ -188,17 +188,17 @@ def test_where_nothing_was_compared_no_number_stands(page: Page, qtbot: QtBot, t
     assert cells == ["–"] * 5 and "Plane 1 of the first: not compared" in panel.notes.text()
     panel.table.selectRow(1)
     idle(page.context.jobs, qtbot)
-    assert panel.map.image is not None and not panel.map.blank.shown
-    assert [list(one) for one in zip(*panel._missing.getData(), strict=True)] == [[2, 1]], "crossed out"
+    assert panel.map.values is not None and not panel.map.blank.shown
+    assert panel.map.overlays[0].points.tolist() == [[1, 2]], "crossed out"
     panel.table.selectRow(2)
     idle(page.context.jobs, qtbot)
-    assert panel.map.image is None and panel.map.blank.words.startswith("Not compared")
-    assert not panel.map.cursor.isVisible() and len(panel._missing.getData()[0]) == 0
+    assert panel.map.values is None and panel.map.blank.words.startswith("Not compared")
+    assert panel.map.shot.cross is None and not panel.map.overlays
     assert panel.titles[0].text().startswith("H.h5 at (1,"), "both patterns are there to be seen"
     compared(page, qtbot, written(tmp_path / "none.h5", np.zeros_like(dark)))
     assert panel.verdict.text().startswith("Nothing could be compared") and not panel.worst.isEnabled()
     compared(page, qtbot, written(tmp_path / "earlier.h5", moved()))
-    assert panel.map.image is not None and not panel.map.blank.shown and panel.worst.isEnabled()
+    assert panel.map.values is not None and not panel.map.blank.shown and panel.worst.isEnabled()
 
 
 @pytest.mark.long
@@ -249,7 +249,7 @@ def test_nothing_of_an_earlier_pair_stays_while_the_next_is_read(page: Page, qtb
     panel, comparing = page.panel.compare, page.comparing
     assert comparing.found is not None and comparing._asked is not None
     panel.show_numbers(comparing._asked.names, ("", ""), [], [], [])
-    assert all(view.image is None for view in (*panel.views, panel.map))
+    assert all(view.values is None for view in (*panel.views, panel.map))
     assert all(title.text() == " " for title in (*panel.titles, panel.map_title))
 
 

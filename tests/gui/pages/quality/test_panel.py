@@ -54,6 +54,6 @@ def test_a_map_of_displacements_is_numbered_from_its_origin(qtbot: QtBot) -> Non
     qtbot.addWidget(panel)
     evidence = panel.evidence
     evidence.show_image("Left", ("down (px)", "across (px)"), "%", np.eye(5), origin=(-2, -2))
-    assert evidence.image.placed() == ((-2, -2), 1.0)
+    assert evidence.image.shot.origin == (-2, -2)
     evidence.show_image("Sensor", ("row (px)", "column (px)"), "counts", np.eye(5))
-    assert evidence.image.placed() == ((0, 0), 1.0), "the next one starts at 0 again"
+    assert evidence.image.shot.origin == (0, 0), "the next one starts at 0 again"

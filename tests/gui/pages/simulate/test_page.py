@@ -34,10 +34,10 @@ def test_simulate_both_ways(window: MainWindow, qtbot: QtBot, tmp_path: Path) ->
     table = page.panel.table
     assert sum(table.topLevelItem(k).childCount() for k in range(table.topLevelItemCount())) == len(page.verdict.rows)
     assert len(page.verdict.rows) > 20
-    assert page.panel.view.image is None, "nobody looks at the response"
+    assert page.panel.view.values is None, "nobody looks at the response"
     page.panel.tabs.setCurrentIndex(1)
     idle(window.jobs, qtbot)
-    assert page.panel.view.image is not None and page.panel.view.image.shape == (41, 41)
+    assert page.panel.view.values is not None and page.panel.view.values.shape == (41, 41)
     box = table.setting_box("bandwidth")
     box.setCurrentIndex(box.findData("on"))
     box.activated.emit(box.currentIndex())

@@ -1,0 +1,24 @@
+"""Colours of pictures in the theme in use."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtGui import QImage
+
+from lfcal_gui.models import DisplaySettings, Levels, colour_table, shades
+from lfcal_gui.theme import current_theme
+
+__all__ = ["ramp", "theme_table"]
+
+
+def theme_table(colour_map: str) -> NDArray[np.uint8]:
+    """Return the colours ``(256, 4)`` of a picture in the theme in use: in the dark of a lab from black to red."""
+    return colour_table(colour_map, red=current_theme().red)
+
+
+def ramp(display: DisplaySettings, levels: Levels, width: int) -> QImage:
+    """Return a row of ``width`` colours, linear in the value from level to level."""
+    index = (shades(np.linspace(*levels, width), display.scale, levels) * 255).astype(int)
+    colours = np.ascontiguousarray(theme_table(display.colour_map)[index][None])
+    return QImage(colours.data, width, 1, 4 * width, QImage.Format.Format_RGBA8888).copy()

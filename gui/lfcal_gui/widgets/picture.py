@@ -1,0 +1,696 @@
+"""The widget for 2-D arrays of any size: values, overlays and caption always belong together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import count, repeat
+from typing import Any
+
+import numpy as np
+import pyqtgraph as pg
+from numpy.typing import NDArray
+from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, Qt, QTimer, Signal
+from PySide6.QtGui import (
+    QColor,
+    QKeyEvent,
+    QKeySequence,
+    QMouseEvent,
+    QPainter,
+    QPaintEvent,
+    QPen,
+    QPolygonF,
+    QTransform,
+)
+from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
+
+from lfcal.camera import Camera
+from lfcal_gui.jobs import Jobs
+from lfcal_gui.models import (
+    DIVERGING,
+    DisplaySettings,
+    Levels,
+    Marks,
+    Outline,
+    Overlay,
+    Shot,
+    lattice_points,
+    render_tile,
+    scale_bar,
+    to_uint8,
+    visible_tile,
+)
+from lfcal_gui.theme import TYPE_COLOURS, current_theme
+from lfcal_gui.widgets._measuring import Measuring
+from lfcal_gui.widgets.blank import Blank
+from lfcal_gui.widgets.colours import ramp, theme_table
+from lfcal_gui.widgets.picture_menu import copy_picture, offer_menu, save_picture, save_values
+from lfcal_gui.widgets.pixel_axis import count_pixels, pixel_axes
+from lfcal_gui.widgets.plots import style_axes, theme_plot
+
+__all__ = ["Picture", "link", "share_contrast"]
+
+LARGE = 1 << 18
+"""Pixels above which a picture is drawn in the background, and only what is seen of it."""
+
+COPIED = 1 << 18
+"""Pixels that a spreadsheet can take from the clipboard at most."""
+
+REDRAW_MS = 12
+
+PILL, GAP, LINE = QColor(8, 10, 13, 205), 8, 15
+"""Ground of words over a picture, room about them, height of a line (px)."""
+
+RAMP = 120
+"""Greatest length of the colours in a legend (px)."""
+
+_numbers = count()
+
+
+class Picture(QWidget):
+    """Show one `Shot` at a time; row 0 is at the top, pixel centres are at whole numbers.
+
+    Parameters
+    ----------
+    quantity
+        What the values are, with their unit.
+    axes
+        Names of the columns and of the rows, which get numbers then.
+    jobs
+        Draw large pictures in the background; None: draw all of them immediately.
+    steered
+        Whether a drag with the left button points at a place (`steered_to`) and moves nothing.
+    square
+        Whether a pixel is as wide as high.
+    legend
+        Show colours and values below it: where no `Contrast` does.
+    colour_map
+        Its colours until others are set; empty: those of intensity.
+
+    Signals
+    -------
+    hovered(row, column, value)
+        The pixel under the pointer, emitted again when the picture changes; row -1 when it left.
+    clicked(row, column)
+        A pixel was clicked.
+    steered_to(row, column)
+        The pointer is held on a pixel, the nearest one where it is outside.
+    changed()
+        Another picture is on the screen, or none.
+    moved()
+        The user panned, zoomed or asked for the whole picture.
+    """
+
+    hovered = Signal(int, int, float)
+    clicked = Signal(int, int)
+    steered_to = Signal(int, int)
+    changed = Signal()
+    moved = Signal()
+
+    def __init__(
+        self,
+        quantity: str = "intensity (counts)",
+        *,
+        axes: tuple[str, str] | None = None,
+        jobs: Jobs | None = None,
+        steered: bool = False,
+        square: bool = True,
+        legend: bool = True,
+        colour_map: str = "",
+        parent: QWidget | None = None,
+    ) -> None:
+        super().__init__(parent)
+        self._quantity, self._jobs, self._legend = quantity, jobs, legend
+        self._group = f"picture {next(_numbers)}"
+        self._display = DisplaySettings(colour_map=colour_map) if colour_map else DisplaySettings()
+        self._wanted = self._shot = Shot()
+        self._name = "picture"
+        self._levels: Levels = (0.0, 1.0)
+        self._later: tuple[Overlay, ...] = ()
+        self._camera: Camera | None = None
+        self._lattice_at: tuple[int, int] = (0, 0)
+        self._lattice: tuple[Marks, ...] = ()
+        self._pointer: QPointF | None = None
+        self._drawing = self._again = False
+        self._red = current_theme().red
+        self.contrast: Levels | None = None
+        """Levels that the user chose; None: those of the picture."""
+        self.sharing: tuple[Picture, ...] = (self,)
+        """Pictures that have one contrast."""
+        self._steered, self._held = steered, False
+        self._build(axes, square)
+        self._watch()
+        self.apply_theme()
+
+    def _build(self, axes: tuple[str, str] | None, square: bool) -> None:
+        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        self.graphics = _Canvas(self)
+        self.graphics.setAccessibleName(self._quantity if axes is None else f"{axes[1]} over {axes[0]}")
+        layout.setSpacing(0)
+        layout.addWidget(self.graphics, 1)
+        self.legend = _Legend(self) if self._legend else None
+        if self.legend is not None:
+            layout.addWidget(self.legend)
+        self.box = pg.ViewBox(lockAspect=square, invertY=True, enableMenu=False)
+        self.plot: pg.PlotItem | None = None
+        if axes is None:
+            self.graphics.setCentralItem(self.box)
+        else:
+            self.plot = pg.PlotItem(viewBox=self.box, axisItems=pixel_axes(), enableMenu=False)
+            self.plot.hideButtons()
+            style_axes(self.plot, *axes)
+            self.graphics.setCentralItem(self.plot)
+        self.item = pg.ImageItem(axisOrder="row-major")
+        self.box.addItem(self.item)
+        self.blank = Blank(self.graphics, self.box, self.plot, dark=True)
+        self.blank.show_blank(True)
+        if self._steered:
+            self.graphics.viewport().installEventFilter(self)
+
+    def _watch(self) -> None:
+        self._timer = QTimer(self)
+        self._timer.setSingleShot(True)
+        self._timer.setInterval(REDRAW_MS)
+        self._timer.timeout.connect(self._redraw)
+        self.box.sigRangeChanged.connect(lambda *_: self._range_changed())
+        self.box.sigRangeChangedManually.connect(lambda *_: self.moved.emit())
+        self.graphics.scene().sigMouseMoved.connect(self._point_at)
+        self.graphics.scene().sigMouseClicked.connect(self._clicked)
+        offer_menu(self, lambda: self.file_name, self._entries)
+
+    # -- content ---------------------------------------------------------------------------------------
+    def set_shot(self, shot: Shot | None, *, keep_view: bool = True) -> None:
+        """Show all of ``shot`` together, a large one as soon as it is drawn; None shows nothing.
+
+        Pan and zoom stay, if ``keep_view`` and its place and size are those of the picture before.
+        """
+        shot = shot or Shot()
+        before, self._wanted = self._wanted, shot
+        self._name = shot.name or self._name
+        place = (shot.shape, shot.origin, shot.step)
+        moved = not keep_view or place != (before.shape, before.origin, before.step)
+        if shot.values is not None and moved:
+            self._show_extent(shot)
+        if self._in_background:
+            self._redraw()
+        else:
+            self._draw_now()
+
+    @property
+    def shot(self) -> Shot:
+        """What is on the screen."""
+        return self._shot
+
+    @property
+    def values(self) -> NDArray[Any] | None:
+        """The values on the screen; of colours their mean."""
+        return self._shot.measured
+
+    @property
+    def display(self) -> DisplaySettings:
+        """Scaling, colour map and levels in use."""
+        return _display_of(self._shot, self._display)
+
+    def set_display(self, display: DisplaySettings) -> None:
+        """Change scaling, colour map and levels; signed values keep theirs."""
+        if display != self._display:
+            self._display = display
+            self._redraw()
+
+    def set_contrast(self, levels: Levels | None) -> None:
+        """Show these values in this and the next pictures, and in those that share them; None: what pictures say."""
+        for picture in self.sharing:
+            if levels != picture.contrast:
+                picture.contrast = levels
+                picture._redraw()
+
+    def set_overlays(self, *overlays: Overlay) -> None:
+        """Draw ``overlays`` over the picture besides those that come with it, until others are set."""
+        self._later = overlays
+        self.graphics.viewport().update()
+
+    def set_lattice(self, camera: Camera | None, origin: tuple[int, int] = (0, 0)) -> None:
+        """Draw the micro-image centres of ``camera`` over a frame whose first pixel is ``origin``; None: none."""
+        self._camera, self._lattice_at = camera, origin
+        self._find_lattice()
+        self.graphics.viewport().update()
+
+    def set_cross(self, row: float | None, column: float | None = None) -> None:
+        """Point out a pixel of the picture that is shown; None: none."""
+        nowhere = row is None or column is None or self._wanted.values is None
+        cross = None if nowhere else (row, column)
+        self._wanted, self._shot = replace(self._wanted, cross=cross), replace(self._shot, cross=cross)
+        self.graphics.viewport().update()
+
+    def set_axes(self, across: str, down: str) -> None:
+        """Name both axes, with their units."""
+        assert self.plot is not None
+        style_axes(self.plot, across, down)
+        theme_plot(self.graphics, self.plot)
+
+    @property
+    def overlays(self) -> tuple[Overlay, ...]:
+        """Everything that is drawn over the picture."""
+        return (*self._lattice, *self._shot.overlays, *self._later)
+
+    @property
+    def quantity(self) -> str:
+        """What the values are, with the unit."""
+        return self._shot.quantity or self._quantity
+
+    @property
+    def file_name(self) -> str:
+        """What the picture is called in files."""
+        return self._name
+
+    @property
+    def levels(self) -> Levels:
+        """The values at the ends of the colours."""
+        return self._levels
+
+    # -- the part that is seen -------------------------------------------------------------------------
+    def show_all(self) -> None:
+        """Zoom so that the whole picture is seen."""
+        if self._wanted.values is not None:
+            self._show_extent(self._wanted)
+            self.moved.emit()
+
+    def show_part(self, row: float, column: float, height: float, width: float, *, padding: float = 0.05) -> None:
+        """Zoom to a part of it, in its units."""
+        self.box.setRange(QRectF(column, row, width, height), padding=padding)
+
+    def _show_extent(self, shot: Shot) -> None:
+        assert shot.shape is not None
+        if self.plot is not None:
+            count_pixels(self.plot, shot.shape, shot.origin, shot.step)
+        self.box.setRange(_extent(shot), padding=0.01 if self.plot is not None else 0)
+
+    # -- drawing ---------------------------------------------------------------------------------------
+    @property
+    def _in_background(self) -> bool:
+        values = self._wanted.values
+        return self._jobs is not None and values is not None and values.ndim == 2 and values.size > LARGE
+
+    def _range_changed(self) -> None:
+        if self._camera is not None or self._in_background:
+            self._timer.start()
+        self.graphics.viewport().update()
+
+    def _redraw(self) -> None:
+        self._find_lattice()
+        if not self._in_background:
+            self._draw_now()
+            return
+        self._again = self._drawing
+        if self._drawing:
+            return
+        self._drawing = True
+        shot, chosen = self._wanted, self.contrast
+        display = _display_of(shot, self._display)
+        assert shot.values is not None and shot.shape is not None and self._jobs is not None
+        values, (row, column), step = shot.values, shot.origin, shot.step
+        (left, right), (top, bottom) = self.box.viewRange()
+        rows, columns = ((top - row) / step, (bottom - row) / step), ((left - column) / step, (right - column) / step)
+        ratio, size = self.devicePixelRatioF(), self.box.size()
+        tile = visible_tile(shot.shape, rows, columns, (round(size.height() * ratio), round(size.width() * ratio)))
+
+        def render() -> tuple[NDArray[np.uint8], QRectF, Levels]:
+            levels = shot.levels_in(display, chosen)
+            picture = render_tile(values, tile, display, levels)
+            height, width = (n * tile.step * step for n in picture.shape)
+            first = row + (tile.rows[0] - 0.5) * step, column + (tile.columns[0] - 0.5) * step
+            return picture, QRectF(first[1], first[0], width, height), levels
+
+        self._jobs.compute(self._group, render, lambda found: self._drawn(shot, *found), self._not_drawn)
+
+    def _drawn(self, shot: Shot, picture: NDArray[np.uint8], place: QRectF, levels: Levels) -> None:
+        """Show a picture that was drawn in the background, though a newer one is wanted by now: it is whole."""
+        self._drawing = False
+        if self._in_background:
+            self._put(shot, picture, place, levels)
+        if self._again:
+            self._redraw()
+
+    def _not_drawn(self, words: str) -> None:
+        self._drawing = False
+        if self._jobs is not None:
+            self._jobs.trouble.emit(words)
+
+    def _draw_now(self) -> None:
+        shot = self._wanted
+        if shot.values is None:
+            self._shot = shot
+            self.item.clear()
+            self._told()
+            return
+        levels = shot.levels_in(self._display, self.contrast)
+        display = _display_of(shot, self._display)
+        if shot.coloured:
+            picture = (np.clip(shot.values, 0, 1) * 255 + 0.5).astype(np.uint8)
+        else:
+            picture = to_uint8(shot.values, display, levels)
+        self._put(shot, picture, _extent(shot), levels)
+
+    def _put(self, shot: Shot, picture: NDArray[np.uint8], place: QRectF, levels: Levels) -> None:
+        self._shot, self._levels = shot, levels
+        table = None if picture.ndim == 3 else theme_table(self.display.colour_map)
+        self.item.setImage(picture, levels=(0, 255), lut=table, autoLevels=False)
+        self.item.setRect(place)
+        self._told()
+
+    def _told(self) -> None:
+        """Report another picture, and the value under a pointer that does not move."""
+        self.blank.show_blank(self._shot.values is None)
+        self.graphics.viewport().update()
+        if self.legend is not None:
+            self.legend.update()
+        if self._pointer is not None:
+            self._point_at(self._pointer)
+        self.changed.emit()
+
+    def _find_lattice(self) -> None:
+        """Find the micro-images in view."""
+        if self._camera is None or self._wanted.values is None:
+            self._lattice = ()
+            return
+        (left, right), (up, down) = self.box.viewRange()
+        top, first = self._lattice_at
+        centres, types = lattice_points(self._camera, (up + top, down + top), (left + first, right + first))
+        self._lattice = tuple(
+            Marks(centres[types == kind] - [top, first], "o", colour, 5, filled=True)
+            for kind, colour in enumerate(TYPE_COLOURS)
+        )
+
+    def paint_over(self, painter: QPainter) -> None:
+        """Draw overlays, caption, legend and scale bar, all in points of the screen."""
+        shot = self._shot
+        if shot.values is None:
+            return
+        inside = self.graphics.mapFromScene(self.box.sceneBoundingRect()).boundingRect()
+        painter.setClipRect(inside)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        to_screen = self.box.childTransform() * self.box.sceneTransform() * self.graphics.viewportTransform()
+        for overlay in self.overlays:
+            _paint_overlay(painter, overlay, to_screen)
+        if shot.cross is not None:
+            _paint_cross(painter, shot, to_screen)
+        area = QRectF(inside)
+        if shot.caption:
+            _paint_words(painter, shot.caption, area)
+        if shot.pixel_um is not None:
+            self._paint_scale(painter, area, shot.pixel_um / shot.step)
+
+    def _paint_scale(self, painter: QPainter, area: QRectF, unit_um: float) -> None:
+        units = self.box.viewRect().width() / max(1.0, area.width())
+        length, words = scale_bar(unit_um, units, min(140.0, area.width() / 3))
+        wide = max(length, float(painter.fontMetrics().horizontalAdvance(words)))
+        pill = QRectF(area.left() + GAP, area.bottom() - GAP - LINE - 10, wide + 2 * GAP, LINE + 10)
+        _paint_pill(painter, pill)
+        painter.drawText(pill.adjusted(GAP, 0, 0, -6), Qt.AlignmentFlag.AlignVCenter, words)
+        painter.setPen(QPen(painter.pen().color(), 2))
+        painter.drawLine(pill.bottomLeft() + QPointF(GAP, -4), pill.bottomLeft() + QPointF(GAP + length, -4))
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        theme = current_theme()
+        self.graphics.setBackground(theme.canvas if self.plot is None else theme.panel)
+        self.box.setBackgroundColor(theme.canvas)
+        if self.plot is not None:
+            theme_plot(self.graphics, self.plot)
+        self.blank.apply_theme()
+        if theme.red != self._red:
+            self._red = theme.red
+            self._redraw()
+        self.update()
+        self.graphics.viewport().update()
+
+    # -- pointer ---------------------------------------------------------------------------------------
+    def pixel_at(self, place: QPointF) -> tuple[int, int] | None:
+        """Return the pixel (row, column) at a place of the scene, None outside the picture."""
+        if not self.box.sceneBoundingRect().contains(place):
+            return None
+        point = self.box.mapSceneToView(place)
+        return self._shot.pixel_at(point.y(), point.x())
+
+    def _point_at(self, place: QPointF) -> None:
+        self._pointer = place
+        pixel = self.pixel_at(place)
+        if pixel is None:
+            self.hovered.emit(-1, -1, math.nan)
+        else:
+            self.hovered.emit(*pixel, self._shot.value_at(pixel))
+
+    def leaveEvent(self, event: QEvent) -> None:
+        """Report that the pointer left."""
+        self._pointer = None
+        self.hovered.emit(-1, -1, math.nan)
+        super().leaveEvent(event)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Follow the pointer while its button is held, where that points at a place."""
+        kind = event.type()
+        if not isinstance(event, QMouseEvent):
+            return super().eventFilter(watched, event)
+        if kind == QEvent.Type.MouseButtonPress and event.button() == Qt.MouseButton.LeftButton:
+            self._held = True
+        if self._held and kind in (QEvent.Type.MouseButtonPress, QEvent.Type.MouseMove):
+            self._steer(self.graphics.mapToScene(event.position().toPoint()))
+            return True
+        if kind == QEvent.Type.MouseButtonRelease:
+            self._held = False
+        return super().eventFilter(watched, event)
+
+    def _steer(self, place: QPointF) -> None:
+        shot, point = self._shot, self.box.mapSceneToView(place)
+        if shot.shape is not None:
+            at = zip((point.y(), point.x()), shot.origin, shot.shape, strict=True)
+            self.steered_to.emit(*(min(max(round((a - o) / shot.step), 0), n - 1) for a, o, n in at))
+
+    def _clicked(self, event: Any) -> None:
+        if event.button() != Qt.MouseButton.LeftButton:
+            return
+        if event.double():
+            self.show_all()
+            return
+        pixel = self.pixel_at(event.scenePos())
+        if pixel is not None:
+            self.clicked.emit(*pixel)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Copy the picture (Ctrl+C) or its values (C)."""
+        if event.matches(QKeySequence.StandardKey.Copy):
+            copy_picture(self)
+        elif event.key() == Qt.Key.Key_C and event.modifiers() == Qt.KeyboardModifier.NoModifier:
+            self.copy_data()
+        else:
+            super().keyPressEvent(event)
+
+    # -- measuring, copying, saving --------------------------------------------------------------------
+    def _entries(self) -> list[tuple[str, Callable[[], Any]]]:
+        return [("Show all", self.show_all), *self.entries()]
+
+    def entries(self) -> list[tuple[str, Callable[[], Any]]]:
+        """Return what a menu offers for the picture; nothing where there is none."""
+        if self.values is None:
+            return []
+        automatic = [] if self.contrast is None else [("Automatic contrast", lambda: self.set_contrast(None))]
+        copying = [("Copy values", self.copy_data)] if self.values.size <= COPIED else []
+        return [
+            ("Contrast, profile, region …", self.measure),
+            *automatic,
+            *copying,
+            ("Save data …", lambda: self.save_data()),
+        ]
+
+    def measure(self) -> Measuring:
+        """Open the window that measures in this picture."""
+        self.measuring = Measuring(self)
+        self.measuring.show()
+        return self.measuring
+
+    def copy_data(self) -> None:
+        """Put the values on the clipboard, for a spreadsheet."""
+        values = self.values
+        if values is not None and values.size <= COPIED:
+            rows = ("\t".join(f"{value:.7g}" for value in row) for row in values)
+            QApplication.clipboard().setText("\n".join(rows))
+
+    def save_data(self, path: str = "") -> None:
+        """Write the values as ``.npy``, or as text with ``.csv``."""
+        if self.values is not None:
+            save_values(self, np.asarray(self.values), self.file_name, path)
+
+    def save_picture(self, path: str = "") -> None:
+        """Write the picture, with what is drawn over it, as PNG or SVG."""
+        save_picture(self, self.file_name, path)
+
+
+def link(*pictures: Picture) -> None:
+    """Show the same part in all of ``pictures`` when the user moves one; pyqtgraph's own links drift apart."""
+
+    def follow(moved: Picture) -> None:
+        for picture in pictures:
+            if picture is not moved:
+                picture.box.setRange(moved.box.viewRect(), padding=0)
+
+    for picture in pictures:
+        picture.moved.connect(lambda moved=picture: follow(moved))
+
+
+def share_contrast(*pictures: Picture) -> None:
+    """Let ``pictures`` have one contrast, whichever of them it is chosen in."""
+    for picture in pictures:
+        picture.sharing = pictures
+
+
+class _Legend(QWidget):
+    """Colours between the values at their ends, and what the values are."""
+
+    def __init__(self, picture: Picture) -> None:
+        super().__init__(picture)
+        self._picture = picture
+        self.setFixedHeight(LINE + 3)
+
+    def paintEvent(self, _: QPaintEvent) -> None:
+        """Draw both values, the colours between them, and the quantity if there is room."""
+        picture = self._picture
+        if picture.values is None or picture.shot.coloured:
+            return
+        painter, theme = QPainter(self), current_theme()
+        font = painter.font()
+        font.setPixelSize(11)
+        painter.setFont(font)
+        metrics = painter.fontMetrics()
+        low, high = (f"{value:.4g}" for value in picture.levels)
+        ends = metrics.horizontalAdvance(low) + metrics.horizontalAdvance(high) + 4 * GAP
+        length = max(0, min(RAMP, self.width() - ends))
+        x, flags = float(GAP), Qt.AlignmentFlag.AlignVCenter
+        painter.setPen(QColor(theme.text))
+        for words in (low, None, high):
+            wide = float(length if words is None else metrics.horizontalAdvance(words))
+            place = QRectF(x, 0, wide, self.height())
+            if words is None:
+                strip = QRectF(x, self.height() / 2 - 3, wide, 7)
+                painter.drawImage(strip, ramp(picture.display, picture.levels, RAMP))
+            else:
+                painter.drawText(place, flags, words)
+            x += wide + GAP
+        painter.setPen(QColor(theme.muted))
+        room = round(self.width() - x - GAP)
+        if room > 3 * LINE:
+            painter.drawText(
+                QRectF(x, 0, room, self.height()),
+                flags,
+                metrics.elidedText(picture.quantity, Qt.TextElideMode.ElideRight, room),
+            )
+        painter.end()
+
+
+class _Canvas(pg.GraphicsView):
+    """Paints what lies over the picture in the same turn as the picture."""
+
+    def __init__(self, picture: Picture) -> None:
+        super().__init__()
+        self._picture = picture
+        self.setMinimumSize(120, 90)
+
+    def drawForeground(self, painter: QPainter, rect: QRectF) -> None:
+        """Draw overlays and words in points of the screen."""
+        painter.save()
+        painter.resetTransform()
+        self._picture.paint_over(painter)
+        painter.restore()
+
+
+def _display_of(shot: Shot, display: DisplaySettings) -> DisplaySettings:
+    return replace(display, scale="linear", colour_map=DIVERGING) if shot.signed else display
+
+
+def _extent(shot: Shot) -> QRectF:
+    assert shot.shape is not None
+    (row, column), step, (rows, columns) = shot.origin, shot.step, shot.shape
+    return QRectF(column - step / 2, row - step / 2, columns * step, rows * step)
+
+
+def _ink() -> QColor:
+    return QColor(current_theme().text if current_theme().red else "#ffffff")
+
+
+def _tone(colour: str) -> QColor:
+    return _ink() if current_theme().red else QColor(colour)
+
+
+def _paint_overlay(painter: QPainter, overlay: Overlay, to_screen: QTransform) -> None:
+    if not len(overlay.points):
+        return
+    places = to_screen.map(QPolygonF([QPointF(column, row) for row, column in np.asarray(overlay.points).tolist()]))
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+    if isinstance(overlay, Outline):
+        style = Qt.PenStyle.DashLine if overlay.dashed else Qt.PenStyle.SolidLine
+        painter.setPen(QPen(_tone(overlay.colour), overlay.width, style))
+        (painter.drawPolygon if overlay.closed else painter.drawPolyline)(places)
+        return
+    if overlay.filled and isinstance(overlay.colours, str):  # thousands of micro-images in one call
+        pen = QPen(_tone(overlay.colours), overlay.size)
+        pen.setCapStyle(Qt.PenCapStyle.RoundCap if overlay.symbol == "o" else Qt.PenCapStyle.SquareCap)
+        painter.setPen(pen)
+        painter.drawPoints(places)
+        return
+    colours = repeat(overlay.colours) if isinstance(overlay.colours, str) else overlay.colours
+    for place, colour in zip(places, colours, strict=False):
+        painter.setPen(QPen(_tone(colour), 1.5))
+        painter.setBrush(_tone(colour) if overlay.filled else Qt.BrushStyle.NoBrush)
+        _paint_symbol(painter, overlay.symbol, place, overlay.size / 2)
+
+
+def _paint_symbol(painter: QPainter, symbol: str, at: QPointF, half: float) -> None:
+    if symbol == "o":
+        painter.drawEllipse(at, half, half)
+        return
+    if symbol == "s":
+        painter.drawRect(QRectF(at.x() - half, at.y() - half, 2 * half, 2 * half))
+        return
+    across, down = (
+        (QPointF(half, 0), QPointF(0, half)) if symbol == "+" else (QPointF(half, half), QPointF(half, -half))
+    )
+    painter.drawLine(at - across, at + across)
+    painter.drawLine(at - down, at + down)
+
+
+def _paint_cross(painter: QPainter, shot: Shot, to_screen: QTransform) -> None:
+    """Draw a square about a pixel, or lines to it where it is too small for one."""
+    assert shot.cross is not None
+    (row, column), half = shot.cross, shot.step / 2
+    around = to_screen.mapRect(QRectF(column - half, row - half, shot.step, shot.step))
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+    for colour, width in ((QColor(0, 0, 0), 3.5), (_ink(), 1.5)):
+        painter.setPen(QPen(colour, width))
+        if min(around.width(), around.height()) >= 6:
+            painter.drawRect(around)
+        else:
+            _paint_symbol(painter, "+", around.center(), 8)
+
+
+def _paint_pill(painter: QPainter, area: QRectF) -> None:
+    painter.setPen(Qt.PenStyle.NoPen)
+    painter.setBrush(PILL)
+    painter.drawRoundedRect(area, 5, 5)
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+    painter.setPen(_ink())
+    font = painter.font()
+    font.setPixelSize(11)
+    painter.setFont(font)
+
+
+def _paint_words(painter: QPainter, words: str, area: QRectF) -> None:
+    """Write words in the upper left corner, as far as there is room."""
+    _paint_pill(painter, QRectF())
+    metrics = painter.fontMetrics()
+    shown = metrics.elidedText(words, Qt.TextElideMode.ElideRight, round(area.width() - 4 * GAP))
+    wide = metrics.horizontalAdvance(shown) + 2 * GAP
+    pill = QRectF(area.left() + GAP, area.top() + GAP, wide, LINE + 8)
+    _paint_pill(painter, pill)
+    painter.drawText(pill, Qt.AlignmentFlag.AlignCenter, shown)
