@@ -23,7 +23,7 @@ from lfcal_gui.models.job import JobState, Keeping, WindowJob
 from lfcal_gui.models.job_log import JobLog, notes_of, warnings_to
 from lfcal_gui.models.kept_run import KeptRun, going_on, stamp_of_files
 from lfcal_gui.models.manual import ATLAS, manual_folder, section_of
-from lfcal_gui.models.measure import line_profile, region_numbers, value_histogram
+from lfcal_gui.models.measure import line_profile, region_numbers, sampled, value_histogram
 from lfcal_gui.models.mishaps import Mishap, Mishaps, safe_words
 from lfcal_gui.models.page import (
     ICON_SIDE,
@@ -113,6 +113,7 @@ __all__ = [
     "render_tile",
     "safe_words",
     "said_in_window",
+    "sampled",
     "scale_bar",
     "section_of",
     "shades",

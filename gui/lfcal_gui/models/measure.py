@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Profile", "RegionNumbers", "fwhm", "line_profile", "region_numbers", "value_histogram"]
+__all__ = ["Profile", "RegionNumbers", "fwhm", "line_profile", "region_numbers", "sampled", "value_histogram"]
 
-MOST = 1 << 20
-"""A histogram to choose contrast by looks at no more values: of larger pictures at every second, third … row."""
+MOST = 1 << 17
+"""Values of a large picture that a histogram, or shares of its values, are found of: more would hold the window."""
 
 Place = tuple[float, float]
 
@@ -129,11 +129,16 @@ def region_numbers(
     )
 
 
+def sampled(image: NDArray[Any]) -> NDArray[np.float64]:
+    """Return the finite values of every n-th row and column, `MOST` of them at most."""
+    step = max(1, math.ceil(math.sqrt(image.size / MOST)))
+    values = np.asarray(image[::step, ::step], np.float64)
+    return values[np.isfinite(values)]
+
+
 def value_histogram(image: NDArray[Any], bins: int = 200) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return the middles of bins and how many values lie in each, of every n-th row of a large picture."""
-    step = max(1, math.ceil(image.size / MOST))
-    values = np.asarray(image[::step], np.float64)
-    values = values[np.isfinite(values)]
+    """Return the middles of bins and how many values of `sampled` lie in each."""
+    values = sampled(image)
     if not len(values):
         return np.zeros(0), np.zeros(0, np.intp)
     low, high = float(values.min()), float(values.max())

@@ -13,7 +13,7 @@ from PySide6.QtCore import QPoint, QPointF, QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QColor, QContextMenuEvent, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QInputDialog, QMenu, QSizePolicy, QWidget
 
-from lfcal_gui.models import COLOUR_MAPS, Levels, value_histogram
+from lfcal_gui.models import COLOUR_MAPS, Levels, levels_of, sampled, value_histogram
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets.colours import ramp
 
@@ -110,11 +110,11 @@ class Contrast(QWidget):
         values = self.picture.values
         if values is None:
             return
-        finite = values[np.isfinite(values)]
-        if finite.size:
-            low, high = (float(v) for v in np.quantile(finite, (TAIL, 1 - TAIL)))
+        found = sampled(values)
+        if found.size:
+            low, high = (float(v) for v in np.quantile(found, (TAIL, 1 - TAIL)))
             # of a picture that is dark but for a few points nothing would be left
-            self.set_levels((low, high if high > low else float(finite.max())))
+            self.set_levels((low, high if high > low else levels_of(values)[1]))
 
     def clipped(self) -> tuple[float, float]:
         """Return the shares of the values below the low and above the high handle."""
