@@ -129,7 +129,7 @@ class PatternReading:
         if matrix.camera is not None:
             if self.recipe is None:
                 got = f"that of {source.name}, which has one"
-                raise InputError.expected("plan", "an H without a camera", got, "leave it out")
+                raise InputError.expected("--plan", "an H without a camera", got, "leave it out")
             return matrix
         plan = ScanPlan.from_json(read_text(self.plan))
         if plan.shape != matrix.shape:
