@@ -62,6 +62,9 @@ VIEWS = (
 INSPECTOR, SUM, MAP, PROFILE = 304, 170, 150, 150
 """Width of what stands right of the pictures, and heights in it (px)."""
 
+LINES_OF_APERTURE = 11
+"""Least height of the numbers of an aperture, in lines."""
+
 COLOURS = "Colours of intensity; equal steps look equally large in all of them, grey prints best"
 
 
@@ -173,6 +176,9 @@ class PSFPanel(QWidget):
         self.aperture_text = QLabel()
         self.aperture_text.setTextFormat(Qt.TextFormat.RichText)
         self.aperture_text.setWordWrap(True)
+        self.aperture_text.setAlignment(Qt.AlignmentFlag.AlignTop)
+        # what is below does not move when the aperture is known
+        self.aperture_text.setMinimumHeight(LINES_OF_APERTURE * self.aperture_text.fontMetrics().height())
         self.sum_place = QWidget()
         inside = QVBoxLayout(self.sum_place)
         inside.setContentsMargins(0, 0, 0, 0)
