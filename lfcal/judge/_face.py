@@ -7,7 +7,7 @@ from lfcal.judge.checking import Check, check
 from lfcal.judge.comparison import Comparison, compare, iter_compare
 from lfcal.judge.evidence import Evidence, Unlike, iter_evidence
 from lfcal.judge.explained import Disagreement, Explanation
-from lfcal.judge.fault import FAULTS, Fault, FoundFault, Picture
+from lfcal.judge.fault import FAULTS, Fault, FaultPicture, FoundFault
 from lfcal.judge.inspection import Inspection, iter_inspection
 from lfcal.judge.quality import QualityReport, inspect, iter_inspect
 from lfcal.judge.report import iter_report, report
@@ -23,12 +23,12 @@ __all__ = [
     "Evidence",
     "Explanation",
     "Fault",
+    "FaultPicture",
     "Finding",
     "FindingSource",
     "FoundFault",
     "Inspection",
     "Judgement",
-    "Picture",
     "QualityReport",
     "Unlike",
     "check",

@@ -16,7 +16,7 @@ from lfcal.judge.evidence import Evidence
 if TYPE_CHECKING:
     from lfcal.judge._patch import Patch
 
-__all__ = ["FAULTS", "Fault", "FoundFault", "Picture", "PutIn", "Repair", "adding"]
+__all__ = ["FAULTS", "Fault", "FaultPicture", "FoundFault", "PutIn", "Repair", "adding"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -35,7 +35,7 @@ def adding(own: NDArray[np.intp], light: F4 | F8) -> Repair:
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class FaultPicture:
     """What shows a fault: a curve ``(n,)`` over ``across``, or a map ``(rows, columns)``.
 
     Attributes
@@ -54,9 +54,9 @@ class Picture:
     Examples
     --------
     >>> import numpy as np
-    >>> from lfcal.judge import FAULTS, FoundFault, Picture
+    >>> from lfcal.judge import FAULTS, FoundFault, FaultPicture
     >>> light = np.array([1.0, 1.0, 0.9, 0.8])
-    >>> curve = Picture(light, "", "light of the source over the scan", ("position",), across=np.arange(4.0))
+    >>> curve = FaultPicture(light, "", "light of the source over the scan", ("position",), across=np.arange(4.0))
     >>> found = FoundFault(FAULTS.get("lamp"), "light fell by 20 %", sigmas=9.0, share=0.1, picture=curve)
     >>> print(found.picture.title, found.picture.values.tolist())
     light of the source over the scan [1.0, 1.0, 0.9, 0.8]
@@ -124,7 +124,7 @@ class FoundFault:
     share: float
     positions: NDArray[np.intp] = field(default_factory=lambda: np.empty((0, 3), np.intp))
     pixels: NDArray[np.intp] = field(default_factory=lambda: np.empty((0, 2), np.intp))
-    picture: Picture | None = None
+    picture: FaultPicture | None = None
     repair: Repair | None = None
     blinds: bool = False
     masked: Callable[[F4], NDArray[np.bool_]] | None = None

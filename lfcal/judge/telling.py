@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lfcal.base import LINES, draw_image, figure
-from lfcal.judge.fault import FoundFault, Picture
+from lfcal.judge.fault import FaultPicture, FoundFault
 from lfcal.judge.inspection import Inspection
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def compared_words(inspection: Inspection) -> str:
     return f"{beside}: these faults stand out" + (f"; {scene}" if scene else "")
 
 
-def draw_picture(axes: Axes, picture: Picture) -> None:
+def draw_picture(axes: Axes, picture: FaultPicture) -> None:
     """Draw a map, or a curve."""
     values = np.asarray(picture.values, float)
     if values.ndim == 2:
@@ -67,7 +67,7 @@ def draw_picture(axes: Axes, picture: Picture) -> None:
     axes.set_ylabel(picture.unit)
 
 
-def drawn(picture: Picture) -> bytes:
+def drawn(picture: FaultPicture) -> bytes:
     """Return a picture as PNG."""
     out = io.BytesIO()
     with figure(5.2, 3.4) as fig:

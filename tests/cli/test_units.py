@@ -331,7 +331,6 @@ def test_choices_that_do_not_go_together(lfcal: Lfcal, place: Path) -> None:
     for words, said in (
         ((*simulate, "-o", "out.h5", "--executor", "magic"), "dask or processes or threads"),
         ((*simulate, "-o", "out.h5", "--executor", "threads", "--scheduler", "tcp://a:1"), "one that has"),
-        ((*simulate, "-o", "out.h5", "--progressive", "--resume"), "done in units, got H in passes"),
         ((*simulate, "--frames", "frames", "--executor", "threads"), "done in units, got frames"),
     ):
         run = lfcal(*words)

@@ -47,7 +47,7 @@ def test_every_picture_of_a_page_is_taken_in_a_scene() -> None:
         (ROOT / "gui" / "lfcal_gui" / "scenes" / f"{name}.py").read_text(encoding="utf-8") for name in SCENES
     )
     # a name that a scene makes of others stands for any
-    taken = [re.sub(r"\\{\w+\\}", r"\\w+", re.escape(name)) for name in re.findall(r'Shot\(f?"([^"]+)"', text)]
+    taken = [re.sub(r"\\{\w+\\}", r"\\w+", re.escape(name)) for name in re.findall(r'Capture\(f?"([^"]+)"', text)]
     shown = re.findall(r"images/workstation/(\w+)\.png", (DOCS / "workstation.md").read_text(encoding="utf-8"))
     for key in shown:
         assert any(re.fullmatch(pattern, SHOWN.get(key, key)) for pattern in taken), key

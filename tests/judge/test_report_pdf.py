@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfcal.judge.fault import Fault, FoundFault, Picture
+from lfcal.judge.fault import Fault, FaultPicture, FoundFault
 from lfcal.judge.inspection import Inspection
 from lfcal.judge.quality import QualityReport, inspect
 from lfcal.judge.report._pdf import PageBlock, blocks, iter_pages
@@ -53,7 +53,7 @@ def test_every_metric_is_on_paper(H: PSFMatrix, quality: QualityReport, count: i
 
 
 def test_faults_come_with_picture_and_remedy(H: PSFMatrix, quality: QualityReport) -> None:
-    picture = Picture(np.eye(4), "%", "light", ("row (px)", "column (px)"))
+    picture = FaultPicture(np.eye(4), "%", "light", ("row (px)", "column (px)"))
 
     class Named(Fault):
         name, advice, rank = "named", "Do this.", 0

@@ -17,7 +17,7 @@ from lfcal_gui.models.doctor import doctor_html, doctor_text
 from lfcal_gui.models.filling import Filling
 from lfcal_gui.models.fitted import FittedCamera
 from lfcal_gui.models.form import Field, parse, text_of
-from lfcal_gui.models.frame_view import FrameNumbers, Tile, frame_numbers, lattice_points, render_tile, visible_tile
+from lfcal_gui.models.frame_view import FrameNumbers, frame_numbers, lattice_points, render_tile, visible_tile
 from lfcal_gui.models.history import History, Taken
 from lfcal_gui.models.job import JobState, Keeping, WindowJob
 from lfcal_gui.models.job_log import JobLog, notes_of, warnings_to
@@ -38,7 +38,7 @@ from lfcal_gui.models.page import (
 )
 from lfcal_gui.models.project import Hold, Project, ProjectState, RecentProjects, read_project
 from lfcal_gui.models.record_form import check_of, fields_of, options_in, shown_of, value_in
-from lfcal_gui.models.shot import CUTOUT, Levels, Marks, Outline, Overlay, Shot, cutout_of, scale_bar
+from lfcal_gui.models.shot import CUTOUT, Levels, Outline, Overlay, Shot, Symbols, cutout_of, scale_bar
 from lfcal_gui.models.stamp import Stamp, stamp_of
 from lfcal_gui.models.step import CAMERA_FILE, PLAN_FILE, CommandStep, needed_file, needed_plan, options_of, step_of
 from lfcal_gui.models.words import plane_words, said_in_window, typeset, unbroken
@@ -67,7 +67,6 @@ __all__ = [
     "Keeping",
     "KeptRun",
     "Levels",
-    "Marks",
     "Mishap",
     "Mishaps",
     "Outline",
@@ -78,8 +77,8 @@ __all__ = [
     "Shot",
     "Sketch",
     "Stamp",
+    "Symbols",
     "Taken",
-    "Tile",
     "UnsavedCopy",
     "WindowJob",
     "available_pages",

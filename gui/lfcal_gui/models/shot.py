@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.base import format_length
 from lfcal_gui.models.display import DisplaySettings, levels_of
 
-__all__ = ["CUTOUT", "Levels", "Marks", "Outline", "Overlay", "Shot", "cutout_of", "scale_bar"]
+__all__ = ["CUTOUT", "Levels", "Outline", "Overlay", "Shot", "Symbols", "cutout_of", "scale_bar"]
 
 Levels: TypeAlias = "tuple[float, float]"
 """Values at both ends of the colours."""
@@ -34,7 +34,7 @@ class Outline:
 
 
 @dataclass(frozen=True, eq=False)
-class Marks:
+class Symbols:
     """A symbol of ``size`` screen pixels at each of the ``points`` ``(n, 2)``: ``o``, ``s`` (square), ``+`` or ``x``.
 
     ``colours``: one for all, or one for each; ``filled`` with them.
@@ -47,7 +47,7 @@ class Marks:
     filled: bool = False
 
 
-Overlay: TypeAlias = "Outline | Marks"
+Overlay: TypeAlias = "Outline | Symbols"
 
 
 def cutout_of(
@@ -57,7 +57,7 @@ def cutout_of(
     top, left = row - 0.5, column - 0.5
     bottom, right = top + shape[0], left + shape[1]
     border = Outline(np.array([(top, left), (top, right), (bottom, right), (bottom, left)]), colour, width=2)
-    return (border,) if point is None else (border, Marks(np.array([point], np.float64), "+", colour))
+    return (border,) if point is None else (border, Symbols(np.array([point], np.float64), "+", colour))
 
 
 @dataclass(frozen=True, eq=False)

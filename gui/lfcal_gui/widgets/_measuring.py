@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import pyqtgraph as pg
 from PySide6.QtCore import Qt, QTimer
@@ -14,9 +14,6 @@ from lfcal_gui.theme import style_sheet
 from lfcal_gui.widgets.cards import heading
 from lfcal_gui.widgets.contrast import Contrast
 from lfcal_gui.widgets.plots import LinePlot
-
-if TYPE_CHECKING:
-    from lfcal_gui.widgets.picture import Picture
 
 __all__ = ["Measuring"]
 
@@ -32,10 +29,10 @@ class Measuring(QDialog):
     Parameters
     ----------
     view
-        The picture; contrast stays when the window is closed, line and rectangle go.
+        The `lfcal_gui.widgets.picture.Picture`; contrast stays when the window is closed, line and rectangle go.
     """
 
-    def __init__(self, view: Picture) -> None:
+    def __init__(self, view: Any) -> None:
         super().__init__(view)
         self.setWindowTitle("Contrast, profile, region")
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)

@@ -15,7 +15,7 @@ from lfcal_gui.widgets.cards import (
     scrolling,
     told_or_shown,
 )
-from lfcal_gui.widgets.colours import ramp, theme_table
+from lfcal_gui.widgets.colours import theme_table
 from lfcal_gui.widgets.contrast import SCALINGS, Contrast
 from lfcal_gui.widgets.enlarging import toggle_in, whole_page
 from lfcal_gui.widgets.fitted_text import FittedBrowser, lines_px
@@ -26,7 +26,6 @@ from lfcal_gui.widgets.naming import name_controls
 from lfcal_gui.widgets.period_map import PeriodMap
 from lfcal_gui.widgets.picture import Picture, link, share_contrast
 from lfcal_gui.widgets.picture_menu import offer_menu, table_entries
-from lfcal_gui.widgets.pixel_axis import count_pixels, pixel_axes
 from lfcal_gui.widgets.plots import LINES, DecadeAxis, LinePlot, line_px, shown_tone, style_axes, theme_plot
 from lfcal_gui.widgets.rows_table import RowsTable
 from lfcal_gui.widgets.splitting import split
@@ -54,7 +53,6 @@ __all__ = [
     "choice_box",
     "clear",
     "column_area",
-    "count_pixels",
     "heading",
     "line",
     "line_px",
@@ -62,8 +60,6 @@ __all__ = [
     "link",
     "name_controls",
     "offer_menu",
-    "pixel_axes",
-    "ramp",
     "scrolling",
     "set_look",
     "set_role",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,6 @@ from PySide6.QtWidgets import QInputDialog, QMenu, QSizePolicy, QWidget
 from lfcal_gui.models import COLOUR_MAPS, Levels, levels_of, sampled, value_histogram
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets.colours import ramp
-
-if TYPE_CHECKING:
-    from lfcal_gui.widgets.picture import Picture
 
 __all__ = ["SCALINGS", "Contrast"]
 
@@ -49,7 +46,8 @@ class Contrast(QWidget):
     Parameters
     ----------
     picture
-        Gives the histogram; what is chosen holds for those that share its contrast, too.
+        A `lfcal_gui.widgets.picture.Picture`, which gives the histogram; what is chosen holds for those that share its
+        contrast, too.
 
     Signals
     -------
@@ -59,7 +57,7 @@ class Contrast(QWidget):
 
     display_asked = Signal(dict)
 
-    def __init__(self, picture: Picture, parent: QWidget | None = None) -> None:
+    def __init__(self, picture: Any, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.picture = picture
         self._places: NDArray[np.float64] = np.zeros(0)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QWidget
 
-from lfcal_gui.models import Marks, Shot
+from lfcal_gui.models import Shot, Symbols
 from lfcal_gui.widgets.picture import Picture
 
 __all__ = ["PeriodMap"]
@@ -41,7 +41,7 @@ class PeriodMap(Picture):
     def set_values(self, values: NDArray[Any], recorded: NDArray[Any] | None = None) -> None:
         """Show ``values`` ``(ny, nx)``; positions with ``recorded`` 0 are crossed out."""
         missing = np.zeros((0, 2)) if recorded is None else np.argwhere(np.asarray(recorded) == 0).astype(float)
-        overlays = (Marks(missing, "x", MISSING, 5),)
+        overlays = (Symbols(missing, "x", MISSING, 5),)
         self.set_shot(Shot(np.asarray(values, float), name="period", overlays=overlays, cross=self._cross))
 
     def clear(self) -> None:

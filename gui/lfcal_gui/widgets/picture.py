@@ -31,10 +31,10 @@ from lfcal_gui.models import (
     DIVERGING,
     DisplaySettings,
     Levels,
-    Marks,
     Outline,
     Overlay,
     Shot,
+    Symbols,
     lattice_points,
     render_tile,
     scale_bar,
@@ -130,7 +130,7 @@ class Picture(QWidget):
         self._later: tuple[Overlay, ...] = ()
         self._camera: Camera | None = None
         self._lattice_at: tuple[int, int] = (0, 0)
-        self._lattice: tuple[Marks, ...] = ()
+        self._lattice: tuple[Symbols, ...] = ()
         self._pointer: QPointF | None = None
         self._drawing = self._again = False
         self._red = current_theme().red
@@ -380,7 +380,7 @@ class Picture(QWidget):
         top, first = self._lattice_at
         centres, types = lattice_points(self._camera, (up + top, down + top), (left + first, right + first))
         self._lattice = tuple(
-            Marks(centres[types == kind] - [top, first], "o", colour, 5, filled=True)
+            Symbols(centres[types == kind] - [top, first], "o", colour, 5, filled=True)
             for kind, colour in enumerate(TYPE_COLOURS)
         )
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
-from lfcal.judge.fault import Fault, FoundFault, Picture, PutIn, adding
+from lfcal.judge.fault import Fault, FaultPicture, FoundFault, PutIn, adding
 from lfcal.judge.faults._series import BETTER, FEW, SURE, robust, usual
 
 __all__ = ["FAULTS", "AutoExposure"]
@@ -65,7 +65,7 @@ class AutoExposure(Fault):
             f"the light of patterns goes by their peaks to the power of {power:+.2f} ± {error:.2f}",
             abs(power) / error,
             before.scatter,
-            picture=Picture(
+            picture=FaultPicture(
                 100 * (values / np.median(values[seen]) - 1)[order],
                 "%",
                 "light of patterns beside the middle one",

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.fft import dctn
 
 from lfcal.judge.evidence import Evidence
-from lfcal.judge.fault import Fault, FoundFault, Picture
+from lfcal.judge.fault import Fault, FaultPicture, FoundFault
 from lfcal.judge.faults._series import SURE
 
 __all__ = ["FAULTS", "Compression"]
@@ -131,7 +131,7 @@ class Compression(Fault):
                 f"is gone, and {100 * beside[k]:.0f} % in those beside them",
                 told,
                 float(np.sqrt(np.square(evidence.left).mean()) / max(float(np.abs(evidence.light).mean()), 1e-300)),
-                picture=Picture(
+                picture=FaultPicture(
                     100 * gone, "%", "finest structure that is gone, by where blocks begin", ("row (px)", "column (px)")
                 ),
                 put_in=lambda patch: patch.recorded,

@@ -12,7 +12,7 @@ from scipy.special import ndtr, ndtri
 
 from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
-from lfcal.judge.fault import Fault, FoundFault, Picture, PutIn, adding
+from lfcal.judge.fault import Fault, FaultPicture, FoundFault, PutIn, adding
 from lfcal.judge.faults._series import SURE, usual
 from lfcal.judge.faults.places import place_map
 
@@ -154,7 +154,7 @@ class CutOff(Fault):
             f"{level:+.3g} was cut off",
             math.sqrt(dark.size) * zeros,
             float(np.abs(whole - evidence.data)[dim].sum() / max(float(evidence.light.sum()), 1e-300)),
-            picture=Picture(
+            picture=FaultPicture(
                 np.histogram(dark, np.linspace(0, top, 41))[0] / dark.size * 100,
                 "% of dark samples",
                 "dark samples by their value",
@@ -201,7 +201,7 @@ class BackgroundFault(Fault):
             f"{level:+.3g} counts under every sample, {100 * level / peak:+.2f} % of the brightest light",
             abs(level) / error,
             share,
-            picture=Picture(values, "counts", "background of each pattern", ("pattern",)),
+            picture=FaultPicture(values, "counts", "background of each pattern", ("pattern",)),
             repair=lambda index, patterns: (patterns - np.float32(level)).astype(np.float32),
             put_in=lambda patch: patch.light + np.float32(level),
             # glow differs from place to place, and costs more than its middle

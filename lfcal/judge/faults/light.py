@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lfcal.camera import ScanPlan
 from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
-from lfcal.judge.fault import Fault, FoundFault, Picture, PutIn
+from lfcal.judge.fault import Fault, FaultPicture, FoundFault, PutIn
 from lfcal.judge.faults._series import ENOUGH, SURE, robust, scan_order, sharpest_step, usual
 from lfcal.judge.faults.places import late, only_recorded, place_map, share_of
 
@@ -148,7 +148,7 @@ class Lamp(Fault):
             detail,
             float(told),
             size / 4,
-            picture=Picture(100 * gains[order], "%", "light beside that of the plane", ("pattern in scan order",)),
+            picture=FaultPicture(100 * gains[order], "%", "light beside that of the plane", ("pattern in scan order",)),
             repair=lambda index, patterns: (patterns / light(index)).astype(np.float32),
             put_in=lambda patch: (patch.light * light(patch.index)).astype(np.float32),
         )
@@ -189,7 +189,7 @@ class Flicker(Fault):
             f"{100 * rms:.1f} % (rms) from frame to frame",
             float((scatter / chance - 1) * np.sqrt(len(order))),
             rms,
-            picture=Picture(100 * gains[order], "%", "light beside that of the plane", ("pattern in scan order",)),
+            picture=FaultPicture(100 * gains[order], "%", "light beside that of the plane", ("pattern in scan order",)),
             put_in=lambda patch: patch.light * _scattered(len(patch.index), 1.0, rms).astype(np.float32)[:, None, None],
             scatters=True,
         )

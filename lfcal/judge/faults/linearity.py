@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lfcal.judge._modelled import correlation
 from lfcal.judge.evidence import Evidence
-from lfcal.judge.fault import Fault, FoundFault, Picture
+from lfcal.judge.fault import Fault, FaultPicture, FoundFault
 from lfcal.judge.faults._series import SURE
 
 __all__ = ["FAULTS", "NotLinear"]
@@ -205,12 +205,12 @@ def _mean(values: F8, sigmas: F8) -> tuple[float, float]:
     return mean, max(scatter, float(1 / np.sqrt(weight.sum())))
 
 
-def _tone(evidence: Evidence, light: F4, peak: float) -> Picture:
+def _tone(evidence: Evidence, light: F4, peak: float) -> FaultPicture:
     edges = np.linspace(0.0, 1.0, 25) * peak
     which = np.digitize(light[evidence.valid], edges)
     seen = evidence.data[evidence.valid]
     means = np.array([seen[which == k].mean() if (which == k).any() else np.nan for k in range(1, len(edges))])
-    return Picture(means, "counts", "mean value over the light it should be", ("light (counts)",), edges[:-1])
+    return FaultPicture(means, "counts", "mean value over the light it should be", ("light (counts)",), edges[:-1])
 
 
 FAULTS = (NotLinear(),)

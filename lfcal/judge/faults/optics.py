@@ -14,7 +14,7 @@ from lfcal.camera import LensletLattice, ScanPlan
 from lfcal.judge._modelled import NEAR_ARRAY
 from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
-from lfcal.judge.fault import Fault, FoundFault, Picture, PutIn, adding
+from lfcal.judge.fault import Fault, FaultPicture, FoundFault, PutIn, adding
 from lfcal.judge.faults._series import SURE
 from lfcal.judge.faults.places import share_of
 
@@ -92,7 +92,7 @@ class DepthLabel(Fault):
                 told,
                 share_of(evidence, worst, ("depth",)) * len(planes) / len(np.unique(z)),
                 positions=evidence.index[np.isin(z, planes)],
-                picture=Picture(across, "%", "virtual depth beside that stated", ("plane",)),
+                picture=FaultPicture(across, "%", "virtual depth beside that stated", ("plane",)),
                 put_in=_deeper(np.where(np.isin(np.arange(len(across)), planes), across / 100, 0.0)),
             )
 
@@ -138,7 +138,7 @@ class GhostFault(Fault):
             f"{100 * share:.1f} % of the light, {name}, {place[0]:+d} px down and {place[1]:+d} px across",
             sigmas,
             share,
-            picture=Picture(
+            picture=FaultPicture(
                 100 * table,
                 "%",
                 "what is left, as a share of the displaced pattern",
@@ -224,7 +224,7 @@ class TypeLight(Fault):
             f"type {k} (focal length {focal:.0f} µm) passes {100 * (1 + gains[k]):.0f} % of the light of the others",
             float(abs(gains[k]) / errors[k]),
             float(abs(gains[k]) / types),
-            picture=Picture(100 * gains, "%", "light of each lens type beside the others", ("lens type",)),
+            picture=FaultPicture(100 * gains, "%", "light of each lens type beside the others", ("lens type",)),
             repair=adding(evidence.index, now.left - replace(evidence, values=now.values).left),
             put_in=_dimmed(1 + gains),
         )

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from lfcal.camera import ScanPlan
 from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import COLUMNS, Evidence
-from lfcal.judge.fault import Picture, PutIn
+from lfcal.judge.fault import FaultPicture, PutIn
 
 __all__ = ["late", "only_recorded", "place_map", "share_of"]
 
@@ -41,11 +41,11 @@ def only_recorded(positions: NDArray[np.intp]) -> PutIn:
     return put_in
 
 
-def place_map(evidence: Evidence, values: F8, unit: str, title: str) -> Picture:
+def place_map(evidence: Evidence, values: F8, unit: str, title: str) -> FaultPicture:
     """Return values of patterns as a map over the positions of the plane that they stand out most in."""
     z = evidence.index[:, 0]
     worst = max(np.unique(z).tolist(), key=lambda k: float(np.ptp(values[z == k])))
     found = np.full(evidence.plan.period, np.nan)
     own = z == worst
     found[evidence.index[own, 1], evidence.index[own, 2]] = values[own]
-    return Picture(found, unit, f"{title}, plane {worst}", ("position y (px)", "position x (px)"))
+    return FaultPicture(found, unit, f"{title}, plane {worst}", ("position y (px)", "position x (px)"))

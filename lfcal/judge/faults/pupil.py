@@ -15,7 +15,7 @@ from lfcal.judge._modelled import cut, plane_of
 from lfcal.judge._patch import Patch
 from lfcal.judge.evidence import Evidence
 from lfcal.judge.expected import Behind
-from lfcal.judge.fault import Fault, FoundFault, Picture, PutIn, adding
+from lfcal.judge.fault import Fault, FaultPicture, FoundFault, PutIn, adding
 from lfcal.judge.faults._series import SURE
 from lfcal.simulate.engines import EnergyError
 
@@ -113,7 +113,7 @@ class Pupil(Fault):
             f"of the middle of the pattern; {100 * scatter:.0f} % (rms) over it",
             told,
             scatter / 2,
-            picture=Picture(
+            picture=FaultPicture(
                 100 * lit[z], "%", f"light over that of the camera, plane {z}", ("row (px)", "column (px)")
             ),
             repair=adding(evidence.index, now.left - replace(here, values=now.values).left),
@@ -204,7 +204,7 @@ class TypeFocus(Fault):
             f"type {kind}: focal length {focal * (1 + change):.1f} µm instead of {focal:.1f} µm",
             abs(tried[kind][0]) / sigma,
             share,
-            picture=Picture(told, "%", "focal length beside that stated, each alone", ("lens type",)),
+            picture=FaultPicture(told, "%", "focal length beside that stated, each alone", ("lens type",)),
             repair=adding(evidence.index, evidence.light - other),
             put_in=put_in,
         )

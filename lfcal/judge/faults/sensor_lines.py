@@ -12,7 +12,7 @@ from scipy.ndimage import median_filter
 
 from lfcal.judge._sensor_map import Lines, SensorMap, sensor_map
 from lfcal.judge.evidence import Evidence
-from lfcal.judge.fault import Fault, FoundFault, Picture, PutIn, Repair
+from lfcal.judge.fault import Fault, FaultPicture, FoundFault, PutIn, Repair
 from lfcal.judge.faults._series import SURE
 
 __all__ = ["FAULTS", "DeadLine", "HotLine", "LineOffsets"]
@@ -114,8 +114,10 @@ def _named(axis: int, lines: NDArray[np.intp]) -> str:
     return f"{word} {shown}" + (f" and {len(lines) - 4} more" if len(lines) > 4 else "")
 
 
-def _curve(values: F8, unit: str, title: str, axis: int) -> Picture:
-    return Picture(np.where(np.isfinite(values), values, np.nan), unit, title, (f"{AXES[axis]} of the sensor (px)",))
+def _curve(values: F8, unit: str, title: str, axis: int) -> FaultPicture:
+    return FaultPicture(
+        np.where(np.isfinite(values), values, np.nan), unit, title, (f"{AXES[axis]} of the sensor (px)",)
+    )
 
 
 class DeadLine(Fault):

@@ -12,7 +12,7 @@ from scipy.ndimage import convolve, median_filter
 from lfcal.judge._patch import Patch
 from lfcal.judge._sensor_map import SensorMap, sensor_map
 from lfcal.judge.evidence import Evidence
-from lfcal.judge.fault import Fault, FoundFault, Picture, PutIn, Repair
+from lfcal.judge.fault import Fault, FaultPicture, FoundFault, PutIn, Repair
 from lfcal.judge.faults._series import SURE
 from lfcal.judge.faults.sensor_lines import BRIGHT
 
@@ -93,7 +93,7 @@ class BadPixels(Fault):
             worst,
             share,
             pixels=pixels.astype(np.intp),
-            picture=Picture(hot, "counts", "counts beside those of the neighbours", AXES),
+            picture=FaultPicture(hot, "counts", "counts beside those of the neighbours", AXES),
             repair=_bridged(bad),
             blinds=True,
             put_in=_recorded_at(bad),
@@ -202,7 +202,9 @@ class MosaicFault(Fault):
             f"pixels of two by two see {words} of the light",
             told,
             float(np.abs(gains).mean()),
-            picture=Picture(ratios, "ratio", "light of the pixels of two by two", ("row modulo 2", "column modulo 2")),
+            picture=FaultPicture(
+                ratios, "ratio", "light of the pixels of two by two", ("row modulo 2", "column modulo 2")
+            ),
             repair=repair,
             put_in=lambda patch: patch.light * patch.seen(_tiled(ratios / ratios.mean(), total.weight.shape)),
         )

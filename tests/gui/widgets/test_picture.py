@@ -17,7 +17,7 @@ from pytestqt.qtbot import QtBot
 
 from lfcal_gui.context import Context
 from lfcal_gui.models.display import DisplaySettings, colour_table
-from lfcal_gui.models.shot import Marks, Outline, Shot, cutout_of, scale_bar
+from lfcal_gui.models.shot import Outline, Shot, Symbols, cutout_of, scale_bar
 from lfcal_gui.pages.reconstruct._volume_view import VolumeView
 from lfcal_gui.pages.simulate._influence_view import InfluenceView
 from lfcal_gui.pages.simulate.model_influence import InfluencePictures
@@ -186,7 +186,7 @@ def test_overlays_lie_on_their_pixels(qtbot: QtBot) -> None:
     view = shown(qtbot, Picture(legend=False))
     overlays = (
         Outline(np.array([(1.5, 1.5), (1.5, 6.5), (6.5, 6.5), (6.5, 1.5)]), "#00ff00", width=2),
-        Marks(np.array([(8.0, 8.0)]), "s", "#0000ff", 8, filled=True),
+        Symbols(np.array([(8.0, 8.0)]), "s", "#0000ff", 8, filled=True),
     )
     view.set_shot(Shot(np.zeros((10, 10)), overlays=overlays, cross=(8, 2)))
     QApplication.processEvents()

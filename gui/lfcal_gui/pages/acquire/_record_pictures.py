@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QGridLayout, QLabel, QStackedWidget, QWidget
 
 from lfcal.acquire import LiveFrame
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.models import CUTOUT, Marks, Overlay, Shot, cutout_of
+from lfcal_gui.models import CUTOUT, Overlay, Shot, Symbols, cutout_of
 from lfcal_gui.pages.acquire._error_view import TITLE, ErrorView
 from lfcal_gui.pages.acquire.model_recorder import RecordPicture
 from lfcal_gui.pages.acquire.model_until import ErrorCurve
@@ -163,7 +163,7 @@ class RecordPictures(QWidget):
         overlays: tuple[Overlay, ...] = ()
         if target is not None:
             caption = f"frame {0 if where is None else where.x + 1}: {len(target)} points as planned"
-            overlays = (Marks(target, "o", CUTOUT, 11),)
+            overlays = (Symbols(target, "o", CUTOUT, 11),)
         elif frame.cutout is not None:
             row, column = frame.cutout.row - frame.roi.row, frame.cutout.column - frame.roi.column
             image = (0.0, 0.0) if point is None else (point[0] - frame.roi.row, point[1] - frame.roi.column)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from PySide6.QtWidgets import QLabel, QStackedWidget, QVBoxLayout, QWidget
 
-from lfcal_gui.models import Marks, Outline, Shot
+from lfcal_gui.models import Outline, Shot, Symbols
 from lfcal_gui.pages.camera.model_check import Checked
 from lfcal_gui.pages.camera.model_lattice_map import DISTORTION, RESIDUALS, LatticeMap
 from lfcal_gui.widgets import Picture, choice_box
@@ -51,7 +51,7 @@ class LatticeView(QWidget):
     def show_check(self, found: Checked) -> None:
         """Show what was found, as it is chosen."""
         self._found = found
-        marks = Marks(found.described, "o", "#ffffff", 11), Marks(found.centres, "+", "#ff5a5f", 9)
+        marks = Symbols(found.described, "o", "#ffffff", 11), Symbols(found.centres, "+", "#ff5a5f", 9)
         self.image.set_shot(Shot(found.picture, name=found.name, step=found.step, overlays=marks), keep_view=False)
         self._look_at_corner(found)
         self._show()

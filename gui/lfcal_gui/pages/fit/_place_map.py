@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from PySide6.QtCore import Signal
 
-from lfcal_gui.models import Marks, Shot
+from lfcal_gui.models import Shot, Symbols
 from lfcal_gui.pages.fit.model_run import FoundFit, Place
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import Picture, table_entries, theme_table
@@ -59,7 +59,7 @@ class PlaceMap(Picture):
         for fate, symbol in SYMBOLS.items():
             shown = [place for place in self.places if found.fate(place) == fate]
             points = np.array([place[1:] for place in shown], float).reshape(-1, 2)
-            overlays.append(Marks(points, symbol, [colour(place) for place in shown], 9, filled=symbol != "x"))
+            overlays.append(Symbols(points, symbol, [colour(place) for place in shown], 9, filled=symbol != "x"))
         ground = np.full(found.measured.plan.period, np.nan)
         self.set_shot(Shot(ground, name="chi2", levels=(low, high), overlays=tuple(overlays)))
 

@@ -18,7 +18,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from lfcal_gui.models import SCALES, DisplaySettings, Marks, Shot
+from lfcal_gui.models import SCALES, DisplaySettings, Shot, Symbols
 from lfcal_gui.pages.quality.model_compare import COLUMNS, MODES, TIPS, Both, Place
 from lfcal_gui.widgets import (
     NOTHING,
@@ -247,7 +247,7 @@ class ComparePanel(QWidget):
         self.map_title.setText(title)
         known = np.isfinite(error)
         self.map.blank.words = "" if known.any() else NOT_COMPARED
-        missing = Marks(np.argwhere(~known).astype(float), "x", MISSING, 7)
+        missing = Symbols(np.argwhere(~known).astype(float), "x", MISSING, 7)
         shot = Shot(error, name="difference", levels=levels, overlays=(missing,))
         self.map.set_shot(shot if known.any() else None)
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QSlider, QStackedWidget, QVBoxLayout, QWidget
 
-from lfcal_gui.models import Marks, Shot
+from lfcal_gui.models import Shot, Symbols
 from lfcal_gui.widgets import LINES, LinePlot, Picture, card
 
 __all__ = ["EvidenceView"]
@@ -120,7 +120,7 @@ class EvidenceView(QWidget):
 
     def mark(self, positions: NDArray[np.intp]) -> None:
         """Mark positions (y, x) ``(n, 2)`` of the plane shown."""
-        self.map.set_overlays(Marks(positions.astype(float), "s", MARK, 9))
+        self.map.set_overlays(Symbols(positions.astype(float), "s", MARK, 9))
 
     def _hovered(self, y: int, x: int, value: float) -> None:
         told = f"{value:.4g}" if math.isfinite(value) else "not known"

@@ -18,7 +18,7 @@ from lfcal.acquire.session_file import SessionFile
 from lfcal.camera import preset
 from lfcal.psf import open_psf
 from lfcal_gui.context import Context
-from lfcal_gui.models import Marks
+from lfcal_gui.models import Symbols
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.pages.acquire.model_recorder import folder_state
@@ -188,7 +188,7 @@ def test_overlays_are_switched_without_another_frame(page: Page, qtbot: QtBot, c
     panel.cutout.setChecked(False)
     assert not panel.view.overlays
     panel.lattice.setChecked(True)
-    qtbot.waitUntil(lambda: any(isinstance(one, Marks) and len(one.points) for one in panel.view.overlays))
+    qtbot.waitUntil(lambda: any(isinstance(one, Symbols) and len(one.points) for one in panel.view.overlays))
 
 
 def test_the_stage_goes_to_a_typed_position(page: Page, qtbot: QtBot, context: Context) -> None:

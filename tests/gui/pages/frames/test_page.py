@@ -15,7 +15,7 @@ from lfcal.frames.source import Position
 from lfcal.psf import open_psf
 from lfcal.psf.assembly import AssemblyProgress
 from lfcal_gui.context import Context
-from lfcal_gui.models import Marks
+from lfcal_gui.models import Symbols
 from lfcal_gui.pages.frames import page as frames_page
 from lfcal_gui.pages.frames._assembly import iter_assembly
 from lfcal_gui.pages.frames.model import FrameSettings
@@ -32,7 +32,7 @@ def test_a_recorded_session_opens_by_dropping_it(qtbot: QtBot, context: Context,
     assert "627 frames of 55 × 55 px" in page.hint.text()
     assert "saturated pixels: <b>0</b>" in page.panel.numbers.text()
     page.panel.lattice_box.setChecked(True)
-    points = sum(len(one.points) for one in page.panel.view.overlays if isinstance(one, Marks) and one.filled)
+    points = sum(len(one.points) for one in page.panel.view.overlays if isinstance(one, Symbols) and one.filled)
     assert points > 4, "lenslets of the place the cutout was taken from"
 
 
