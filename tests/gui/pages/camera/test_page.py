@@ -16,9 +16,9 @@ from lfcal.camera import (
     LensletLattice,
     LensType,
     MainLens,
+    Marks,
     ScanPlan,
     Sensor,
-    Symbols,
     import_camera,
     preset,
 )
@@ -103,7 +103,7 @@ def test_a_maker_s_file_shows_what_is_assumed_and_confirming_states_it(
 
 def test_confirming_keeps_the_plan(open_page: OpenPage, context: Context, qtbot: QtBot) -> None:
     page = open_page("camera")
-    camera = replace(preset("bench"), marks=Symbols.of({"optics.f_number": "assumed"}))
+    camera = replace(preset("bench"), marks=Marks.of({"optics.f_number": "assumed"}))
     context.project.update("made", camera=camera, plan=ScanPlan.for_camera(camera, virtual_depths=(3.0,)))
     page.panel.assumed.buttons["optics.f_number"].click()
     plan = context.project.state.plan
@@ -112,7 +112,7 @@ def test_confirming_keeps_the_plan(open_page: OpenPage, context: Context, qtbot:
 
 def test_typing_states_a_value(open_page: OpenPage, context: Context) -> None:
     page = open_page("camera")
-    camera = replace(preset("bench"), marks=Symbols.of({"lattice.types": "assumed", "sensor.shape": "assumed"}))
+    camera = replace(preset("bench"), marks=Marks.of({"lattice.types": "assumed", "sensor.shape": "assumed"}))
     context.project.update("made", camera=camera)
     form = page.panel.forms["sensor"]
     QTest.keyClicks(form.editor("sensor.rows"), "0")

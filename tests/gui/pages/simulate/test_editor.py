@@ -19,7 +19,7 @@ from PySide6.QtWidgets import QApplication, QLineEdit
 from pytestqt.qtbot import QtBot
 
 from lfcal.base.errors import StorageError
-from lfcal.camera import Symbols
+from lfcal.camera import Marks
 from lfcal.frames import open_frames
 from lfcal.psf import open_psf
 from lfcal.simulate.effects import Coma
@@ -133,7 +133,7 @@ def test_values_of_the_camera_bear_its_marks(page: Any, context: Context, qtbot:
     editor = choose(page, "read_noise", qtbot)["rms_e"]
     assert editor.source.currentText() == "camera: stated"
     assert float(editor.edit.text()) == context.state.camera.sensor.read_noise_e
-    camera = replace(context.state.camera, marks=Symbols.of({"sensor.read_noise_e": "assumed"}))
+    camera = replace(context.state.camera, marks=Marks.of({"sensor.read_noise_e": "assumed"}))
     assert context.state.plan is not None
     context.project.update("camera", camera=camera, plan=replace(context.state.plan, camera=camera))
     idle(context.jobs, qtbot)
