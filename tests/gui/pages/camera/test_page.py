@@ -253,7 +253,7 @@ def test_nothing_of_the_camera_changes_while_it_records(open_page: OpenPage, con
     context.project.update("made", plan=ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0,)))
     before = context.state
     context.project.hold(Hold("a session is being recorded", ("camera", "plan")))
-    for form, key in ((camera.panel.forms["MainLens"], "optics.f_number"), (plan_page.panel.form, "cutout_rows")):
+    for form, key in ((camera.panel.forms["MainLens"], "optics.f_number"), (plan_page.panel.form, "cutout")):
         form.editor(key).setText("5")
         form.editor(key).textEdited.emit("5")
         assert form.error == "a session is being recorded"
