@@ -39,6 +39,7 @@ from lfcal.records.reading import (
     show_names,
     show_pair,
     show_planes,
+    show_share,
 )
 from lfcal.records.solvers import (
     OWN_SOLVERS,
@@ -106,6 +107,7 @@ __all__ = [
     "show_names",
     "show_pair",
     "show_planes",
+    "show_share",
     "solver_kind",
     "to_dict",
     "value_at",

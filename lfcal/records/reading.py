@@ -33,6 +33,7 @@ __all__ = [
     "show_names",
     "show_pair",
     "show_planes",
+    "show_share",
 ]
 
 T = TypeVar("T")
@@ -97,7 +98,19 @@ def read_share(text: str) -> float:
     found = re.fullmatch(rf"({NUMBER})\s*(%)?", text.strip())
     if found is None:
         raise InputError.expected("share", "a number, or percent", repr(text), "for example 0.03 or 3%")
-    return _number(found[1]) / (100 if found[2] else 1)
+    return _times_ten(found[1], -2) if found[2] else _number(found[1])
+
+
+def show_share(value: float) -> str:
+    """Return a share in per cent, as a text that `read_share` reads as the same number."""
+    percent = f"{show_planes((_times_ten(repr(float(value)), 2),))} %"
+    return percent if read_share(percent) == value else repr(value)
+
+
+def _times_ten(number: str, power: int) -> float:
+    """Return a number times a power of ten, rounded once: a product of floats would be rounded twice."""
+    digits, _, exponent = number.lower().partition("e")
+    return _number(f"{digits}e{int(exponent or 0) + power}")
 
 
 def read_length_um(text: str) -> float:

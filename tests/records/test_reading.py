@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from random import Random
 from typing import Any
 
 import pytest
@@ -21,6 +22,7 @@ from lfcal.records.reading import (
     read_virtual_depths,
     show_pair,
     show_planes,
+    show_share,
 )
 
 
@@ -78,7 +80,20 @@ def test_a_cutout_is_written_in_several_ways(text: str) -> None:
 
 @pytest.mark.parametrize(("text", "value"), [("3%", 0.03), ("3 %", 0.03), ("0.03", 0.03), (".5", 0.5)])
 def test_a_share_is_a_number_or_percent(text: str, value: float) -> None:
-    assert read_share(text) == pytest.approx(value)
+    assert read_share(text) == value
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(0.0027, "0.27 %"), (0.0029, "0.29 %"), (0, "0 %"), (0.07, "7 %"), (1e-6, "0.0001 %")]
+)
+def test_a_share_is_shown_in_percent(value: float, text: str) -> None:
+    assert show_share(value) == text and read_share(text) == value
+
+
+def test_a_share_that_is_shown_is_read_unchanged() -> None:
+    random = Random(0)
+    for value in (random.random() for _ in range(200)):
+        assert read_share(show_share(value)) == value
 
 
 @pytest.mark.parametrize(("text", "value"), [("1.5 mm", 1500), ("250um", 250), ("30 nm", 0.03), ("7", 7)])

@@ -37,7 +37,7 @@ from lfcal_gui.models.page import (
     with_found,
 )
 from lfcal_gui.models.project import Hold, Project, ProjectState, RecentProjects, read_project
-from lfcal_gui.models.record_form import check_of, fields_of, options_in, shown_of, value_in
+from lfcal_gui.models.record_form import check_of, fields_of, options_in, shown_of, text_in_form, value_in
 from lfcal_gui.models.shot import CUTOUT, Levels, Outline, Overlay, Shot, Symbols, cutout_of, scale_bar
 from lfcal_gui.models.stamp import Stamp, stamp_of
 from lfcal_gui.models.step import CAMERA_FILE, PLAN_FILE, CommandStep, needed_file, needed_plan, options_of, step_of
@@ -120,6 +120,7 @@ __all__ = [
     "stamp_of",
     "stamp_of_files",
     "step_of",
+    "text_in_form",
     "text_of",
     "to_uint8",
     "typeset",

@@ -7,10 +7,10 @@ from dataclasses import MISSING
 from typing import Any
 
 from lfcal.base import InputError
-from lfcal.records import FieldRow, rows
+from lfcal.records import FieldRow, read_names, read_share, rows, show_share
 from lfcal_gui.models.form import Field
 
-__all__ = ["check_of", "fields_of", "options_in", "shown_of", "value_in"]
+__all__ = ["check_of", "fields_of", "options_in", "shown_of", "text_in_form", "value_in"]
 
 KINDS = {bool: "bool", float: "float", int: "int"}
 
@@ -34,21 +34,24 @@ def fields_of(record: type, *, without: Iterable[str] = (), more: bool | None = 
 
 def _field(row: FieldRow) -> Field:
     opt = row.opt
-    choices: tuple[tuple[Any, str], ...] = tuple((name, name) for name in row.choices)
+    # of several names a text is typed
+    names = () if opt.read is read_names else row.choices
+    choices: tuple[tuple[Any, str], ...] = tuple((name, name) for name in names)
     if row.kind is bool and row.optional:
         choices = ((True, "yes"), (False, "no"))
     if choices and row.default not in dict(choices):
         words = f"default ({opt.empty})" if opt.empty in row.choices else opt.empty or "default"
         choices = ((row.default, words), *choices)
     kind = "choice" if choices else "text" if opt.read or row.many else KINDS.get(row.kind, "text")
-    notes = [part for part in (opt.unit, opt.range_words) if part]
+    share = opt.read is read_share
+    notes = [part for part in ("0.03 or 3 %" if share else opt.unit, opt.range_words) if part]
     # of what is on by default, the help says what turning it off does
     tip = ("Off: " if row.turns_off else "") + opt.help + (f" ({'; '.join(notes)})" if notes else "")
-    empty = opt.empty or ("" if row.default is MISSING else row.text(row.default))
+    empty = opt.empty or ("" if row.default is MISSING else text_in_form(row, row.default))
     return Field(
         row.name,
         row.label,
-        opt.unit,
+        "" if share else opt.unit,
         tip,
         kind,
         choices=choices,
@@ -67,8 +70,15 @@ def shown_of(record: type, values: Mapping[str, Any]) -> dict[str, Any]:
             found[row.name] = "; ".join(map(row.text, value))
         else:
             plain = row.opt.read is None and (KINDS.get(row.kind) or row.choices)
-            found[row.name] = value if plain else row.text(value)
+            found[row.name] = value if plain else text_in_form(row, value)
     return found
+
+
+def text_in_form(row: FieldRow, value: Any) -> str:
+    """Return the text of a value in a form: as on a command line, but shares in per cent."""
+    if row.opt.read is read_share and isinstance(value, int | float):
+        return show_share(value)
+    return row.text(value)
 
 
 def _value(row: FieldRow, given: Any) -> Any:

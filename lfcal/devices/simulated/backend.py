@@ -113,8 +113,8 @@ class SimBackend:
     options: Mapping[str, str] = {
         "optics": "auto (default), geometric, wave, grid (finest, for fits), microscope: the plan's camera as lfcal "
         "simulate computes it; or pattern: a quick blur without lenslets, the default with a target",
-        "effects": "effects on the optics: auto (default without optics: what the camera needs), or a JSON file as "
-        "lfcal simulate --effect reads it; with optics alone they are ideal",
+        "effects": "auto (default without the option optics: what the camera needs), or a JSON file of effects on the "
+        "optics as lfcal simulate --effect reads it; with optics alone they are ideal",
         "time": "virtual (waits pass at once) or real",
         "velocity": "speed of the stage (µm/s)",
         "backlash": "backlash of each axis (µm)",

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import InputError, LfcalError, format_bytes, format_length, format_seconds
-from lfcal.camera import Camera, Forecast, ScanPlan
+from lfcal.camera import Camera, Forecast, ScanPlan, half_cell
 from lfcal.records import rows
 from lfcal.tasks import PlanScan
 from lfcal_gui.models import CAMERA_FILE, shown_of
@@ -22,7 +22,10 @@ __all__ = [
     "apply_change",
     "default_plan",
     "forecast_rows",
+    "half_of",
     "is_usual",
+    "list_beside",
+    "list_text",
     "path_lines",
     "region_drawing",
     "scan_task",
@@ -32,9 +35,8 @@ __all__ = [
 PATH_POINTS = 6000
 MAX_LENSLETS = 20_000
 
-HELD = frozenset({"camera", "out", "half_cell", "list_file"})
-"""Fields of `lfcal.tasks.PlanScan` that are not in the form: page Camera, *Save …*, and half-cell scans, which the
-window does not record."""
+HELD = frozenset({"camera", "out", "list_file"})
+"""Fields of `lfcal.tasks.PlanScan` that are not in the form: page Camera, and the files that *Save …* writes."""
 
 ROWS = {row.name: row for row in rows(PlanScan)}
 PLANES = ("depths", "virtual_depths")
@@ -117,6 +119,23 @@ def is_usual(plan: ScanPlan) -> bool:
     return replace(made, stage=plan.stage) == plan
 
 
+def half_of(plan: ScanPlan) -> NDArray[np.intp]:
+    """Return the positions ``(n, 3)`` of a half-cell scan; raises `InputError` if half of the period is not enough."""
+    return half_cell(plan).half(plan)
+
+
+def list_text(positions: NDArray[np.intp]) -> str:
+    """Return the list of positions as its file has it."""
+    from lfcal.acquire import RedoList  # here: a page is shown before devices are loaded
+
+    return RedoList.of(positions.tolist()).to_json()
+
+
+def list_beside(path: str | Path) -> Path:
+    """Return the file of the list of positions next to that of the plan."""
+    return Path(path).with_name(f"{Path(path).stem}_positions.json")
+
+
 @dataclass(frozen=True, eq=False)
 class RegionDrawing:
     """The representative region: lenslets (row, column, type), the cell's corners, and the scan path (row, column)."""
@@ -129,8 +148,8 @@ class RegionDrawing:
     path: NDArray[np.float64]
 
 
-def region_drawing(plan: ScanPlan) -> RegionDrawing:
-    """Return what is drawn of a plan, in sensor pixels."""
+def region_drawing(plan: ScanPlan, positions: NDArray[np.intp] | None = None) -> RegionDrawing:
+    """Return what is drawn of a plan, in sensor pixels; with ``positions`` no others are recorded."""
     camera = plan.camera
     ny, nx = plan.period
     pixel = camera.sensor.pixel_um
@@ -144,31 +163,41 @@ def region_drawing(plan: ScanPlan) -> RegionDrawing:
     if 4 * half[0] * half[1] / cell < MAX_LENSLETS:
         centres, types = camera.lattice.lenslets_within(*half, about)
     points = np.stack([centres[:, 1] / pixel + centre_row, centres[:, 0] / pixel + centre_column], axis=-1)
-    order = plan.order_indices()[: ny * nx]
+    order = _first_plane(plan, positions)
     step = max(1, len(order) // PATH_POINTS)
     path = plan.image_px(order)[::step]
     radius = camera.lattice.clear_diameter_um / pixel / 2
     return RegionDrawing(points, types, radius, plan.anchor, plan.period, path)
 
 
-def path_lines(plan: ScanPlan, between: str) -> Iterator[str]:
+def _first_plane(plan: ScanPlan, positions: NDArray[np.intp] | None) -> NDArray[np.intp]:
+    order = plan.order_indices() if positions is None else positions
+    return order[order[:, 0] == order[0, 0]]
+
+
+def path_lines(plan: ScanPlan, between: str, positions: NDArray[np.intp] | None = None) -> Iterator[str]:
     """Yield the scan path of a plane as a table: positions in their order, and where their images are (px)."""
     yield between.join(("y", "x", "row_px", "column_px")) + "\n"
-    ny, nx = plan.period
-    order = plan.order_indices()[: ny * nx]
+    order = _first_plane(plan, positions)
     for (_, y, x), (row, column) in zip(order.tolist(), plan.image_px(order).tolist(), strict=True):
         yield between.join((f"{y}", f"{x}", f"{row:.9g}", f"{column:.9g}")) + "\n"
 
 
-def forecast_rows(plan: ScanPlan, speed: float = 1000.0, frame_rate: float | None = None) -> list[tuple[str, str]]:
-    """Return the forecast as pairs of name and value with unit."""
-    found = Forecast.of(plan, stage_um_per_s=speed, frames_per_s=frame_rate)
+def forecast_rows(
+    plan: ScanPlan,
+    speed: float = 1000.0,
+    frame_rate: float | None = None,
+    positions: NDArray[np.intp] | None = None,
+) -> list[tuple[str, str]]:
+    """Return the forecast as pairs of name and value with unit; with ``positions`` no others are recorded."""
+    found = Forecast.of(plan, stage_um_per_s=speed, frames_per_s=frame_rate, positions=positions)
+    half = "" if positions is None else f" of {plan.n_positions} (half cell)"
     ry, rx = plan.period_residual_px
     ny, nx = plan.period
     readout = found.readout_hours
     return [
         ("Planes × rows × columns", f"{len(plan.depths_um)} × {ny} × {nx}"),
-        ("Positions", f"{found.positions}"),
+        ("Positions", f"{found.positions}{half}"),
         ("Frames", f"{found.frames}"),
         ("Time without readout" if readout is None else "Time", format_seconds(found.hours * 3600)),
         ("  whole frames at", f"{format_bytes(found.bytes_per_s)}/s"),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lfcal.base import Clock, Work, drain, format_length, format_seconds, format_share, read_text
 from lfcal.camera import ScanPlan
 from lfcal.records import rows
-from lfcal.tasks import PlanTarget
+from lfcal.tasks import PlanScan, PlanTarget
 from lfcal_gui.models import PLAN_FILE, PageSettings, shown_of
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "HELD_OF_TARGET",
+    "OF_SCAN",
     "RATES",
     "TABLE",
     "PlanSettings",
@@ -42,16 +43,22 @@ MOST_DRAWN = 6000
 RATES = ("speed", "frame_rate")
 """Fields that forecasts of scan and target have in common: the form of the scan shows them."""
 
+OF_SCAN = (*RATES, "half_cell")
+"""Fields of the form of the scan that are settings of the page, and no values of the plan."""
+
 HELD_OF_TARGET = frozenset({"plan", "out", *RATES})
 """Fields of `lfcal.tasks.PlanTarget` that are not in the form of the target."""
 
-ROWS = {row.name: row for row in rows(PlanTarget)}
+ROWS = {row.name: row for kind in (PlanScan, PlanTarget) for row in rows(kind)}
 TABLE = ("plane", "frames", "at least", "points a frame", "phases covered", "crosstalk")
 
 
 @dataclass(frozen=True)
 class PlanSettings(PageSettings):
-    """Values of `lfcal.tasks.PlanTarget` by the names of its fields; without a ``source`` there is a single point."""
+    """Values of `lfcal.tasks.PlanTarget` by the names of its fields; without a ``source`` there is a single point.
+
+    ``half_cell`` is that of `lfcal.tasks.PlanScan`.
+    """
 
     page: ClassVar[str] = "plan"
     source: str = ""
@@ -64,6 +71,7 @@ class PlanSettings(PageSettings):
     signal: float | None = None
     speed: float = 1000.0
     frame_rate: float | None = None
+    half_cell: bool = False
 
     @classmethod
     def read(cls, data: object) -> tuple[Self, tuple[str, ...]]:
@@ -91,7 +99,7 @@ class PlanSettings(PageSettings):
 
     def shown(self) -> dict[str, Any]:
         """Return what forms show."""
-        return shown_of(PlanTarget, self.to_dict())
+        return shown_of(PlanTarget, self.to_dict()) | {"half_cell": self.half_cell}
 
     @classmethod
     def of_plan(cls, plan: TargetPlan) -> PlanSettings:
@@ -107,7 +115,7 @@ class PlanSettings(PageSettings):
 
 def target_task(settings: PlanSettings, out: str = "target_plan.json") -> PlanTarget:
     """Return the task that plans the target; raises `InputError` where it cannot be."""
-    own = {one.name: getattr(settings, one.name) for one in fields(settings)}
+    own = {one.name: getattr(settings, one.name) for one in fields(settings) if one.name != "half_cell"}
     return PlanTarget(plan=Path(PLAN_FILE), out=Path(out), **own)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,8 @@ from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
 from lfcal_gui.models import PageSpec, ProjectState
 from lfcal_gui.pages.plan import takes
-from lfcal_gui.pages.plan.model import apply_change, default_plan
-from lfcal_gui.pages.plan.model_target import RATES, PlannedTarget, PlanSettings, iter_target, read_plan
+from lfcal_gui.pages.plan.model import apply_change, default_plan, half_of, list_beside, list_text
+from lfcal_gui.pages.plan.model_target import OF_SCAN, PlannedTarget, PlanSettings, iter_target, read_plan
 from lfcal_gui.pages.plan.panel import PlanPanel
 from lfcal_gui.pages.plan.step import scan_step, target_step
 from lfcal_gui.saving import ask_target, write_file
@@ -78,13 +79,15 @@ class Page(BasePage):
         state = self.context.state
         if state.plan is None:
             return ""
-        if key in RATES:
-            return self._check_target(key, value)
+        if key in OF_SCAN:
+            return self._check_target(key, value) or (_refused_half(state.plan) if key == "half_cell" and value else "")
         plan, why = apply_change(state.plan, key, value)
+        if plan is not None and PlanSettings.of(state).half_cell and not _refused_half(state.plan):
+            why = _refused_half(plan)
         return why or self.context.project.held(replace(state, plan=plan))
 
     def _edited(self, key: str, value: Any) -> None:
-        if key in RATES:
+        if key in OF_SCAN:
             self._target_edited(key, value)
             return
         plan = self.context.state.plan
@@ -200,12 +203,24 @@ class Page(BasePage):
         if plan is None:
             self.refuse("there is no plan to save; make or open one first")
             return
-        path, text = path or ask_target(self, "Save plan", "plan.json", "Plans (*.json)"), plan.to_json()
-        if path and write_file(self, path, lambda part: part.write_text(text, encoding="utf-8")):
+        try:
+            half = half_of(plan) if PlanSettings.of(state).half_cell else None
+        except LfcalError as error:
+            self.refuse(str(error))
+            return
+
+        def files(target: str | Path) -> dict[Path, str]:
+            """Return what is written, by file."""
+            listed = {} if half is None else {list_beside(target): list_text(half)}
+            return {Path(target): plan.to_json(), **listed}
+
+        path = path or ask_target(self, "Save plan", "plan.json", "Plans (*.json)", lambda target: list(files(target)))
+        if path and all(write_file(self, str(file), _writing(text)) for file, text in files(path).items()):
             self.context.history.add(
                 self.context.taken("plan", f"Save plan {Path(path).name}", path, lambda: scan_step(state, path))
             )
-            self.context.message.emit(f"plan saved as {path}")
+            chosen = "" if half is None else f", and {list_beside(path).name} for Positions on page Acquire"
+            self.context.message.emit(f"plan saved as {path}{chosen}")
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped plan."""
@@ -213,3 +228,16 @@ class Page(BasePage):
             self.open_file(paths[0])
             return True
         return False
+
+
+def _refused_half(plan: ScanPlan) -> str:
+    """Return why half of the period is not enough; empty: it is."""
+    try:
+        half_of(plan)
+    except LfcalError as error:
+        return str(error)
+    return ""
+
+
+def _writing(text: str) -> Callable[[Path], object]:
+    return lambda part: part.write_text(text, encoding="utf-8")

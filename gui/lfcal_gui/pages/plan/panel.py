@@ -5,18 +5,29 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pyqtgraph as pg
+from numpy.typing import NDArray
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QScrollArea, QTabWidget, QVBoxLayout, QWidget
 
+from lfcal.base import LfcalError
 from lfcal.camera import ScanPlan
 from lfcal.tasks import PlanScan
 from lfcal_gui.models import fields_of
 from lfcal_gui.pages.plan._target_panel import TargetPanel
-from lfcal_gui.pages.plan.model import HELD, RegionDrawing, forecast_rows, path_lines, region_drawing, values_of
+from lfcal_gui.pages.plan.model import (
+    HELD,
+    RegionDrawing,
+    forecast_rows,
+    half_of,
+    path_lines,
+    region_drawing,
+    values_of,
+)
 from lfcal_gui.pages.plan.model_target import PlanSettings
 from lfcal_gui.theme import TYPE_COLOURS
-from lfcal_gui.widgets import Folded, Form, card, offer_menu, style_axes, table_entries, theme_plot
+from lfcal_gui.widgets import Folded, Form, WrappedLabel, card, offer_menu, style_axes, table_entries, theme_plot
 
 __all__ = ["PlanPanel"]
 
@@ -52,6 +63,10 @@ class PlanPanel(QWidget):
         for key in ("virtual_depths", "depths"):
             self.form.own_line(key, LIST_PX)
         self._plan: ScanPlan | None = None
+        self._half: NDArray[np.intp] | None = None
+        """Positions of a half-cell scan; None: all are recorded."""
+        self.refused = WrappedLabel()
+        self.refused.setProperty("role", "error")
         self.target = TargetPanel()
         self.forecast = QLabel()
         self.forecast.setTextFormat(Qt.TextFormat.RichText)
@@ -72,13 +87,13 @@ class PlanPanel(QWidget):
         area = QScrollArea()
         area.setWidgetResizable(True)
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        more = Folded("More settings", "Order of the positions, stage axes, and the speeds that the forecast assumes")
+        more = Folded("More settings", "Order, stage axes, half-cell scan, and the speeds that the forecast assumes")
         more.column.addWidget(self.more)
         area.setWidget(_titled("Scan", self.form, more))
         area.setFixedWidth(COLUMN_PX)
         row.addWidget(area)
         row.addWidget(_titled("Representative region and scan path", self.graphics, stretch=1), 1)
-        side = _titled("Forecast", self.forecast)
+        side = _titled("Forecast", self.forecast, self.refused)
         side.setFixedWidth(310)
         row.addWidget(side)
         return tab
@@ -100,21 +115,27 @@ class PlanPanel(QWidget):
         theme_plot(self.graphics, self.plot)
 
     def _entries(self) -> list[tuple[str, Any]]:
-        plan = self._plan
-        return [] if plan is None else table_entries(self, "scan path", lambda between: path_lines(plan, between))
+        plan, half = self._plan, self._half
+        return [] if plan is None else table_entries(self, "scan path", lambda between: path_lines(plan, between, half))
 
     def show_plan(self, plan: ScanPlan, settings: PlanSettings) -> None:
         """Show a plan: its values, its region, what it costs."""
-        self._plan = plan
+        self._plan, why = plan, ""
+        try:
+            self._half = half_of(plan) if settings.half_cell else None
+        except LfcalError as error:
+            self._half, why = None, str(error)
+        self.refused.setText(why)
+        self.refused.setVisible(bool(why))
         values = {**settings.shown(), **values_of(plan)}
         for form in (self.form, self.more):
             form.set_values({key: values[key] for key in form.fields})
         cells = "".join(
             f"<tr><td style='padding-right:12px'>{name.replace('  ', '&nbsp;&nbsp;')}</td><td><b>{value}</b></td></tr>"
-            for name, value in forecast_rows(plan, settings.speed, settings.frame_rate)
+            for name, value in forecast_rows(plan, settings.speed, settings.frame_rate, self._half)
         )
         self.forecast.setText(f"<table cellspacing='3'>{cells}</table>")
-        self._draw(region_drawing(plan))
+        self._draw(region_drawing(plan, self._half))
 
     def _draw(self, drawing: RegionDrawing) -> None:
         brushes = [pg.mkBrush(f"{TYPE_COLOURS[k]}66") for k in drawing.types]

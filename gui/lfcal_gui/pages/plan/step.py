@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from lfcal_gui.models import CAMERA_FILE, PLAN_FILE, CommandStep, ProjectState, needed_plan
-from lfcal_gui.pages.plan.model import is_usual, scan_task
+from lfcal_gui.pages.plan.model import half_of, is_usual, list_beside, scan_task
 from lfcal_gui.pages.plan.model_target import PlanSettings, target_task
 
 __all__ = ["scan_step", "step", "target_step"]
@@ -23,19 +24,32 @@ def scan_step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how the plan is made; one that no command makes, of a recorded scan, is in the Python as it is."""
     plan, out = needed_plan(project), out or "plan.json"
     settings = PlanSettings.of(project)
-    task = scan_task(plan, out, speed=settings.speed, frame_rate=settings.frame_rate)
+    half: dict[str, Any] = {}
+    if settings.half_cell:
+        half_of(plan)  # refused before anything is copied
+        half = {"half_cell": True, "list_file": list_beside(out)}
+    task = scan_task(plan, out, speed=settings.speed, frame_rate=settings.frame_rate, **half)
     files = ((CAMERA_FILE, project.camera.to_json()), (PLAN_FILE, plan.to_json()))
     found = CommandStep.of(task, files)
-    return found if is_usual(plan) and not any(plan.stage.origin_um) else replace(found, python=_as_it_is(out))
+    if is_usual(plan) and not any(plan.stage.origin_um):
+        return found
+    return replace(found, python=_as_it_is(out, half=settings.half_cell))
 
 
-def _as_it_is(out: str) -> str:
+def _as_it_is(out: str, *, half: bool) -> str:
+    listed = f"""
+from lfcal.acquire import RedoList
+from lfcal.camera import half_cell
+
+positions = half_cell(plan).half(plan)
+RedoList.of(positions.tolist()).write(Path({str(list_beside(out))!r}))
+"""
     return f"""
 from lfcal.camera import Forecast, ScanPlan
 
 plan = ScanPlan.from_json(Path({PLAN_FILE!r}).read_text(encoding="utf-8"))
 Path({out!r}).write_text(plan.to_json(), encoding="utf-8")
-print(Forecast.of(plan))
+{listed if half else ""}print(Forecast.of(plan{", positions=positions" * half}))
 """
 
 

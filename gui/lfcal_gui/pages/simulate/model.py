@@ -15,7 +15,7 @@ from lfcal.base import InputError, format_length
 from lfcal.camera import Camera, ScanPlan, checked_depths
 from lfcal.records import from_flat, rows
 from lfcal.tasks import SimulateFrames, SimulateH, SimulatePasses
-from lfcal_gui.models import PLAN_FILE, Field, PageSettings, fields_of
+from lfcal_gui.models import PLAN_FILE, Field, PageSettings, fields_of, text_in_form
 
 if TYPE_CHECKING:
     from lfcal.simulate import EffectSelection
@@ -82,7 +82,7 @@ def refusal(name: str, value: Any) -> str:
 def shown(name: str, settings: SimulateSettings) -> Any:
     """Return what the form shows of a field."""
     value = getattr(settings, name)
-    return ROWS[name].text(value) if ROWS[name].opt.read is not None else value
+    return text_in_form(ROWS[name], value) if ROWS[name].opt.read is not None else value
 
 
 @dataclass(frozen=True)

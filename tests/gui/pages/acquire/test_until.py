@@ -205,7 +205,7 @@ def test_the_choice_shows_what_it_needs_and_is_undone(page: Page, context: Conte
     context.project.undo()
     assert panel.until.isVisible() and panel.extent.currentData() == "error"
     editor: Any = panel.until.editor("until_error")
-    assert editor.text() == "0.0027"
+    assert editor.text() == "0.27 %"
     editor.setText("0.01%")
     editor.textEdited.emit("0.01%")
     assert "wanted error of H" in panel.until.error and AcquireSettings.of(context.state).until_error == 0.0027

@@ -6,8 +6,10 @@ from typing import Any
 
 from pytestqt.qtbot import QtBot
 
+from lfcal.acquire import RedoList
 from lfcal.camera import ScanPlan, preset
 from lfcal_gui.window import MainWindow
+from tests.camera.test_plan import camera_of
 from tests.gui.waiting import idle
 
 
@@ -40,3 +42,33 @@ def test_plan_both_ways(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> Non
     page.open_file(str(tmp_path / "plan.json"))
     idle(window.jobs, qtbot)
     assert window.project.state.camera == preset("bench")
+
+
+def test_a_half_cell_scan_is_shown_and_saved_with_its_positions(
+    window: MainWindow, qtbot: QtBot, tmp_path: Path
+) -> None:
+    plan = ScanPlan.for_camera(camera_of((6.0, 12.0), 1), virtual_depths=(3.0,), cutout=31)
+    window.project.update("plan", camera=plan.camera, plan=plan)
+    window.go("plan")
+    page: Any = window.page("plan")
+    said: list[str] = []
+    page.context.message.connect(said.append)
+    page.panel.more.editor("half_cell").setChecked(True)
+    assert "36 of 72 (half cell)" in page.panel.forecast.text() and len(page.panel.path.getData()[0]) == 36
+    resample = page.panel.form.editor("resample")
+    resample.setChecked(True)
+    assert "half-cell scan: expected frames as they are" in page.panel.form.error
+    assert window.project.state.plan == plan, "a half-cell scan takes frames as they are"
+    page.save_file(str(tmp_path / "plan.json"))
+    assert ScanPlan.from_json((tmp_path / "plan.json").read_text()) == plan
+    assert len(RedoList.read(tmp_path / "plan_positions.json").positions) == 36
+    assert "plan_positions.json for Positions on page Acquire" in said[-1]
+    odd = ScanPlan.for_camera(camera_of((7.0, 12.0), 1), virtual_depths=(3.0,), cutout=31)
+    window.project.update("camera", camera=odd.camera, plan=odd)
+    assert "half of it lies half a pixel off" in page.panel.refused.text() and not page.panel.refused.isHidden()
+    page.save_file(str(tmp_path / "odd.json"))
+    assert "half a pixel off" in page.notice.label.text() and not (tmp_path / "odd.json").exists()
+    page.panel.more.editor("half_cell").setChecked(False)
+    assert page.panel.refused.isHidden()
+    page.panel.more.editor("half_cell").setChecked(True)
+    assert "half a pixel off" in page.panel.more.error

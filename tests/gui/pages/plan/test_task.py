@@ -10,14 +10,26 @@ from typing import Any
 
 import pytest
 
-from lfcal.base import drain
+from lfcal.base import InputError, drain
 from lfcal.camera import ScanPlan, StageAxes, preset
 from lfcal.records import rows
 from lfcal.tasks import PlanScan, PlanTarget, Task, command_of, job_of
 from lfcal_gui.models import CommandStep, ProjectState, fields_of
-from lfcal_gui.pages.plan.model import HELD, apply_change, default_plan, scan_task, values_of
-from lfcal_gui.pages.plan.model_target import HELD_OF_TARGET, RATES, PlanSettings, iter_target, target_task
+from lfcal_gui.pages.plan.model import (
+    HELD,
+    apply_change,
+    default_plan,
+    forecast_rows,
+    half_of,
+    list_text,
+    path_lines,
+    region_drawing,
+    scan_task,
+    values_of,
+)
+from lfcal_gui.pages.plan.model_target import HELD_OF_TARGET, OF_SCAN, RATES, PlanSettings, iter_target, target_task
 from lfcal_gui.pages.plan.step import scan_step, target_step
+from tests.camera.test_plan import camera_of
 from tests.cli import conftest
 from tests.cli.conftest import Run
 from tests.targets.common import small
@@ -47,14 +59,14 @@ def edited(plan: ScanPlan, edits: dict[str, Any]) -> ScanPlan:
 
 
 def go_every_route(lfcal: Lfcal, made: CommandStep, task: Task, out: str) -> None:
-    """Write ``out`` as ``command.json``, ``python.json`` and ``job.json``."""
+    """Write ``out`` with ``command``, ``python`` and ``job`` in the place of its name."""
     for name, text in made.files:
         Path(name).write_text(text, encoding="utf-8")
     assert made.arguments == tuple(shlex.split(command_of(task))[1:])
-    done = lfcal(*(word.replace(out, "command.json") for word in made.arguments))
+    done = lfcal(*(word.replace(out, "command") for word in made.arguments))
     assert done.code == 0, done.err
-    exec(made.script().replace(out, "python.json"), {})
-    Path("job.toml").write_text(job_of(task).replace(out, "job.json"), encoding="utf-8")
+    exec(made.script().replace(out, "python"), {})
+    Path("job.toml").write_text(job_of(task).replace(out, "job"), encoding="utf-8")
     done = lfcal("run", "job.toml")
     assert done.code == 0, done.err
 
@@ -67,9 +79,43 @@ def test_all_routes_write_the_plan_of_the_page(
     plan = edited(default_plan(SCAN.camera) if case == "left to the camera" else SCAN, EDITS[case])
     project = ProjectState(camera=plan.camera, plan=plan, settings={"plan": {"speed": 500.0, "frame_rate": 20.0}})
     task = scan_task(plan, "mine.json", speed=500.0, frame_rate=20.0)
-    go_every_route(lfcal, scan_step(project, "mine.json"), task, "mine.json")
+    go_every_route(lfcal, scan_step(project, "mine.json"), task, "mine")
     for name in ("command", "python", "job"):
         assert Path(f"{name}.json").read_text(encoding="utf-8") == plan.to_json(), name
+
+
+HALF = ScanPlan.for_camera(camera_of((6.0, 12.0), 1), virtual_depths=(3.0, 4.0), cutout=31)
+
+
+def test_all_routes_write_the_half_cell_scan_of_the_page(
+    lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    settings = PlanSettings(half_cell=True)
+    project = ProjectState(camera=HALF.camera, plan=HALF, settings=settings.into(ProjectState()))
+    task = scan_task(HALF, "mine.json", half_cell=True, list_file=Path("mine_positions.json"))
+    made = scan_step(project, "mine.json")
+    go_every_route(lfcal, made, task, "mine")
+    moved = replace(project, plan=replace(HALF, stage=StageAxes(origin_um=(1.0, 2.0, 3.0))))
+    exec(scan_step(moved, "moved.json").script(), {})
+    half = half_of(HALF)
+    assert 2 * len(half) == HALF.n_positions
+    for name in ("command", "python", "job", "moved"):
+        if name != "moved":
+            assert Path(f"{name}.json").read_text(encoding="utf-8") == HALF.to_json(), name
+        assert Path(f"{name}_positions.json").read_text(encoding="utf-8") == list_text(half), name
+    odd = replace(project, camera=SCAN.camera, plan=replace(SCAN, resample=True))
+    with pytest.raises(InputError, match="half-cell scan: expected frames as they are"):
+        scan_step(odd, "odd.json")
+
+
+def test_a_half_cell_scan_is_drawn_and_forecast_by_half() -> None:
+    half = half_of(HALF)
+    rows, whole = dict(forecast_rows(HALF, positions=half)), dict(forecast_rows(HALF))
+    assert rows["Positions"] == f"{len(half)} of {HALF.n_positions} (half cell)"
+    assert int(rows["Frames"]) * 2 == int(whole["Frames"]) and rows["H, float32"] == whole["H, float32"]
+    assert 2 * len(region_drawing(HALF, half).path) == len(region_drawing(HALF).path) == 72
+    assert len(list(path_lines(HALF, ",", half))) == 37
 
 
 @pytest.mark.parametrize(
@@ -85,20 +131,20 @@ def test_all_routes_write_the_target_plan_of_the_page(
     monkeypatch.chdir(tmp_path)
     made = drain(iter_target(SCAN, settings)).plan
     project = ProjectState(camera=SCAN.camera, plan=SCAN, settings=settings.into(ProjectState()))
-    go_every_route(lfcal, target_step(project, "mine.json"), target_task(settings, "mine.json"), "mine.json")
+    go_every_route(lfcal, target_step(project, "mine.json"), target_task(settings, "mine.json"), "mine")
     for name in ("command", "python", "job"):
         assert Path(f"{name}.json").read_text(encoding="utf-8") == made.to_json(), name
 
 
 def test_every_field_is_in_a_form_or_set_elsewhere() -> None:
     scan = {one.key for one in fields_of(PlanScan, without=HELD)}
-    assert scan | HELD == {row.name for row in rows(PlanScan)} and set(values_of(SCAN)) | set(RATES) == scan
+    assert scan | HELD == {row.name for row in rows(PlanScan)} and set(values_of(SCAN)) | set(OF_SCAN) == scan
     target = {one.key for one in fields_of(PlanTarget, without=HELD_OF_TARGET)}
     assert target | HELD_OF_TARGET == {row.name for row in rows(PlanTarget)}
     assert scan >= set(RATES)
     kept = {one.name: one.default for one in fields(PlanSettings)}
-    assert kept.keys() == target | set(RATES)
-    for row in rows(PlanTarget):
+    assert kept.keys() == target | set(OF_SCAN)
+    for row in (*rows(PlanScan), *rows(PlanTarget)):
         assert row.name not in kept or kept[row.name] == ("" if row.default is MISSING else row.default), row.name
 
 

@@ -117,7 +117,7 @@ def test_every_field_is_in_the_form_or_has_a_widget_of_its_own() -> None:
 def test_the_form_shows_and_refuses_what_the_command_does() -> None:
     settings = dataclasses.replace(SimulateSettings(), tolerance="3.5%", store_tolerance="1 %")  # type: ignore[arg-type]
     assert (settings.tolerance, settings.store_tolerance) == (0.035, 0.01)
-    assert (shown("tolerance", settings), shown("store_tolerance", SimulateSettings())) == ("0.035", "")
+    assert (shown("tolerance", settings), shown("store_tolerance", SimulateSettings())) == ("3.5 %", "")
     assert "Tolerance: expected a number > 0 and ≤ 4" in refusal("tolerance", "5")
     assert "expected auto or geometric" in refusal("level", "waves") and not refusal("level", "reference")
     assert "Seed: expected a whole number" in refusal("seed", -1) and not refusal("store_tolerance", None)
