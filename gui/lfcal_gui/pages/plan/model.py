@@ -172,7 +172,8 @@ def region_drawing(plan: ScanPlan, positions: NDArray[np.intp] | None = None) ->
 
 def _first_plane(plan: ScanPlan, positions: NDArray[np.intp] | None) -> NDArray[np.intp]:
     order = plan.order_indices() if positions is None else positions
-    return order[order[:, 0] == order[0, 0]]
+    found: NDArray[np.intp] = order[order[:, 0] == order[0, 0]]
+    return found
 
 
 def path_lines(plan: ScanPlan, between: str, positions: NDArray[np.intp] | None = None) -> Iterator[str]:
