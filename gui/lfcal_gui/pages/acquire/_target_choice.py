@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QFileDialog, QWidget
 from lfcal.base import InputError
 from lfcal.camera import ScanPlan
 from lfcal_gui.context import Context
-from lfcal_gui.pages.acquire.model import AcquireSettings
+from lfcal_gui.pages.acquire.model import AcquireSettings, moved
 from lfcal_gui.pages.acquire.model_recorder import FolderState
 from lfcal_gui.pages.acquire.model_target import read_target_plan
 
@@ -86,7 +86,14 @@ class TargetChoice:
         """Return the plan whose recording is shown: that of the folder, or else of the choice."""
         if folder.target is not None:
             return folder.target
-        return self.plan if self.plan is not None and self.plan.scan == scan and folder.there is None else scan
+        found = self._moved(scan)
+        return found if found is not None and found.scan == scan and folder.there is None else scan
+
+    def _moved(self, scan: ScanPlan) -> TargetPlan | None:
+        """Return the target's plan with the stage where that of the scan is."""
+        if self.plan is None:
+            return None
+        return replace(self.plan, scan=moved(self.plan.scan, scan.stage.origin_um))
 
     def to_record(self, scan: ScanPlan, folder: FolderState) -> ScanPlan | TargetPlan:
         """Return the plan that is recorded into a folder.
@@ -101,11 +108,12 @@ class TargetChoice:
             if folder.target is not None:
                 raise InputError.expected("folder", "a session of a single point", "one of a target", remedy)
             return scan
-        if self.plan is None:
+        found = self._moved(scan)
+        if found is None:
             raise InputError.expected("plan of the target", "one that can be read", self._path, "choose it again")
-        if self.plan.scan != scan:
+        if found.scan != scan:
             remedy = "open the target's plan again, or plan it for this scan"
             raise InputError.expected("plan of the target", "of the project's scan", "another scan", remedy)
-        if folder.there is not None and folder.target != self.plan:
+        if folder.there is not None and folder.target != found:
             raise InputError.expected("folder", "a session of this target", "another session", remedy)
-        return self.plan
+        return found

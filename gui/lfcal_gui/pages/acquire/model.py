@@ -19,7 +19,7 @@ from lfcal_gui.models import Field, PageSettings, fields_of, shown_of, value_in
 if TYPE_CHECKING:
     from lfcal.campaign import Goal
 
-__all__ = ["EXTENTS", "FIELDS", "HELD", "MORE", "UNTIL", "AcquireSettings", "target_of"]
+__all__ = ["EXTENTS", "FIELDS", "HELD", "MORE", "UNTIL", "AcquireSettings", "moved", "target_of"]
 
 EXTENTS = (("whole", "Record every position"), ("error", "Record until H is known"))
 """How much is recorded."""
@@ -27,14 +27,13 @@ EXTENTS = (("whole", "Record every position"), ("error", "Record until H is know
 HELD = frozenset(
     {
         *("plan", "out", "redo", "backend", "stage", "option", "order"),
-        *("origin", "positions", "cover", "assemble", "pack", "dry_run", "frame_rate", "unknowns"),
+        *("assemble", "pack", "dry_run", "frame_rate", "cover"),
     }
 )
 """Fields of `lfcal.tasks.Acquire` and `lfcal.tasks.AcquireUntil` that are not in the form.
 
-Of the first line the page has its own widgets. The origin is part of the plan, other buttons assemble and pack a
-session, and the page Plan shows its cost. A list of positions, a lens that is covered by hand, and the choice of what
-is fitted meanwhile need the command.
+Of the first line the page has its own widgets. Other buttons assemble and pack a session. The page Plan shows the cost
+at a frame rate. A lens that is covered by hand for dark frames of a session needs the command, which waits for a key.
 """
 
 ORDER = Field(
@@ -47,12 +46,20 @@ ORDER = Field(
 )
 AVERAGED = Field("frames_averaged", "Frames averaged", "", "Exposures averaged at each position", kind="int")
 
-FIELDS = (ORDER, AVERAGED, *fields_of(Acquire, without=HELD, more=False))
-MORE = fields_of(Acquire, without=HELD, more=True)
-UNTIL = fields_of(AcquireUntil, without={*HELD, *(row.name for row in rows(Acquire))})
-"""What ends a recording that is not of every position."""
+RARE = ("positions", "unknowns")
+"""Fields that are folded, though their task shows them first."""
 
-BEGUN = ("order", "bracket", "margin", "darks", "dark_every", "reference_every", "controls")
+_ENDS = fields_of(AcquireUntil, without={*HELD, *(row.name for row in rows(Acquire))})
+
+FIELDS = (ORDER, AVERAGED, *fields_of(Acquire, without={*HELD, *RARE}, more=False))
+UNTIL = tuple(one for one in _ENDS if one.key not in RARE)
+"""What ends a recording that is not of every position."""
+MORE = (
+    *(one for one in (*fields_of(Acquire, without=HELD), *_ENDS) if one.key in RARE),
+    *fields_of(Acquire, without=HELD, more=True),
+)
+
+BEGUN = ("order", "bracket", "margin", "darks", "dark_every", "reference_every", "controls", "positions")
 """Fields that a session keeps as it began with them."""
 
 EARLIER = {
@@ -92,6 +99,8 @@ class AcquireSettings(PageSettings):
     extent: str = "whole"
     until_error: float = 0.005
     most: int = 0
+    unknowns: tuple[str, ...] = ()
+    positions: str = ""
     order: str | None = None
     darks: int | None = None
     dark_every: int | None = None
@@ -121,7 +130,7 @@ class AcquireSettings(PageSettings):
         dict(self.device_options)
         self.options()
         first = AcquireSettings()
-        if any(getattr(self, one.key) != getattr(first, one.key) for one in UNTIL):
+        if any(getattr(self, one.key) != getattr(first, one.key) for one in _ENDS):
             self._until("plan.json", "session")
 
     def devices(self) -> dict[str, str]:
@@ -130,7 +139,7 @@ class AcquireSettings(PageSettings):
         return {"target": self.target, **options} if self.target and self.backend == "sim" else options
 
     def task(
-        self, plan: str, out: str, *, begun: bool = False, redo: str = ""
+        self, plan: str, out: str, *, begun: bool = False, redo: str = "", origin: tuple[float, ...] | None = None
     ) -> Acquire | AcquireTarget | AcquireUntil:
         """Return the task that records.
 
@@ -142,10 +151,12 @@ class AcquireSettings(PageSettings):
             Whether the folder holds a session that is continued, which keeps how it began.
         redo
             File with positions that are recorded again; empty: none.
+        origin
+            Stage coordinates (µm) of the sensor's centre, for the plan of a target, whose file may have others.
         """
         again = Path(redo) if redo else None
         if self.target:
-            return AcquireTarget(**self._given(AcquireTarget, plan, out, begun=begun), redo=again)
+            return AcquireTarget(**self._given(AcquireTarget, plan, out, begun=begun), redo=again, origin=origin)
         if self.extent == "error" and not redo:
             return self._until(plan, out, begun=begun)
         return Acquire(**self._given(Acquire, plan, out, begun=begun), redo=again)
@@ -172,7 +183,7 @@ class AcquireSettings(PageSettings):
     def values(self, plan: ScanPlan) -> dict[str, Any]:
         """Return the value of every field of the form."""
         own = {one.name: getattr(self, one.name) for one in fields(self)}
-        shown = shown_of(Acquire, own) | shown_of(AcquireUntil, own)
+        shown = shown_of(AcquireUntil, own) | shown_of(Acquire, own | {"origin": plan.stage.origin_um})
         order = "coarse" if self.order == "coarse" else plan.order
         shown |= {"order": order, "frames_averaged": plan.frames_averaged}
         return {spec.key: shown[spec.key] for spec in (*FIELDS, *MORE, *UNTIL)}
@@ -185,8 +196,12 @@ class AcquireSettings(PageSettings):
             plan = plan if value == "coarse" else replace(plan, order=value)
         elif key == "frames_averaged":
             plan = replace(plan, frames_averaged=value)
+        elif key == "origin":
+            plan = moved(plan, value_in(Acquire, key, value))
         elif key == "extent":
             settings = replace(self, extent=value)
+        elif key == "positions":
+            settings = replace(self, positions=str(value_in(Acquire, key, value) or ""))
         else:
             settings = replace(self, **{key: value_in(AcquireUntil, key, value)})
         settings.usable()
@@ -210,6 +225,14 @@ def _renewed(data: Mapping[str, Any]) -> dict[str, Any]:
     if found.get("darks") == 0:
         found.pop("dark_every", None)
     return found
+
+
+def moved(plan: ScanPlan, origin: tuple[float, ...] | None) -> ScanPlan:
+    """Return the plan with other stage coordinates (µm) of the sensor's centre; raises `InputError` for none."""
+    if origin is None or len(origin) != 3:
+        raise InputError.expected("Origin", "X,Y,Z in µm", origin or "none", "give three numbers")
+    x, y, z = origin
+    return replace(plan, stage=replace(plan.stage, origin_um=(x, y, z)))
 
 
 def target_of(plan: ScanPlan, z: int) -> tuple[float, float, float]:

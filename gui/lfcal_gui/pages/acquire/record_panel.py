@@ -13,6 +13,7 @@ from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
+    QFileDialog,
     QGridLayout,
     QHBoxLayout,
     QLabel,
@@ -21,6 +22,7 @@ from PySide6.QtWidgets import (
     QPushButton,
     QSizePolicy,
     QSlider,
+    QStyle,
     QVBoxLayout,
     QWidget,
 )
@@ -196,8 +198,21 @@ class RecordPanel(QWidget):
                 form.editor(key).setMinimumWidth(56)
         column.addWidget(self.form)
         more.column.addWidget(self.more)
+        positions = self.more.editor("positions")
+        assert isinstance(positions, QLineEdit)
+        browse = positions.addAction(
+            self.style().standardIcon(QStyle.StandardPixmap.SP_DirOpenIcon), QLineEdit.ActionPosition.TrailingPosition
+        )
+        browse.setToolTip("Choose the file of the list")
+        browse.triggered.connect(lambda: self._choose_list(positions))
         column.addWidget(more)
         return frame
+
+    def _choose_list(self, editor: QLineEdit) -> None:
+        path = QFileDialog.getOpenFileName(self, "List of positions", "", "Lists (*.json)")[0]
+        if path:
+            editor.setText(path)
+            editor.textEdited.emit(path)
 
     def _progress_card(self) -> QWidget:
         frame, column = card()

@@ -185,6 +185,8 @@ class RecordTab(QObject):
         automatic = station is not None and bool(station.devices.automatic)
         panel.more.set_shown("allow_automatic", automatic or settings.allow_automatic)
         panel.more.set_shown("steady", bool(settings.suspend))
+        panel.more.set_shown("positions", settings.extent == "whole" and not settings.target)
+        panel.more.set_shown("unknowns", settings.extent == "error")
         self._show_error()
         backend = settings.backend if station is None else ""
         measured = "stage" in self.setup.measuring.found
@@ -237,7 +239,8 @@ class RecordTab(QObject):
             begun, again = now.there is not None, state.redo if redo else ()
             listed = str(folder / REDO_FILE) if again else ""
             plan_file = str(folder / "session.json")  # the plan of the project has no file
-            task = AcquireSettings.of(state).task(plan_file, str(folder), begun=begun, redo=listed)
+            origin = state.plan.stage.origin_um
+            task = AcquireSettings.of(state).task(plan_file, str(folder), begun=begun, redo=listed, origin=origin)
             options = task.options(folder if begun else None)
             plan = self.target.to_record(state.plan, now)
             resume = begun and not redo

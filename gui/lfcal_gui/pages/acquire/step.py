@@ -24,7 +24,9 @@ def step(
     """Return how the session is recorded, continued, or of which positions again."""
     plan, chosen = needed_plan(project), AcquireSettings.of(project)
     begun, listed = resume or bool(redo), REDO_FILE if redo else ""
-    task = chosen.task(chosen.target or PLAN_FILE, out or project.recording or "session", begun=begun, redo=listed)
+    out = out or project.recording or "session"
+    origin = plan.stage.origin_um
+    task = chosen.task(chosen.target or PLAN_FILE, out, begun=begun, redo=listed, origin=origin)
     files: tuple[tuple[str, str], ...] = () if chosen.target else ((PLAN_FILE, plan.to_json()),)
     files += ((REDO_FILE, RedoList.of(redo).to_json()),) if redo else ()
     return CommandStep.of(task, files, RunSettings(resume=resume))

@@ -71,8 +71,11 @@ def test_every_field_changes_one_thing() -> None:
         "keep_free": (0.5, 0.5),
         "check_stage": (False, False),
         "check_origin": (False, False),
-        "until_error": ("1%", "0.01"),
+        "until_error": ("1%", "1 %"),
         "most": (40, 40),
+        "unknowns": ("iris, distance", "iris,distance"),
+        "positions": ("half.json", "half.json"),
+        "origin": ("1, -2.5,3", "1,-2.5,3"),
     }
     for key, (value, shown) in changes.items():
         settings, plan = AcquireSettings().changed(PLAN, key, value)
@@ -88,6 +91,9 @@ def test_every_field_changes_one_thing() -> None:
         ("extent", "half"),
         ("overshoot", "1"),
         ("frames_averaged", 0),
+        ("origin", "1,2"),
+        ("origin", ""),
+        ("unknowns", "iris, nonsense"),
     ):
         with pytest.raises(InputError):
             AcquireSettings().changed(PLAN, key, bad)

@@ -374,6 +374,19 @@ def test_a_camera_that_stays_automatic_is_named_and_recorded_once_that_is_allowe
     assert SessionFile.read(tmp_path / "s").devices.automatic == ("GainAuto",)
 
 
+def test_a_list_of_positions_is_chosen_by_its_button(
+    page: Page, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    editor = page.panel.record.more.editor("positions")
+    assert isinstance(editor, QLineEdit)
+    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: ("half.json", ""))
+    (browse,) = editor.actions()
+    browse.trigger()
+    assert AcquireSettings.of(context.state).positions == editor.text() == "half.json"
+    page.panel.record.extent.setCurrentIndex(1)
+    assert editor.isHidden() and not page.panel.record.more.editor("unknowns").isHidden()
+
+
 def test_the_copied_command_leaves_the_check_of_the_stage_out_too(page: Page, context: Context) -> None:
     assert not any("check-stage" in word for word in step(context.state).arguments)
     page.record._field_edited("check_stage", False)
@@ -382,7 +395,7 @@ def test_the_copied_command_leaves_the_check_of_the_stage_out_too(page: Page, co
 
 
 def test_settings_that_have_no_effect_are_not_shown(page: Page, context: Context, qtbot: QtBot) -> None:
-    hidden = {key: page.panel.record.more.editor(key) for key in ("allow_automatic", "steady")}
+    hidden = {key: page.panel.record.more.editor(key) for key in ("allow_automatic", "steady", "unknowns")}
     connect(page, qtbot)
     assert all(editor.isHidden() for editor in hidden.values())
     page.record._field_edited("suspend", "temperature=20:22")

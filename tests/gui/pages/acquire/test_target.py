@@ -19,7 +19,7 @@ from lfcal.targets import Target, TargetPlan, Wishes, plan_target
 from lfcal_gui.context import Context
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.acquire.model import AcquireSettings
-from lfcal_gui.pages.acquire.model_recorder import folder_state
+from lfcal_gui.pages.acquire.model_recorder import FolderState, folder_state
 from lfcal_gui.pages.acquire.model_target import points_px
 from lfcal_gui.pages.acquire.page import Page
 from lfcal_gui.pages.acquire.step import step
@@ -144,3 +144,14 @@ def test_the_command_records_the_target(file: Path) -> None:
 def crossed_out(period: PeriodMap) -> int:
     """Return how many positions of a map are crossed out."""
     return sum(len(marks.points) for marks in period.overlays)
+
+
+def test_a_target_is_recorded_where_the_stage_is(page: Page, context: Context, plan: TargetPlan, file: Path) -> None:
+    page.record.target.plan, page.record.target._path = plan, str(file)
+    settings = replace(AcquireSettings.of(context.state), target=str(file))
+    context.project.update("target", settings=settings.into(context.state))
+    page.record._field_edited("origin", "1,2,3")
+    scan = context.state.plan
+    assert scan is not None and scan.stage.origin_um == (1.0, 2.0, 3.0)
+    assert page.record.target.to_record(scan, FolderState()) == replace(plan, scan=scan)
+    assert any("1,2,3" in word for word in step(context.state, "s").arguments)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfcal.acquire import Options, SessionFile
+from lfcal.acquire import Options, RedoList, SessionFile
 from lfcal.base import drain
 from lfcal.frames import open_frames
 from lfcal.psf import open_psf
@@ -83,7 +83,9 @@ def test_every_field_is_in_a_form_or_has_its_own_widget() -> None:
     own = {one.name for one in dataclasses.fields(AcquireSettings)}
     fields = {one.key for one in (*FIELDS, *MORE, *UNTIL)}
     assert own - fields == {"backend", "stage", "device_options", "target", "extent"}
-    assert fields - own == {"frames_averaged"}, "it is the plan's"
+    assert fields - own == {"frames_averaged", "origin"}, "they are the plan's"
+    every = [one.key for one in (*FIELDS, *MORE, *UNTIL)]
+    assert len(every) == len(set(every))
 
 
 def test_every_field_has_label_and_help() -> None:
@@ -122,6 +124,29 @@ def test_the_window_its_command_its_python_and_its_job_record_the_same(
         np.testing.assert_array_equal(frames(folder / name), frames(folder / "window"), err_msg=name)
         session = SessionFile.read(folder / name)
         assert (session.options, session.plan, session.devices) == (first.options, PLAN, first.devices), name
+
+
+def test_a_list_of_positions_is_recorded_by_every_route(
+    lfcal: Callable[..., Run], station: Station, folder: Path
+) -> None:
+    half = [(0, 0, 1), (1, 1, 2)]
+    RedoList.of(half).write(Path("half.json"))
+    chosen = dataclasses.replace(CHOSEN, positions="half.json", bracket=None)
+    out = folder / "window"
+    task = chosen.task(str(out / "session.json"), str(out))
+    drain(Recorder(task, PLAN, task.options()).work(station))
+    project = ProjectState(plan=PLAN, recording="command", settings={"acquire": chosen.to_dict()})
+    made = step(project)
+    write_files(made)
+    assert lfcal(*made.arguments).code == 0
+    exec(step(dataclasses.replace(project, recording="python")).script(), {})
+    Path("job.toml").write_text(job_of(dataclasses.replace(task, out=folder / "job")))
+    assert lfcal("run", "job.toml").code == 0
+    for name in ("window", "command", "python", "job"):
+        np.testing.assert_array_equal(frames(folder / name), frames(out), err_msg=name)
+        there = SessionFile.read(folder / name).acknowledged(folder / name)
+        assert [tuple(place) for place in np.argwhere(there).tolist()] == half, name
+    assert not any("half.json" in word for word in step(project, resume=True).arguments), "a session keeps its list"
 
 
 def test_the_window_keeps_the_task_as_the_command_does(
@@ -198,6 +223,8 @@ def test_a_target_and_an_error_of_h_are_other_tasks() -> None:
     task = until.task("plan.json", "s")
     assert isinstance(task, AcquireUntil) and task.until_error == 0.005 and until.goal() == task.goal
     assert isinstance(until.task("plan.json", "s", begun=True, redo="r.json"), Acquire)
+    chosen = dataclasses.replace(until, unknowns=("iris", "distance"), positions="half.json")
+    assert chosen.task("plan.json", "s") == dataclasses.replace(task, unknowns=("iris", "distance"))
 
 
 OLD = {
