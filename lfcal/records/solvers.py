@@ -86,7 +86,7 @@ class _Saturation:
         "Leave out pixels at or above this value.",
         unit="counts",
         above=0,
-        empty="none is left out",
+        empty="none",
     )
 
 

@@ -191,20 +191,25 @@ def _places(psf: Path, regions: Sequence[str]) -> list[tuple[Path, str]]:
     return found
 
 
-def view_for(H: PSFMatrix, shape: tuple[int, int], light_field: LightFieldSettings, placed: str) -> Resampling | None:
+def view_for(
+    H: PSFMatrix, shape: tuple[int, int], light_field: LightFieldSettings, placed: str, *, quiet: bool = False
+) -> Resampling | None:
     """Return the map of frames of ``shape`` onto H's period; None: they are used as they are.
 
     Unless it is asked for, frames are resampled where the lattice drifts by more than `MOST_DRIFT` over the frame, as
     far as lfcal knows it. ``placed``: what gives the place of frames in H, so that they cannot be moved.
+    ``quiet``: say nothing of it.
     """
     from lfcal.reconstruct import MOST_DRIFT, drift_words
 
     white, lattice = paths_of(light_field)
     if light_field.asked:
         return view_of(H, white, lattice)
-    view = known_view(H, shape, white)
+    view = known_view(H, shape, white, quiet=quiet)
     if view is None or view.drift(shape) <= MOST_DRIFT:
         return None
+    if quiet:
+        return view if light_field.asked is None and not placed else None
     words = drift_words(view, shape)
     if light_field.asked is None and not placed:
         note(f"{words}; frames are resampled to it (--resample never uses them as they are)")

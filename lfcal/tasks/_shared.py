@@ -5,6 +5,8 @@ from __future__ import annotations
 from lfcal.tasks._channels import ChannelPart
 from lfcal.tasks._coding import coding_verdict, coding_words, display_words
 from lfcal.tasks._patterns import most_taken
+from lfcal.tasks._reconstruct_frames import cleaner
+from lfcal.tasks._reconstruct_optics import SharedOptics, view_for
 from lfcal.tasks._solving import choice_of
 from lfcal.tasks.acquire import PlannedSession, RecordedSession
 from lfcal.tasks.assembly import Assembled, AssemblyRun
@@ -50,6 +52,7 @@ __all__ = [
     "ReconstructionForecast",
     "RecordedSession",
     "ReducedFile",
+    "SharedOptics",
     "SimulatedH",
     "SimulatedRegions",
     "SimulationForecast",
@@ -63,6 +66,7 @@ __all__ = [
     "check_output",
     "check_outputs",
     "choice_of",
+    "cleaner",
     "coding_verdict",
     "coding_words",
     "control_frames",
@@ -79,5 +83,6 @@ __all__ = [
     "planned_scan",
     "task_set",
     "tell_assumed",
+    "view_for",
     "words_of",
 ]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -19,13 +20,12 @@ from lfcal.reconstruct import (
     SolverChoice,
     VoxelGrid,
     lattice_anchor_of,
-    resampling_for,
     usual_margin,
 )
 from lfcal.reconstruct.solvers import GOALS, OPTIONS, STOPS
 from lfcal.records import SOLVER_ENDS, SolverFields, rows
-from lfcal.tasks import Reconstruct, choice_of, solver_settings
-from lfcal_gui.models import Field, PageSettings, fields_of
+from lfcal.tasks import Reconstruct, SharedOptics, choice_of, solver_settings, view_for
+from lfcal_gui.models import Field, PageSettings, fields_of, value_in
 from lfcal_gui.pages.reconstruct.model_device import DEVICE
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ __all__ = [
     "FIELDS",
     "RARE",
     "ReconstructSettings",
+    "forecast_for",
     "forecast_words",
     "projector_for",
     "task_of",
@@ -46,6 +47,12 @@ ENDS = {end: words for words, end in SOLVER_ENDS.items()}
 
 ROWS = {one.key: one for one in fields_of(Reconstruct)}
 """Entries that are as the task declares them."""
+
+
+def _short(key: str, empty: str) -> Field:
+    """Return an entry of the task that says in its tip what an empty one means, for which the entry has no room."""
+    return replace(ROWS[key], empty=empty, tip=f"{ROWS[key].tip}; empty: {ROWS[key].empty}")
+
 
 CHECKED = tuple(
     row
@@ -77,8 +84,8 @@ FIELDS = (
     ROWS["background"],
     ROWS["read_noise"],
     ROWS["saturation"],
-    ROWS["strength"],
-    ROWS["subsets"],
+    _short("strength", "usual"),
+    _short("subsets", "usual"),
     ROWS["tolerance"],
     Field(
         "method",
@@ -145,9 +152,18 @@ FIELDS = (
         kind="floats",
         empty="of H",
     ),
+    ROWS["dark"],
+    ROWS["white"],
+    _short("lattice", "found"),
+    ROWS["regions"],
 )
 
-RARE = frozenset({"anchor", "double", "margin", "memory", "threshold", "tolerance"})
+RARE = frozenset(
+    {
+        *("anchor", "double", "margin", "memory", "threshold", "tolerance"),
+        *("dark", "white", "lattice", "regions"),
+    }
+)
 """Entries that the page folds."""
 
 
@@ -183,6 +199,8 @@ class ReconstructSettings(PageSettings):
         As in `SolverChoice`; for the end by left-out pixels alone.
     as_is
         Whether the light field is not resampled, however far the lattice drifts against H's period.
+    dark, white, lattice, regions
+        As in `lfcal.tasks.Reconstruct`; several regions have a semicolon between them.
     """
 
     page: ClassVar[str] = "reconstruct"
@@ -209,6 +227,10 @@ class ReconstructSettings(PageSettings):
     goal: str = GOALS[0]
     tolerance: float = 0.0
     memory: float | None = None
+    dark: str = ""
+    white: str = ""
+    lattice: str = ""
+    regions: str = ""
 
     def __post_init__(self) -> None:
         """Check what no library call would find before the work begins."""
@@ -230,6 +252,11 @@ class ReconstructSettings(PageSettings):
             raise InputError.expected("device", "auto, cpu or cuda", repr(self.device), "choose one")
         if len(self.anchor) not in (0, 2):
             raise InputError.expected("anchor", "row, column in pixels", self.anchor, "for example 12, 7")
+        if self.lattice and self.as_is:
+            raise InputError.expected("lattice", "none where the light field is used as is", self.lattice, "clear one")
+        if self.other_regions and (self.lattice or self.as_is):
+            given = "lattice" if self.lattice else "as is"
+            raise InputError.expected(given, "H of one region", self.regions, "clear one of them")
 
     @classmethod
     def from_dict(cls, data: object) -> Self:
@@ -262,18 +289,47 @@ class ReconstructSettings(PageSettings):
         """Return what the library is asked for, without a margin that it has to find."""
         return choice_of(self.solver_fields(), margin=self.margin or 0 if used_by(self.solver, "margin") else 0)
 
+    @property
+    def light_field(self) -> LightFieldSettings:
+        """What is done to the light field before it is reconstructed."""
+        resample = "never" if self.as_is else "auto"
+        return LightFieldSettings(dark=self.dark, white=self.white, lattice=self.lattice, resample=resample)
+
+    @property
+    def other_regions(self) -> tuple[str, ...]:
+        """H of other regions, as the task names them."""
+        named: tuple[str, ...] = value_in(Reconstruct, "regions", self.regions)
+        return named
+
+    @property
+    def projection(self) -> ProjectionSettings:
+        """How H is applied."""
+        return ProjectionSettings(
+            method=self.method,
+            device=self.device,
+            threshold=self.threshold,
+            within=self.within,
+            double=self.double,
+            memory=self.memory,
+        )
+
+    def optics(self, psf: str) -> SharedOptics:
+        """Return what opens and applies the H in a file."""
+        return SharedOptics(Path(psf), self.other_regions, "", self.light_field, self.projection)
+
     def choice_for(self, H: PSFMatrix, shape: tuple[int, int]) -> SolverChoice:
-        """Return the solver for the used region of a light field of ``shape``, its margin found where none is said."""
+        """Return the solver for the used region of images of ``shape``, its margin found where none is said."""
         choice = self.choice()
         if self.margin is not None or not used_by(self.solver, "margin"):
             return choice
-        view = self.view(H, shape)
-        rows, columns = self.window(shape if view is None else view.shape)
+        rows, columns = self.window(shape)
         used = rows.stop - rows.start, columns.stop - columns.start
         return replace(choice, margin=usual_margin(H.period, (H.shape[3], H.shape[4]), used))
 
-    def grid(self, H: PSFMatrix, shape: tuple[int, int]) -> MetricGrid | None:
-        """Return the voxels of one size for the used region of a light field of ``shape``; None: as the pixels are.
+    def grid(self, H: PSFMatrix, shape: tuple[int, int], view: Resampling | None = None) -> MetricGrid | None:
+        """Return the voxels of one size for the used region of images of ``shape``; None: as the pixels are.
+
+        ``view``: how the light field was resampled to these images.
 
         Raises
         ------
@@ -285,19 +341,24 @@ class ReconstructSettings(PageSettings):
         if not self.voxel:
             return None
         side = None if self.voxel == "auto" else _side(self.voxel)
-        if (view := self.view(H, shape)) is not None:
-            return MetricGrid.for_matrix(H, view.shape, view.anchor(lattice_anchor_of(H)), side)
         rows, columns = self.window(shape)
         anchor = None
-        if self.anchor or self.region:
-            row, column = self.anchor or H.anchor
+        if self.anchor or self.region or view is not None:
+            row, column = self.place(H, view)
             anchor = row - rows.start, column - columns.start
         used = rows.stop - rows.start, columns.stop - columns.start
         return MetricGrid.for_matrix(H, used, anchor, side)
 
+    def place(self, H: PSFMatrix, view: Resampling | None) -> tuple[float, float]:
+        """Return the pixel (row, column) of all of an image at which H's position (0, 0) is imaged."""
+        if self.anchor:
+            return self.anchor[0], self.anchor[1]
+        return H.anchor if view is None else view.anchor(lattice_anchor_of(H))
+
     def view(self, H: PSFMatrix, shape: tuple[int, int]) -> Resampling | None:
         """Return how a light field of ``shape`` is resampled to H's period; None: it is used as it is."""
-        return None if self.as_is or self.anchor or self.region else resampling_for(H, shape)
+        placed = next((name for name in ("regions", "anchor", "region") if getattr(self, name)), "")
+        return view_for(H, shape, self.light_field, placed, quiet=True)
 
     def window(self, shape: tuple[int, int]) -> tuple[slice, slice]:
         """Return rows and columns of a light field of ``shape`` to be used; raises `InputError` if outside."""
@@ -328,20 +389,14 @@ def task_of(settings: ReconstructSettings, psf: str, frame: str, out: str) -> Re
         frames=Path(frame),
         out=Path(out),
         solver=settings.solver_fields(),
-        light_field=LightFieldSettings(resample="never" if settings.as_is else "auto"),
+        regions=settings.other_regions,
+        light_field=settings.light_field,
         grid=VoxelGrid(
             voxel=side or None,
             margin="auto" if margin is None else margin,
             anchor=(row, column) if settings.anchor else None,
         ),
-        projection=ProjectionSettings(
-            method=settings.method,
-            device=settings.device,
-            threshold=settings.threshold,
-            within=settings.within,
-            double=settings.double,
-            memory=settings.memory,
-        ),
+        projection=settings.projection,
     )
 
 
@@ -357,27 +412,45 @@ def _side(text: str) -> float:
 
 
 # -- projector ---------------------------------------------------------------------------------------------
-def projector_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSettings) -> Any:
-    """Return the projector of a light field's used region and its margin, with the memory that solvers leave."""
-    from lfcal.reconstruct import Projector, room_for_projections
+def projector_for(
+    matrices: Sequence[PSFMatrix],
+    shape: tuple[int, int],
+    settings: ReconstructSettings,
+    view: Resampling | None = None,
+) -> Any:
+    """Return the projector of a light field's used region and its margin, with the memory that solvers leave.
 
-    choice, view = settings.choice_for(H, shape), settings.view(H, shape)
-    rows, columns = settings.window(shape if view is None else view.shape)
-    row, column = settings.anchor or (H.anchor if view is None else view.anchor(lattice_anchor_of(H)))
-    wide = tuple(one.stop - one.start + 2 * choice.margin for one in (rows, columns))
-    size = 8 if settings.double else 4
+    Parameters
+    ----------
+    matrices
+        H, and those of other regions.
+    shape
+        Rows and columns of all of an image, as ``view`` resampled it.
+    settings
+        What the user chose.
+    view
+        How the light field was resampled.
+    """
+    from lfcal.reconstruct import room_for_projections
+
+    H, choice = matrices[0], settings.choice_for(matrices[0], shape)
+    rows, columns = settings.window(shape)
+    used = rows.stop - rows.start, columns.stop - columns.start
+    row, column = settings.place(H, view)
+    optics = replace(settings.optics(H.path), anchor=(row - rows.start, column - columns.start))
+    wide = (used[0] + 2 * choice.margin, used[1] + 2 * choice.margin)
     most = None if settings.memory is None else int(settings.memory * 1e9)
-    return Projector(
-        H,
-        (wide[0], wide[1]),
-        (row - rows.start + choice.margin, column - columns.start + choice.margin),
-        settings.method,
-        dtype=f"float{8 * size}",
-        threshold=settings.threshold,
-        tolerance=settings.within,
-        device=settings.device,
-        memory_limit=room_for_projections((len(H), wide[0], wide[1]), choice, size, memory=most),
-    ).denoised()
+    room = room_for_projections((len(H), *wide), choice, 8 if settings.double else 4, memory=most)
+    return optics.projector(matrices, used, None, choice.margin, memory=room, workers=None, device=settings.device)
+
+
+def forecast_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSettings) -> str:
+    """Return what it will cost to reconstruct a light field of ``shape``, as rich text."""
+    view = settings.view(H, shape)
+    shape = shape if view is None else view.shape
+    with ExitStack() as stack:
+        matrices = settings.optics(H.path).open(stack, quiet=True) if settings.other_regions else [H]
+        return forecast_words(projector_for(matrices, shape, settings, view), settings.choice_for(H, shape))
 
 
 def forecast_words(P: Any, choice: SolverChoice) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from contextlib import ExitStack
 from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
@@ -14,6 +15,7 @@ from lfcal.base import Work, format_seconds
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import Resampling, SolverProgress, SolverState, cropped, drift_note, drift_words, nrmse
 from lfcal.reconstruct.solvers import iter_solve
+from lfcal.tasks import cleaner
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings, projector_for
 
 __all__ = ["Placed", "Solving"]
@@ -58,19 +60,20 @@ class Solving:
         self._margin = 0
         self._view: Resampling | None = None
         self._said: tuple[str, ...] = ()
-        self._matrix: PSFMatrix | None = None
+        self._matrices: list[PSFMatrix] = []
+        self._open = ExitStack()
         self._stop = threading.Event()
 
     @property
     def window(self) -> tuple[slice, slice]:
         """Rows and columns of the light field, resampled where that is needed, that are used."""
-        seen = self.image if self._view is None else self._view
-        return self.settings.window((seen.shape[0], seen.shape[1]))
+        return self.settings.window(self._shape)
 
     @property
     def _shape(self) -> tuple[int, int]:
-        """Rows and columns of the light field as it is."""
-        return self.image.shape[0], self.image.shape[1]
+        """Rows and columns of the light field, resampled where that is needed."""
+        rows, columns = self.image.shape[:2] if self._view is None else self._view.shape
+        return rows, columns
 
     @property
     def pixels(self) -> int:
@@ -134,9 +137,8 @@ class Solving:
         settings = self.settings if iterations is None else self.settings.changed("iterations", iterations)
         choice = replace(settings.choice(), margin=self._margin)
         self.stopped, self.chi2 = "", float("nan")
-        image, weights = self.image, None
-        if self._view is not None:
-            image, weights = self._view.apply(self.image), self._view.inside(self._shape)
+        image = cleaner(settings.dark, settings.white, self._view)(self.image)
+        weights = None if self._view is None else self._view.inside((self.image.shape[0], self.image.shape[1]))
         running = iter_solve(self._projector, image[self.window], choice, weights=weights, resume=self.state)
         try:
             while True:
@@ -162,18 +164,18 @@ class Solving:
     def _prepare(self) -> Work[None]:
         if self._projector is not None:
             return
-        from lfcal.psf import open_psf, voxel_um
+        from lfcal.psf import voxel_um
 
-        if self._matrix is None:
-            self._matrix = open_psf(self.psf)
-        shape = self._shape
-        self._view, self._said = self.settings.view(self._matrix, shape), ()
+        if not self._matrices:
+            self._matrices = self.settings.optics(self.psf).open(self._open, quiet=True)
+        H, shape = self._matrices[0], (self.image.shape[0], self.image.shape[1])
+        self._view, self._said = self.settings.view(H, shape), ()
         if self._view is not None:
             self._said = (f"{drift_words(self._view, shape)}: the light field is resampled to it",)
-        elif note := drift_note(self._matrix.camera, self._matrix.period, shape):
+        elif note := drift_note(H.camera, H.period, shape):
             self._said = (f"warning: {note.partition(':')[0]}, and the volume shows ghosts",)
-        self._margin = self.settings.choice_for(self._matrix, shape).margin
-        projector = projector_for(self._matrix, shape, self.settings)
+        self._margin = self.settings.choice_for(H, self._shape).margin
+        projector = projector_for(self._matrices, self._shape, self.settings, self._view)
         if not self.settings.choice().solver.in_parts:
             for record in projector.iter_prepare():
                 yield record
@@ -181,7 +183,7 @@ class Solving:
                     return
         if projector.camera is not None:
             self.depths = projector.depths
-            self.voxel_um = voxel_um(self._matrix)
+            self.voxel_um = voxel_um(H)
         self._projector = projector
 
     def placed(self, settings: ReconstructSettings) -> Placed:
@@ -192,9 +194,8 @@ class Solving:
         InputError
             As `ReconstructSettings.grid`.
         """
-        assert self._matrix is not None
         asked = replace(self.settings, voxel=settings.voxel)
-        grid = asked.grid(self._matrix, self._shape)
+        grid = asked.grid(self._matrices[0], self._shape, self._view)
         if grid is None:
             return Placed(self.volume, self.voxel_um, self.details())
         details = {**self.details(), "voxel_um": grid.voxel_um, "origin_um": grid.origin_um}
@@ -216,6 +217,5 @@ class Solving:
 
     def close(self) -> None:
         """Close H; the volume stays."""
-        if self._matrix is not None:
-            self._matrix.close()
-            self._matrix, self._projector = None, None
+        self._open.close()
+        self._matrices, self._projector = [], None

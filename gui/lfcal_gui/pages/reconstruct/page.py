@@ -17,7 +17,7 @@ from lfcal_gui.jobs import WAITS, JobState, WindowJob
 from lfcal_gui.models import PageSpec, ProjectState, Shot
 from lfcal_gui.pages.reconstruct import takes
 from lfcal_gui.pages.reconstruct._volume_file import VolumeFile
-from lfcal_gui.pages.reconstruct.model import ReconstructSettings, forecast_words, projector_for
+from lfcal_gui.pages.reconstruct.model import ReconstructSettings, forecast_for
 from lfcal_gui.pages.reconstruct.model_device import device_reason
 from lfcal_gui.pages.reconstruct.model_light_field import Synthetic, light_field, make_light_field
 from lfcal_gui.pages.reconstruct.model_solving import Solving
@@ -275,7 +275,7 @@ class Page(BasePage):
         self.panel.show_forecast("forecasting …")
         self.context.jobs.compute(
             "reconstruct forecast",
-            lambda: forecast_words(projector_for(matrix, shape, settings), settings.choice_for(matrix, shape)),
+            lambda: forecast_for(matrix, shape, settings),
             self.panel.show_forecast,
             self.panel.show_forecast,
         )

@@ -125,24 +125,24 @@ def test_fields_that_matter() -> None:
 
 def test_a_region_moves_the_anchor_with_it(psf: str) -> None:
     with opened(psf) as H:
-        whole = projector_for(H, (24, 28), ReconstructSettings(margin=0))
-        part = projector_for(H, (24, 28), ReconstructSettings(region=(5, 6, 14, 15), margin=0))
+        whole = projector_for([H], (24, 28), ReconstructSettings(margin=0))
+        part = projector_for([H], (24, 28), ReconstructSettings(region=(5, 6, 14, 15), margin=0))
         volume = np.zeros(whole.volume_shape, np.float32)
         volume[1, 11, 13] = 1
         image = whole.forward(volume)
         np.testing.assert_allclose(part.forward(volume[:, 5:19, 6:21]), image[5:19, 6:21], atol=1e-6)
-        wrong = projector_for(H, (14, 15), ReconstructSettings(margin=0))
+        wrong = projector_for([H], (14, 15), ReconstructSettings(margin=0))
         assert np.abs(wrong.forward(volume[:, 5:19, 6:21]) - image[5:19, 6:21]).max() > 0.01
         with pytest.raises(InputError, match="region"):
-            projector_for(H, (20, 20), ReconstructSettings(region=(5, 6, 16, 15)))
+            projector_for([H], (20, 20), ReconstructSettings(region=(5, 6, 16, 15)))
         words = forecast_words(whole, SolverChoice(iterations=5))
         assert "28 × 24 × 2 voxels" in words and "5 iterations" in words
 
 
 def test_what_projections_may_miss_and_the_memory_of_the_run(psf: str) -> None:
     with opened(psf) as H:
-        P = projector_for(H, (24, 28), ReconstructSettings(within=0.01, method="direct"))
-        assert P.tolerance == 0.01 and projector_for(H, (24, 28), ReconstructSettings()).tolerance == 0
+        P = projector_for([H], (24, 28), ReconstructSettings(within=0.01, method="direct"))
+        assert P.tolerance == 0.01 and projector_for([H], (24, 28), ReconstructSettings()).tolerance == 0
         lean, accelerated = (run_memory(P, SolverChoice(name)) for name in ("rl", "rl-biggs"))
         assert accelerated.solver > 1.8 * lean.solver
         assert format_bytes(accelerated.solver) in forecast_words(P, SolverChoice("rl-biggs"))
@@ -155,7 +155,7 @@ def test_made_light_fields_follow_h(psf: str, tmp_path: Path, name: str) -> None
         made = make_light_field(H, name, path, shape=(24, 28))
         image = light_field(path)
         assert image.shape == (24, 28) and image.dtype == np.uint16
-        model = projector_for(H, (24, 28), ReconstructSettings(margin=0)).forward(made.truth)
+        model = projector_for([H], (24, 28), ReconstructSettings(margin=0)).forward(made.truth)
     sigma = (image - model) / np.sqrt(np.maximum(model, 1))
     assert np.abs(sigma).max() < 6, "photon noise alone is between them"
     assert model.max() == pytest.approx(2000, rel=1e-3)
