@@ -16,6 +16,13 @@ __all__ = ["Matrices"]
 class Matrices(QObject):
     """Nothing here waits for a file: what is not open yet is None, and `changed` says when that changes.
 
+    Parameters
+    ----------
+    jobs
+        Which open files.
+    order_of
+        Returns the order of the axes of H that the project states for a file; empty: none.
+
     Signals
     -------
     changed(path)
@@ -27,9 +34,10 @@ class Matrices(QObject):
     changed = Signal(str)
     failed = Signal(str)
 
-    def __init__(self, jobs: Jobs, parent: QObject | None = None) -> None:
+    def __init__(self, jobs: Jobs, order_of: Callable[[str], str], parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self._jobs = jobs
+        self._jobs, self._order_of = jobs, order_of
+        self._orders: dict[str, str] = {}
         self._open: dict[str, PSFMatrix] = {}
         self._problems: dict[str, str] = {}
 
@@ -78,8 +86,15 @@ class Matrices(QObject):
 
         self._problems.pop(path, None)
         self._jobs.drop(_group(path))
-        self._jobs.load(_group(path), lambda: _open_file(path), opened, failed, lambda matrix: matrix.close())
+        order = self._orders[path] = self._order_of(path)
+        self._jobs.load(_group(path), lambda: _open_file(path, order), opened, failed, lambda matrix: matrix.close())
         self.changed.emit(path)
+
+    def follow_orders(self) -> None:
+        """Open each file again for which the project states another order of axes than when it was opened."""
+        for path, order in list(self._orders.items()):
+            if order != self._order_of(path):
+                self.take(path)
 
     def cancel(self, path: str) -> None:
         """Wait no longer for a file."""
@@ -101,6 +116,7 @@ class Matrices(QObject):
         """Close a matrix, so that its file may be replaced or is read anew."""
         self._jobs.drop(_group(path))
         self._problems.pop(path, None)
+        self._orders.pop(path, None)
         matrix = self._open.pop(path, None)
         if matrix is not None:
             matrix.close()
@@ -117,7 +133,7 @@ def _group(path: str) -> str:
     return f"open {path}"
 
 
-def _open_file(path: str) -> PSFMatrix:
+def _open_file(path: str, order: str) -> PSFMatrix:
     from lfcal.psf import open_psf
 
-    return open_psf(path)
+    return open_psf(path, mat_order=order)

@@ -21,6 +21,7 @@ from lfcal_gui.models import (
     Project,
     ProjectState,
     Taken,
+    stated_order,
     step_of,
 )
 
@@ -69,12 +70,13 @@ class Context(QObject):
     def __init__(self, project: Project, jobs: Jobs, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self.project, self.jobs = project, jobs
-        self.matrices = Matrices(jobs, self)
+        self.matrices = Matrices(jobs, lambda path: stated_order(self.state, path), self)
         self.matrices.failed.connect(self.message.emit)
         self._closers: list[Callable[[], None]] = []
         self._fitted: FittedCamera | None = None
         self.history = History()
         jobs.finished.connect(self._remember)
+        project.listen(lambda old, new: self.matrices.follow_orders())
         project.listen(self.state_changed.emit)
         self.refused.connect(self.message.emit)
 

@@ -123,6 +123,7 @@ class _Reader:
         depths, anchor = self._depths(nz), self._anchor()
         provenance: dict[str, Any] = {"imported": self._file.path.name, **self._lens(base.shape)}
         provenance["mat_order"] = _WORDS[ROWS_FIRST if self._swapped else COLUMNS_FIRST][0]
+        provenance["mat_order_open"] = not self._order
         provenance["notes"] = self._notes
         if isinstance(stored, FilePlanes):  # read whole
             self._file.close()

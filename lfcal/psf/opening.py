@@ -36,6 +36,7 @@ __all__ = [
     "depth_sums_of",
     "facts_in",
     "mat_order_of",
+    "mat_orders_of",
     "open_psf",
     "opening_notes",
     "provenance_of",
@@ -139,6 +140,14 @@ def opening_notes(matrix: PSFMatrix) -> tuple[str, ...]:
 def mat_order_of(matrix: PSFMatrix) -> str:
     """Return ``mat_order`` by which another process opens the file of ``matrix`` alike; empty unless it is ``.mat``."""
     return str(matrix.provenance.get("mat_order", "")) if Path(matrix.path).suffix.lower() == ".mat" else ""
+
+
+def mat_orders_of(matrix: PSFMatrix) -> tuple[str, ...]:
+    """Return the order in which a ``.mat`` file was read, and the other one; none where the file states it."""
+    from lfcal.psf.mat_import import MAT_ORDERS
+
+    order = mat_order_of(matrix) if matrix.provenance.get("mat_order_open") else ""
+    return (order, *(other for other in MAT_ORDERS if other != order)) if order else ()
 
 
 def regions_of(path: str | os.PathLike[str]) -> tuple[str, ...]:

@@ -25,6 +25,7 @@ from lfcal_gui.models.kept_run import KeptRun, going_on, stamp_of_files
 from lfcal_gui.models.manual import ATLAS, manual_folder, section_of
 from lfcal_gui.models.measure import line_profile, region_numbers, sampled, value_histogram
 from lfcal_gui.models.mishaps import Mishap, Mishaps, safe_words
+from lfcal_gui.models.opening import OpeningSettings, stated_order
 from lfcal_gui.models.page import (
     ICON_SIDE,
     PAGES,
@@ -69,6 +70,7 @@ __all__ = [
     "Levels",
     "Mishap",
     "Mishaps",
+    "OpeningSettings",
     "Outline",
     "Overlay",
     "Project",
@@ -119,6 +121,7 @@ __all__ = [
     "shown_of",
     "stamp_of",
     "stamp_of_files",
+    "stated_order",
     "step_of",
     "text_in_form",
     "text_of",

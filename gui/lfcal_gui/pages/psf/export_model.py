@@ -177,7 +177,7 @@ class ExportSettings(PageSettings):
         return replace(intent, suffix=self.suffix, sixteen=self.sixteen, compress=self.compress)
 
 
-def export_task(psf: str, out: str, intent: ExportIntent) -> Task:
+def export_task(psf: str, out: str, intent: ExportIntent, mat_order: str = "") -> Task:
     """Return the task that exports the H of a file as it was asked for: of several regions the one that is shown."""
     from lfcal.psf import regions_of
     from lfcal.tasks import task_set
@@ -188,6 +188,7 @@ def export_task(psf: str, out: str, intent: ExportIntent) -> Task:
         "source": psf,
         "out": out,
         "region": shown if others else "",
+        "mat_order": mat_order,
         "transposed": intent.transposed and intent.suffix != ".mat",
         "no_ht": chosen.include_transpose is False,
         "rows_first": chosen.rows_first,
@@ -201,14 +202,14 @@ def export_task(psf: str, out: str, intent: ExportIntent) -> Task:
     return task_set("export").make({name: value for name, value in given.items() if value}, str)
 
 
-def iter_exported(psf: str, intent: ExportIntent, path: str) -> Work[Path]:
+def iter_exported(psf: str, intent: ExportIntent, path: str, mat_order: str = "") -> Work[Path]:
     """Write the H of a file as it was asked for; opened for itself, as the window may close its own meanwhile.
 
     Planes that are done stay where it is stopped; called again it continues from them.
     """
     from lfcal.tasks import RunSettings
 
-    yield from export_task(psf, path, intent).work(RunSettings(resume=True))
+    yield from export_task(psf, path, intent, mat_order).work(RunSettings(resume=True))
     return Path(path)
 
 

@@ -12,10 +12,10 @@ from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QFileDialog
 
 from lfcal.base import format_bytes
-from lfcal.psf import PSFMatrix, opening_notes
+from lfcal.psf import PSFMatrix, mat_orders_of, opening_notes
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
-from lfcal_gui.models import KeptRun, PageSpec, ProjectState
+from lfcal_gui.models import KeptRun, OpeningSettings, PageSpec, ProjectState, stated_order
 from lfcal_gui.pages.psf import takes
 from lfcal_gui.pages.psf._export_dialog import ExportDialog
 from lfcal_gui.pages.psf.export_model import ExportIntent, ExportSettings, iter_exported
@@ -54,7 +54,7 @@ class Page(BasePage):
         self.reference_plane: LoadedPlane | None = None
         self._asked = ""  # a file that is opened for the project
         self._export_intent = ExportSettings.of(context.state).on(ExportIntent())
-        self._held = False
+        self._held = self._offering = False
         self._levels: Mapping[str, tuple[float, float]] = {}
         self._summed: PSFMatrix | None = None
         self.tool_button("Open H …", OPEN, self.choose_file)
@@ -133,6 +133,32 @@ class Page(BasePage):
             self.set_intent()
         else:
             self.set_intent(z=len(matrix) // 2, y=matrix.period[0] // 2, x=matrix.period[1] // 2, pixel=None)
+            self._offer_order()
+
+    def _offer_order(self, *, again: bool = False) -> None:
+        """Offer the other order of axes where H was read by a guess; ``again``: or as the user stated it before."""
+        path = self.context.state.psf
+        orders = () if self.matrix is None else mat_orders_of(self.matrix)
+        if not orders or (not again and stated_order(self.context.state, path)):
+            if self._offering:
+                self._offering = False
+                self.notice.clear()
+            return
+        self._offering = True
+        taken, other = orders
+        words = f"The axes of H in {Path(path).name} are read {_plain(taken)}, which the file does not state."
+        self.notice.offer(
+            words,
+            f"Read {_plain(other)}",
+            lambda: self._state_order(path, other),
+            lambda: self._state_order(path, taken),
+            stay=f"Keep {_plain(taken)}",
+        )
+
+    def _state_order(self, path: str, order: str) -> None:
+        """Keep the order in which the axes of a .mat file are read; it is opened again where that is another one."""
+        settings = OpeningSettings.of(self.context.state).with_order(path, order)
+        self.context.project.update("order of axes", settings=settings.into(self.context.state))
 
     def _show_hint(self, matrix: PSFMatrix) -> None:
         """Say what H is, how it was read, and where its reference is of another camera than the described one."""
@@ -213,6 +239,8 @@ class Page(BasePage):
         def opened() -> None:
             self.notice.clear()
             self.context.project.update(label, **changes)
+            if role == "psf":
+                self._offer_order(again=True)
 
         self._asked = path
         self.notice.wait(f"Opening {Path(path).name} …", lambda: self.context.matrices.cancel(path))
@@ -244,11 +272,11 @@ class Page(BasePage):
 
     def _start_export(self, path: str, intent: ExportIntent) -> None:
         state = self.context.state
-        psf = state.psf
+        psf, order = state.psf, stated_order(state, state.psf)
         self.context.jobs.start(
             f"Export {Path(path).name}",
             "psf",
-            lambda: iter_exported(psf, intent, path),
+            lambda: iter_exported(psf, intent, path, order),
             lambda out: self.context.message.emit(f"exported {out}"),
             keeping=KeptRun(path),
             needs=(psf,),
@@ -350,6 +378,11 @@ class Page(BasePage):
     def _show_aperture(self, loaded: PlaneData, found: dict[str, Any]) -> None:
         if self.matrix is not None and loaded.plane is self.plane:  # else it is of a plane that was looked at before
             self.panel.show_aperture(found["fitted"], found["expected"], self.matrix.cutout)
+
+
+def _plain(order: str) -> str:
+    """Return an order of axes in words."""
+    return order.replace("-", " ")
 
 
 def _sum_of(matrix: PSFMatrix, z: int) -> dict[str, Any]:

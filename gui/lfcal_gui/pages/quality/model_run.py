@@ -46,6 +46,8 @@ class InspectionRequest:
         The camera as page Fit found it, None: another.
     folder
         Folder of the fit whose camera is taken; empty: none.
+    mat_order
+        As in `lfcal.psf.open_psf`.
     """
 
     stamp: Stamp
@@ -54,11 +56,12 @@ class InspectionRequest:
     session: str
     setup: Setup | None
     folder: str
+    mat_order: str = ""
 
     @property
     def choices(self) -> tuple[object, ...]:
         """All but the file."""
-        return self.seconds, self.patterns, self.session, self.setup, self.folder
+        return self.seconds, self.patterns, self.session, self.setup, self.folder, self.mat_order
 
     @property
     def name(self) -> str:
@@ -95,13 +98,15 @@ class InspectionRun:
     inspection: Inspection | None = None
 
 
-def asked_of(stamp: Stamp, settings: QualitySettings, fitted: FittedCamera | None) -> InspectionRequest:
+def asked_of(
+    stamp: Stamp, settings: QualitySettings, fitted: FittedCamera | None, mat_order: str = ""
+) -> InspectionRequest:
     """Return what is to be judged of a file; a fit of another file is not taken for its camera."""
     setup = None
     if settings.camera == "fitted" and fitted is not None and fitted.stamp == stamp:
         setup = fitted.setup
     folder = settings.fit if settings.camera == "saved" else ""
-    return InspectionRequest(stamp, settings.seconds, settings.patterns, settings.session, setup, folder)
+    return InspectionRequest(stamp, settings.seconds, settings.patterns, settings.session, setup, folder, mat_order)
 
 
 def iter_judge(asked: InspectionRequest, kept: InspectionRun) -> Work[None]:
@@ -111,7 +116,7 @@ def iter_judge(asked: InspectionRequest, kept: InspectionRun) -> Work[None]:
     from lfcal.psf import open_psf
     from lfcal.tasks import control_frames
 
-    with open_psf(asked.stamp[0]) as opened:
+    with open_psf(asked.stamp[0], mat_order=asked.mat_order) as opened:
         matrix = opened.T if opened.is_transposed else opened
         setup = _setup_of(asked, matrix)
         controls = control_frames(Path(asked.session), matrix) if asked.session else None
@@ -148,12 +153,12 @@ def judged(kept: InspectionRun, why_not: str) -> Inspection | None:
     return Inspection(kept.report, (), 0, 0.0, why_not, 0.0, unfinished=unfinished)
 
 
-def iter_write_report(psf: str, folder: str, inspection: Inspection | None) -> Work[Path]:
+def iter_write_report(psf: str, folder: str, inspection: Inspection | None, mat_order: str = "") -> Work[Path]:
     """Write the report of the H in a file; what was found is not measured again."""
     from lfcal.judge.report import iter_report
     from lfcal.psf import open_psf
 
-    with open_psf(psf) as matrix:
+    with open_psf(psf, mat_order=mat_order) as matrix:
         page = yield from iter_report(matrix, Path(folder), inspection=inspection)
         return page
 

@@ -11,7 +11,7 @@ from lfcal.base import InputError
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
-from lfcal_gui.models import PageSpec, ProjectState, Stamp, stamp_of, with_found
+from lfcal_gui.models import PageSpec, ProjectState, Stamp, stamp_of, stated_order, with_found
 from lfcal_gui.pages.quality._comparing import Comparing
 from lfcal_gui.pages.quality._showing import Showing
 from lfcal_gui.pages.quality._trending import Trending
@@ -103,7 +103,7 @@ class Page(BasePage):
             self.comparing.follow()
         if old.psf != new.psf:
             self._follow()
-        elif QualitySettings.of(old) != QualitySettings.of(new):
+        elif QualitySettings.of(old) != QualitySettings.of(new) or stated_order(old, old.psf) != self._order:
             self._show_state()
 
     def entered(self) -> None:
@@ -176,6 +176,11 @@ class Page(BasePage):
         self.notice.clear()
         self.context.attention.emit("quality", False)
 
+    @property
+    def _order(self) -> str:
+        """The order of the axes of H that the project states for its file."""
+        return stated_order(self.context.state, self.context.state.psf)
+
     # -- inspecting ------------------------------------------------------------------------------------
     def measure(self, *, force: bool = False) -> None:
         """Inspect H as a job, once per file; the job opens it for itself, as other pages read other planes."""
@@ -184,7 +189,7 @@ class Page(BasePage):
         if stamp_of(self.context.state.psf) != self._stamp:  # written anew meanwhile
             self._follow()
             return
-        asked = asked_of(self._stamp, self.settings, self.context.fitted)
+        asked = asked_of(self._stamp, self.settings, self.context.fitted, self._order)
         self._kept, self._asked = InspectionRun(), asked
         kept = self._kept
         self.hold_keyboard()
@@ -265,7 +270,7 @@ class Page(BasePage):
     def _summary(self, found: Inspection, asked: InspectionRequest) -> str:
         words = summary_of(found, asked.source)
         if self._stamp is not None:
-            now = asked_of(self._stamp, self.settings, self.context.fitted)
+            now = asked_of(self._stamp, self.settings, self.context.fitted, self._order)
             if now.choices != asked.choices:
                 words += " Choices changed since: press Inspect to use them."
         return words
@@ -292,11 +297,13 @@ class Page(BasePage):
         folder = folder or QFileDialog.getExistingDirectory(self, "Folder for the report")
         if not folder or not psf or (asked and not may_replace(self, report_files(folder))):
             return
-        found = self.inspection if stamp_of(psf) == self._stamp else None
+        order, asked_before = self._order, self._question
+        same = stamp_of(psf) == self._stamp and asked_before is not None and asked_before.mat_order == order
+        found = self.inspection if same else None
         self._report = self.context.jobs.start(
             "Report",
             "quality",
-            lambda: iter_write_report(psf, folder, found),
+            lambda: iter_write_report(psf, folder, found, order),
             lambda page: self.context.message.emit(f"report written: {page}"),
             lambda job: self.notice.refuse(job.error),
             abandon=True,

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from lfcal.tasks import Inspect
-from lfcal_gui.models import CommandStep, ProjectState, needed_file, options_of
+from lfcal_gui.models import CommandStep, ProjectState, needed_file, options_of, stated_order
 from lfcal_gui.pages.quality.model import QualitySettings
 
 __all__ = ["compared", "step"]
@@ -16,6 +16,7 @@ def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how H is inspected; a fit that is in no folder is not known to a command."""
     psf, chosen = needed_file(project.psf, "H", "PSF"), QualitySettings.of(project)
     given: dict[str, Any] = {"seconds": chosen.seconds, "session": chosen.session or None}
+    given["mat_order"] = stated_order(project, psf)
     if chosen.seconds:  # what else concerns the comparison with the camera alone
         given |= {"patterns": chosen.patterns, "fit": chosen.fit if chosen.camera == "saved" else None}
     return CommandStep.of(Inspect(source=Path(psf), report=Path(out or "report"), **given))

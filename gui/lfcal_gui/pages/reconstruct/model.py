@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from lfcal.base import InputError, format_bytes, format_seconds
-from lfcal.psf import PSFMatrix
+from lfcal.psf import PSFMatrix, mat_order_of
 from lfcal.reconstruct import (
     METHODS,
     SOLVERS,
@@ -313,9 +313,9 @@ class ReconstructSettings(PageSettings):
             memory=self.memory,
         )
 
-    def optics(self, psf: str) -> SharedOptics:
+    def optics(self, psf: str, mat_order: str = "") -> SharedOptics:
         """Return what opens and applies the H in a file."""
-        return SharedOptics(Path(psf), self.other_regions, "", self.light_field, self.projection)
+        return SharedOptics(Path(psf), self.other_regions, mat_order, self.light_field, self.projection)
 
     def choice_for(self, H: PSFMatrix, shape: tuple[int, int]) -> SolverChoice:
         """Return the solver for the used region of images of ``shape``, its margin found where none is said."""
@@ -379,7 +379,7 @@ class ReconstructSettings(PageSettings):
         return replace(self, **{key: value})
 
 
-def task_of(settings: ReconstructSettings, psf: str, frame: str, out: str) -> Reconstruct:
+def task_of(settings: ReconstructSettings, psf: str, frame: str, out: str, mat_order: str = "") -> Reconstruct:
     """Return how a light field in a file becomes a volume; the task knows no region of it."""
     margin = settings.margin if used_by(settings.solver, "margin") else 0
     side = settings.voxel if settings.voxel in ("", "auto") else _side(settings.voxel)
@@ -390,6 +390,7 @@ def task_of(settings: ReconstructSettings, psf: str, frame: str, out: str) -> Re
         out=Path(out),
         solver=settings.solver_fields(),
         regions=settings.other_regions,
+        mat_order=mat_order,
         light_field=settings.light_field,
         grid=VoxelGrid(
             voxel=side or None,
@@ -449,7 +450,7 @@ def forecast_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSett
     view = settings.view(H, shape)
     shape = shape if view is None else view.shape
     with ExitStack() as stack:
-        matrices = settings.optics(H.path).open(stack, quiet=True) if settings.other_regions else [H]
+        matrices = settings.optics(H.path, mat_order_of(H)).open(stack, quiet=True) if settings.other_regions else [H]
         return forecast_words(projector_for(matrices, shape, settings, view), settings.choice_for(H, shape))
 
 

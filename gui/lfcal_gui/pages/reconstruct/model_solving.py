@@ -44,12 +44,21 @@ class Solving:
         What to do.
     truth
         The volume ``(nz, rows, columns)`` behind the whole light field, where it was made from one.
+    mat_order
+        As in `lfcal.psf.open_psf`.
     """
 
     def __init__(
-        self, psf: str, image: NDArray[Any], settings: ReconstructSettings, truth: NDArray[np.float32] | None = None
+        self,
+        psf: str,
+        image: NDArray[Any],
+        settings: ReconstructSettings,
+        truth: NDArray[np.float32] | None = None,
+        *,
+        mat_order: str = "",
     ) -> None:
         self.psf, self.image, self.settings, self._truth = psf, image, settings, truth
+        self.mat_order = mat_order
         self.history: tuple[SolverProgress, ...] = ()
         self.state: SolverState | None = None
         self.notes: tuple[str, ...] = ()
@@ -120,10 +129,10 @@ class Solving:
         """Whether it was asked to end."""
         return self._stop.is_set()
 
-    def fits(self, psf: str, settings: ReconstructSettings) -> bool:
+    def fits(self, psf: str, settings: ReconstructSettings, mat_order: str = "") -> bool:
         """Return whether one can go on with ``settings``: all but iterations and the saved voxels is the same."""
         same = replace(settings, iterations=self.settings.iterations, voxel=self.settings.voxel)
-        return psf == self.psf and same == self.settings
+        return (psf, mat_order) == (self.psf, self.mat_order) and same == self.settings
 
     def work(self, iterations: int | None = None) -> Work[SolverState | None]:
         """Iterate, as many times as the settings say or so many; goes on where an earlier call stopped."""
@@ -167,7 +176,7 @@ class Solving:
         from lfcal.psf import voxel_um
 
         if not self._matrices:
-            self._matrices = self.settings.optics(self.psf).open(self._open, quiet=True)
+            self._matrices = self.settings.optics(self.psf, self.mat_order).open(self._open, quiet=True)
         H, shape = self._matrices[0], (self.image.shape[0], self.image.shape[1])
         self._view, self._said = self.settings.view(H, shape), ()
         if self._view is not None:

@@ -14,7 +14,7 @@ from lfcal.psf import empty_words
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
-from lfcal_gui.models import PageSpec, ProjectState, Shot
+from lfcal_gui.models import PageSpec, ProjectState, Shot, stated_order
 from lfcal_gui.pages.reconstruct import takes
 from lfcal_gui.pages.reconstruct._volume_file import VolumeFile
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings, forecast_for
@@ -146,7 +146,7 @@ class Page(BasePage):
         running, ready = self.spec.key in self.context.jobs.running_pages(), self.image is not None
         state, buttons = self.context.state, self.panel.buttons
         done = self.solving is not None and self.solving.state is not None
-        same = self.solving is not None and self.solving.fits(state.psf, self.settings)
+        same = self.solving is not None and self.solving.fits(state.psf, self.settings, stated_order(state, state.psf))
         same = same and self._opened == state.light_field
         buttons["start"].setEnabled(ready and not running)
         buttons["stop"].setEnabled(running)
@@ -298,7 +298,9 @@ class Page(BasePage):
         self.saved = None
         made = self.synthetic
         truth = made.truth if made is not None and made.path == self._opened else None
-        self.solving = Solving(self.context.state.psf, self.image, self.settings, truth)
+        state = self.context.state
+        order = stated_order(state, state.psf)
+        self.solving = Solving(state.psf, self.image, self.settings, truth, mat_order=order)
         self._shown_iteration = -1
         self._run()
 

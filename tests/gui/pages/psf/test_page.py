@@ -14,15 +14,17 @@ from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from lfcal.camera import preset
-from lfcal.psf import PSFMatrix, save
+from lfcal.psf import PSFMatrix, export, save
 from lfcal.psf.aperture import fit_aperture
 from lfcal.psf.aperture.shape import Aperture, blade_radius
 from lfcal_gui.context import Context
+from lfcal_gui.models import OpeningSettings, ProjectState
 from lfcal_gui.pages.psf._depth_strip import EXPECTED, FITTED, PlaneTile
 from lfcal_gui.widgets.plots import LINES
 from lfcal_gui.window import MainWindow
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle
+from tests.psf.test_mat_import import as_meant, save_v73
 
 
 def test_psf_controls_follow_the_intent_and_back(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
@@ -58,6 +60,57 @@ def test_psf_controls_follow_the_intent_and_back(window: MainWindow, qtbot: QtBo
     page.panel.profile.save_data(str(tmp_path / "q.csv"))
     np.testing.assert_allclose(np.loadtxt(tmp_path / "p.csv", delimiter=","), page.panel.main_view.values, rtol=1e-6)
     assert (tmp_path / "p.png").stat().st_size > 1000 and (tmp_path / "q.csv").read_text().startswith("#")
+
+
+def test_the_other_order_of_axes_is_offered_and_kept(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
+    """The window read a .mat file by a guess, and nothing in it could change that."""
+    values = np.random.default_rng(0).random((5, 5, 3, 3, 2))
+    path = str(tmp_path / "H.mat")
+    save_v73(tmp_path / "H.mat", H=values)
+    window.project.update("open", psf=path)
+    window.go("psf")
+    page: Any = window.page("psf")
+    idle(window.jobs, qtbot)
+    guessed = np.asarray(page.matrix)
+    assert page.notice.isVisible() and "read columns first" in page.notice.label.text()
+    assert (page.notice.button.text(), page.notice.leave.text()) == ("Read rows first", "Keep columns first")
+    page.notice.button.click()
+    idle(window.jobs, qtbot)
+    np.testing.assert_array_equal(np.asarray(page.matrix), as_meant(values))
+    assert np.abs(np.asarray(page.matrix) - guessed).max() > 0.1 and not page.notice.isVisible()
+    assert "rows first, as stated" in page.hint.text()
+    again = ProjectState.from_json(window.project.state.to_json())
+    window.files.start_with(ProjectState())
+    window.files.start_with(again)
+    idle(window.jobs, qtbot)
+    np.testing.assert_array_equal(np.asarray(page.matrix), as_meant(values))
+    assert not page.notice.isVisible(), "it is known"
+    page.open_file(path)
+    idle(window.jobs, qtbot)
+    assert page.notice.button.text() == "Read columns first", "who opens a file again may choose again"
+    page.notice.leave.click()
+    assert not page.notice.isVisible()
+    window.project.update("order", settings=OpeningSettings().with_order(path, "columns-first").into(again))
+    idle(window.jobs, qtbot)
+    np.testing.assert_array_equal(np.asarray(page.matrix), guessed)
+    window.project.undo()
+    idle(window.jobs, qtbot)
+    np.testing.assert_array_equal(np.asarray(page.matrix), as_meant(values))
+
+
+def test_the_order_of_axes_is_asked_for_no_longer_than_the_file_is_open(
+    window: MainWindow, qtbot: QtBot, tmp_path: Path
+) -> None:
+    save_v73(tmp_path / "H.mat", H=np.random.default_rng(0).random((5, 5, 3, 3, 2)))
+    export(PSFMatrix(np.ones((2, 3, 3, 5, 5), np.float32)), tmp_path / "said.mat")
+    window.go("psf")
+    page: Any = window.page("psf")
+    page.open_file(str(tmp_path / "H.mat"))
+    idle(window.jobs, qtbot)
+    assert page.notice.isVisible()
+    page.open_file(str(tmp_path / "said.mat"))
+    idle(window.jobs, qtbot)
+    assert page.matrix is not None and page.context.state.psf.endswith("said.mat") and not page.notice.isVisible()
 
 
 def test_a_damaged_h_says_so(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import pytest
 from lfcal.base.progress import drain
 from lfcal.psf import PSFMatrix, save
 from lfcal.records import rows, value_at
+from lfcal_gui.models.opening import OpeningSettings
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.psf.export_model import CHOICES, KINDS, ExportIntent, export_task, iter_exported
 from lfcal_gui.pages.psf.step import step
@@ -23,7 +24,7 @@ from tests.tasks.test_matrices import contents
 
 lfcal = conftest.lfcal
 BY_HAND = {"region", "mat_order"}
-"""Fields that no choice of the export sets: which region of the file, and how it was opened."""
+"""Fields that no choice of the export sets: which region of the file, and how it was opened; see `test_page`."""
 
 
 def with_everything() -> Iterator[ExportIntent]:
@@ -60,6 +61,14 @@ def test_the_window_sets_every_field_of_an_export() -> None:
         task = export_task("H.h5", f"out{intent.suffix}", intent)
         default = {row.name for row in rows(type(task)) if value_at(task, row) == row.default}
         assert default == BY_HAND, type(task).__name__
+
+
+def test_the_command_names_the_order_of_axes_that_was_stated() -> None:
+    project = ProjectState(psf="H.mat")
+    assert "--mat-order=rows-first" not in step(project).arguments
+    project = replace(project, settings=OpeningSettings().with_order("H.mat", "rows-first").into(project))
+    assert "--mat-order=rows-first" in step(project).arguments
+    assert "--mat-order=rows-first" not in step(replace(project, psf="other.mat")).arguments
 
 
 def test_a_script_imports_nothing_twice() -> None:

@@ -15,6 +15,7 @@ from lfcal.base.progress import drain
 from lfcal.psf import PSFMatrix, save
 from lfcal.records import rows
 from lfcal.tasks import Inspect
+from lfcal_gui.models.opening import OpeningSettings
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.models.stamp import stamp_of
 from lfcal_gui.pages.quality.model import FIELDS, HELD, QualitySettings
@@ -23,6 +24,7 @@ from lfcal_gui.pages.quality.step import step
 from tests.cli import conftest
 from tests.cli.test_inspect_units import alike
 from tests.judge.plain_report import undrawn
+from tests.psf.test_mat_import import save_v73
 from tests.tasks.routes import Lfcal
 from tests.tasks.test_inspect import measured
 
@@ -76,6 +78,26 @@ def test_the_window_reads_the_control_frames_of_a_session(tmp_path: Path, monkey
     with pytest.raises(InputError, match="session: expected control frames, got none"):
         drain(iter_judge(asked, InspectionRun()))
     assert asked.choices != asked_of(stamp, QualitySettings(), None).choices
+
+
+def test_a_mat_file_is_inspected_in_the_order_that_was_stated(
+    lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    undrawn(monkeypatch)
+    monkeypatch.chdir(tmp_path)
+    save_v73(tmp_path / "H.mat", H=np.random.default_rng(5).random((15, 15, 3, 3, 2)))
+    project = ProjectState(psf="H.mat", settings={"quality": QualitySettings(seconds=0.0).to_dict()})
+    project = replace(project, settings=OpeningSettings().with_order("H.mat", "rows-first").into(project))
+    stamp = stamp_of("H.mat")
+    assert stamp is not None
+    chosen, kept = QualitySettings.of(project), InspectionRun()
+    asked = asked_of(stamp, chosen, None, "rows-first")
+    assert asked.choices != asked_of(stamp, chosen, None).choices
+    drain(iter_judge(asked, kept))
+    drain(iter_write_report("H.mat", "by_window", kept.inspection, "rows-first"))
+    copied = step(project, "by_command").arguments
+    assert "--mat-order=rows-first" in copied and lfcal(*copied).code in (0, 1)
+    assert alike(measured(Path("by_command")), measured(Path("by_window")))
 
 
 def test_a_fit_is_named_where_there_is_time_for_the_comparison() -> None:

@@ -11,16 +11,17 @@ import numpy as np
 import pytest
 import tifffile
 
-from lfcal.base import drain
+from lfcal.base import InputError, drain
 from lfcal.psf import PSFMatrix, save
 from lfcal.records import rows
 from lfcal.tasks import Reconstruct, command_of, job_of
-from lfcal_gui.models import ProjectState
+from lfcal_gui.models import OpeningSettings, ProjectState
 from lfcal_gui.pages.reconstruct.model import FIELDS, ROWS, ReconstructSettings, task_of
 from lfcal_gui.pages.reconstruct.model_solving import Solving
 from lfcal_gui.pages.reconstruct.step import step
 from tests.cli import conftest
 from tests.cli.conftest import Run
+from tests.psf.test_mat_import import save_v73
 from tests.reconstruct.oracles import lenslet_psf
 
 Lfcal = Callable[..., Run]
@@ -73,19 +74,48 @@ def test_all_routes_give_the_same_volume(lfcal: Lfcal, frame: np.ndarray, case: 
 
 HELD = {
     *("psf", "frames", "out", "name", "iterations", "resample", "device", "method", "threshold", "within"),
-    *("margin", "voxel", "anchor"),
+    *("margin", "voxel", "anchor", "mat_order"),
 }
-"""Fields that the page shows by entries of its own."""
-
-NOT_HERE = {"mat_order"}
-"""Fields that the page does not have: it takes an H that is open."""
+"""Fields that the page shows by entries of its own, and the order that page PSF asks for."""
 
 
 def test_every_field_is_in_the_form_or_has_an_entry_of_its_own() -> None:
     shown = {one.key for one in FIELDS}
-    assert {row.name for row in rows(Reconstruct)} - HELD - NOT_HERE == shown & ROWS.keys() - HELD
+    assert {row.name for row in rows(Reconstruct)} - HELD == shown & ROWS.keys() - HELD
     for key in shown & ROWS.keys() - HELD:
         assert next(one for one in FIELDS if one.key == key).tip.startswith(ROWS[key].tip)
+
+
+def test_a_mat_file_is_read_in_the_order_that_was_stated(
+    lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    noise = np.random.default_rng(5)
+    save_v73(tmp_path / "H.mat", H=noise.random((5, 5, 3, 3, 2)))
+    image = noise.poisson(50.0, (20, 21)).astype(np.uint16)
+    tifffile.imwrite("frame.tif", image)
+    settings, volumes = ReconstructSettings("rl", 3, device="cpu"), []
+    for order in ("rows-first", "columns-first"):
+        solving = Solving("H.mat", image, settings, mat_order=order)
+        drain(solving.work())
+        volumes.append(solving.volume)
+        assert solving.fits("H.mat", settings, order) and not solving.fits("H.mat", settings)
+        solving.close()
+        project = ProjectState(psf="H.mat", light_field="frame.tif")
+        project = replace(project, settings=settings.into(project))
+        project = replace(project, settings=OpeningSettings().with_order("H.mat", order).into(project))
+        copied = step(project, f"{order}.npy").arguments
+        assert f"--mat-order={order}" in copied and lfcal(*copied).code == 0
+        np.testing.assert_array_equal(np.load(f"{order}.npy"), solving.volume)
+    assert np.abs(volumes[0] - volumes[1]).max() > 0.1
+
+
+def test_regions_are_used_as_the_light_field_is() -> None:
+    for given in ({"lattice": "lattice.json"}, {"as_is": True}):
+        with pytest.raises(InputError, match="expected H of one region"):
+            ReconstructSettings(regions="all", **given)
+    with pytest.raises(InputError, match="lattice: expected none where the light field is used as is"):
+        ReconstructSettings(lattice="lattice.json", as_is=True)
 
 
 def test_fields_that_the_solver_does_not_use_are_left_out_of_the_task() -> None:
