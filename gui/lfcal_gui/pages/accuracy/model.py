@@ -11,7 +11,7 @@ from typing import ClassVar
 
 from lfcal.accuracy import PLACES, Curve, Rung, Subject, cost_axis, format_cost, iter_measure_curve
 from lfcal.base import InputError, Work, format_share
-from lfcal_gui.models import Field, PageSettings, ProjectState, typeset
+from lfcal_gui.models import Field, PageSettings, ProjectState, stated_order, typeset
 
 __all__ = [
     "FIELDS",
@@ -124,7 +124,8 @@ def _subject(project: ProjectState, settings: AccuracySettings, stack: ExitStack
 
     if settings.subject == "psf":
         # opened anew: other pages read other planes of theirs
-        return Subject.of_matrix(stack.enter_context(open_psf(project.psf)), Path(project.psf).name)
+        matrix = open_psf(project.psf, mat_order=stated_order(project, project.psf))
+        return Subject.of_matrix(stack.enter_context(matrix), Path(project.psf).name)
     if project.plan is None:
         raise InputError.expected("accuracy", "a scan plan", "none", "make one on the Plan page")
     return Subject(project.plan.camera.name, project.plan)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal_gui.models import PLAN_FILE, CommandStep, ProjectState, needed_file, needed_plan, options_of
+from lfcal_gui.models import PLAN_FILE, CommandStep, ProjectState, needed_file, needed_plan, options_of, stated_order
 from lfcal_gui.pages.accuracy.model import AccuracySettings
 
 __all__ = ["step"]
@@ -13,8 +13,13 @@ def step(project: ProjectState, out: str = "") -> CommandStep:
     chosen = AccuracySettings.of(project)
     by_plan = chosen.subject == "plan"
     name = PLAN_FILE if by_plan else needed_file(project.psf, "H", "PSF")
-    pairs = (("--place", chosen.place), ("--seconds", f"{chosen.seconds:g}"), ("--error", f"{100 * chosen.error:g}%"))
-    opened = f"Subject.of_matrix(open_psf({name!r}), {name!r})"
+    order = "" if by_plan else stated_order(project, name)
+    stated = f", mat_order={order!r}" if order else ""
+    opened = f"Subject.of_matrix(open_psf({name!r}{stated}), {name!r})"
+    pairs = (
+        *(("--place", chosen.place), ("--seconds", f"{chosen.seconds:g}"), ("--error", f"{100 * chosen.error:g}%")),
+        ("--mat-order", order),
+    )
     if by_plan:
         opened = "Subject(plan.camera.name, plan)"
     python = f"""

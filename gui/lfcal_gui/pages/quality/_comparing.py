@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,7 @@ from PySide6.QtWidgets import QFileDialog
 from lfcal.base import LfcalError, format_plane
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
-from lfcal_gui.models import Taken, stamp_of
+from lfcal_gui.models import CommandStep, Taken, stamp_of, stated_order
 from lfcal_gui.pages.quality.compare_panel import NONE, ComparePanel
 from lfcal_gui.pages.quality.model import QualitySettings, capital
 from lfcal_gui.pages.quality.model_compare import (
@@ -76,7 +75,8 @@ class Comparing:
         state = self._context.state
         first, second = stamp_of(state.psf), stamp_of(state.reference)
         settings = QualitySettings.of(state)
-        return None if first is None or second is None else CompareRequest(first, second, settings.by_number)
+        orders = stated_order(state, state.psf), stated_order(state, state.reference)
+        return None if first is None or second is None else CompareRequest(first, second, settings.by_number, orders)
 
     def follow(self) -> None:
         """Show what belongs to the two H of now."""
@@ -199,7 +199,11 @@ class Comparing:
 
     def _taken(self, asked: CompareRequest, folder: str = "") -> Taken:
         """Return a comparison, with its report in ``folder`` if there is one, for the history."""
-        made = partial(compared, asked.first[0], asked.second[0], folder, by_number=asked.by_number)
+
+        def made() -> CommandStep:
+            files = asked.first[0], asked.second[0]
+            return compared(*files, folder, by_number=asked.by_number, mat_order=asked.mat_order)
+
         return self._context.taken("quality", f"Compare {' and '.join(asked.names)}", step=made)
 
     # -- showing ---------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,12 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Work
+from lfcal.base import InputError, Work
 from lfcal_gui.models import Stamp, levels_of
 from lfcal_gui.pages.quality.model import capital
 
 if TYPE_CHECKING:
     from lfcal.judge import Comparison, Pair
+    from lfcal.psf import PSFMatrix
 
 __all__ = [
     "COLUMNS",
@@ -59,11 +61,49 @@ WORST = 12
 
 @dataclass(frozen=True)
 class CompareRequest:
-    """Two files as they were when they were compared, and whether planes belong together by their numbers."""
+    """Two files as they were when they were compared.
+
+    Attributes
+    ----------
+    first, second
+        The files.
+    by_number
+        Whether planes belong together by their numbers.
+    mat_orders
+        Of each file ``mat_order`` as in `lfcal.psf.open_psf`.
+    """
 
     first: Stamp
     second: Stamp
     by_number: bool
+    mat_orders: tuple[str, str] = ("", "")
+
+    @property
+    def mat_order(self) -> str:
+        """The order that a command takes for both.
+
+        Raises
+        ------
+        InputError
+            If the orders of two .mat files differ.
+        """
+        files = zip((self.first[0], self.second[0]), self.mat_orders, strict=True)
+        orders = {order for path, order in files if path.lower().endswith(".mat")}
+        if len(orders) > 1:
+            raise InputError.expected(
+                "order of axes", "the same of both .mat files", "two", "state the same order of both on page PSF"
+            )
+        return next(iter(orders), "")
+
+    def open(self, stack: ExitStack) -> tuple[PSFMatrix, PSFMatrix]:
+        """Open both files, which ``stack`` closes."""
+        from lfcal.psf import open_psf
+
+        a, b = (
+            stack.enter_context(open_psf(stamp[0], mat_order=order))
+            for stamp, order in zip((self.first, self.second), self.mat_orders, strict=True)
+        )
+        return a, b
 
     @property
     def names(self) -> tuple[str, str]:
@@ -84,9 +124,9 @@ class KeptDifference:
 def iter_compare(asked: CompareRequest, kept: KeptDifference) -> Work[None]:
     """Compare two files; what is found is in ``kept``, as jobs are remembered long after they ended."""
     from lfcal.judge import iter_compare
-    from lfcal.psf import open_psf
 
-    with open_psf(asked.first[0]) as a, open_psf(asked.second[0]) as b:
+    with ExitStack() as stack:
+        a, b = asked.open(stack)
         kept.found = yield from iter_compare(a, b, by_number=asked.by_number)
 
 
@@ -94,9 +134,9 @@ def iter_compared(asked: CompareRequest, found: Comparison, folder: str) -> Work
     """Write what a comparison found, with pictures of both files, which are opened anew; return the page."""
     from lfcal.judge import pair
     from lfcal.judge.report import iter_compared_report
-    from lfcal.psf import open_psf
 
-    with open_psf(asked.first[0]) as a, open_psf(asked.second[0]) as b:
+    with ExitStack() as stack:
+        a, b = asked.open(stack)
         both = replace(found, pair=pair(a, b, by_number=asked.by_number))
         page = yield from iter_compared_report(both, folder)
         return page

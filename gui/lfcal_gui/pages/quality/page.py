@@ -99,7 +99,8 @@ class Page(BasePage):
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Let go of what belongs to another H."""
-        if (old.psf, old.reference) != (new.psf, new.reference):
+        orders = [[stated_order(state, path) for path in (new.psf, new.reference)] for state in (old, new)]
+        if (old.psf, old.reference) != (new.psf, new.reference) or orders[0] != orders[1]:
             self.comparing.follow()
         if old.psf != new.psf:
             self._follow()

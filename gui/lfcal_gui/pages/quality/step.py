@@ -22,9 +22,10 @@ def step(project: ProjectState, out: str = "") -> CommandStep:
     return CommandStep.of(Inspect(source=Path(psf), report=Path(out or "report"), **given))
 
 
-def compared(first: str, second: str, out: str = "", *, by_number: bool = False) -> CommandStep:
-    """Return how two H are held beside each other; ``out`` is the folder of a report, if one is written."""
-    pairs = (("--report", out), ("--by-number", by_number))
+def compared(first: str, second: str, out: str = "", *, by_number: bool = False, mat_order: str = "") -> CommandStep:
+    """Return how two H are compared; ``out`` is the folder of a report, if one is written."""
+    pairs = (("--report", out), ("--by-number", by_number), ("--mat-order", mat_order))
+    a, b = (_opened(path, mat_order) for path in (first, second))
     report = f"    drain(iter_compared_report(found, {out!r}))\n" if out else ""
     python = f"""
 from lfcal.base.progress import drain
@@ -32,8 +33,13 @@ from lfcal.psf import open_psf
 from lfcal.judge import compare
 from lfcal.judge.report.two import iter_compared_report, verdict
 
-with open_psf({first!r}) as a, open_psf({second!r}) as b:
+with {a} as a, {b} as b:
     found = compare(a, b, by_number={by_number!r})
     print(verdict(found))
 {report}"""
     return CommandStep(("compare", first, second, *options_of(pairs)), python)
+
+
+def _opened(path: str, mat_order: str) -> str:
+    order = f", mat_order={mat_order!r}" if mat_order and path.lower().endswith(".mat") else ""
+    return f"open_psf({path!r}{order})"

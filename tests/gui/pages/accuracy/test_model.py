@@ -13,6 +13,7 @@ from lfcal.accuracy import PLACES, Curve, Rung, Subject, measure_curve
 from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
 from lfcal.psf import PSFMatrix, save
+from lfcal_gui.models.opening import OpeningSettings
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.accuracy.model import (
     AccuracySettings,
@@ -25,6 +26,7 @@ from lfcal_gui.pages.accuracy.model import (
     words_of,
 )
 from lfcal_gui.pages.accuracy.model_use import NO_USE, use_of
+from lfcal_gui.pages.accuracy.step import step
 from lfcal_gui.pages.frames.model import FrameSettings
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.pages.psf.export_model import ExportIntent, ExportSettings
@@ -176,3 +178,11 @@ def test_every_place_can_be_used_or_says_why_not() -> None:
         found = measure_curve(PLACES.get(name), Subject("small", PLAN, workers=1), 1.0)
         use = use_of(state, found, found.rungs[0])
         assert (use.changes is None) == (name == "storage" and found.rungs[0].settings["dtype"] == "uint8"), use.words
+
+
+def test_the_command_names_the_order_of_axes_that_was_stated() -> None:
+    project = ProjectState(psf="H.mat", settings={"accuracy": AccuracySettings(subject="psf").to_dict()})
+    assert "mat" not in " ".join(step(project).arguments[2:])
+    project = replace(project, settings=OpeningSettings().with_order("H.mat", "rows-first").into(project))
+    made = step(project)
+    assert "--mat-order=rows-first" in made.arguments and "open_psf('H.mat', mat_order='rows-first')" in made.python

@@ -19,8 +19,9 @@ from lfcal_gui.models.opening import OpeningSettings
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.models.stamp import stamp_of
 from lfcal_gui.pages.quality.model import FIELDS, HELD, QualitySettings
+from lfcal_gui.pages.quality.model_compare import CompareRequest
 from lfcal_gui.pages.quality.model_run import InspectionRun, asked_of, iter_judge, iter_write_report
-from lfcal_gui.pages.quality.step import step
+from lfcal_gui.pages.quality.step import compared, step
 from tests.cli import conftest
 from tests.cli.test_inspect_units import alike
 from tests.judge.plain_report import undrawn
@@ -98,6 +99,16 @@ def test_a_mat_file_is_inspected_in_the_order_that_was_stated(
     copied = step(project, "by_command").arguments
     assert "--mat-order=rows-first" in copied and lfcal(*copied).code in (0, 1)
     assert alike(measured(Path("by_command")), measured(Path("by_window")))
+
+
+def test_a_comparison_names_the_order_that_holds_for_both() -> None:
+    first, second, h = ("a.mat", 0, 0), ("b.mat", 0, 0), ("H.h5", 0, 0)
+    one = CompareRequest(first, h, False, ("rows-first", ""))
+    copied = compared("a.mat", "H.h5", mat_order=one.mat_order)
+    assert copied.arguments == ("compare", "a.mat", "H.h5", "--mat-order=rows-first")
+    assert "open_psf('a.mat', mat_order='rows-first') as a, open_psf('H.h5') as b" in copied.python
+    with pytest.raises(InputError, match=r"expected the same of both \.mat files"):
+        _ = CompareRequest(first, second, False, ("rows-first", "")).mat_order
 
 
 def test_a_fit_is_named_where_there_is_time_for_the_comparison() -> None:
