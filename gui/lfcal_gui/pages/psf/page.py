@@ -157,6 +157,7 @@ class Page(BasePage):
 
     def _state_order(self, path: str, order: str) -> None:
         """Keep the order in which the axes of a .mat file are read; it is opened again where that is another one."""
+        self._offering = False
         settings = OpeningSettings.of(self.context.state).with_order(path, order)
         self.context.project.update("order of axes", settings=settings.into(self.context.state))
 

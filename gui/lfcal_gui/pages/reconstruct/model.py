@@ -254,9 +254,8 @@ class ReconstructSettings(PageSettings):
             raise InputError.expected("anchor", "row, column in pixels", self.anchor, "for example 12, 7")
         if self.lattice and self.as_is:
             raise InputError.expected("lattice", "none where the light field is used as is", self.lattice, "clear one")
-        if self.other_regions and (self.lattice or self.as_is):
-            given = "lattice" if self.lattice else "as is"
-            raise InputError.expected(given, "H of one region", self.regions, "clear one of them")
+        if self.lattice and self.other_regions:
+            raise InputError.expected("lattice", "H of one region", self.regions, "clear one of them")
 
     @classmethod
     def from_dict(cls, data: object) -> Self:

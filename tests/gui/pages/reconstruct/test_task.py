@@ -110,10 +110,10 @@ def test_a_mat_file_is_read_in_the_order_that_was_stated(
     assert np.abs(volumes[0] - volumes[1]).max() > 0.1
 
 
-def test_regions_are_used_as_the_light_field_is() -> None:
-    for given in ({"lattice": "lattice.json"}, {"as_is": True}):
-        with pytest.raises(InputError, match="expected H of one region"):
-            ReconstructSettings(regions="all", **given)
+def test_a_lattice_resamples_h_of_one_region() -> None:
+    assert ReconstructSettings(regions="all", as_is=True).other_regions == ("all",)
+    with pytest.raises(InputError, match="lattice: expected H of one region"):
+        ReconstructSettings(regions="all", lattice="lattice.json")
     with pytest.raises(InputError, match="lattice: expected none where the light field is used as is"):
         ReconstructSettings(lattice="lattice.json", as_is=True)
 
