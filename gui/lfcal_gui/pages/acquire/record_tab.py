@@ -23,6 +23,7 @@ from lfcal_gui.pages.acquire._target_choice import TargetChoice
 from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.pages.acquire.model_earlier import EarlierFrames
 from lfcal_gui.pages.acquire.model_recorder import FolderState, Recorder, RecordPicture, folder_state
+from lfcal_gui.pages.acquire.model_station import Station
 from lfcal_gui.pages.acquire.model_target import picture_of, places_px
 from lfcal_gui.pages.acquire.model_until import check_goal, error_curve
 from lfcal_gui.pages.acquire.record_panel import RecordPanel
@@ -234,27 +235,12 @@ class RecordTab(QObject):
             return
         self.folder = now
         try:
-            if now.problem:  # what is damaged is not recorded over
-                raise StorageError(now.problem)
-            begun, again = now.there is not None, state.redo if redo else ()
-            listed = str(folder / REDO_FILE) if again else ""
-            plan_file = str(folder / "session.json")  # the plan of the project has no file
-            origin = state.plan.stage.origin_um
-            task = AcquireSettings.of(state).task(plan_file, str(folder), begun=begun, redo=listed, origin=origin)
-            options = task.options(folder if begun else None)
-            plan = self.target.to_record(state.plan, now)
-            resume = begun and not redo
-            if not resume:
-                check_fixed(station.devices, options)
-            known = now.known([Position(*p) for p in again])
-            recorder = Recorder(task, plan, options, resume=resume, redo=again, known=known)
-            if recorder.goal is not None:
-                check_goal(state.plan, options, now)
+            recorder = self._recorder(now, station, redo=redo)
         except LfcalError as error:
             self._refuse(said_in_window(str(error)))
             return
         self.recorder = recorder
-        recorded = partial(step, state, str(folder), resume=resume, redo=again)
+        recorded = partial(step, state, str(folder), resume=recorder.resume, redo=state.redo if redo else ())
         self.context.attention.emit("acquire", False)
         self._set_job(
             self.context.jobs.start(
@@ -270,6 +256,28 @@ class RecordTab(QObject):
         self._under_way = next((job for job in self.context.jobs.jobs() if job.number == self._job), None)
         self._show_progress()
         self.poll_timer.start()
+
+    def _recorder(self, now: FolderState, station: Station, *, redo: bool) -> Recorder:
+        """Return what records into the folder; raises `LfcalError` where that is refused."""
+        state, folder = self.context.state, Path(self.context.state.recording)
+        assert state.plan is not None
+        if now.problem:  # what is damaged is not recorded over
+            raise StorageError(now.problem)
+        begun, again = now.there is not None, state.redo if redo else ()
+        listed = str(folder / REDO_FILE) if again else ""
+        plan_file = str(folder / "session.json")  # the plan of the project has no file
+        origin = state.plan.stage.origin_um
+        task = AcquireSettings.of(state).task(plan_file, str(folder), begun=begun, redo=listed, origin=origin)
+        options = task.options(folder if begun else None)
+        plan = self.target.to_record(state.plan, now)
+        resume = begun and not redo
+        if not resume:
+            check_fixed(station.devices, options)
+        known = now.known([Position(*p) for p in again])
+        made = Recorder(task, plan, options, resume=resume, redo=again, known=known)
+        if made.goal is not None:
+            check_goal(state.plan, options, now)
+        return made
 
     def _set_job(self, number: int) -> None:
         """Take the devices for a job, or give them back (0)."""
