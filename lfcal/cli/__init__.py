@@ -1,4 +1,4 @@
-"""The command line: one module per command, each with ``register(app)``."""
+"""The command line: one module per command, found by its name."""
 
 from __future__ import annotations
 

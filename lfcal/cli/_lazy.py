@@ -16,7 +16,18 @@ from typing import Any
 import typer.core
 import typer.main
 
-__all__ = ["CommandWithParts", "LazyCommands", "LazyGroup", "Listed", "command_with_parts", "listed_commands"]
+__all__ = [
+    "CommandWithParts",
+    "LazyCommands",
+    "LazyGroup",
+    "Listed",
+    "add_command",
+    "command_with_parts",
+    "listed_commands",
+]
+
+MARKS = ("register", "command", "show")
+"""Functions that make a module a command, as of `add_command`."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +42,9 @@ class Listed:
 def listed_commands(package: str, order: tuple[str, ...] = ()) -> tuple[Listed, ...]:
     """Return the commands of a package, in ``order`` and then by name, without importing their modules.
 
-    A public module that defines ``register`` has the command of the same name, with a hyphen for an underscore; modules
-    ``camera_*`` are parts of ``camera``, which registers them. The summary is the first paragraph of the function
-    ``command``, or, for a group, what the first line of the module says behind the colon.
+    A public module that defines one of `MARKS` has the command of the same name, with a hyphen for an underscore;
+    modules ``camera_*`` are parts of ``camera``, which registers them. The summary is the first paragraph of the
+    function ``command``; without one it is what the first line of the module says behind the colon.
     """
     names = [name for name in _modules(package) if not name.startswith("_")]
     called = {name: name.replace("_", "-") for name in names if not {name.partition("_")[0]} & {*names} - {name}}
@@ -42,13 +53,16 @@ def listed_commands(package: str, order: tuple[str, ...] = ()) -> tuple[Listed, 
     return _listed(package, {name: called[name] for name in sorted(called, key=lambda n: ranks.get(called[n], 99))})
 
 
-def command_with_parts(package: str, name: str) -> type[CommandWithParts]:
-    """Return the class of a command ``name`` whose modules ``name_*`` register further commands behind its name.
+def command_with_parts(package: str, name: str) -> type[CommandWithParts] | None:
+    """Return the class of a command ``name`` whose modules ``name_*`` have further commands behind its name.
 
-    ``lfcal fit SOURCE`` is a command, and so is ``lfcal fit check``, which is loaded when it is called.
+    ``lfcal fit SOURCE`` is a command, and so is ``lfcal fit check``, which is loaded when it is called. None: there are
+    no such modules.
     """
     modules = [module for module in _modules(package) if module.startswith(f"{name}_")]
     called = {module: module.removeprefix(f"{name}_").replace("_", "-") for module in modules}
+    if not called:
+        return None
     return type(CommandWithParts.__name__, (CommandWithParts,), {"parts": LazyCommands(_listed(package, called))})
 
 
@@ -62,7 +76,7 @@ def _listed(package: str, called: dict[str, str]) -> tuple[Listed, ...]:
     return tuple(
         Listed(called[name], f"{package}.{name}", _summary(code))
         for name, code in found
-        if code is not None and "register" in code.co_names
+        if code is not None and not set(MARKS).isdisjoint(code.co_names)
     )
 
 
@@ -105,9 +119,27 @@ def _load(listed: Listed) -> Any:
     app = typer.Typer(add_completion=False, rich_markup_mode="markdown")
     # with a callback it stays a group, whose command has its own name
     app.callback()(lambda: None)
-    importlib.import_module(listed.module).register(app)
+    add_command(app, listed.module, listed.name)
     group: Any = typer.main.get_command(app)
     return group.commands[listed.name]
+
+
+def add_command(app: typer.Typer, module: str, name: str) -> None:
+    """Add the command of a module, called ``name``, to the app.
+
+    Its function ``register`` adds it; or ``command`` does the work; or ``show`` prints what was made by the task that
+    has the module's name, with a blank for an underscore.
+    """
+    found: Any = importlib.import_module(module)
+    if hasattr(found, "register"):
+        found.register(app)
+    elif hasattr(found, "command"):
+        app.command(name)(found.command)
+    else:
+        from lfcal.cli._task_command import add_task
+        from lfcal.tasks import task_set
+
+        add_task(app, task_set(module.rpartition(".")[2].replace("_", " ")), found.show)
 
 
 class CommandWithParts(typer.core.TyperCommand):

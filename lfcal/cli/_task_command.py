@@ -23,13 +23,10 @@ Show = Callable[[Any], object]
 RUN = "How it is run"
 
 
-def add_task(app: typer.Typer, tasks: TaskSet, show: Show, *, parts: bool = False) -> None:
-    """Add the command of a task to the app; ``show`` prints what was made.
-
-    ``parts`` says whether the first word after the command may name another one, as in ``lfcal fit check``.
-    """
+def add_task(app: typer.Typer, tasks: TaskSet, show: Show) -> None:
+    """Add the command of a task to the app; ``show`` prints what was made."""
     name = tasks.name.split()[-1]
-    cls = command_with_parts("lfcal.cli", name) if parts else None
+    cls = command_with_parts("lfcal.cli", name)
     # of a field of several kinds the first one has the words
     own = {row.name: row for kind in reversed(tasks.kinds) for row in rows(kind)}
     run = {row.name: row for row in rows(RunSettings) if any(kind.takes(row.name) for kind in tasks.kinds)}

@@ -28,15 +28,9 @@ if TYPE_CHECKING:
     from lfcal.accuracy import Curve, Place, Subject
     from lfcal.base import Work
 
-__all__ = ["register"]
 
 MATRICES = (".h5", ".hdf5", ".mat", ".npy", ".lfc")
 """Suffixes of H; everything else is a camera or a plan."""
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``accuracy`` to the app."""
-    app.command("accuracy")(command)
 
 
 def command(

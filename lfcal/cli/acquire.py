@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli._task_command import add_task
-from lfcal.tasks import WITHOUT_READOUT, PlannedSession, task_set
+from lfcal.tasks import WITHOUT_READOUT, PlannedSession
 
 if TYPE_CHECKING:
     from lfcal.campaign import Adapted
@@ -16,11 +15,6 @@ if TYPE_CHECKING:
 
 SHOWN = 10
 """Suspect positions that are printed."""
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``acquire`` to the app."""
-    add_task(app, task_set("acquire"), show)
 
 
 def show(made: tuple[RecordedSession | PlannedSession]) -> None:

@@ -6,19 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli._task_command import add_task
-from lfcal.tasks import task_set
-
 if TYPE_CHECKING:
     from lfcal.tasks import Assembled
 
 LISTED = 20
 """Damaged frames that are listed; all of them are in the JSON output and in the file's provenance."""
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``assemble`` to the app."""
-    add_task(app, task_set("assemble"), show)
 
 
 def show(made: tuple[Assembled, ...]) -> None:

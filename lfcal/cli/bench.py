@@ -8,14 +8,7 @@ from lfcal.base import InputError
 from lfcal.cli._console import print_json
 from lfcal.cli._options import JsonOption
 
-__all__ = ["register"]
-
 WHERE = "run `python -m benchmarks` in the folder of lfcal's source, where uv or pip has installed it"
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``bench`` to the command line."""
-    app.command("bench")(command)
 
 
 def command(name: str = typer.Argument("", help="Benchmark that is looked for."), json: JsonOption = False) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import pkgutil
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import lfcal.cli
 from lfcal.base import replace_whole
 from lfcal.camera import Camera, derived_of, doubts, quantities_of, value_at
 from lfcal.cli._console import print_json, print_table, report
+from lfcal.cli._lazy import add_command
 from lfcal.tasks import assumed_in_words, check_output
 
 __all__ = ["as_json", "print_camera", "register", "save_camera", "write_camera"]
@@ -25,11 +25,9 @@ def register(app: typer.Typer) -> None:
         epilog="Example: `lfcal camera show r29_calibration.xml`",
         no_args_is_help=True,
     )
-    names = sorted(m.name for m in pkgutil.iter_modules(lfcal.cli.__path__) if m.name.startswith("camera_"))
-    for name in names:
-        module = importlib.import_module(f"lfcal.cli.{name}")
-        if hasattr(module, "register"):
-            module.register(camera_app)
+    for name in sorted(module.name for module in pkgutil.iter_modules(lfcal.cli.__path__)):
+        if name.startswith("camera_"):
+            add_command(camera_app, f"lfcal.cli.{name}", name.removeprefix("camera_"))
     app.add_typer(camera_app, name="camera")
 
 

@@ -18,13 +18,6 @@ if TYPE_CHECKING:
     from lfcal.frames import TurnedWhite
     from lfcal.lattice import CameraCheck
 
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``check`` to the commands of ``camera``."""
-    app.command("check")(command)
-
 
 def command(
     context: typer.Context,

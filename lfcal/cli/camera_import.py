@@ -25,13 +25,6 @@ from lfcal.cli._options import ForceOption, JsonOption
 from lfcal.cli._usage import refuse
 from lfcal.tasks import check_output, load_file
 
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``import`` to the commands of ``camera``."""
-    app.command("import")(command)
-
 
 def command(
     context: typer.Context,

@@ -29,8 +29,6 @@ from lfcal.cli._console import report
 from lfcal.cli._options import ForceOption, JsonOption
 from lfcal.tasks import check_output
 
-__all__ = ["register"]
-
 KINDS: dict[str, tuple[str, dict[str, Any]]] = {
     "multifocus": ("MainLens", {"lattice.kind": "hexagonal", "lattice.focus": (2.0, 3.0, 5.0)}),
     "focused": ("MainLens", {"lattice.kind": "hexagonal", "lattice.focus": (3.0,)}),
@@ -40,11 +38,6 @@ KINDS: dict[str, tuple[str, dict[str, Any]]] = {
 
 UNASKED = ("lattice.row_pitch_um", "lattice.rotation_rad", "lattice.offset_um", "lattice.type_step", "lattice.clear_um")
 """What a white image tells better than anybody can."""
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``new`` to the commands of ``camera``."""
-    app.command("new")(command)
 
 
 def command(

@@ -16,14 +16,8 @@ if TYPE_CHECKING:
     from lfcal.camera import Camera
     from lfcal.frames.photon_transfer import SensorMeasurement
 
-__all__ = ["register"]
 
 PICTURES = (".png", ".pdf", ".svg")
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``sensor`` to the commands of ``camera``."""
-    app.command("sensor")(command)
 
 
 def command(

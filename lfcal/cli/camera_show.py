@@ -2,18 +2,9 @@
 
 from __future__ import annotations
 
-import typer
-
 from lfcal.cli._console import print_json
 from lfcal.cli._options import CameraArgument, JsonOption
 from lfcal.tasks import load_camera
-
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``show`` to the commands of ``camera``."""
-    app.command("show")(command)
 
 
 def command(camera: CameraArgument, *, json: JsonOption = False) -> None:

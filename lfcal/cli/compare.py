@@ -11,13 +11,6 @@ import typer
 from lfcal.base import InputError
 from lfcal.cli._options import ForceOption, JsonOption, MatOrderOption, MatrixArgument, WorkersOption
 
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``compare`` to the app."""
-    app.command("compare")(command)
-
 
 def command(
     first: MatrixArgument,

@@ -23,11 +23,6 @@ FILES = ("H.h5", "H_and_HT.png", "depth_sums.png", "truth.h5", "recorded_H.h5", 
 REPORT = "report"
 
 
-def register(app: typer.Typer) -> None:
-    """Add ``demo`` to the app."""
-    app.command("demo")(command)
-
-
 @dataclass
 class _Steps:
     """What was made, and how long each step took."""

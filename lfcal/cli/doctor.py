@@ -25,11 +25,6 @@ LIBRARIES = (
 )
 
 
-def register(app: typer.Typer) -> None:
-    """Add ``doctor`` to the app."""
-    app.command("doctor")(command)
-
-
 def command(
     *,
     gui: bool = typer.Option(

@@ -7,19 +7,9 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.cli._task_command import add_task
-from lfcal.tasks import task_set
-
 if TYPE_CHECKING:
     from lfcal.fit import FieldFit, Fit
     from lfcal.tasks import FitOutcome
-
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``fit``, and the commands of the modules ``fit_*`` behind its name, to the app."""
-    add_task(app, task_set("fit"), show, parts=True)
 
 
 def show(made: tuple[FitOutcome, ...]) -> None:

@@ -4,20 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import typer
-
-from lfcal.cli._task_command import add_task
-from lfcal.tasks import task_set
-
 if TYPE_CHECKING:
     from lfcal.tasks import CheckedMatrix
-
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``check`` to the app."""
-    add_task(app, task_set("fit check"), show)
 
 
 def show(made: tuple[CheckedMatrix, ...]) -> None:

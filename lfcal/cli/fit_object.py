@@ -6,18 +6,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.cli._task_command import add_task
-from lfcal.tasks import task_set
-
 if TYPE_CHECKING:
     from lfcal.tasks import PredictedObject
-
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``object`` to the app."""
-    add_task(app, task_set("fit object"), show)
 
 
 def show(made: tuple[PredictedObject, ...]) -> None:

@@ -6,22 +6,13 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.cli._task_command import add_task
-from lfcal.tasks import task_set
-
 if TYPE_CHECKING:
     from lfcal.fit import Validation
     from lfcal.tasks import Validated
 
-__all__ = ["register"]
 
 LISTED = 8
 """Points with the largest errors that are listed; validation.json has all."""
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``validate`` to the app."""
-    add_task(app, task_set("fit validate"), show)
 
 
 def show(made: tuple[Validated, ...]) -> None:

@@ -7,19 +7,11 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.cli._task_command import add_task
-from lfcal.tasks import task_set
-
 if TYPE_CHECKING:
     from lfcal.judge import Inspection, RegionLoss
     from lfcal.judge.quality import QualityReport
     from lfcal.psf import PSFMatrix
     from lfcal.tasks import InspectedMatrix
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``inspect`` to the app."""
-    add_task(app, task_set("inspect"), show)
 
 
 def show(made: tuple[InspectedMatrix, ...]) -> None:

@@ -48,11 +48,6 @@ REFRESHED = (("update-desktop-database", "applications"), ("update-mime-database
 """Programs that notify a running desktop of changes, and the folder of each; without them it looks itself."""
 
 
-def register(app: typer.Typer) -> None:
-    """Add ``install-desktop`` to the app."""
-    app.command("install-desktop")(command)
-
-
 def command(
     *,
     uninstall: bool = typer.Option(False, "--uninstall", help="Take it out of the menu again."),

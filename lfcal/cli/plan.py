@@ -7,16 +7,10 @@ from typing import TYPE_CHECKING
 import typer
 
 from lfcal.base import format_bytes, format_length, format_seconds
-from lfcal.cli._task_command import add_task
-from lfcal.tasks import WITHOUT_READOUT, Planned, task_set
+from lfcal.tasks import WITHOUT_READOUT, Planned
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``plan`` to the app."""
-    add_task(app, task_set("plan"), show, parts=True)
 
 
 def show(made: tuple[Planned]) -> None:

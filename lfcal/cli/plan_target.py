@@ -7,16 +7,9 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from lfcal.base import format_length, format_seconds, format_share
-from lfcal.cli._task_command import add_task
-from lfcal.tasks import task_set
 
 if TYPE_CHECKING:
     from lfcal.tasks import TargetPlanned
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``plan target`` to the app."""
-    add_task(app, task_set("plan target"), show)
 
 
 def show(made: tuple[TargetPlanned]) -> None:

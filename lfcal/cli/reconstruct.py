@@ -6,16 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli._task_command import add_task
-from lfcal.tasks import task_set
-
 if TYPE_CHECKING:
     from lfcal.tasks import Reconstructed, ReconstructionForecast
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``reconstruct`` to the app."""
-    add_task(app, task_set("reconstruct"), show)
 
 
 def show(made: tuple[Reconstructed | ReconstructionForecast, ...]) -> None:

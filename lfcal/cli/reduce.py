@@ -6,16 +6,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.cli._task_command import add_task
-from lfcal.tasks import task_set
-
 if TYPE_CHECKING:
     from lfcal.tasks import ReducedFile
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``reduce`` to the app."""
-    add_task(app, task_set("reduce"), show)
 
 
 def show(made: tuple[ReducedFile, ...]) -> None:

@@ -12,11 +12,6 @@ from lfcal.base import InputError
 from lfcal.cli._options import ForceOption, JsonOption, ResumeOption, WorkersOption
 
 
-def register(app: typer.Typer) -> None:
-    """Add ``run`` to the app."""
-    app.command("run")(command)
-
-
 def command(
     job: Path = typer.Argument(help="Job file (.toml, .json), or an H or volume file (.h5), which is made again."),
     *,

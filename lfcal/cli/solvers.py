@@ -2,14 +2,7 @@
 
 from __future__ import annotations
 
-import typer
-
 from lfcal.cli._options import JsonOption
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``solvers`` to the app."""
-    app.command("solvers")(command)
 
 
 def command(*, json: JsonOption = False) -> None:

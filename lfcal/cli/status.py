@@ -14,11 +14,6 @@ if TYPE_CHECKING:
     from lfcal.work import RunState
 
 
-def register(app: typer.Typer) -> None:
-    """Add ``status`` to the app."""
-    app.command("status")(command)
-
-
 def command(
     run: Path = typer.Argument(
         help="What the run makes (H.h5), the folder of its units (H.h5.parts), or that of a recorded session."

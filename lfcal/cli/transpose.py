@@ -6,16 +6,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.cli._task_command import add_task
-from lfcal.tasks import task_set
-
 if TYPE_CHECKING:
     from lfcal.tasks import TransposedFile
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``transpose`` to the app."""
-    add_task(app, task_set("transpose"), show)
 
 
 def show(made: tuple[TransposedFile, ...]) -> None:

@@ -13,15 +13,9 @@ from lfcal.cli._options import ForceOption, JsonOption
 if TYPE_CHECKING:
     from lfcal.judge import Trend
 
-__all__ = ["register"]
 
 SIGMAS = 5.0
 """Standard deviations beyond which a parameter has moved."""
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``trend`` to the app."""
-    app.command("trend")(command)
 
 
 def command(

@@ -12,11 +12,6 @@ from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 from lfcal.tasks import check_output
 
 
-def register(app: typer.Typer) -> None:
-    """Add ``verify`` to the app."""
-    app.command("verify")(command)
-
-
 def command(
     path: Path = typer.Argument(help="Folder of a recorded session, or H file (.h5)."),
     *,

@@ -21,7 +21,6 @@ from lfcal.tasks import check_outputs, load_camera
 if TYPE_CHECKING:
     from lfcal.lattice import FrameLattice, RenderedPlanes, Views
 
-__all__ = ["register"]
 
 TYPES = ("none", "together", "each")
 SLOPES = {"none": "-6:6:2", "together": "2:6:0.5", "each": "2:6:0.5"}
@@ -52,11 +51,6 @@ class _Wish:
 
         names = [name for label in self.labels for name in (*view_names(label), *stack_names(label, self.slopes))]
         return names + (list(TOTAL) if self.types == "together" else [])
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``views`` to the app."""
-    app.command("views")(command)
 
 
 def command(

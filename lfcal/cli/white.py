@@ -18,13 +18,6 @@ from lfcal.tasks import check_outputs, load_camera
 if TYPE_CHECKING:
     from lfcal.lattice import LatticeErrors, LatticeFit, LensTypes, Vignetting
 
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add ``white`` to the app."""
-    app.command("white")(command)
-
 
 def command(
     image: Path = typer.Argument(..., help="White image: TIFF, PNG, NPY or camera RAW."),

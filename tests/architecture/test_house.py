@@ -225,7 +225,7 @@ FOUND_BY_NAME = {
 def registered(module: str) -> bool:
     """Return whether a module is found by a registry, or is a command, which its package looks for."""
     package = module.rpartition(".")[0]
-    names = REGISTRIES.get(package, ("register",) if package == "lfcal.cli" else ())
+    names = REGISTRIES.get(package, ("register", "command", "show") if package == "lfcal.cli" else ())
     tops = {node.name for node in tree_of(MODULES[module]).body if isinstance(node, ast.FunctionDef)}
     for node in tree_of(MODULES[module]).body:
         targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]

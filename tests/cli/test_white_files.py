@@ -23,7 +23,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     truth = draw_white(SHAPE, 12.3, bend=barrel(2.0, math.hypot(*SHAPE) / 2), seed=1)
     np.save(folder / "white.npy", truth.frame)
     app = typer.Typer()
-    white.register(app)
+    app.command()(white.command)
     done = CliRunner().invoke(app, [str(folder / "white.npy"), "-o", str(folder / "out")])
     assert done.exit_code == 0, done.output
     return folder / "out", done.output
