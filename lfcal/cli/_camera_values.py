@@ -2,56 +2,18 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import re
 from collections.abc import Callable
-from typing import Annotated, Any, TypeAlias
+from typing import Any
 
 import typer
 
 from lfcal.base import InputError
 from lfcal.camera import QUANTITIES
 
-__all__ = [
-    "ArrayOption",
-    "FocusOption",
-    "GapOption",
-    "LensOption",
-    "ObjectiveOption",
-    "PitchOption",
-    "SensorOption",
-    "SetOption",
-    "WavelengthOption",
-    "parse_pitch",
-    "parse_value",
-    "stated",
-]
-
-SensorOption: TypeAlias = Annotated[
-    str, typer.Option("--sensor", help="Sensor: ROWSxCOLUMNS,PIXEL (µm), for example 4384x6576,5.5.")
-]
-LensOption: TypeAlias = Annotated[
-    str, typer.Option("--lens", help="Main lens: FOCAL,F_NUMBER,DISTANCE (mm; to the working plane), e.g. 200,4,1000.")
-]
-ObjectiveOption: TypeAlias = Annotated[
-    str, typer.Option("--objective", help="Objective: MAGNIFICATION,NA,INDEX of the medium, for example 20,0.5,1.")
-]
-ArrayOption: TypeAlias = Annotated[str, typer.Option("--array", help="Lenslets: hexagonal or square.")]
-PitchOption: TypeAlias = Annotated[
-    str, typer.Option("--pitch", help="Distance of micro-images: µm, or pixels as 31.7px.")
-]
-GapOption: TypeAlias = Annotated[str, typer.Option("--gap", help="Distance from lenslets to sensor (µm).")]
-FocusOption: TypeAlias = Annotated[
-    str,
-    typer.Option(
-        "--focus", help="Virtual depths in focus, one per lens type: 2,3,5; inf is a focal length equal to the gap."
-    ),
-]
-WavelengthOption: TypeAlias = Annotated[str, typer.Option("--wavelength", help="Wavelength (nm).")]
-SetOption: TypeAlias = Annotated[
-    list[str] | None,
-    typer.Option("--set", help="Any other value as PATH=VALUE, e.g. sensor.full_well_e=20000; may be repeated."),
-]
+__all__ = ["parse_pitch", "parse_value", "with_values"]
 
 LENGTHS = {"nm": 1e-3, "um": 1.0, "µm": 1.0, "mm": 1e3, "m": 1e6}
 WHOLE = ("optics.blades", "lattice.type_step", "sensor.bit_depth")
@@ -60,17 +22,40 @@ SEVERAL = ("lattice.types", "lattice.offset_um", "lattice.focus")
 NUMBER = re.compile(r"\s*([-+]?(?:inf|[0-9.]+(?:[eE][-+]?\d+)?))\s*([a-zµ°]*)\s*")
 
 
+def with_values(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options that state values of a camera, in place of its parameter ``values``."""
+    own, options = inspect.signature(command, eval_str=True), inspect.signature(stated, eval_str=True).parameters
+
+    def with_options(**given: Any) -> None:
+        values = stated(**{name: given.pop(name) for name in options})
+        command(**given, values=values)
+
+    parameters = [
+        one for name, old in own.parameters.items() for one in (options.values() if name == "values" else (old,))
+    ]
+    with_options.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
+    with_options.__annotations__ = {one.name: one.annotation for one in parameters}
+    with_options.__doc__ = command.__doc__
+    return with_options
+
+
 def stated(
     *,
-    sensor: str = "",
-    lens: str = "",
-    objective: str = "",
-    array: str = "",
-    pitch: str = "",
-    gap: str = "",
-    focus: str = "",
-    wavelength: str = "",
-    others: list[str] | None = None,
+    sensor: str = typer.Option("", help="Sensor: ROWSxCOLUMNS,PIXEL (µm), for example 4384x6576,5.5."),
+    lens: str = typer.Option(
+        "", help="Main lens: FOCAL,F_NUMBER,DISTANCE (mm; to the working plane), e.g. 200,4,1000."
+    ),
+    objective: str = typer.Option("", help="Objective: MAGNIFICATION,NA,INDEX of the medium, for example 20,0.5,1."),
+    array: str = typer.Option("", help="Lenslets: hexagonal or square."),
+    pitch: str = typer.Option("", help="Distance of micro-images: µm, or pixels as 31.7px."),
+    gap: str = typer.Option("", help="Distance from lenslets to sensor (µm)."),
+    focus: str = typer.Option(
+        "", help="Virtual depths in focus, one per lens type: 2,3,5; inf is a focal length equal to the gap."
+    ),
+    wavelength: str = typer.Option("", help="Wavelength (nm)."),
+    others: list[str] | None = typer.Option(
+        None, "--set", help="Any other value as PATH=VALUE, e.g. sensor.full_well_e=20000; may be repeated."
+    ),
 ) -> dict[str, Any]:
     """Return the values of the options by path; an empty option says nothing.
 

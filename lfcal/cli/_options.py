@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, TypeAlias
 
 import typer
@@ -12,20 +11,15 @@ from lfcal.base import bounded_threads
 __all__ = [
     "CameraArgument",
     "Chi2Option",
-    "CutoutOption",
-    "DepthsOption",
     "ExposureOption",
     "ForceOption",
     "GainOption",
     "JsonOption",
     "MatOrderOption",
-    "MatrixArgument",
     "OriginOption",
     "PageOption",
     "PresetOption",
-    "ResumeOption",
     "UncorrectedOption",
-    "VirtualDepthsOption",
     "WorkersOption",
 ]
 
@@ -57,16 +51,8 @@ WorkersOption: TypeAlias = Annotated[
     typer.Option("--workers", min=1, callback=_bound, help="Threads; LFCAL_WORKERS or every processor by default."),
 ]
 
-ResumeOption: TypeAlias = Annotated[
-    bool, typer.Option("--resume", help="Continue what an earlier run left, after a kill or a power cut.")
-]
-
 ForceOption: TypeAlias = Annotated[bool, typer.Option("--force", help="Replace what exists.")]
 """Without it a command that would replace a file ends before its work begins; see `lfcal.tasks.outputs`."""
-
-MatrixArgument: TypeAlias = Annotated[
-    Path, typer.Argument(help="H file (.h5), another code's file (.mat v7.3, .lfc of napari-LF), or .npy array.")
-]
 
 MatOrderOption: TypeAlias = Annotated[
     str,
@@ -96,19 +82,6 @@ OriginOption: TypeAlias = Annotated[
 ]
 
 PageOption: TypeAlias = Annotated[int, typer.Option("--page", min=0, help="Page of a file of many frames.")]
-
-DepthsOption: TypeAlias = Annotated[
-    str,
-    typer.Option("--depths", help="Planes in µm (or mm), away from the camera: a,b,c or start:stop:step."),
-]
-
-VirtualDepthsOption: TypeAlias = Annotated[
-    str, typer.Option("--virtual-depths", help="Planes as virtual depths v = a/B.")
-]
-
-CutoutOption: TypeAlias = Annotated[
-    str, typer.Option("--cutout", help="Pixels kept, odd: 181 or ROWS,COLUMNS; by default by geometry.")
-]
 
 Chi2Option: TypeAlias = Annotated[
     float | None, typer.Option("--chi2", min=0, help="Photon over additive noise variance of the camera.")

@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import MISSING
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
-from lfcal.base import InputError
+from lfcal.base import InputError, LfcalError
+from lfcal.cli._console import KEPT, report, run_work
 from lfcal.cli._lazy import CommandWithParts, command_with_parts
 from lfcal.records import FieldRow, from_flat, rows, value_at
 from lfcal.tasks import RunSettings, Task, TaskSet
 
+if TYPE_CHECKING:
+    from lfcal.base import Work
+
 __all__ = ["add_task", "do_task"]
+
+R = TypeVar("R")
 
 Show = Callable[[Any], object]
 """Prints what was made."""
@@ -26,7 +33,7 @@ RUN = "How it is run"
 def add_task(app: typer.Typer, tasks: TaskSet, show: Show) -> None:
     """Add the command of a task to the app; ``show`` prints what was made."""
     name = tasks.name.split()[-1]
-    cls = command_with_parts("lfcal.cli", name)
+    cls = command_with_parts("lfcal.cli", tasks.name.replace(" ", "_"))
     # of a field of several kinds the first one has the words
     own = {row.name: row for kind in reversed(tasks.kinds) for row in rows(kind)}
     run = {row.name: row for row in rows(RunSettings) if any(kind.takes(row.name) for kind in tasks.kinds)}
@@ -55,7 +62,6 @@ def do_task(task: Task, run: RunSettings, show: Show, json: bool) -> None:
     """Check what a task would write, do it with a progress bar, and show what was made."""
     from lfcal.base import bounded_threads
     from lfcal.cli._console import print_json
-    from lfcal.cli._runs import run_kept
     from lfcal.tasks import check_outputs, may_replace
 
     refused = next((row for row in rows(RunSettings) if value_at(run, row) and not task.takes(row.name)), None)
@@ -65,7 +71,7 @@ def do_task(task: Task, run: RunSettings, show: Show, json: bool) -> None:
     force = run.force or (bool(begun) and all(may_replace(out, run) for out in begun))
     check_outputs(task.files("out"), *task.files("in"), force=force)
     with bounded_threads(run.workers):
-        made = run_kept(task.work(run), *begun, quiet=json)
+        made = _run_kept(task.work(run), *begun, quiet=json)
     with ExitStack() as stack:
         for one in made:
             stack.callback(one.close)
@@ -75,6 +81,33 @@ def do_task(task: Task, run: RunSettings, show: Show, json: bool) -> None:
             show(made)
     if code := max((one.exit_code() for one in made), default=0):
         raise typer.Exit(code)
+
+
+def _run_kept(work: Work[R], *outs: Path, quiet: bool) -> R:
+    """Drain work in units with a progress bar; where it ends early, say what is kept of it, and else keep nothing."""
+    try:
+        return run_work(work, quiet=quiet)
+    except BaseException as error:
+        with suppress(LfcalError):  # it may have ended before it began
+            for out in outs:
+                _say_kept(error, out)
+        raise
+
+
+def _say_kept(error: BaseException, out: Path) -> None:
+    """Say what is kept of work that ``error`` ended; the folder of a run that has done nothing goes."""
+    from lfcal.work import PASS, discard, parts_folder, read_events, read_run, unit_files
+
+    folder = parts_folder(out)
+    state = read_run(folder)
+    if state.running:  # another program's, which is at work in it
+        return
+    kept = len(unit_files(folder))
+    if not kept and PASS not in read_events(folder):  # a pass that is whole lies at ``out``
+        discard(folder)
+        return
+    report(f"kept: {kept} of {len(state.units)} units in {folder}; --resume goes on with them")
+    error.add_note(KEPT)
 
 
 def _help(tasks: TaskSet, cls: type[CommandWithParts] | None) -> str:

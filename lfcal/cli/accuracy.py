@@ -11,15 +11,7 @@ import typer
 
 from lfcal.base import InputError, check_number
 from lfcal.cli._console import print_json, print_table, report, run_work
-from lfcal.cli._options import (
-    CutoutOption,
-    DepthsOption,
-    ForceOption,
-    JsonOption,
-    MatOrderOption,
-    VirtualDepthsOption,
-    WorkersOption,
-)
+from lfcal.cli._options import ForceOption, JsonOption, MatOrderOption, WorkersOption
 from lfcal.cli._usage import refuse
 from lfcal.records import read_as, read_cutout, read_depths, read_share, read_virtual_depths
 from lfcal.tasks import check_mat_files, check_output, open_matrix
@@ -36,9 +28,9 @@ MATRICES = (".h5", ".hdf5", ".mat", ".npy", ".lfc")
 def command(
     context: typer.Context,
     subject: str = typer.Argument(..., help="H file, JSON of a scan plan, preset or camera file; list shows places."),
-    depths: DepthsOption = "",
-    virtual_depths: VirtualDepthsOption = "",
-    cutout: CutoutOption = "",
+    depths: str = typer.Option("", help="Planes in µm (or mm), away from the camera: a,b,c or start:stop:step."),
+    virtual_depths: str = typer.Option("", help="Planes as virtual depths v = a/B."),
+    cutout: str = typer.Option("", help="Pixels kept, odd: 181 or ROWS,COLUMNS; by default by geometry."),
     *,
     place: list[str] = typer.Option([], "--place", help="Where: a name of `lfcal accuracy list`; may be repeated."),
     error: str = typer.Option("1%", "--error", help="Error whose cost is asked for: 1% or 0.01."),

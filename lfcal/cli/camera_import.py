@@ -4,28 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import typer
 
 from lfcal.camera import ImportOptions
-from lfcal.cli._camera_values import (
-    ArrayOption,
-    FocusOption,
-    GapOption,
-    LensOption,
-    ObjectiveOption,
-    PitchOption,
-    SensorOption,
-    SetOption,
-    WavelengthOption,
-    stated,
-)
+from lfcal.cli._camera_values import with_values
 from lfcal.cli._console import report
 from lfcal.cli._options import ForceOption, JsonOption
 from lfcal.cli._usage import refuse
 from lfcal.tasks import check_output, load_file
 
 
+@with_values
 def command(
     context: typer.Context,
     file: Path = typer.Argument(
@@ -33,16 +24,8 @@ def command(
     ),
     *,
     name: str = typer.Option("", help="Name of the camera; by default the file's."),
-    sensor: SensorOption = "",
     frame: Path | None = typer.Option(None, help="A frame of the camera: its size is the sensor's."),
-    lens: LensOption = "",
-    objective: ObjectiveOption = "",
-    array: ArrayOption = "",
-    pitch: PitchOption = "",
-    gap: GapOption = "",
-    focus: FocusOption = "",
-    wavelength: WavelengthOption = "",
-    others: SetOption = None,
+    values: dict[str, Any],
     resolution: str = typer.Option("", help="Resolution preset of a Micro-Manager configuration that has several."),
     out: Path | None = typer.Option(None, "-o", "--out", help="Write the camera as JSON."),
     force: ForceOption = False,
@@ -58,17 +41,6 @@ def command(
         refuse(context, "a Micro-Manager configuration (.cfg)", file.name, "resolution")
     if out is not None:
         check_output(out, file, frame, force=force)
-    values = stated(
-        sensor=sensor,
-        lens=lens,
-        objective=objective,
-        array=array,
-        pitch=pitch,
-        gap=gap,
-        focus=focus,
-        wavelength=wavelength,
-        others=others,
-    )
     if frame is not None:
         values["sensor.shape"] = frame_shape(frame)
     camera, notes = load_file(str(file), ImportOptions(values, resolution))

@@ -11,20 +11,7 @@ import typer
 
 from lfcal.base import InputError
 from lfcal.camera import PRESETS, Draft, Marks, preset, quantities_of, value_at
-from lfcal.cli._camera_values import (
-    ArrayOption,
-    FocusOption,
-    GapOption,
-    LensOption,
-    ObjectiveOption,
-    PitchOption,
-    SensorOption,
-    SetOption,
-    WavelengthOption,
-    parse_pitch,
-    parse_value,
-    stated,
-)
+from lfcal.cli._camera_values import parse_pitch, parse_value, with_values
 from lfcal.cli._console import report
 from lfcal.cli._options import ForceOption, JsonOption
 from lfcal.tasks import check_output
@@ -40,21 +27,14 @@ UNASKED = ("lattice.row_pitch_um", "lattice.rotation_rad", "lattice.offset_um", 
 """What a white image tells better than anybody can."""
 
 
+@with_values
 def command(
     out: Path = typer.Option(..., "-o", "--out", help="The camera file to write."),
     *,
     kind: str = typer.Option("", "--type", help="multifocus (three lens types), focused (one), or microscope."),
     start: str = typer.Option("", "--preset", help="Start from a camera that comes with lfcal."),
     name: str = typer.Option("", help="Name of the camera; by default that of the file."),
-    sensor: SensorOption = "",
-    lens: LensOption = "",
-    objective: ObjectiveOption = "",
-    array: ArrayOption = "",
-    pitch: PitchOption = "",
-    gap: GapOption = "",
-    focus: FocusOption = "",
-    wavelength: WavelengthOption = "",
-    others: SetOption = None,
+    values: dict[str, Any],
     yes: bool = typer.Option(False, "--yes", "-y", help="Ask nothing: what no option states is assumed."),
     force: ForceOption = False,
     json: JsonOption = False,
@@ -66,17 +46,6 @@ def command(
     from lfcal.cli.camera import save_camera
 
     check_output(out, force=force)
-    values = stated(
-        sensor=sensor,
-        lens=lens,
-        objective=objective,
-        array=array,
-        pitch=pitch,
-        gap=gap,
-        focus=focus,
-        wavelength=wavelength,
-        others=others,
-    )
     if not yes and not sys.stdin.isatty():
         raise InputError("camera new: there is no terminal to ask on; add --yes to assume what no option states")
     draft = _begin(kind, start, values, ask=not yes)

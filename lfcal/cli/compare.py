@@ -9,12 +9,14 @@ from pathlib import Path
 import typer
 
 from lfcal.base import InputError
-from lfcal.cli._options import ForceOption, JsonOption, MatOrderOption, MatrixArgument, WorkersOption
+from lfcal.cli._options import ForceOption, JsonOption, MatOrderOption, WorkersOption
+
+MATRIX = "H file (.h5), another code's file (.mat v7.3, .lfc of napari-LF), or .npy array."
 
 
 def command(
-    first: MatrixArgument,
-    second: MatrixArgument,
+    first: Path = typer.Argument(help=MATRIX),
+    second: Path = typer.Argument(help=MATRIX),
     *,
     report: Path | None = typer.Option(None, "--report", help="Folder for a page with the pictures side by side."),
     region: list[str] | None = typer.Option(

@@ -9,7 +9,7 @@ from typing import Any
 import typer
 
 from lfcal.base import InputError
-from lfcal.cli._options import ForceOption, JsonOption, ResumeOption, WorkersOption
+from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 
 
 def command(
@@ -17,7 +17,9 @@ def command(
     *,
     out: Path | None = typer.Option(None, "--out", "-o", help="File to write instead of the one that the job names."),
     workers: WorkersOption = None,
-    resume: ResumeOption = False,
+    resume: bool = typer.Option(
+        False, "--resume", help="Continue what an earlier run left after it was stopped or killed."
+    ),
     force: ForceOption = False,
     show: bool = typer.Option(False, "--show", help="Only print the job, the files that it reads, and its command."),
     json: JsonOption = False,

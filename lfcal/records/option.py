@@ -539,21 +539,24 @@ def from_dict(kind: type[T], data: Mapping[str, Any], what: str = "") -> T:
     return from_flat(kind, flat(rows(kind), data, what or kind.__name__))
 
 
-def flat(known: tuple[FieldRow, ...], data: Mapping[str, Any], what: str) -> dict[str, Any]:
-    """Return the values in nested objects by the names of their fields."""
+def flat(known: tuple[FieldRow, ...], data: Mapping[str, Any], what: str, fields: str = "its fields") -> dict[str, Any]:
+    """Return the values in nested objects by the names of their fields; errors name ``what`` and its ``fields``.
+
+    What must be given and is null, and a flag that would choose the kind of a task and is off, are left out.
+    """
     found: dict[str, Any] = {}
     paths = {row.path: row for row in known}
 
     def visit(part: Mapping[str, Any], path: tuple[str, ...]) -> None:
         for name, value in part.items():
             here = (*path, name)
+            called, row = ".".join(here), paths.get(here)
             if isinstance(value, Mapping):
                 visit(value, here)
-            elif here in paths:
-                found[name] = paths[here].value(value, ".".join(here))
-            else:
-                called = ".".join(here)
-                raise InputError.expected(what, "its fields", called, choose(called, map(".".join, paths)))
+            elif row is None:
+                raise InputError.expected(what, fields, called, choose(called, map(".".join, paths)))
+            elif not (value is None and row.default is MISSING) and not (row.opt.chooses and value is False):
+                found[name] = row.value(value, called)
 
     visit(data, ())
     return found

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from lfcal.base import FileFormatError, InputError, choose, parse_json, read_text
+from lfcal.base import FileFormatError, parse_json, read_text
 from lfcal.records import OWN_SOLVERS, SolverFields, flat, from_flat, rows, rows_of, value_at
 from lfcal.tasks.sets import task_set
 from lfcal.tasks.task import RunSettings, Task
@@ -155,29 +155,14 @@ def read_job(data: Mapping[str, Any], what: str, root: Path = Path()) -> tuple[T
     tasks, told = task_set(given.pop("task")), given.pop("run", {})
     # of a field of several kinds the first one says what it is, as for the command
     known = {row.path: row for kind in reversed(tasks.kinds) for row in rows(kind)}
-    values: dict[str, Any] = {}
-
-    def visit(part: Mapping[str, Any], path: tuple[str, ...]) -> None:
-        for name, value in part.items():
-            here = (*path, name)
-            if isinstance(value, Mapping):
-                visit(value, here)
-                continue
-            row = known.get(here)
-            if row is None:
-                called = ".".join(here)
-                raise InputError.expected("job", "fields of its task", called, choose(called, map(".".join, known)))
-            if value is None or (row.opt.chooses and value is False):
-                continue
-            found = row.placed(row.value(value, ".".join(here)), lambda path: root / path)
-            # a value of every field is kept with H: what is at its default is as good as not given
-            if row.opt.chooses or found != row.default:
-                values[name] = found
-
-    visit(given, ())
+    fields, values = {row.name: row for row in known.values()}, {}
+    for name, value in flat(tuple(known.values()), given, "job", "fields of its task").items():
+        placed = fields[name].placed(value, lambda path: root / path)
+        # a value of every field is kept with H: what is at its default is as good as not given
+        if fields[name].opt.chooses or placed not in (None, fields[name].default):
+            values[name] = placed
     run = from_flat(RunSettings, flat(rows(RunSettings), told, "run"))
-    paths = {row.name: ".".join(row.path) for row in known.values()}
-    return tasks.make(values, lambda name: paths[name]), run
+    return tasks.make(values, lambda name: ".".join(fields[name].path)), run
 
 
 def _made_by(path: Path) -> Any:
