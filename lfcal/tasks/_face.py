@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from lfcal.tasks._solving import solver_settings
 from lfcal.tasks.acquire import Acquire, AcquireRegions, AcquireTarget, AcquireUntil
 from lfcal.tasks.assembly import Assemble, AssembleRegions, AssembleTarget, assemble
 from lfcal.tasks.export import ExportH5, ExportMat, ExportNpy, ExportTiff
@@ -14,7 +13,7 @@ from lfcal.tasks.inspect import Inspect
 from lfcal.tasks.plan import PlanRecorded, PlanRegions, PlanScan
 from lfcal.tasks.plan_fit import PlanFit
 from lfcal.tasks.plan_target import PlanDisplay, PlanTarget
-from lfcal.tasks.reconstruct import Reconstruct, ReconstructForecast, ReconstructSeries
+from lfcal.tasks.reconstruct import Reconstruct, ReconstructForecast, ReconstructSeries, solver_settings
 from lfcal.tasks.reduce import Reduce
 from lfcal.tasks.simulate import SimulateForecast, SimulateFrames, SimulateH, SimulatePasses, SimulateRegions
 from lfcal.tasks.task import RunSettings

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from lfcal.tasks._channels import ChannelPart
-from lfcal.tasks._coding import coding_verdict, coding_words, display_words
 from lfcal.tasks._patterns import most_taken
 from lfcal.tasks._reconstruct_frames import cleaner
 from lfcal.tasks._reconstruct_optics import SharedOptics, view_for
-from lfcal.tasks._solving import choice_of
 from lfcal.tasks.acquire import PlannedSession, RecordedSession
 from lfcal.tasks.assembly import Assembled, AssemblyRun
 from lfcal.tasks.cameras import assumed_in_words, load_camera, load_file, tell_assumed
@@ -22,9 +20,9 @@ from lfcal.tasks.matrices import check_mat_files, open_matrix
 from lfcal.tasks.notes import notes_to
 from lfcal.tasks.outputs import RECORDINGS, check_output, check_outputs, files_of
 from lfcal.tasks.plan_fit import PositionsPlanned
-from lfcal.tasks.plan_target import TargetPlanned
+from lfcal.tasks.plan_target import TargetPlanned, coding_verdict, coding_words, display_words
 from lfcal.tasks.planned import WITHOUT_READOUT, Planned, planned_scan
-from lfcal.tasks.reconstruct import Reconstructed, ReconstructionForecast
+from lfcal.tasks.reconstruct import Reconstructed, ReconstructionForecast, choice_of
 from lfcal.tasks.reduce import ReducedFile
 from lfcal.tasks.sets import task_set
 from lfcal.tasks.simulate import SimulatedH, SimulatedRegions, SimulationForecast

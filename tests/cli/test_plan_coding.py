@@ -14,7 +14,7 @@ from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
 from lfcal.frames import open_frames
 from lfcal.targets import Display, Target, TargetPlan, Wishes, iter_plan_display
-from lfcal.tasks._coding import coding_verdict, coding_words, planned_for_display
+from lfcal.tasks.plan_target import coding_verdict, coding_words, planned_for_display
 from tests.cli.conftest import Run
 from tests.targets.common import scan_of, small
 
