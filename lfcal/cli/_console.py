@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 import sys
 from contextlib import suppress
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
 from lfcal.base import Progress, Work, drain, plain
 
-__all__ = ["KEPT", "done_text", "print_json", "print_table", "report", "run_work"]
+if TYPE_CHECKING:
+    from lfcal.base import Judgement
+
+__all__ = ["KEPT", "done_text", "print_json", "print_table", "report", "run_work", "show_judgement"]
 
 R = TypeVar("R")
 
@@ -87,6 +90,27 @@ def print_table(headers: list[str], rows: list[list[str]], *, title: str = "") -
         table.add_row(*row)
     # a pipe has no width: a fixed one makes the output the same everywhere.
     Console(width=None if sys.stdout.isatty() else 132).print(table)
+
+
+LISTED = 20
+"""Findings that a table lists; all of them are in the JSON output."""
+
+COLOURS = {"good": typer.colors.GREEN, "fair": typer.colors.YELLOW, "bad": typer.colors.RED}
+
+
+def show_judgement(judgement: Judgement, name: str = "") -> None:
+    """Print the verdict on what is called ``name`` and, of several findings, a table by subject."""
+    head = f"{name}: {judgement.verdict}" if name else judgement.verdict
+    typer.secho(head, fg=COLOURS.get(judgement.merit), bold=True)
+    if len(judgement.findings) > 1:
+        rows = [
+            [subject, one.merit, one.what, "; ".join(filter(None, (one.detail, one.where))), one.cost_words, one.remedy]
+            for subject, found in judgement.by_subject().items()
+            for one in found
+        ]
+        if len(rows) > LISTED:
+            rows = [*rows[:LISTED], ["", "", f"and {len(rows) - LISTED} more", "--json lists all", "", ""]]
+        print_table(["subject", "merit", "finding", "what was found", "cost", "what to do"], rows)
 
 
 def _numeric(text: str) -> bool:

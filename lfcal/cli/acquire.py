@@ -24,7 +24,7 @@ def show(made: tuple[RecordedSession | PlannedSession]) -> None:
         _show_forecast(one)
         return
     from lfcal.base import Judgement, format_seconds
-    from lfcal.cli._findings import show_judgement
+    from lfcal.cli._console import show_judgement
 
     outcome, facts = one.outcome, one.facts
     judgement = Judgement.of("recording", one.alarms, "without an alarm")

@@ -90,7 +90,7 @@ def _write(found: CameraCheck, out: Path | None) -> Path | None:
 
 
 def _show(found: CameraCheck, turned: TurnedWhite | None, written: Path | None, json: bool) -> None:
-    from lfcal.cli._findings import show_judgement
+    from lfcal.cli._console import show_judgement
     from lfcal.judge import judgement_of
 
     if json:

@@ -14,8 +14,7 @@ if TYPE_CHECKING:
 
 def show(made: tuple[FitOutcome, ...]) -> None:
     """Print what was fitted."""
-    from lfcal.cli._console import report
-    from lfcal.cli._findings import show_judgement
+    from lfcal.cli._console import report, show_judgement
     from lfcal.judge import judgement_of
 
     for one in made:

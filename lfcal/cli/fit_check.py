@@ -10,8 +10,7 @@ if TYPE_CHECKING:
 
 def show(made: tuple[CheckedMatrix, ...]) -> None:
     """Print what the frames show of H."""
-    from lfcal.cli._console import print_table, report
-    from lfcal.cli._findings import show_judgement
+    from lfcal.cli._console import print_table, report, show_judgement
     from lfcal.judge import judgement_of
 
     for found in (one.check for one in made):

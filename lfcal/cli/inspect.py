@@ -27,8 +27,7 @@ def show(made: tuple[InspectedMatrix, ...]) -> None:
 def _show(one: InspectedMatrix) -> None:
     """Print verdict, metrics, apertures and the comparison."""
     from lfcal.base import format_seconds
-    from lfcal.cli._console import print_table
-    from lfcal.cli._findings import show_judgement
+    from lfcal.cli._console import print_table, show_judgement
     from lfcal.judge.quality import counted_words, merit_word
     from lfcal.judge.report import limits, value_text
 

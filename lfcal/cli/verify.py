@@ -49,8 +49,7 @@ def _is_whole(path: Path, redo: Path | None, workers: int | None, json: bool) ->
     """Check a session or an H file, print what was found, and list positions to record again."""
     from lfcal.acquire import RedoList, iter_verify
     from lfcal.base import FileFormatError, plain
-    from lfcal.cli._console import print_json, run_work
-    from lfcal.cli._findings import show_judgement
+    from lfcal.cli._console import print_json, run_work, show_judgement
     from lfcal.judge import judgement_of
     from lfcal.psf import iter_verify as iter_verify_matrix
 

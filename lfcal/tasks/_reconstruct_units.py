@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from lfcal.base import Work
     from lfcal.reconstruct import FrameResult, Projector, Resampling, SolverChoice
     from lfcal.reconstruct.projectors import ArrayDevice
-    from lfcal.tasks._reconstruct_saving import Saved
+    from lfcal.tasks._reconstruct_frames import Saved
 
 __all__ = ["device_for", "device_hints", "do_frame", "frame_units", "iter_collect"]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -90,11 +89,9 @@ class PredictObject(Task):
         return shot, volume
 
 
-def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return the only kind."""
-    return PredictObject
-
-
 FIT_OBJECT = TaskSet(
-    "fit object", (PredictObject,), kind_of, "lfcal fit object fit/ frame.tif --scene object.npy --noise 64,1"
+    "fit object",
+    (PredictObject,),
+    lambda given: PredictObject,
+    "lfcal fit object fit/ frame.tif --scene object.npy --noise 64,1",
 )

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from lfcal.base import Work
 from lfcal.records import opt, read_names, read_share, record, required, show_names
 from lfcal.tasks.planned import Planned, PlanTask, frame_rate, scan_of, speed
-from lfcal.tasks.task import RunSettings, Task, TaskSet
+from lfcal.tasks.task import RunSettings, TaskSet
 
 if TYPE_CHECKING:
     from lfcal.fit import Earlier, PositionDesign
@@ -165,9 +164,4 @@ class PlanFit(PlanTask):
         return (PositionsPlanned(task=self, plan=found, forecast=whole, facts=facts, earlier=earlier),)
 
 
-def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return the only kind."""
-    return PlanFit
-
-
-PLAN_FIT = TaskSet("plan fit", (PlanFit,), kind_of, "lfcal plan fit plan.json -n 24 -o positions.json")
+PLAN_FIT = TaskSet("plan fit", (PlanFit,), lambda given: PlanFit, "lfcal plan fit plan.json -n 24 -o positions.json")

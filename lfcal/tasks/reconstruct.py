@@ -27,9 +27,18 @@ from lfcal.records import (
     required,
     solver_kind,
 )
-from lfcal.tasks._reconstruct_frames import FrameFile, cleaner, frames_of, is_series, placed_anchor
+from lfcal.tasks._reconstruct_frames import (
+    FrameFile,
+    Save,
+    Saved,
+    cleaner,
+    frames_of,
+    is_series,
+    placed_anchor,
+    saving,
+    targets_of,
+)
 from lfcal.tasks._reconstruct_optics import SharedOptics, files_of_regions, view_for, wide
-from lfcal.tasks._reconstruct_saving import Save, Saved, saving, targets_of
 from lfcal.tasks.matrices import MAT_ORDERS, check_mat_files, report_missing, with_task
 from lfcal.tasks.notes import note
 from lfcal.tasks.outputs import check_outputs

@@ -95,7 +95,6 @@ TASKS: tuple[Task, ...] = (
 def test_a_task_goes_to_texts_and_back(task: Task, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     # what the input is decides which kind it is: here nothing is there
-    monkeypatch.setattr(f"{type(task).__module__}.kind_of", None)
     tasks = task_set(task.name)
     monkeypatch.setitem(vars(tasks), "choose", lambda _: type(task))
     Path("job.toml").write_text(job_of(task))
