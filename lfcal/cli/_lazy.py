@@ -139,7 +139,8 @@ def add_command(app: typer.Typer, module: str, name: str) -> None:
         from lfcal.cli._task_command import add_task
         from lfcal.tasks import task_set
 
-        add_task(app, task_set(module.rpartition(".")[2].replace("_", " ")), found.show)
+        package, _, task = module.rpartition(".")
+        add_task(app, task_set(task.replace("_", " ")), found.show, command_with_parts(package, task))
 
 
 class CommandWithParts(typer.core.TyperCommand):

@@ -13,7 +13,6 @@ import typer
 
 from lfcal.base import InputError, LfcalError
 from lfcal.cli._console import KEPT, report, run_work
-from lfcal.cli._lazy import CommandWithParts, command_with_parts
 from lfcal.records import FieldRow, from_flat, rows, value_at
 from lfcal.tasks import RunSettings, Task, TaskSet
 
@@ -30,10 +29,9 @@ Show = Callable[[Any], object]
 RUN = "How it is run"
 
 
-def add_task(app: typer.Typer, tasks: TaskSet, show: Show) -> None:
-    """Add the command of a task to the app; ``show`` prints what was made."""
+def add_task(app: typer.Typer, tasks: TaskSet, show: Show, cls: Any = None) -> None:
+    """Add the command of a task to the app; ``show`` prints what was made, and ``cls`` has further commands."""
     name = tasks.name.split()[-1]
-    cls = command_with_parts("lfcal.cli", tasks.name.replace(" ", "_"))
     # of a field of several kinds the first one has the words
     own = {row.name: row for kind in reversed(tasks.kinds) for row in rows(kind)}
     run = {row.name: row for row in rows(RunSettings) if any(kind.takes(row.name) for kind in tasks.kinds)}
@@ -110,7 +108,7 @@ def _say_kept(error: BaseException, out: Path) -> None:
     error.add_note(KEPT)
 
 
-def _help(tasks: TaskSet, cls: type[CommandWithParts] | None) -> str:
+def _help(tasks: TaskSet, cls: Any) -> str:
     said = inspect.cleandoc(tasks.help or str(tasks.kinds[0].__doc__).partition("\nAttributes\n")[0])
     for part in cls.parts.listed.values() if cls else ():
         said += f"\n\n`lfcal {tasks.name} {part.name}`: {part.summary}"
