@@ -122,7 +122,7 @@ def test_a_volume_of_another_project(window: MainWindow, good: Path, tmp_path: P
     assert "by good.h5" in page.panel.title.text(), "of the H before, whose volume it still is"
     window.project.start(ProjectState(psf=str(tmp_path / "other.h5")))
     idle(window.jobs, qtbot)
-    assert page.solving is None and page.synthetic is None and solved._matrix is None
+    assert page.solving is None and page.synthetic is None and not solved._matrices
     assert page.panel.volume.volume is None and page.panel.title.text() == "Volume"
     assert not page.panel.buttons["save"].isEnabled() and "Open a light field" in page.panel.hint.text()
     assert page.panel.status.text() == ""
@@ -151,7 +151,7 @@ def test_a_reconstruction_under_way(
     page.start()
     solving = page.solving
     held.after(window, qtbot)
-    qtbot.waitUntil(lambda: solving._matrix is None or solving.state is None, timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: not solving._matrices or solving.state is None, timeout=GUARD_MS)
     assert page.solving is None and page._job == 0 and page.panel.status.text() == ""
 
 
