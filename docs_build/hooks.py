@@ -25,6 +25,7 @@ BESIDE = {
     "LICENSE": "licence.md",
     "sample_data/README.md": "sample_data.md",
     "lfcal/psf/schema/lfcal-psf-2.schema.json": "lfcal-psf-2.schema.json",
+    "lfcal/psf/schema/lfcal-psf-4.schema.json": "lfcal-psf-4.schema.json",
 }
 """Files of the repository that pages link to, and where they lie in the site."""
 
