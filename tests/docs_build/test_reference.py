@@ -141,7 +141,7 @@ def test_a_function_with_the_fields_of_a_record_is_shown_with_their_help() -> No
     griffe = pytest.importorskip("griffe", reason="the group of packages that build the documentation is not installed")
     extensions = griffe.load_extensions("dataclasses", str(ROOT / "docs_build" / "drained.py"))
     made = griffe.load("lfcal.tasks", search_paths=[ROOT], extensions=extensions, docstring_parser="numpy")
-    function = made["assemble.assemble"]
+    function = made["assembly.assemble"]
     section = next(one for one in function.docstring.parsed if one.kind.value == "parameters")
     assert {one.name for one in section.value} == {one.name for one in function.parameters}
 
