@@ -242,7 +242,7 @@ class TargetPlan:
         return self.scan.stage.to_stage(np.concatenate(places))
 
     def forecast(self, stage_um_per_s: float = 1000.0, frames_per_s: float | None = None) -> TargetForecast:
-        """Return the time of all frames, with a stage that moves its axes at once at this speed (µm/s).
+        """Return the time of all frames, with a stage that moves all axes simultaneously at this speed (µm/s).
 
         ``frames_per_s`` is the most that the camera delivers; without it readout is not counted.
         """

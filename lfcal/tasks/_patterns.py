@@ -292,7 +292,7 @@ def of_one_channel(source: Path, plan: Path | None, colours: Sequence[str]) -> s
 
 
 def without_positions(error: InputError, source: Path, plan: Path | None, dark: str) -> InputError:
-    """Return ``error`` with the command to type, where it is about positions that ``source`` does not tell.
+    """Return ``error`` with the command to type, where it is about positions that ``source`` does not state.
 
     ``plan`` and ``dark`` are those that were given; frames that lie in one folder below are named.
     """
@@ -314,7 +314,7 @@ def without_positions(error: InputError, source: Path, plan: Path | None, dark: 
 
 
 def _below(source: Path, plan: Path | None) -> Path | None:
-    """Return the only folder in ``source`` whose frames tell their positions, or None."""
+    """Return the only folder in ``source`` whose frames state their positions, or None."""
     from lfcal.frames import open_frames
 
     if not source.is_dir():

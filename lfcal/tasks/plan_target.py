@@ -311,7 +311,7 @@ PEAK = 0.8
 
 
 def coding_verdict(plan: TargetPlan, z: int | None = None, signal_e: float | None = None) -> CodingVerdict | None:
-    """Return whether showing several frames of a plane at once pays; None where there are too few, or one hole.
+    """Return whether showing several frames of a plane together pays; None where there are too few, or one hole.
 
     Parameters
     ----------
@@ -343,7 +343,7 @@ def coding_verdict(plan: TargetPlan, z: int | None = None, signal_e: float | Non
 
 
 def coding_words(verdict: CodingVerdict) -> str:
-    """Return in a line whether showing several frames at once would pay, up to how much light, and why."""
+    """Return in one sentence whether showing several frames together would pay, up to how much light, and why."""
     gain, does = verdict.gain, "pays" if verdict.pays else "does not pay"
     return (
         f"showing {gain.points} frames at once, coded: {does} at {float(f'{gain.signal_e:.3g}'):g} electrons in a "

@@ -116,7 +116,7 @@ class FramesPanel(QWidget):
         self.before_box.setToolTip("Show the frame as it was recorded, to see what the corrections do")
         self.lattice_box.toggled.connect(self.lattice_toggled.emit)
         self.before_box.toggled.connect(self.before_toggled.emit)
-        self.scale_box = choice_box(SCALINGS, "Gamma and log bring out faint light beside the spot (L: log, G: gamma)")
+        self.scale_box = choice_box(SCALINGS, "Gamma and log bring out faint light near the spot (L: log, G: gamma)")
         self.scale_box.setAccessibleName("scaling of colours")
         self.scale_box.currentIndexChanged.connect(
             lambda _: self._set_display(DisplaySettings(scale=self.scale_box.currentData()))

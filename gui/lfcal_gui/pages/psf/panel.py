@@ -137,7 +137,7 @@ class PSFPanel(QWidget):
         self.show_box.currentIndexChanged.connect(lambda _: self.asked.emit({"show": self.show_box.currentData()}))
         self.readout = ElidedLabel()
         self.readout.setProperty("role", "hint")
-        self.scale_box = choice_box(SCALINGS, "Gamma and log bring out faint light beside the spots (L: log, G: gamma)")
+        self.scale_box = choice_box(SCALINGS, "Gamma and log bring out faint light near the spots (L: log, G: gamma)")
         self.map_box = choice_box([(name, name) for name in COLOUR_MAPS], COLOURS)
         for text, key, box in (("Scaling", "scale", self.scale_box), ("Colours", "colour_map", self.map_box)):
             box.setAccessibleName(text)
@@ -171,7 +171,7 @@ class PSFPanel(QWidget):
         panel, column = card()
         self.legend, larger = QLabel(), QPushButton("Larger …")
         self.legend.setToolTip("Outline fitted to the depth-plane sum, and the one that the camera lets expect there")
-        larger.setToolTip("The apertures of all planes in a window of their own, large enough to compare their blades")
+        larger.setToolTip("The apertures of all planes in a separate window, large enough to compare their blades")
         larger.clicked.connect(lambda: self.show_apertures())
         self.aperture_text = QLabel()
         self.aperture_text.setTextFormat(Qt.TextFormat.RichText)
