@@ -10,7 +10,7 @@ from lfcal_gui.models import PageSpec
 __all__ = ["about_text", "cheat_sheet"]
 
 _KEYS = (
-    ("Ctrl+1 … Ctrl+9", "go to a page"),
+    ("Ctrl+1 … Ctrl+4, Alt+1 … Alt+3", "go to a place, to a view of it"),
     ("Ctrl+Z, Ctrl+Shift+Z", "undo, redo"),
     ("Ctrl+N, Ctrl+O, Ctrl+S", "new, open, save project"),
     ("Ctrl+Shift+C", "copy a picture of the page"),
@@ -43,8 +43,7 @@ def cheat_sheet(pages: tuple[PageSpec, ...]) -> str:
             shared.setdefault(pair, []).append(spec.title)
     own = [(keys, f"{what} ({', '.join(titles)})") for (keys, what), titles in shared.items()]
     rows = "".join(f"<tr><td><b>{keys}</b>&nbsp;&nbsp;</td><td>{what}</td></tr>" for keys, what in (*_KEYS, *own))
-    order = ", ".join(f"{k} {spec.title}" for k, spec in enumerate(pages, 1))
-    return f"<table>{rows}</table><p>Pages: {order}</p>"
+    return f"<table>{rows}</table>"
 
 
 def about_text() -> str:

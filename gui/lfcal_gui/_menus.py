@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from PySide6.QtGui import QAction, QKeySequence
-from PySide6.QtWidgets import QMessageBox
+from PySide6.QtWidgets import QMenu, QMessageBox
 
 from lfcal_gui._help import about_text, cheat_sheet
 from lfcal_gui.crash_dialog import open_folder
 from lfcal_gui.log import log_folder
-from lfcal_gui.models import ATLAS
+from lfcal_gui.models import ATLAS, PLACES, PageSpec, PageState
 
-__all__ = ["WindowMenus", "page_key"]
+__all__ = ["WindowMenus"]
 
+VIEW_KEYS = 3
+"""Views of a place that have keys."""
 
-def page_key(row: int) -> QKeySequence | None:
-    """Return the shortcut of a page in the rail: there are nine digits."""
-    return QKeySequence(f"Ctrl+{row + 1}") if row < 9 else None
+OWN_KEYS = {"multiplex": "Ctrl+M"}
+"""Keys of windows of their own."""
 
 
 class WindowMenus:
@@ -25,15 +27,26 @@ class WindowMenus:
 
     def __init__(self, window: Any) -> None:
         self._window = window
+        self.menus: list[QMenu] = []
+        self.own: dict[PageSpec, QAction] = {}
         self._project()
         self._edit()
         self._view()
         self._tools()
         self._help()
+        self._more()
+        bar = window.menuBar()
+        for action in bar.actions():
+            window.header.menu.addAction(action)
+        if not bar.isNativeMenuBar():
+            bar.hide()  # keys work all the same: the window has the actions, too
+            self._act("Menus", window.header.button.showMenu, "F10")
+        else:
+            window.header.button.hide()
 
     def _project(self) -> None:
         window, files, keys = self._window, self._window.files, QKeySequence.StandardKey
-        menu = window.menuBar().addMenu("&Project")
+        menu = self._menu("&Project")
         self._action(menu, "New project", files.new, keys.New)
         self._action(menu, "Open the sample session", lambda: window.tools.sample())
         self._action(menu, "Open project …", lambda: files.open(), keys.Open)
@@ -47,7 +60,7 @@ class WindowMenus:
 
     def _edit(self) -> None:
         window = self._window
-        menu = window.menuBar().addMenu("&Edit")
+        menu = self._menu("&Edit")
         self.undo = self._action(menu, "Undo", window.project.undo, QKeySequence.StandardKey.Undo)
         self.redo = self._action(menu, "Redo", window.project.redo, QKeySequence.StandardKey.Redo)
         menu.addSeparator()
@@ -59,19 +72,38 @@ class WindowMenus:
 
     def _view(self) -> None:
         window = self._window
-        menu = window.menuBar().addMenu("&View")
-        for row, spec in enumerate(window.specs):
-            self._action(menu, spec.title, lambda _=False, key=spec.key: window.go(key, None), page_key(row))
+        menu = self._menu("&View")
+        for number, place in enumerate(PLACES, 1):
+            self._action(menu, place.title, lambda _=False, key=place.key: window.go_place(key), f"Ctrl+{number}")
+        menu.addSeparator()
+        for place in PLACES:
+            for spec in window.views(place.key):
+                name = f"{place.title}: {spec.title}"
+                self._action(menu, name, lambda _=False, key=spec.key: window.go(key))
+        for number in range(VIEW_KEYS):
+            self._act(f"View {number + 1}", lambda _=False, number=number: window.go_view(number), f"Alt+{number + 1}")
         menu.addSeparator()
         self._action(menu, "Command palette …", window.show_palette, "Ctrl+Shift+P")
         self._action(menu, "Enlarge the picture, or put it back", window.enlarge_picture, "Ctrl+E")
         self._action(menu, "Light or dark", window.toggle_theme, "Ctrl+T")
         self._action(menu, "Jobs", lambda: window.job_line.toggle(), "Ctrl+J")
         menu.addAction(window.log_dock.toggleViewAction())
+        self._action(menu, "Reset the layout", window.reset_layout)
+
+    def _more(self) -> None:
+        """Fill the menu at the foot of the rail: pages that are windows of their own, sessions, the log."""
+        window = self._window
+        menu = window.rail.menu
+        self.own = {
+            spec: self._action(menu, spec.title, lambda _=False, key=spec.key: window.go(key), OWN_KEYS.get(spec.key))
+            for spec in window.views("")
+        }
+        menu.addSeparator()
+        menu.addAction(window.log_dock.toggleViewAction())
 
     def _tools(self) -> None:
         tools = self._window.tools
-        menu = self._window.menuBar().addMenu("&Tools")
+        menu = self._menu("&Tools")
         self._action(menu, "Verify …", lambda: tools.verify())
         self._action(menu, "Doctor …", lambda: tools.doctor())
         menu.addSeparator()
@@ -79,17 +111,33 @@ class WindowMenus:
 
     def _help(self) -> None:
         window, title = self._window, "Keyboard shortcuts"
-        menu, sheet = window.menuBar().addMenu("&Help"), cheat_sheet(window.specs)
+        menu, sheet = self._menu("&Help"), cheat_sheet(window.specs)
         self._action(menu, "Welcome …", lambda: window.tools.welcome())
         self._action(menu, title, lambda: QMessageBox.information(window, title, sheet), "F1")
         self._action(menu, "Fault atlas", lambda: window.show_manual(ATLAS))
         self._action(menu, "Open log folder", lambda: open_folder(log_folder()))
         self._action(menu, "About lfcal", lambda: QMessageBox.about(window, "About lfcal", about_text()))
 
+    def mark(self, states: Mapping[str, PageState]) -> None:
+        """Show the state of pages that are windows of their own."""
+        for spec, action in self.own.items():
+            action.setText(f"{spec.title} ({states[spec.key].value})")
+
+    def _menu(self, title: str) -> QMenu:
+        made: QMenu = self._window.menuBar().addMenu(title)
+        self.menus.append(made)
+        return made
+
     def _action(self, menu: Any, text: str, slot: Any, key: Any = None) -> QAction:
+        action = self._act(text, slot, key)
+        menu.addAction(action)
+        return action
+
+    def _act(self, text: str, slot: Any, key: Any = None) -> QAction:
+        """Return an action whose key works in the window, and in those of pages, whichever menu is seen."""
         action = QAction(text, self._window)
         if key is not None:
             action.setShortcut(QKeySequence(key))
         action.triggered.connect(slot)
-        menu.addAction(action)
+        self._window.addAction(action)
         return action

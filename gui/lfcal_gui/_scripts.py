@@ -25,7 +25,7 @@ class Scripts:
     def copy_step(self, *, python: bool = False) -> None:
         """Put what the page does on the clipboard, as a command or as Python; say what it lacks."""
         window = self._window
-        spec = window.specs[window.rail.currentRow()]
+        spec = window.shown.spec
         try:
             step = step_of(spec, window.project.state, window.context.history.latest(spec.key))
             QApplication.clipboard().setText(step.script() if python else step.shell())

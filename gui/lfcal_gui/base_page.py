@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QKeySequence, QShortcut, QShowEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QPushButton, QStackedWidget, QVBoxLayout, QWidget
 
 from lfcal_gui.context import Context
-from lfcal_gui.models import PageSpec, ProjectState
+from lfcal_gui.models import PageSpec, PageState, ProjectState
 from lfcal_gui.notice import Notice
 from lfcal_gui.theme import current_theme, style_sheet
 from lfcal_gui.widgets import ElidedLabel, WrappedLabel, whole_page
@@ -24,8 +24,11 @@ Deed = tuple[str, Callable[[], object]]
 """What a button of an empty state does: when one would press it (its tip), and the action."""
 
 
-HEADER, DESCENT = 28, 2
-"""Height of a header, also of one without buttons, and how much lower a title's letters reach than a hint's (px)."""
+HEADER = 28
+"""Height of a header, also of one without buttons (px)."""
+
+MARKS = {PageState.RUNNING: " …", PageState.ATTENTION: " ▲"}
+"""What stands behind the name of a view."""
 
 NO_LONGER = "Wait no longer for this file; it stays the project's, and can be opened later"
 
@@ -71,11 +74,10 @@ class BasePage(QWidget):
         self.spec, self.context = spec, context
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         outer = QVBoxLayout(self)
-        outer.setContentsMargins(16, 12, 16, 12)
-        outer.setSpacing(10)
+        outer.setContentsMargins(8, 4, 8, 4)
+        outer.setSpacing(4)
         outer.addLayout(self._header())
         self.notice = Notice()
-        outer.addWidget(self.notice)
         self._stack = QStackedWidget()
         self.body = QWidget()
         whole_page(self.body)
@@ -90,25 +92,37 @@ class BasePage(QWidget):
         context.theme_changed.connect(self._theme_changed)
 
     def _header(self) -> QHBoxLayout:
-        title = QLabel(self.spec.title)
-        title.setProperty("role", "title")
+        self.views: dict[PageSpec, QPushButton] = {}
+        self.segments = QHBoxLayout()
+        self.segments.setSpacing(0)
         self.hint = ElidedLabel(self.spec.hint)
         self.hint.setProperty("role", "hint")
-        self.hint.setContentsMargins(0, 0, 0, DESCENT)
-        words = QHBoxLayout()
-        words.addWidget(title)
-        words.addSpacing(12)
-        words.addWidget(self.hint, 1, Qt.AlignmentFlag.AlignBottom)
-        middle = QVBoxLayout()
-        middle.addStretch()
-        middle.addLayout(words)
-        middle.addStretch()
         self.tools = QHBoxLayout()
         header = QHBoxLayout()
         header.addStrut(HEADER)
-        header.addLayout(middle, 1)
+        header.addLayout(self.segments)
+        header.addSpacing(8)
+        header.addWidget(self.hint, 1)
         header.addLayout(self.tools)
         return header
+
+    def set_views(self, views: Sequence[PageSpec]) -> None:
+        """Offer the views of the place that this page is one of, at the left of the header."""
+        for number, spec in enumerate(views if len(views) > 1 else (), 1):
+            button = QPushButton(spec.title)
+            button.setProperty("role", "segment")
+            button.setCheckable(True)
+            button.setChecked(spec is self.spec)
+            button.setToolTip(f"{spec.hint} (Alt+{number})")
+            button.clicked.connect(lambda _=False, b=button, own=spec is self.spec: b.setChecked(own))
+            button.clicked.connect(lambda _=False, key=spec.key: self.context.go.emit(key, None))
+            self.segments.addWidget(button)
+            self.views[spec] = button
+
+    def mark_views(self, states: Mapping[str, PageState]) -> None:
+        """Show at the names of the views which are at work, or need to be looked at."""
+        for spec, button in self.views.items():
+            button.setText(spec.title + MARKS.get(states[spec.key], ""))
 
     def _theme_changed(self) -> None:
         if self.isVisible():

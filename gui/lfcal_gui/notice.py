@@ -1,18 +1,21 @@
-"""A line over a page: what it is waiting for, or why something was refused, until it is dismissed."""
+"""The line of a page in the status bar: what it is waiting for, or why something was refused, until it is dismissed."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from PySide6.QtCore import Qt, QTimer
+from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QWidget
 
-from lfcal_gui.widgets import WrappedLabel, set_role
+from lfcal_gui.widgets import ElidedLabel, set_role
 
 __all__ = ["Notice"]
 
 WAIT_MS = 300
 """Work that is done sooner is not announced."""
+
+HEIGHT = 20
+"""Of the buttons: a status bar is as low as without them (px)."""
 
 DISMISS = "Take this line away once it is read; the log keeps it"
 
@@ -22,11 +25,9 @@ class Notice(QFrame):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.setProperty("role", "card")
         row = QHBoxLayout(self)
-        row.setContentsMargins(12, 6, 6, 6)
-        self.label = WrappedLabel()
-        self.label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        row.setContentsMargins(6, 0, 0, 0)
+        self.label = ElidedLabel()
         self.button = QPushButton()
         self.button.setAccessibleName("answer to the notice")
         self.button.setToolTip(DISMISS)
@@ -34,9 +35,12 @@ class Notice(QFrame):
         self.leave = QPushButton("Leave as it is")
         self.leave.setToolTip("Do nothing about it now; nothing changes")
         self.leave.clicked.connect(self._leave)
-        row.addWidget(self.label, 1)
+        row.addWidget(self.label)
         for button in (self.leave, self.button):
-            row.addWidget(button, 0, Qt.AlignmentFlag.AlignTop)
+            button.setProperty("role", "tight")
+            button.setFixedHeight(HEIGHT)
+            row.addWidget(button)
+        row.addStretch(1)
         self._cancel: Callable[[], None] | None = None
         self._left: Callable[[], None] | None = None
         self._refused = False

@@ -35,14 +35,29 @@ QLabel[mark="measured"] {{ color: {good}; }}
 QLabel[mark="derived"] {{ color: {muted}; }}
 QLabel[role="value"] {{ font-weight: 600; }}
 QFrame[role="card"] {{ background: {panel}; border: 1px solid {line}; border-radius: 6px; }}
-QListWidget#rail {{ background: {panel}; border: none; border-right: 1px solid {line}; outline: 0; padding: 6px; }}
-QListWidget#rail::item {{ padding: 7px 8px; border-radius: 6px; margin: 1px 0; color: {text}; }}
-QListWidget#rail::item:selected {{ background: {accent}; color: {accent_text}; }}
-QListWidget#rail::item:hover:!selected {{ background: {raised}; }}
+QFrame#rail {{ background: {panel}; border: none; border-right: 1px solid {line}; }}
+QFrame#header {{ background: {panel}; border: none; border-bottom: 1px solid {line}; }}
+QLabel[size="caption"] {{ font-size: 8pt; }}
+QLabel[role="good"] {{ color: {good}; }}
+QLabel[role="fair"] {{ color: {fair}; }}
+QLabel[role="bad"] {{ color: {bad}; }}
 QPushButton {{ background: {raised}; border: 1px solid {line}; border-radius: 5px; padding: 5px 12px; }}
 QPushButton:hover {{ border-color: {accent}; }}
 QPushButton:disabled {{ color: {muted}; background: {window}; }}
 QPushButton:checked {{ background: {accent}; color: {accent_text}; border-color: {accent}; }}
+QPushButton[role="rail"] {{ background: transparent; border: 1px solid transparent; border-radius: 7px; padding: 0; }}
+QPushButton[role="rail"]:hover {{ background: {raised}; }}
+QPushButton[role="rail"]:checked {{ background: {raised}; border-left: 3px solid {accent}; }}
+QPushButton[role="rail"]:focus {{ border-color: {accent}; }}
+QPushButton[role="segment"] {{ background: transparent; border: none; border-bottom: 2px solid transparent;
+    border-radius: 0; color: {muted}; padding: 4px 12px; }}
+QPushButton[role="segment"]:hover {{ color: {text}; }}
+QPushButton[role="segment"]:checked {{ background: transparent; color: {text};
+    border-bottom-color: {accent}; }}
+QPushButton[role="segment"]:focus {{ color: {accent}; }}
+QPushButton[role="tight"] {{ padding: 0 8px; }}
+QToolButton[role="bare"] {{ border: none; background: transparent; font-size: 13pt; padding: 2px 6px; color: {text}; }}
+QToolButton[role="bare"]::menu-indicator {{ image: none; }}
 QPushButton[role="primary"] {{ background: {accent}; color: {accent_text}; border-color: {accent}; font-weight: 600; }}
 QToolButton[role="fold"] {{ border: none; background: transparent; font-weight: 600; padding: 0; color: {text}; }}
 QPushButton[role="big"] {{ font-size: 16pt; font-weight: 600; min-height: 54px; padding: 4px 10px; }}

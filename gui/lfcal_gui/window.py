@@ -1,4 +1,4 @@
-"""The main window: rail, pages, docks and menus only."""
+"""The main window: header, rail, the views of four places, docks and menus only."""
 
 from __future__ import annotations
 
@@ -6,50 +6,47 @@ from collections.abc import Iterable
 from datetime import datetime
 from pathlib import Path
 
-from PySide6.QtCore import QByteArray, QSettings, QSize, Qt
+from PySide6.QtCore import QByteArray, QEvent, QSettings, Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
 from PySide6.QtWidgets import (
     QApplication,
     QDialog,
     QHBoxLayout,
-    QListWidget,
-    QListWidgetItem,
     QMainWindow,
     QStackedWidget,
+    QVBoxLayout,
     QWidget,
 )
 
 from lfcal.base import LfcalError
 from lfcal_gui._docks import LogView, add_dock
-from lfcal_gui._icons import icon_of
+from lfcal_gui._header import Header
 from lfcal_gui._jobs_line import JobsLine
+from lfcal_gui._layouts import Layouts
 from lfcal_gui._leaving import Leaving
 from lfcal_gui._manual import Manual
-from lfcal_gui._menus import WindowMenus, page_key
+from lfcal_gui._menus import WindowMenus
+from lfcal_gui._page_window import PageWindow
 from lfcal_gui._project_files import ProjectFiles
+from lfcal_gui._rail import Rail
 from lfcal_gui._scripts import Scripts
 from lfcal_gui._tools import Tools
 from lfcal_gui._window_size import fit_screen
 from lfcal_gui.base_page import BasePage, page_class
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JOBS_S, Jobs, JobState, WindowJob
-from lfcal_gui.models import PAGES, PageSpec, PageState, Project, ProjectState, available_pages, page_states
+from lfcal_gui.models import PAGES, PLACES, PageSpec, Project, ProjectState, available_pages, page_states, place_words
 from lfcal_gui.palette import Palette, doable
 from lfcal_gui.theme import DARK, LIGHT, THEMES, Themed, apply_theme, current_theme, style_sheet
-from lfcal_gui.widgets import name_controls, toggle_in
+from lfcal_gui.widgets import ElidedLabel, name_controls, toggle_in
 from lfcal_gui.workers import LOG
 
 __all__ = ["MainWindow"]
 
 INI = QSettings.Format.IniFormat
 
-_MARKS = {
-    PageState.NOTHING: "○",
-    PageState.READY: "◔",
-    PageState.RUNNING: "◑",
-    PageState.DONE: "●",
-    PageState.ATTENTION: "▲",
-}
+MESSAGE_MS = 8000
+"""How long a line of the log stands in the status bar."""
 
 
 class MainWindow(QMainWindow):
@@ -74,16 +71,20 @@ class MainWindow(QMainWindow):
         self._manual: Manual | None = None
         self._stopped = self._leaving = self._overdue = False
         self._pages: dict[str, BasePage] = {}
+        self._windows: dict[str, PageWindow] = {}
+        self._last: dict[str, str] = {}
+        self._front = ""
+        self.layouts = Layouts(self.settings)
         self.specs = tuple(available_pages() if pages is None else pages)
         self._build_centre()
-        self._build_docks()
+        self._build_status()
         self.tools, self.scripts = Tools(self, folder), Scripts(self)
         self.menus = WindowMenus(self)
         self._style()
         self._connect()
         fit_screen(self)
         self._restore()
-        self.rail.setCurrentRow(0)
+        self.go(self.specs[0].key)
         self._refresh()
         for reason in PAGES.failures().values():
             self.log(reason)
@@ -103,73 +104,119 @@ class MainWindow(QMainWindow):
 
     # -- building --------------------------------------------------------------------------------------
     def _build_centre(self) -> None:
-        self.rail = QListWidget()
-        self.rail.setObjectName("rail")
-        self.rail.setAccessibleName("pages")
-        self.rail.setFixedWidth(178)
-        self.rail.setFocusPolicy(Qt.FocusPolicy.TabFocus)
-        self.rail.setIconSize(QSize(22, 22))
-        self.rail.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.stack = QStackedWidget()
-        for spec in self.specs:
-            item = QListWidgetItem(spec.title)
-            item.setData(Qt.ItemDataRole.UserRole, spec.key)
-            item.setSizeHint(QSize(160, 40))
-            self.rail.addItem(item)
-            self.stack.addWidget(QWidget())  # pages are made when first looked at
+        self.rail, self.stack, self.header = Rail(), QStackedWidget(), Header()
+        below = QHBoxLayout()
+        below.setSpacing(0)
+        below.addWidget(self.rail)
+        below.addWidget(self.stack, 1)
         centre = QWidget()
-        layout = QHBoxLayout(centre)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(0)
-        layout.addWidget(self.rail)
-        layout.addWidget(self.stack, 1)
+        column = QVBoxLayout(centre)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(0)
+        column.addWidget(self.header)
+        column.addLayout(below, 1)
         self.setCentralWidget(centre)
-        self.rail.currentRowChanged.connect(self._show_row)
+        self.rail.chosen.connect(self.go_place)
 
-    def _build_docks(self) -> None:
+    def _build_status(self) -> None:
         self.log_view = LogView()
         self.log_dock = add_dock(self, "Log", self.log_view)
         self.resizeDocks([self.log_dock], [110], Qt.Orientation.Vertical)
         self.log_dock.hide()
         self.job_line = JobsLine(self.jobs, self)
+        self.message = ElidedLabel()
+        self.message.setProperty("role", "hint")
+        self.message.setContentsMargins(6, 0, 0, 0)
+        self._silence = QTimer(self)
+        self._silence.setSingleShot(True)
+        self._silence.setInterval(MESSAGE_MS)
+        self._silence.timeout.connect(lambda: self.message.setText(""))
+        self.notices = QStackedWidget()  # each page's own line
+        holder = QWidget()
+        row = QHBoxLayout(holder)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.addWidget(self.notices)
+        row.addWidget(self.message, 1)
+        self.statusBar().addWidget(holder, 1)
         self.statusBar().addPermanentWidget(self.job_line)
 
     # -- pages -----------------------------------------------------------------------------------------
+    @property
+    def shown(self) -> BasePage:
+        """The page that is worked with: a view of the place shown, or the window of its own in front."""
+        return self.page(self._front)
+
+    def spec(self, key: str) -> PageSpec | None:
+        """Return the page called ``key``, None where this installation has none."""
+        return next((spec for spec in self.specs if spec.key == key), None)
+
+    def views(self, place: str) -> tuple[PageSpec, ...]:
+        """Return the pages that are views of a place."""
+        return tuple(spec for spec in self.specs if spec.place == place)
+
     def page(self, key: str) -> BasePage:
         """Return the page called ``key``, made at the first call."""
         if key not in self._pages:
-            row = self._row(key)
-            spec = self.specs[row]
+            spec = next(spec for spec in self.specs if spec.key == key)
             made = self._pages[key] = page_class(spec)(spec, self.context)
             name_controls(made)
-            old = self.stack.widget(row)
-            self.stack.removeWidget(old)
-            old.deleteLater()
-            self.stack.insertWidget(row, made)
+            if spec.place:
+                made.set_views(self.views(spec.place))
+                self.stack.addWidget(made)
+                self.notices.addWidget(_held(made.notice))
+            else:
+                self._windows[key] = PageWindow(made, self, self.settings)
+                self._windows[key].activated.connect(lambda: self._to_front(key))
+            self.layouts.restore(key, made)
         return self._pages[key]
 
-    def _row(self, key: str) -> int:
-        """Return the place of a page in the rail, -1 where there is no such page."""
-        return next((row for row, spec in enumerate(self.specs) if spec.key == key), -1)
+    def go_place(self, place: str) -> None:
+        """Show a place as it was left."""
+        views = self.views(place)
+        if views:
+            self.go(self._last.get(place, views[0].key))
 
-    def _show_row(self, row: int) -> None:
-        if row < 0:
-            return
-        page = self.page(self.specs[row].key)
-        self.stack.setCurrentWidget(page)
-        page.setFocus()  # so that arrow keys step through positions, not through the rail
-        page.entered()
-        self.stack.updateGeometry()  # the least width before the page had its fonts would stay that of the window
+    def go_view(self, number: int) -> None:
+        """Show a view of the place that is shown, counted from 0."""
+        spec = self.spec(self._front)
+        views = self.views(spec.place) if spec is not None and spec.place else ()
+        if number < len(views):
+            self.go(views[number].key)
 
     def go(self, key: str, payload: object = None) -> None:
         """Show a page, and hand it what another page sent."""
-        row = self._row(key)
-        if row < 0:
+        spec = self.spec(key)
+        if spec is None:
             self.log(f"the page {key} is not part of this installation")
             return
-        self.rail.setCurrentRow(row)
+        page = self.page(key)
+        self._to_front(key)
+        if spec.place:
+            self.stack.setCurrentWidget(page)
+            self.notices.setCurrentWidget(page.notice.parentWidget())
+            self.rail.show_place(spec.place)
+            self._last[spec.place] = key
+            self.stack.updateGeometry()  # the least width before the page had its fonts would stay that of the window
+            if any(window.isActiveWindow() for window in self._windows.values()):
+                self.activateWindow()
+        else:
+            window = self._windows[key]
+            window.show()
+            window.raise_()
+            window.activateWindow()
+        page.setFocus()  # so that arrow keys step through positions, not through the rail
+        page.entered()
         if payload is not None:
-            self.page(key).receive(payload)
+            page.receive(payload)
+
+    def _to_front(self, key: str) -> None:
+        self._front = key
+
+    def event(self, event: QEvent) -> bool:
+        """Follow a person who comes back from a window of its own."""
+        if event.type() == QEvent.Type.WindowActivate and isinstance(page := self.stack.currentWidget(), BasePage):
+            self._to_front(page.spec.key)
+        return super().event(event)
 
     def show_manual(self, page: str, name: str = "") -> None:
         """Show a page of the manual, or its section about ``name``, beside the window."""
@@ -199,18 +246,15 @@ class MainWindow(QMainWindow):
     def _refresh(self) -> None:
         """Show what follows from the state: rail, title, undo."""
         state = self.project.state
-        theme = current_theme()
         states = page_states(state, self.specs, self.jobs.running_pages(), self._attention)
-        for row, spec in enumerate(self.specs):
-            item, found = self.rail.item(row), states[spec.key]
-            item.setText(f"{spec.title}  {_MARKS[found]}")
-            key = page_key(row)
-            shortcut = "" if key is None else f"   ({key.toString()})"
-            item.setToolTip(f"{spec.hint}\nState: {found.value}{shortcut}")
-            item.setIcon(icon_of(spec.icon, theme.text, theme.accent_text))
-        star = "*" if self.project.unsaved else ""
-        place = self.project.path.name if self.project.path else state.name
-        self.setWindowTitle(f"{place}{star} – lfcal")
+        for place in PLACES:
+            self.rail.say(place.key, *place_words([states[spec.key] for spec in self.views(place.key)]))
+        for page in self._pages.values():
+            page.mark_views(states)
+        self.menus.mark(states)
+        name = self.project.path.name if self.project.path else state.name
+        self.header.say(name, unsaved=self.project.unsaved)
+        self.setWindowTitle(f"{name}{'*' if self.project.unsaved else ''} – lfcal")
         for action, word, label in (
             (self.menus.undo, "Undo", self.project.undo_label),
             (self.menus.redo, "Redo", self.project.redo_label),
@@ -222,7 +266,8 @@ class MainWindow(QMainWindow):
         """Add a line to the log and show it in the status bar."""
         line = " ".join(str(text).split())
         self.log_view.appendPlainText(f"{datetime.now():%H:%M:%S}  {line}")
-        self.statusBar().showMessage(line, 8000)
+        self.message.setText(line)
+        self._silence.start()
         LOG.info("%s", line)
 
     # -- habits ------------------------------------------------------------------------------------------
@@ -246,27 +291,29 @@ class MainWindow(QMainWindow):
     def _style(self) -> None:
         """Style what stands around the pages, which style themselves as soon as they are seen."""
         dialogs = (dialog for dialog in self.findChildren(QDialog) if dialog.styleSheet())  # others take their page's
-        parts = self.log_dock, self.job_line.sheet
-        for part in (self.menuBar(), self.statusBar(), self.rail, *parts, self._manual, *dialogs):
+        parts = self.log_dock, self.job_line.sheet, self.rail.menu, self.header.menu, *self.menus.menus
+        for part in (self.menuBar(), self.header, self.statusBar(), self.rail, *parts, self._manual, *dialogs):
             if part is not None:
                 part.setStyleSheet(style_sheet())
             if isinstance(part, Themed):  # a window with plots: a page redraws its own only
                 part.apply_theme()
+        for window in self._windows.values():
+            window.apply_theme()
 
     def copy_page(self) -> None:
         """Put a picture of the page on the clipboard."""
-        QApplication.clipboard().setPixmap(self.stack.currentWidget().grab())
+        QApplication.clipboard().setPixmap(self.shown.grab())
         self.log("picture of the page copied")
 
     def enlarge_picture(self) -> None:
         """Enlarge the picture under the pointer, else the largest one of the page, or put it back."""
-        if not toggle_in(self.stack.currentWidget()):
+        if not toggle_in(self.shown):
             self.log("this page shows no picture yet")
 
     def show_palette(self) -> None:
         """Offer everything that can be done here by its name."""
-        title = self.specs[self.rail.currentRow()].title if self.rail.currentRow() >= 0 else "Welcome"
-        Palette(self, doable(self.menuBar(), self.stack.currentWidget(), title)).open()
+        page = self.shown
+        Palette(page.window(), doable(self.menuBar(), page, page.spec.title)).open()
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
         """Accept files."""
@@ -283,13 +330,13 @@ class MainWindow(QMainWindow):
         if len(paths) == 1 and paths[0].endswith(".lfcal"):
             self.files.open(Path(paths[0]))
             return
-        shown = self.stack.currentWidget()
+        shown = self.shown
         others = [
             spec.key
             for spec in self.specs
             if self._pages.get(spec.key) is not shown and (spec.takes is None or all(map(spec.takes, paths)))
         ]
-        if isinstance(shown, BasePage) and shown.accept_drop(paths):
+        if shown.accept_drop(paths):
             return
         for key in others:
             if self.page(key).accept_drop(paths):
@@ -337,15 +384,20 @@ class MainWindow(QMainWindow):
         self._stopped = True
         self.settings.setValue("geometry", self.saveGeometry())
         self.settings.setValue("windowState", self.saveState())
+        self.layouts.keep()
+        for window in self._windows.values():
+            window.keep()
+            window.hide()
         self.jobs.close(0.0 if self._overdue else JOBS_S)
         self.context.close()
         self.files.close(answered=asked)
 
     def reset_layout(self) -> None:
-        """Give the window the size and the docks of the first start."""
+        """Give the window its size, docks and borders of the first start."""
         self.log_dock.setFloating(False)
         self.addDockWidget(Qt.DockWidgetArea.BottomDockWidgetArea, self.log_dock)
         self.log_dock.hide()
+        self.layouts.reset()
         fit_screen(self)
 
     def _restore(self) -> None:
@@ -353,3 +405,12 @@ class MainWindow(QMainWindow):
             value = self.settings.value(key)
             if isinstance(value, QByteArray):
                 restore(value)
+
+
+def _held(notice: QWidget) -> QWidget:
+    """Return ``notice`` in a widget that a stack may show, while the notice is hidden."""
+    holder = QWidget()
+    row = QHBoxLayout(holder)
+    row.setContentsMargins(0, 0, 0, 0)
+    row.addWidget(notice)
+    return holder

@@ -13,6 +13,7 @@ from PySide6.QtWidgets import QCheckBox, QComboBox, QLineEdit
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.jobs import JobState
 from lfcal_gui.models.form import parse, text_of
+from lfcal_gui.models.page import PLACES, PageState
 from lfcal_gui.pages.camera.model import values_of as values_of_camera
 from lfcal_gui.pages.plan.model import values_of as values_of_plan
 from lfcal_gui.pages.plan.model_target import PlanSettings
@@ -45,7 +46,7 @@ def check_window(window: MainWindow) -> None:
 
 
 def _axes(window: MainWindow) -> None:
-    for view in window.stack.currentWidget().findChildren(pg.GraphicsView):
+    for view in window.shown.findChildren(pg.GraphicsView):
         plots = [item for item in view.scene().items() if isinstance(item, pg.PlotItem)]
         for plot in plots:
             for side in ("bottom", "left"):
@@ -74,9 +75,10 @@ def _project(window: MainWindow) -> None:
     assert window.menus.undo.text() == f"Undo {project.undo_label}".strip()
     assert ("*" in window.windowTitle()) == project.unsaved, f"{window.windowTitle()}, unsaved: {project.unsaved}"
     running = window.jobs.running_pages()
-    for row, spec in enumerate(window.specs):
-        marked = "◑" in window.rail.item(row).text()
-        assert marked == (spec.key in running), f"{spec.key} is marked as at work: {marked}"
+    for place in PLACES:
+        at_work = any(spec.key in running for spec in window.views(place.key))
+        marked = window.rail.word(place.key) == PageState.RUNNING.value
+        assert marked == at_work, f"{place.key} is marked as at work: {marked}"
 
 
 def _body(page: BasePage) -> bool:

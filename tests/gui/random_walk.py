@@ -151,7 +151,7 @@ class Walk:
     @property
     def _page(self) -> QWidget:
         dialogs = [d for d in self.window.findChildren(QDialog) if d.isVisible()]
-        return dialogs[-1] if dialogs and self.random.random() < 0.7 else self.window.stack.currentWidget()
+        return dialogs[-1] if dialogs and self.random.random() < 0.7 else self.window.shown
 
     def _some(self, kind: type[Any]) -> Any:
         found = [w for w in self._page.findChildren(kind) if w.isVisible() and w.isEnabled()]

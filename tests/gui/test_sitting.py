@@ -74,7 +74,7 @@ def test_from_the_camera_to_the_volume(
     acquire.record.after.assemble(str(session / "H.h5"))
     done(window, qtbot)
     assert state.state.psf == str(session / "H.h5")
-    assert window.specs[window.rail.currentRow()].key == "psf"
+    assert window.shown.spec.key == "psf"
     judge(window, qtbot)
 
     # two positions again

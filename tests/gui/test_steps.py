@@ -253,9 +253,9 @@ def test_the_palette_finds_menus_and_buttons_and_does_them(window: MainWindow, q
     buttons = [name for name in names if name.startswith("Plan: ")]
     assert buttons == names[: len(buttons)] and all(any(c.isalpha() for c in name[6:]) for name in buttons)
     qtbot.keyClicks(palette.line, "view qual")
-    assert [entry.name for entry in palette.shown] == ["View: Quality"]
+    assert [entry.name for entry in palette.shown] == ["View: H: Quality"]
     qtbot.keyClick(palette.line, Qt.Key.Key_Return)
-    assert window.specs[window.rail.currentRow()].key == "quality"
+    assert window.shown.spec.key == "quality"
     palette = opened()
     qtbot.keyClicks(palette.line, "view")
     qtbot.keyClick(palette.line, Qt.Key.Key_Down)
@@ -268,7 +268,7 @@ def test_the_palette_finds_menus_and_buttons_and_does_them(window: MainWindow, q
 
 def test_what_is_gone_when_it_is_chosen_from_the_palette(window: MainWindow, qtbot: QtBot) -> None:
     """A job's row that ended, a page's button that was taken away: found by the random walk."""
-    held = QPushButton("Stop the job of a moment ago", window.stack.currentWidget())
+    held = QPushButton("Stop the job of a moment ago", window.shown)
     held.show()
     window.show_palette()
     palette = next(p for p in window.findChildren(Palette) if p.isVisible())

@@ -2,8 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from PySide6.QtGui import QIcon
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QPushButton
 
 from lfcal_gui.models.shot import Shot
 from lfcal_gui.theme import DARK, LIGHT, apply_theme, current_theme, style_sheet
@@ -53,17 +52,18 @@ def test_a_theme_is_taken_by_what_is_seen_and_by_the_rest_when_it_is(qapp: QAppl
     assert LIGHT.text in camera.styleSheet()
 
 
-def test_the_icon_of_the_page_that_is_looked_at_has_the_colour_of_its_title(window: MainWindow) -> None:
-    """It was drawn in the colour of the others, dark on dark."""
-    window.set_theme("light")
-    icon = window.rail.item(0).icon()
-
-    def colours(mode: QIcon.Mode) -> set[str]:
-        image = icon.pixmap(22, 22, mode).toImage()
+def test_icons_of_places_follow_theme_and_place(window: MainWindow) -> None:
+    def colours(number: int) -> set[str]:
+        image = window.rail.findChildren(QPushButton)[number].icon_label.pixmap().toImage()
         whole = [image.pixelColor(x, y) for x in range(image.width()) for y in range(image.height())]
         return {colour.name() for colour in whole if colour.alpha() == 255}
 
-    assert LIGHT.accent_text in colours(QIcon.Mode.Selected) and LIGHT.accent_text not in colours(QIcon.Mode.Normal)
+    for theme in (DARK, LIGHT):
+        window.set_theme(theme.name)
+        window.go("camera")
+        assert theme.accent in colours(0) and theme.text in colours(1)
+        window.go_place("record")
+        assert theme.text in colours(0) and theme.accent in colours(1)
 
 
 def test_a_dialog_that_is_open_takes_another_theme(window: MainWindow) -> None:

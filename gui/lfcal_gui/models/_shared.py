@@ -27,14 +27,14 @@ from lfcal_gui.models.measure import line_profile, region_numbers, sampled, valu
 from lfcal_gui.models.mishaps import Mishap, Mishaps, safe_words
 from lfcal_gui.models.opening import OpeningSettings, stated_order
 from lfcal_gui.models.page import (
-    ICON_SIDE,
     PAGES,
-    Sketch,
+    PLACES,
     available_pages,
     file_state,
     found_state,
     nothing,
     page_states,
+    place_words,
     with_found,
 )
 from lfcal_gui.models.project import Hold, Project, ProjectState, RecentProjects, read_project
@@ -50,8 +50,8 @@ __all__ = [
     "COLOUR_MAPS",
     "CUTOUT",
     "DIVERGING",
-    "ICON_SIDE",
     "PAGES",
+    "PLACES",
     "PLAN_FILE",
     "SCALES",
     "Claim",
@@ -77,7 +77,6 @@ __all__ = [
     "ProjectState",
     "RecentProjects",
     "Shot",
-    "Sketch",
     "Stamp",
     "Symbols",
     "Taken",
@@ -108,6 +107,7 @@ __all__ = [
     "options_of",
     "page_states",
     "parse",
+    "place_words",
     "plane_words",
     "read_project",
     "region_numbers",

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from lfcal.base import Registry
 from lfcal_gui.models.project import ProjectState
@@ -15,21 +15,19 @@ from lfcal_gui.models.stamp import Stamp, stamp_of
 
 __all__ = [
     "PAGES",
+    "PLACES",
     "PageSpec",
     "PageState",
-    "Sketch",
+    "Place",
     "available_pages",
-    "dot",
     "file_state",
     "found_state",
     "nothing",
     "page_registry",
     "page_states",
+    "place_words",
     "with_found",
 ]
-
-ICON_SIDE = 22
-"""Side of the square that icons are drawn in."""
 
 
 class PageState(Enum):
@@ -42,25 +40,29 @@ class PageState(Enum):
     ATTENTION = "needs attention"
 
 
-class Sketch(Protocol):
-    """What an icon is drawn with: lines of one width in a square of 22 × 22, x to the right, y down."""
+@dataclass(frozen=True)
+class Place:
+    """One of the four places of the window, in the order of a sitting: its pages are views of it.
 
-    def line(self, *points: tuple[float, float]) -> None:
-        """Draw straight lines from point (x, y) to point."""
-        ...
+    Attributes
+    ----------
+    key, title
+        For programs and for people.
+    question
+        What the place answers.
+    """
 
-    def circle(self, x: float, y: float, radius: float, *, filled: bool = False) -> None:
-        """Draw a circle about (x, y)."""
-        ...
-
-    def box(self, x: float, y: float, width: float, height: float, *, radius: float = 0, filled: bool = False) -> None:
-        """Draw a rectangle with its upper left corner at (x, y), its corners rounded by ``radius``."""
-        ...
+    key: str
+    title: str
+    question: str
 
 
-def dot(sketch: Sketch) -> None:
-    """Draw the icon of a page that brings none."""
-    sketch.circle(11, 11, 4)
+PLACES = (
+    Place("setup", "Set up", "Will this scan work, and what does it cost?"),
+    Place("record", "Record", "Is the frame right, is it safe, and how long does it take?"),
+    Place("h", "H", "Is H good, and if not, what helps?"),
+    Place("use", "Use", "How do I export H, and what does it reconstruct?"),
+)
 
 
 @dataclass(frozen=True)
@@ -74,15 +76,15 @@ class PageSpec:
     hint
         One sentence: what is done here.
     order
-        Place in the rail: ascending; lfcal's own pages have 10, 20, … 90.
+        Place among the views of its place, or in the menu *More*: ascending; lfcal's own pages have 10, 20, … 90.
     package
         The page's folder as a package; ``package.page`` has the class ``Page`` and is imported when the page is opened.
     state
         Returns the state that follows from the project; called after every change, so it must be quick.
     needs
         Package without which the page is left out; empty: none.
-    icon
-        Draws the icon.
+    place
+        Key of the `Place` that the page is a view of; empty: it is a window of its own, in the menu *More*.
     keys
         Pairs of key and meaning, for the sheet of keyboard shortcuts.
     takes
@@ -97,7 +99,7 @@ class PageSpec:
     package: str
     state: Callable[[ProjectState], PageState]
     needs: str = ""
-    icon: Callable[[Sketch], None] = dot
+    place: str = ""
     keys: tuple[tuple[str, str], ...] = ()
     takes: Callable[[str], bool] | None = None
 
@@ -162,6 +164,13 @@ def page_states(
     found = {spec.key: spec.state(project) for spec in pages}
     found |= dict.fromkeys(found.keys() & set(attention), PageState.ATTENTION)
     return found | dict.fromkeys(found.keys() & set(running), PageState.RUNNING)
+
+
+def place_words(states: Iterable[PageState]) -> tuple[str, str]:
+    """Return the word for a place whose views are in ``states``, and its mark ``"good"``, ``"fair"`` or none."""
+    order = (PageState.RUNNING, PageState.ATTENTION, PageState.DONE, PageState.READY, PageState.NOTHING)
+    state = min(states, key=order.index, default=PageState.NOTHING)
+    return state.value, {PageState.ATTENTION: "fair", PageState.DONE: "good"}.get(state, "")
 
 
 FOUND = "found"

@@ -36,7 +36,7 @@ def dialogs(stage: Stage) -> Iterator[Capture]:
         stage.settle()
         yield Capture(f"dialog_{name}", dialog)
         dialog.close()
-    palette = Palette(window, doable(window.menuBar(), window.stack.currentWidget(), "Camera"))
+    palette = Palette(window, doable(window.menuBar(), window.shown, "Camera"))
     palette.open()
     stage.turn()
     yield Capture("dialog_palette", palette)

@@ -25,7 +25,7 @@ def card(title: str | QLabel = "") -> tuple[QFrame, QVBoxLayout]:
     frame = QFrame()
     frame.setProperty("role", "card")
     column = QVBoxLayout(frame)
-    column.setContentsMargins(10, 7, 10, 9)
+    column.setContentsMargins(10, 5, 10, 7)
     column.setSpacing(SPACING)
     if isinstance(title, QLabel):
         title.setProperty("role", "heading")
@@ -41,7 +41,7 @@ def column_area(width: int, *cards: QWidget, dense: bool = False) -> QScrollArea
     inner.setProperty("dense", dense)
     column = QVBoxLayout(inner)
     column.setContentsMargins(0, 0, 6, 0)
-    column.setSpacing(8)
+    column.setSpacing(6)
     for one in cards:
         column.addWidget(one)
     column.addStretch()

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from lfcal_gui.models import PageSpec, PageState, ProjectState, Sketch, file_state, nothing
+from lfcal_gui.models import PageSpec, PageState, ProjectState, file_state, nothing
 
 __all__ = ["PAGE"]
 
@@ -17,14 +17,6 @@ def state(project: ProjectState) -> PageState:
     return PageState.READY if there else PageState.NOTHING
 
 
-def icon(sketch: Sketch) -> None:
-    """Draw a falling front with its points."""
-    sketch.line((3, 3), (3, 19), (19, 19))
-    sketch.line((6.5, 5), (9, 11), (13, 14.5), (18, 16))
-    for x, y in ((6.5, 5), (9, 11), (13, 14.5)):
-        sketch.circle(x, y, 1.4, filled=True)
-
-
 PAGE = PageSpec(
     "accuracy",
     "Accuracy",
@@ -33,7 +25,6 @@ PAGE = PageSpec(
     package=__name__,
     state=state,
     needs="lfcal.accuracy",
-    icon=icon,
     takes=nothing,
     keys=(("F5", "measure"), ("Esc", "stop measuring")),
 )

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lfcal_gui.models import PageSpec, PageState, ProjectState, Sketch, file_state
+from lfcal_gui.models import PageSpec, PageState, ProjectState, file_state
 
 __all__ = ["PAGE"]
 
@@ -38,12 +38,6 @@ def _holds_something(folder: str) -> bool:
         return False
 
 
-def icon(sketch: Sketch) -> None:
-    """Draw a record button."""
-    sketch.circle(11, 11, 8)
-    sketch.circle(11, 11, 3, filled=True)
-
-
 def takes(path: str) -> bool:
     """Return whether a folder is that of a session."""
     return (Path(path) / "session.json").is_file()
@@ -56,8 +50,8 @@ PAGE = PageSpec(
     order=30,
     package=__name__,
     state=state,
+    place="record",
     needs="lfcal.acquire",
-    icon=icon,
     takes=takes,
     keys=(
         ("Ctrl+G", "type a position for the stage"),

@@ -118,7 +118,7 @@ def facts(camera: Camera) -> str:
     )
     note = "<p><i>≈ rests on assumed values</i></p>" if any(item.assumed for item in derived_of(camera)) else ""
     questions = "".join(f"<p>⚠ {html.escape(doubt)}</p>" for doubt in doubts(camera))
-    return f"{questions}<table cellspacing='2'>{cells}</table>{note}"
+    return f"{questions}<table cellspacing='1'>{cells}</table>{note}"
 
 
 def _fact(item: Derived) -> str:

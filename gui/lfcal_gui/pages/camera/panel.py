@@ -109,11 +109,11 @@ class CameraPanel(QWidget):
         for (content, title), tip in zip(titles, TAB_TIPS, strict=True):
             self.tabs.setTabToolTip(self.tabs.addTab(content, title), tip)
         below, column = card()
-        column.setContentsMargins(10, 2, 10, 4)
+        column.setContentsMargins(10, 0, 10, 0)
         column.addWidget(self.tabs)
         self.split = both = QSplitter(Qt.Orientation.Vertical)
         both.setChildrenCollapsible(False)
-        both.setHandleWidth(10)
+        both.setHandleWidth(6)
         both.setStyleSheet("QSplitter::handle { background: transparent; }")
         self.area = self._form_area()
         both.addWidget(self.area)
@@ -210,7 +210,7 @@ class CameraPanel(QWidget):
 
 def _titled(title: str, content: QWidget) -> QFrame:
     frame, column = card(title)
-    column.setContentsMargins(10, 4, 10, 4)
+    column.setContentsMargins(10, 2, 10, 2)
     column.addWidget(content)
     column.addStretch()
     return frame

@@ -10,7 +10,7 @@
 
 from __future__ import annotations
 
-from lfcal_gui.models import PageSpec, PageState, ProjectState, Sketch, found_state, nothing
+from lfcal_gui.models import PageSpec, PageState, ProjectState, found_state, nothing
 
 __all__ = ["PAGE"]
 
@@ -20,13 +20,6 @@ def state(project: ProjectState) -> PageState:
     return found_state(project, "fit")
 
 
-def icon(sketch: Sketch) -> None:
-    """Draw points and the curve that goes through them."""
-    sketch.line((3, 18), (6, 11), (10, 7), (14, 8), (19, 15))
-    for x, y in ((4, 14), (8.5, 10), (12, 5), (16.5, 12.5)):
-        sketch.circle(x, y, 1.3, filled=True)
-
-
 PAGE = PageSpec(
     "fit",
     "Fit",
@@ -34,8 +27,8 @@ PAGE = PageSpec(
     order=65,
     package=__name__,
     state=state,
+    place="h",
     needs="lfcal.fit",
-    icon=icon,
     takes=nothing,
     keys=(
         ("F5", "fit"),

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lfcal.base import lazy_face
-from lfcal_gui.models import PageSpec, PageState, ProjectState, Sketch, file_state
+from lfcal_gui.models import PageSpec, PageState, ProjectState, file_state
 
 if TYPE_CHECKING:
     from lfcal_gui.pages.frames._shared import *  # noqa: F403
@@ -17,12 +17,6 @@ __all__ = ["PAGE"]
 def state(project: ProjectState) -> PageState:
     """Return whether frames are imported."""
     return file_state(project.frames, ready=True)
-
-
-def icon(sketch: Sketch) -> None:
-    """Draw two frames, one behind the other."""
-    sketch.box(3, 7, 12, 12)
-    sketch.line((6, 4), (18, 4), (18, 16))
 
 
 def takes(path: str) -> bool:
@@ -39,8 +33,8 @@ PAGE = PageSpec(
     order=40,
     package=__name__,
     state=state,
+    place="record",
     needs="lfcal.frames",
-    icon=icon,
     takes=takes,
     keys=(
         ("←  →  ↑  ↓", "step through source positions"),

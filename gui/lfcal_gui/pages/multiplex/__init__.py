@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lfcal_gui.models import PageSpec, PageState, ProjectState, Sketch
+from lfcal_gui.models import PageSpec, PageState, ProjectState
 
 __all__ = ["PAGE"]
 
@@ -18,13 +18,6 @@ __all__ = ["PAGE"]
 def state(project: ProjectState) -> PageState:
     """Return that it needs nothing of the project."""
     return PageState.READY
-
-
-def icon(sketch: Sketch) -> None:
-    """Draw a colour filter array."""
-    sketch.box(3, 3, 16, 16)
-    sketch.box(4, 4, 6, 6, filled=True)
-    sketch.box(12, 12, 6, 6, filled=True)
 
 
 def takes(path: str) -> bool:
@@ -42,6 +35,5 @@ PAGE = PageSpec(
     package=__name__,
     state=state,
     needs="lfcal.multiplex",
-    icon=icon,
     takes=takes,
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal_gui.models import PageSpec, PageState, ProjectState, Sketch
+from lfcal_gui.models import PageSpec, PageState, ProjectState
 
 __all__ = ["PAGE"]
 
@@ -10,11 +10,6 @@ __all__ = ["PAGE"]
 def state(project: ProjectState) -> PageState:
     """Return whether there is a plan."""
     return PageState.READY if project.plan is None else PageState.DONE
-
-
-def icon(sketch: Sketch) -> None:
-    """Draw a serpentine."""
-    sketch.line((3, 4), (19, 4), (19, 9), (3, 9), (3, 14), (19, 14), (19, 19), (3, 19))
 
 
 def takes(path: str) -> bool:
@@ -29,7 +24,7 @@ PAGE = PageSpec(
     order=20,
     package=__name__,
     state=state,
+    place="setup",
     needs="lfcal.camera",
-    icon=icon,
     takes=takes,
 )

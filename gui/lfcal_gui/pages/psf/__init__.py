@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lfcal_gui.models import PageSpec, PageState, ProjectState, Sketch, file_state
+from lfcal_gui.models import PageSpec, PageState, ProjectState, file_state
 
 __all__ = ["PAGE"]
 
@@ -12,13 +12,6 @@ __all__ = ["PAGE"]
 def state(project: ProjectState) -> PageState:
     """Return whether there is an H."""
     return file_state(project.psf, ready=False)
-
-
-def icon(sketch: Sketch) -> None:
-    """Draw a pattern of micro-images."""
-    for x in (5.5, 11, 16.5):
-        for y in (5.5, 11, 16.5):
-            sketch.circle(x, y, 1.9)
 
 
 def takes(path: str) -> bool:
@@ -33,8 +26,8 @@ PAGE = PageSpec(
     order=50,
     package=__name__,
     state=state,
+    place="h",
     needs="lfcal.psf",
-    icon=icon,
     takes=takes,
     keys=(
         ("←  →  ↑  ↓", "step through source positions"),

@@ -8,7 +8,7 @@
 
 from __future__ import annotations
 
-from lfcal_gui.models import PageSpec, PageState, ProjectState, Sketch, found_state, nothing
+from lfcal_gui.models import PageSpec, PageState, ProjectState, found_state, nothing
 
 __all__ = ["PAGE"]
 
@@ -18,12 +18,6 @@ def state(project: ProjectState) -> PageState:
     return found_state(project, "quality")
 
 
-def icon(sketch: Sketch) -> None:
-    """Draw a tick in a circle."""
-    sketch.circle(11, 11, 8.5)
-    sketch.line((6.5, 11.5), (10, 15), (16, 7.5))
-
-
 PAGE = PageSpec(
     "quality",
     "Quality",
@@ -31,8 +25,8 @@ PAGE = PageSpec(
     order=60,
     package=__name__,
     state=state,
+    place="h",
     needs="lfcal.judge",
-    icon=icon,
     takes=nothing,
     keys=(("F5", "inspect H, or compare two"), ("Esc", "stop")),
 )

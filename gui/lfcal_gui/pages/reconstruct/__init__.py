@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lfcal_gui.models import PageSpec, PageState, ProjectState, Sketch, file_state
+from lfcal_gui.models import PageSpec, PageState, ProjectState, file_state
 
 __all__ = ["PAGE"]
 
@@ -17,13 +17,6 @@ def state(project: ProjectState) -> PageState:
     """Return whether a volume is saved."""
     there = file_state(project.psf, ready=False) is PageState.DONE
     return file_state(project.volume, ready=there)
-
-
-def icon(sketch: Sketch) -> None:
-    """Draw a cube."""
-    sketch.line((11, 2), (19, 6.5), (19, 15.5), (11, 20), (3, 15.5), (3, 6.5), (11, 2))
-    sketch.line((11, 20), (11, 11), (19, 6.5))
-    sketch.line((11, 11), (3, 6.5))
 
 
 def takes(path: str) -> bool:
@@ -40,7 +33,7 @@ PAGE = PageSpec(
     order=80,
     package=__name__,
     state=state,
+    place="use",
     needs="lfcal.reconstruct",
-    icon=icon,
     takes=takes,
 )

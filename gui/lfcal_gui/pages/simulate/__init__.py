@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
-from lfcal_gui.models import PageSpec, PageState, ProjectState, Sketch, file_state, nothing
+from lfcal_gui.models import PageSpec, PageState, ProjectState, file_state, nothing
 
 __all__ = ["PAGE"]
 
@@ -14,11 +12,6 @@ def state(project: ProjectState) -> PageState:
     return file_state(project.reference, ready=True)
 
 
-def icon(sketch: Sketch) -> None:
-    """Draw a wave."""
-    sketch.line(*((2 + x / 2, 11 - 7.8 * math.sin(2 * math.pi * x / 36)) for x in range(37)))
-
-
 PAGE = PageSpec(
     "simulate",
     "Simulate",
@@ -26,7 +19,7 @@ PAGE = PageSpec(
     order=70,
     package=__name__,
     state=state,
+    place="record",
     needs="lfcal.simulate",
-    icon=icon,
     takes=nothing,
 )

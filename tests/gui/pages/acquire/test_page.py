@@ -413,7 +413,7 @@ def test_a_dropped_session_that_is_damaged_is_refused(
 
 
 def test_it_fits_small_screens_and_both_themes(page: Page, context: Context, qapp: QApplication) -> None:
-    assert page.minimumSizeHint().width() <= 1280 - 178 and page.minimumSizeHint().height() <= 620
+    assert page.minimumSizeHint().width() <= 1280 - 85 and page.minimumSizeHint().height() <= 620
     apply_theme(qapp, DARK)
     context.theme_changed.emit()
     apply_theme(qapp, LIGHT)

@@ -58,7 +58,7 @@ def test_from_h_to_the_list_of_positions(window: MainWindow, qtbot: QtBot, tmp_p
     page.send()
     assert (1, 2, 3) in window.project.state.redo
     panel.evidence.position_clicked.emit(2, 3)
-    assert window.stack.currentWidget() is window.page("psf")
+    assert window.shown is window.page("psf")
     idle(window.jobs, qtbot)
     assert window.page("psf").intent.z == 1  # type: ignore[attr-defined]
 

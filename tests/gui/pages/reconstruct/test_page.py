@@ -263,7 +263,7 @@ def test_the_cross_hair_links_the_slices(qtbot: QtBot) -> None:
 
 
 def test_it_fits_small_screens_and_both_themes(page: Page, context: Context, qapp: QApplication) -> None:
-    assert page.minimumSizeHint().width() <= 1280 - 178 and page.minimumSizeHint().height() <= 620
+    assert page.minimumSizeHint().width() <= 1280 - 85 and page.minimumSizeHint().height() <= 620
     apply_theme(qapp, DARK)
     context.theme_changed.emit()
     apply_theme(qapp, LIGHT)
