@@ -355,3 +355,86 @@ def test_jobs_are_listed_without_moving_the_page(window: MainWindow, qtbot: QtBo
     line.toggle()
     idle(window.jobs, qtbot)
     assert line.button.text() == "No jobs running", "it was seen as it failed"
+
+
+def test_places_are_left_and_found_again(window: MainWindow, qtbot: QtBot) -> None:
+    keys = Qt.KeyboardModifier
+    qtbot.keyClick(window, Qt.Key.Key_2, keys.ControlModifier)
+    assert window.shown.spec.key == "acquire"
+    qtbot.keyClick(window, Qt.Key.Key_2, keys.AltModifier)
+    assert window.shown.spec.key == "frames"
+    (segment,) = [b for b in window.shown.findChildren(QPushButton) if b.text() == "Simulate" and b.isCheckable()]
+    qtbot.mouseClick(segment, Qt.MouseButton.LeftButton)
+    assert window.shown.spec.key == "simulate" and not segment.isChecked(), "it is the button of another page"
+    rail = {b.title.text(): b for b in window.rail.findChildren(QPushButton)}
+    qtbot.mouseClick(rail["H"], Qt.MouseButton.LeftButton)
+    assert window.shown.spec.key == "psf" and rail["H"].isChecked() and not rail["Record"].isChecked()
+    qtbot.mouseClick(rail["Record"], Qt.MouseButton.LeftButton)
+    assert window.shown.spec.key == "simulate", "a place is as it was left"
+    qtbot.keyClick(window, Qt.Key.Key_3, keys.AltModifier)
+    qtbot.keyClick(window, Qt.Key.Key_4, keys.ControlModifier)
+    qtbot.keyClick(window, Qt.Key.Key_3, keys.AltModifier)
+    assert window.shown.spec.key == "reconstruct", "it has no third view"
+
+
+def test_a_page_in_a_window_of_its_own(window: MainWindow, qtbot: QtBot) -> None:
+    qtbot.keyClick(window, Qt.Key.Key_M, Qt.KeyboardModifier.ControlModifier)
+    page = window.page("multiplex")
+    own = page.window()
+    assert own is not window and own.isVisible() and window.shown is page
+    assert {action.shortcut().toString() for action in own.actions()} >= {"Ctrl+Z", "Ctrl+Shift+P", "Ctrl+J"}
+    page.refuse("no room on the disk")
+    assert page.notice.isVisible() and page.notice.window() is own
+    own.resize(1100, 720)
+    own.close()
+    window.activateWindow()
+    qtbot.waitUntil(lambda: window.shown.spec.key == "camera", timeout=GUARD_MS)
+    window.go("multiplex")
+    assert page.window() is own and own.isVisible() and (own.width(), own.height()) == (1100, 720)
+    window.go("psf")
+    assert window.shown is window.page("psf")
+
+
+def test_a_notice_moves_nothing(window: MainWindow) -> None:
+    window.go("frames")
+    page, other = window.page("frames"), window.page("psf")
+    before = page.body.geometry(), page.mapTo(window, page.body.pos())
+    page.refuse("the folder is empty: choose another" * 9)
+    QApplication.processEvents()
+    assert page.notice.isVisible() and (page.body.geometry(), page.mapTo(window, page.body.pos())) == before
+    assert page.notice.label.toolTip() == page.notice.label.text(), "what has no room stands in the tip"
+    window.go("psf")
+    assert not page.notice.isVisible() and not other.notice.isVisible()
+    window.go("frames")
+    assert page.notice.isVisible()
+    page.notice.button.click()
+    assert not page.notice.isVisible()
+
+
+def test_borders_are_kept_for_the_next_start(qapp: QApplication, place: Path) -> None:
+    def sizes(made: MainWindow) -> list[int]:
+        made.resize(1280, 800)
+        made.show()
+        made.go("psf")
+        made.page("psf").show_body()
+        QApplication.processEvents()
+        return list(made.page("psf").panel.split.sizes())  # type: ignore[attr-defined]
+
+    def closed(made: MainWindow) -> None:
+        made.shut_down()
+        made.close()
+        made.deleteLater()
+
+    first = make_window(qapp, parse([]), folder=place)
+    before = sizes(first)
+    first.page("psf").panel.split.setSizes([300, sum(before) - 300])  # type: ignore[attr-defined]
+    closed(first)
+    second = make_window(qapp, parse([]), folder=place)
+    kept = sizes(second)
+    assert kept[0] < before[0]
+    second.reset_layout()
+    assert sizes(second)[0] > kept[0]
+    closed(second)
+    third = make_window(qapp, parse([]), folder=place)
+    assert sizes(third)[0] > kept[0]
+    closed(third)
