@@ -6,13 +6,13 @@ from PySide6.QtWidgets import QFrame, QHBoxLayout, QMenu, QToolButton, QVBoxLayo
 
 from lfcal_gui.widgets import ElidedLabel
 
-__all__ = ["Header"]
+__all__ = ["HeaderBar"]
 
 HEIGHT, NAME = 54, 190
 """Height of the header, and the most that the project's name takes (px)."""
 
 
-class Header(QFrame):
+class HeaderBar(QFrame):
     """Three lines that open the menus, name of the project, and room (``lead``) for what leads on."""
 
     def __init__(self, parent: QWidget | None = None) -> None:

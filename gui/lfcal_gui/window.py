@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
 
 from lfcal.base import LfcalError
 from lfcal_gui._docks import LogView, add_dock
-from lfcal_gui._header import Header
+from lfcal_gui._header import HeaderBar
 from lfcal_gui._jobs_line import JobsLine
 from lfcal_gui._layouts import Layouts
 from lfcal_gui._leaving import Leaving
@@ -104,7 +104,7 @@ class MainWindow(QMainWindow):
 
     # -- building --------------------------------------------------------------------------------------
     def _build_centre(self) -> None:
-        self.rail, self.stack, self.header = Rail(), QStackedWidget(), Header()
+        self.rail, self.stack, self.header = Rail(), QStackedWidget(), HeaderBar()
         below = QHBoxLayout()
         below.setSpacing(0)
         below.addWidget(self.rail)

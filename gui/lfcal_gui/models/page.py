@@ -18,7 +18,7 @@ __all__ = [
     "PLACES",
     "PageSpec",
     "PageState",
-    "Place",
+    "WindowPlace",
     "available_pages",
     "file_state",
     "found_state",
@@ -41,7 +41,7 @@ class PageState(Enum):
 
 
 @dataclass(frozen=True)
-class Place:
+class WindowPlace:
     """One of the four places of the window, in the order of a sitting: its pages are views of it.
 
     Attributes
@@ -58,10 +58,10 @@ class Place:
 
 
 PLACES = (
-    Place("setup", "Set up", "Will this scan work, and what does it cost?"),
-    Place("record", "Record", "Is the frame right, is it safe, and how long does it take?"),
-    Place("h", "H", "Is H good, and if not, what helps?"),
-    Place("use", "Use", "How do I export H, and what does it reconstruct?"),
+    WindowPlace("setup", "Set up", "Will this scan work, and what does it cost?"),
+    WindowPlace("record", "Record", "Is the frame right, is it safe, and how long does it take?"),
+    WindowPlace("h", "H", "Is H good, and if not, what helps?"),
+    WindowPlace("use", "Use", "How do I export H, and what does it reconstruct?"),
 )
 
 
@@ -84,7 +84,7 @@ class PageSpec:
     needs
         Package without which the page is left out; empty: none.
     place
-        Key of the `Place` that the page is a view of; empty: it is a window of its own, in the menu *More*.
+        Key of the `WindowPlace` that the page is a view of; empty: it is a window of its own, in the menu *More*.
     keys
         Pairs of key and meaning, for the sheet of keyboard shortcuts.
     takes
