@@ -27,13 +27,13 @@ EXTENTS = (("whole", "Record every position"), ("error", "Record until H is know
 HELD = frozenset(
     {
         *("plan", "out", "redo", "backend", "stage", "option", "order"),
-        *("assemble", "pack", "dry_run", "frame_rate", "cover"),
+        *("assemble", "pack", "dry_run", "frame_rate"),
     }
 )
 """Fields of `lfcal.tasks.Acquire` and `lfcal.tasks.AcquireUntil` that are not in the form.
 
 Of the first line the page has its own widgets. Other buttons assemble and pack a session. The page Plan shows the cost
-at a frame rate. A lens that is covered by hand for dark frames of a session needs the command, which waits for a key.
+at a frame rate.
 """
 
 ORDER = Field(
@@ -104,6 +104,7 @@ class AcquireSettings(PageSettings):
     order: str | None = None
     darks: int | None = None
     dark_every: int | None = None
+    cover: bool = False
     reference_every: int | None = None
     controls: int | None = None
     bracket: tuple[float, ...] | None = None

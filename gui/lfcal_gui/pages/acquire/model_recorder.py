@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +28,7 @@ from lfcal.acquire import (
     frame_positions,
     window_shape,
 )
-from lfcal.base import Work, format_seconds
+from lfcal.base import Progress, Work, format_seconds
 from lfcal.camera import ScanPlan
 from lfcal.frames import Position
 from lfcal.tasks import Acquire, AcquireTarget, AcquireUntil
@@ -39,13 +40,80 @@ if TYPE_CHECKING:
     from lfcal.fit import Fit
     from lfcal.targets import TargetPlan
 
-__all__ = ["QUANTITIES", "FolderState", "RecordPicture", "Recorder", "folder_state", "lamp_words", "record_picture"]
+__all__ = [
+    "QUANTITIES",
+    "Cover",
+    "FolderState",
+    "RecordPicture",
+    "Recorder",
+    "folder_state",
+    "lamp_words",
+    "record_picture",
+]
 
 QUANTITIES = (("energy", "energy (counts)"), ("residual", "position residual (px)"), ("saturated", "saturated (px)"))
 """What the map and the curves show."""
 
 
 ELSEWHERE = "the folder holds a session of {}; lfcal acquire --resume goes on with it"
+
+
+ASK_S = 0.1
+"""Interval at which a recording that waits for a person looks for a stop (s)."""
+
+
+class Cover:
+    """A person who covers the lens, in place of a light that can be switched.
+
+    Parameters
+    ----------
+    control
+        Requests to the recording; a stop ends the wait.
+
+    Attributes
+    ----------
+    asked
+        What the person is asked to do; empty: nothing.
+    skippable
+        Whether dark frames may be skipped instead.
+    """
+
+    waits = False  # no driver: a person may take any time
+
+    def __init__(self, control: Control) -> None:
+        self._control, self._answered = control, threading.Event()
+        self.asked, self.skippable, self._skipped = "", False, False
+
+    def answer(self, *, skip: bool = False) -> None:
+        """Continue, or skip the dark frames."""
+        self._skipped = skip
+        self._answered.set()
+
+    def iter_wanted(self) -> Work[bool]:
+        """Return whether dark frames are wanted: the lens stays uncovered, for the stage is checked first."""
+        self._ask("Dark frames need a covered lens. You will be asked to cover it.", skippable=True)
+        try:
+            while not self._answered.wait(ASK_S) and not self._control.stopping:
+                yield Progress(0, 1, "record", 0.0, "waiting for an answer")
+        finally:
+            self.asked = ""
+        return not self._skipped
+
+    def switch(self, on: bool) -> None:
+        """Ask a person to uncover (``on``) or cover the lens, and wait; raises `Aborted` where the recording stops."""
+        self._ask(f"{'Uncover' if on else 'Cover'} the lens, then continue.", skippable=False)
+        try:
+            while not self._answered.wait(ASK_S):
+                if self._control.stopping:
+                    if on:  # nothing more is recorded
+                        return
+                    raise self._control.aborted()
+        finally:
+            self.asked = ""
+
+    def _ask(self, words: str, *, skippable: bool) -> None:
+        self._answered.clear()
+        self.asked, self.skippable = words, skippable
 
 
 class Recorder:
@@ -84,6 +152,7 @@ class Recorder:
         self.steps: list[AdaptiveStep] = []
         self.fit: Fit | None = None
         self.control, self.preview = Control(), Preview()
+        self.cover = Cover(self.control)
         self.quality = _watching(plan, options)
         self.earlier = EarlierFrames(self.folder, self.quality, known)
         self.taken = 0
@@ -102,8 +171,14 @@ class Recorder:
             RedoList.of(self.redo).write(self.task.redo)
         how: dict[str, Any] = {"seen": self.steps.append} if self.goal else {}
         how |= {"resume": self.resume, "control": self.control, "preview": self.preview}
-        seeing = (self.quality, self._count)
-        found = yield from self.task.iter_session(self.recorded, station.rig, self.options, observers=seeing, **how)
+        seeing, rig = (self.quality, self._count), station.rig
+        # a light that can be switched makes it unnecessary to cover the lens
+        if self.task.cover and rig.light is None:
+            rig = replace(rig, light=self.cover)
+            if self.options.darks and not (self.resume or self.redo) and not (yield from self.cover.iter_wanted()):
+                self.task = replace(self.task, darks=0, dark_every=None, cover=False)
+                self.options = self.task.options()
+        found = yield from self.task.iter_session(self.recorded, rig, self.options, observers=seeing, **how)
         outcome: Outcome = found if self.goal is None else found.outcome
         if self.goal is not None:
             self.ended, self.fit = found.words, found.fit

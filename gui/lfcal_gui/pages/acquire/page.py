@@ -37,6 +37,7 @@ class Page(BasePage):
         self.setup = SetupTab(context, self.panel.setup, self)
         self.record = RecordTab(context, self.setup, self.panel.record, self)
         self.record.ended.connect(lambda: self._show(context.state, folder=False))
+        self.record.asked.connect(self._ask)
         toggle = self.tool_button("Dark lab", "Large buttons with keys, red on black (F11)", lambda: None)
         self.lab = Lab(context, self.panel, self.setup, self.record, toggle)
         self.set_panel(self.lab.panel)
@@ -66,6 +67,17 @@ class Page(BasePage):
         self.show_body()
         self.setup.show_state(state)
         self.lab.show()
+
+    def _ask(self, words: str) -> None:
+        """Ask a person to do what the recording waits for."""
+        recorder = self.record.recorder
+        if not words or recorder is None:
+            self.notice.clear()
+            return
+        answer, skip = recorder.cover.answer, recorder.cover.skippable
+        self.notice.offer(words, "Continue", answer, (lambda: answer(skip=True)) if skip else None, stay="Skip")
+        self.notice.leave.setVisible(skip)
+        self.context.message.emit(words)
 
     def _add_shortcuts(self) -> None:
         stage = self.panel.setup.stage

@@ -46,10 +46,13 @@ class RecordTab(QObject):
         A recording ended, in whatever way.
     shown()
         What can be pressed, or the advice, is another.
+    asked(words)
+        A person is asked to do something before the recording continues; empty: no longer.
     """
 
     ended = Signal()
     shown = Signal()
+    asked = Signal(str)
 
     def __init__(self, context: Context, setup: SetupTab, panel: RecordPanel, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -62,7 +65,7 @@ class RecordTab(QObject):
         self.after = Afterwards(context, panel, lambda: self.recording)
         self.target = TargetChoice(context, self._target_read)
         self.folder_choice = FolderChoice(context, panel.folder, self._folder_seen, self._refuse)
-        self._job, self._lamp, self._refused = 0, "", False
+        self._job, self._lamp, self._refused, self._asked = 0, "", False, ""
         self._under_way: WindowJob | None = None
         """The recording as it was told last."""
         self.poll_timer = QTimer(self)
@@ -186,6 +189,7 @@ class RecordTab(QObject):
         automatic = station is not None and bool(station.devices.automatic)
         panel.more.set_shown("allow_automatic", automatic or settings.allow_automatic)
         panel.more.set_shown("steady", bool(settings.suspend))
+        panel.more.set_shown("cover", settings.cover or station is None or station.rig.light is None)
         panel.more.set_shown("positions", settings.extent == "whole" and not settings.target)
         panel.more.set_shown("unknowns", settings.extent == "error")
         self._show_error()
@@ -308,6 +312,7 @@ class RecordTab(QObject):
         """Show the newest frame and the quality; the recording thread never waits for this."""
         if self.recorder is None:
             return
+        self._show_asked(self.recorder.cover.asked)
         frame = self.recorder.preview.latest()
         if frame is not None:
             if frame.position is not None and self.panel.follow.isChecked():
@@ -316,6 +321,14 @@ class RecordTab(QObject):
             self.context.frame_seen.emit(frame.data, (frame.roi.row, frame.roi.column))
         self._show_error()
         self._refresh_picture()
+
+    def _show_asked(self, words: str) -> None:
+        """Ask for what the recording waits for."""
+        if words != self._asked:
+            self._asked = words
+            self.context.attention.emit("acquire", bool(words))
+            self.asked.emit(words)
+            self._show_progress()
 
     def _shown(self) -> Recorder | None:
         """Return the run, or what the folder holds where this window recorded nothing; None without a plan."""
@@ -377,6 +390,8 @@ class RecordTab(QObject):
     def _job_changed(self, job: WindowJob) -> None:
         if job.number == self._job and job.active:
             self._under_way = job
+            if job.stopping and self.recorder is not None:
+                self.recorder.control.stop()  # also where it waits for a person
             self._show_progress()
 
     def _show_progress(self) -> None:
@@ -384,8 +399,8 @@ class RecordTab(QObject):
         job, recorder = self._under_way, self.recorder
         if job is None or recorder is None or not self.recording:
             return
-        asked = asked_words(recorder.control, stopping=job.stopping)
-        if job.progress is None:
+        asked = asked_words(recorder.control, stopping=job.stopping) or self._asked
+        if job.progress is None or asked == self._asked != "":
             self.panel.show_status(asked or "Beginning …", "", None)
             return
         words, detail, fraction = progress_words(recorder, job.progress, self._lamp)
@@ -421,6 +436,7 @@ class RecordTab(QObject):
             return
         self._set_job(0)
         self._under_way = None
+        self._show_asked("")
         self.poll_timer.stop()
         if self.recorder is not None and self.recorder.folder != Path(self.context.state.recording):
             self._forget()  # another project was begun meanwhile

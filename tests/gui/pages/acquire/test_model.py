@@ -75,6 +75,7 @@ def test_every_field_changes_one_thing() -> None:
         "most": (40, 40),
         "unknowns": ("iris, distance", "iris,distance"),
         "positions": ("half.json", "half.json"),
+        "cover": (True, True),
         "origin": ("1, -2.5,3", "1,-2.5,3"),
     }
     for key, (value, shown) in changes.items():

@@ -374,6 +374,54 @@ def test_a_camera_that_stays_automatic_is_named_and_recorded_once_that_is_allowe
     assert SessionFile.read(tmp_path / "s").devices.automatic == ("GainAuto",)
 
 
+def test_a_lens_is_covered_by_hand_or_dark_frames_are_skipped(
+    page: Page, context: Context, qtbot: QtBot, tmp_path: Path
+) -> None:
+    record, cover = page.panel.record, page.panel.record.more.editor("cover")
+    assert isinstance(cover, QCheckBox)
+    cover.setChecked(True)
+    page.record._field_edited("darks", 1)
+    assert "--cover" in step(context.state).arguments
+    connect(page, qtbot)
+    assert page.setup.station is not None
+    page.setup.station.rig = replace(page.setup.station.rig, light=None)
+    seen = list[tuple[str, bool]]()
+    context.attention.connect(lambda *found: seen.append(found))
+
+    def answer(begins: str, button: str) -> None:
+        qtbot.waitUntil(
+            lambda: page.notice.label.text().startswith(begins) and page.notice.isVisible(), timeout=GUARD_MS
+        )
+        assert seen[-1] == ("acquire", True) and record.status.text() == page.notice.label.text()
+        qtbot.mouseClick(getattr(page.notice, button), Qt.MouseButton.LeftButton)
+
+    def begin(name: str) -> Path:
+        context.project.update("folder", recording=str(tmp_path / name))
+        qtbot.waitUntil(lambda: page.record.folder.there is None, timeout=GUARD_MS)
+        page.record.start()
+        return tmp_path / name
+
+    def ended() -> None:
+        qtbot.waitUntil(lambda: not page.record.recording and page.setup.station is not None, timeout=GUARD_MS)
+        assert not page.notice.isVisible()
+
+    folder = begin("covered")
+    for begins in ("Dark frames need", "Cover the lens", "Uncover the lens"):
+        answer(begins, "button")
+        assert page.notice.leave.isHidden() or begins == "Dark frames need"
+    ended()
+    assert SessionFile.read(folder).options.darks == 1 and record.status.text().startswith("Complete")
+    folder = begin("skipped")
+    answer("Dark frames need", "leave")
+    ended()
+    assert SessionFile.read(folder).options.darks == 0 and record.status.text().startswith("Complete")
+    folder = begin("stopped")
+    answer("Dark frames need", "button")
+    qtbot.waitUntil(lambda: page.notice.label.text().startswith("Cover"), timeout=GUARD_MS)
+    context.jobs.cancel(page.record._job)
+    ended()
+
+
 def test_a_list_of_positions_is_chosen_by_its_button(
     page: Page, context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -395,7 +443,7 @@ def test_the_copied_command_leaves_the_check_of_the_stage_out_too(page: Page, co
 
 
 def test_settings_that_have_no_effect_are_not_shown(page: Page, context: Context, qtbot: QtBot) -> None:
-    hidden = {key: page.panel.record.more.editor(key) for key in ("allow_automatic", "steady", "unknowns")}
+    hidden = {key: page.panel.record.more.editor(key) for key in ("allow_automatic", "steady", "cover", "unknowns")}
     connect(page, qtbot)
     assert all(editor.isHidden() for editor in hidden.values())
     page.record._field_edited("suspend", "temperature=20:22")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -11,7 +13,9 @@ import numpy as np
 import pytest
 
 from lfcal.acquire import Options, RedoList, SessionFile
+from lfcal.acquire.recording.source import RecordingSource
 from lfcal.base import drain
+from lfcal.devices import Rig, open_rig
 from lfcal.frames import open_frames
 from lfcal.psf import open_psf
 from lfcal.records import rows
@@ -147,6 +151,65 @@ def test_a_list_of_positions_is_recorded_by_every_route(
         there = SessionFile.read(folder / name).acknowledged(folder / name)
         assert [tuple(place) for place in np.argwhere(there).tolist()] == half, name
     assert not any("half.json" in word for word in step(project, resume=True).arguments), "a session keeps its list"
+
+
+class Lamp:
+    """A lamp without a switch: a person covers the lens, in the window or where the command asks."""
+
+    def __init__(self, rig: Rig) -> None:
+        assert rig.light is not None
+        self.light, self.covered = rig.light, 0
+        self.rig = dataclasses.replace(rig, light=None)
+
+    def turn(self) -> None:
+        self.covered += 1
+        self.light.switch(self.covered % 2 == 0)
+
+    def readline(self) -> str:
+        self.turn()
+        return "\n"
+
+
+def test_a_lens_is_covered_for_the_same_frames_by_window_and_command(
+    lfcal: Callable[..., Run], station: Station, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chosen = dataclasses.replace(CHOSEN, cover=True, bracket=None)
+    lamps, opened = [Lamp(station.rig)], open_rig
+    station.rig = lamps[0].rig
+
+    def without_light(*asked: Any, **how: Any) -> Rig:
+        lamps.append(Lamp(opened(*asked, **how)))
+        monkeypatch.setattr("sys.stdin", lamps[1])
+        return lamps[1].rig
+
+    out, asked = folder / "window", list[str]()
+    task = chosen.task(str(out / "session.json"), str(out))
+    recorder = Recorder(task, PLAN, task.options())
+
+    def answer() -> None:
+        while len(asked) < 3:
+            if recorder.cover.asked and not recorder.cover._answered.is_set():
+                asked.append(recorder.cover.asked)
+                if not recorder.cover.skippable:
+                    lamps[0].turn()
+                recorder.cover.answer()
+            time.sleep(0.001)
+
+    person = threading.Thread(target=answer)
+    person.start()
+    drain(recorder.work(station))
+    person.join()
+    assert [words.split()[0] for words in asked] == ["Dark", "Cover", "Uncover"]
+    made = step(ProjectState(plan=PLAN, recording="command", settings={"acquire": chosen.to_dict()}))
+    write_files(made)
+    monkeypatch.setattr("lfcal.devices.open_rig", without_light)
+    done = lfcal(*made.arguments)
+    assert done.code == 0 and lamps[0].covered == lamps[1].covered == 2, done.err
+    for name in ("window", "command"):
+        np.testing.assert_array_equal(frames(folder / name), frames(out), err_msg=name)
+        with RecordingSource(folder / name) as source, RecordingSource(out) as first:
+            (dark,), (other,) = (one.metadata.darks.values() for one in (source, first))
+            np.testing.assert_array_equal(dark.frame, other.frame, err_msg=name)
 
 
 def test_the_window_keeps_the_task_as_the_command_does(
