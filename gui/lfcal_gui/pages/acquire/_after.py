@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
-from lfcal_gui.models import Filling
-from lfcal_gui.pages.acquire.model_assembly import iter_assembly
+from lfcal_gui.models import CommandStep, Filling
+from lfcal_gui.pages.acquire.model_assembly import iter_assembly, iter_made, new_file, remade, shown_first
 from lfcal_gui.pages.acquire.model_stills import recipe_of
 from lfcal_gui.pages.acquire.record_panel import RecordPanel
 from lfcal_gui.pages.acquire.step import assembled
 from lfcal_gui.saving import ask_target, may_replace
 
+if TYPE_CHECKING:
+    from lfcal.tasks import Assemble, AssembleTarget
+
 __all__ = ["Afterwards"]
+
+Place = tuple[int, int, int]
 
 
 class Afterwards:
@@ -56,6 +62,36 @@ class Afterwards:
         if may_replace(self.panel, [out]):
             self._assemble(out, page="fit", found=found)
 
+    def remake(self, places: Sequence[Place]) -> None:
+        """Make the project's H again, of a session of which ``places`` were recorded again, into a new file.
+
+        The H before stays where it is and becomes the reference, so that page PSF shows the difference.
+        """
+        folder, before = Path(self.context.state.recording), Path(self.context.state.psf)
+        recipe = recipe_of(folder)
+
+        def found(task: Assemble | AssembleTarget) -> None:
+            title = f"Assemble {task.out.name}"
+            step = partial(CommandStep.of, task)
+            self.context.start_writing(
+                title,
+                "acquire",
+                str(task.out),
+                lambda: iter_made(task),
+                lambda report: self._remade(report, before, places),
+                taken=self.context.taken("acquire", title, step=step),
+            )
+
+        self.context.jobs.load(
+            "acquire remake", lambda: remade(folder, before, new_file(before), recipe), found, self.context.refused.emit
+        )
+
+    def _remade(self, report: Any, before: Path, places: Sequence[Place]) -> None:
+        path = self._told(report)
+        self.context.project.update("assembly of positions recorded again", psf=path, reference=str(before))
+        self.context.go.emit("quality", None)  # where H is judged
+        self.context.go.emit("psf", {"place": shown_first(places), "show": "difference"})
+
     def _assemble(self, out: Path, planes: list[int] | None = None, *, page: str = "psf", found: Any = None) -> None:
         folder = Path(self.context.state.recording)
         recipe = recipe_of(folder)
@@ -71,14 +107,18 @@ class Afterwards:
         )
 
     def _assembled(self, report: Any, page: str, found: Any) -> None:
+        self.context.project.update("assembly", psf=self._told(report))
+        self.context.go.emit(page, found)
+
+    def _told(self, report: Any) -> str:
+        """Close H, and return its file; what was noticed is told."""
         from lfcal.judge import judgement_of
 
-        path = report.matrix.path
+        path = str(report.matrix.path)
         report.matrix.close()
         for note in (judgement_of(report).verdict, *report.notes):
             self.context.message.emit(f"{Path(path).name}: {note}")
-        self.context.project.update("assembly", psf=str(path))
-        self.context.go.emit(page, found)
+        return path
 
     def pack(self) -> None:
         """Compress the finished recording as a job."""

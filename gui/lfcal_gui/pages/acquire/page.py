@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from functools import partial
+from typing import Any
+
+from lfcal.base import format_count
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.models import PageSpec, ProjectState
@@ -99,6 +103,37 @@ class Page(BasePage):
         self.setup.entered()
         if self.context.state.recording and not self.record.recording:
             self.record.folder_choice.look()
+
+    def receive(self, payload: Any) -> None:
+        """Record positions again where another page asks for it (``"redo"``)."""
+        if payload == "redo":
+            self.redo()
+
+    def redo(self) -> bool:
+        """Record the project's list of positions again and make its H anew; return whether that began.
+
+        Where no devices are connected, it asks for them and continues once they are.
+        """
+        state, count = self.context.state, len(self.context.state.redo)
+        if not count or state.plan is None:
+            return False
+        self.panel.setCurrentWidget(self.panel.record)
+        if not state.recording:
+            self.refuse("Choose the folder of the session that H was made of, then record the positions again.")
+        elif self.record.recording or not self.setup.free:
+            self.refuse(f"The devices are in use. {count} positions can be recorded again afterwards.")
+        elif self.setup.station is None:
+            words = (
+                f"Connect camera and stage: {format_count(count, 'position is', 'positions are')} recorded again then."
+            )
+            self.setup.when_connected(self.redo)
+            forget = partial(self.setup.when_connected, None)
+            self.notice.offer(words, "Connect", self.setup.connect_devices, forget, stay="Not now")
+        else:
+            self.notice.clear()
+            self.record.start(redo=True)
+            return True
+        return False
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped session folder."""

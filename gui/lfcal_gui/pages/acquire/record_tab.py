@@ -115,7 +115,7 @@ class RecordTab(QObject):
     def let_go(self) -> None:
         """Open no folder any more for the project before."""
         self.folder_choice.let_go()
-        for group in ("acquire start", EARLIER):
+        for group in ("acquire start", "acquire remake", EARLIER):
             self.context.jobs.drop(group)
 
     def _forget(self) -> None:
@@ -427,6 +427,8 @@ class RecordTab(QObject):
         own = recorder is not None and recorder.folder == Path(self.context.state.recording)
         if outcome.how == "complete" and recorder is not None and recorder.redo and own:
             self.context.project.update("positions recorded again", redo=())
+            if self.context.state.psf:
+                self.after.remake(recorder.redo)
 
     def _failed(self, _: WindowJob) -> None:
         self.context.attention.emit("acquire", True)

@@ -51,7 +51,7 @@ class SetupTab(QObject):
         """Whether a session is being recorded."""
         self.connecting = False
         self._looked_for = False
-        self._then: Callable[[], None] | None = None
+        self._then: Callable[[], object] | None = None
         self.live_timer = QTimer(self)
         self.live_timer.setSingleShot(True)
         self.live_timer.setInterval(LIVE_MS)
@@ -150,12 +150,12 @@ class SetupTab(QObject):
         self.panel.devices.set_backends(*found)
         self.show_state(self.context.state)
 
-    def connect_devices(self, then: Callable[[], None] | None = None) -> None:
+    def connect_devices(self, then: Callable[[], object] | None = None) -> None:
         """Open the chosen devices in the background, then do ``then`` or switch the live view on."""
         plan, chosen = self.context.state.plan, AcquireSettings.of(self.context.state)
         if plan is None or self.station is not None or self.connecting:
             return
-        self.connecting, self._then = True, then
+        self.connecting, self._then = True, then or self._then
         self.panel.devices.set_connected("connecting …", connected=False, busy=True)
         self.context.jobs.compute(
             "acquire connect",
@@ -163,6 +163,10 @@ class SetupTab(QObject):
             self._connected,
             self._not_connected,
         )
+
+    def when_connected(self, then: Callable[[], object] | None) -> None:
+        """Do ``then`` once devices are connected; None: nothing."""
+        self._then = then
 
     def _connected(self, station: Station) -> None:
         self.station, self.connecting = station, False

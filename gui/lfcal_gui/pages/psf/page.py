@@ -57,6 +57,7 @@ class Page(BasePage):
         self._held = self._offering = False
         self._levels: Mapping[str, tuple[float, float]] = {}
         self._summed: PSFMatrix | None = None
+        self._sent: dict[str, Any] = {}
         self.tool_button("Open H …", OPEN, self.choose_file)
         self.tool_button(
             "Reference …", "An H to hold this one against: simulated, or measured earlier", self.choose_reference
@@ -88,6 +89,7 @@ class Page(BasePage):
     # -- files -----------------------------------------------------------------------------------------
     def let_go(self) -> None:
         """Open no file any more that the project before was to take."""
+        self._sent = {}
         asked, self._asked = self._asked, ""
         if asked and self.context.matrices.opening(asked):
             self.context.forget(asked)
@@ -134,6 +136,7 @@ class Page(BasePage):
         else:
             self.set_intent(z=len(matrix) // 2, y=matrix.period[0] // 2, x=matrix.period[1] // 2, pixel=None)
             self._offer_order()
+        self._show_sent()
 
     def _offer_order(self, *, again: bool = False) -> None:
         """Offer the other order of axes where H was read by a guess; ``again``: or as the user stated it before."""
@@ -292,9 +295,19 @@ class Page(BasePage):
         return False
 
     def receive(self, payload: Any) -> None:
-        """Show a position (z, y, x) another page sent."""
+        """Show a position (z, y, x) that another page sent; or ``place`` and what to ``show``, once H is open."""
         if isinstance(payload, tuple) and len(payload) == 3:
             self.set_intent(z=payload[0], y=payload[1], x=payload[2])
+        elif isinstance(payload, dict):
+            self._sent = payload
+            self._show_sent()
+
+    def _show_sent(self) -> None:
+        """Show what another page sent, if H and its reference are open."""
+        if self._sent and self.matrix is not None and self.reference is not None:
+            (z, y, x), show = self._sent["place"], self._sent["show"]
+            self._sent = {}
+            self.set_intent(z=z, y=y, x=x, show=show)
 
     # -- intent ----------------------------------------------------------------------------------------
     def set_intent(self, **changes: Any) -> None:

@@ -67,6 +67,13 @@ class InspectPanel(QWidget):
         words.setSpacing(2)
         words.addWidget(self.verdict)
         words.addWidget(self.summary)
+        self.redo = QPushButton()
+        self.redo.setAccessibleName("record bad positions again")
+        self.redo.setToolTip(
+            "Record the bad positions again, make H anew and judge it; the H before becomes the reference"
+        )
+        self.redo.hide()
+        words.addWidget(self.redo, 0, Qt.AlignmentFlag.AlignLeft)
         words.addStretch()
         self._form_at = QVBoxLayout()
         self.form = self._make_form(QualitySettings())

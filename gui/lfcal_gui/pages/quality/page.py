@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from PySide6.QtWidgets import QFileDialog
 
-from lfcal.base import InputError
+from lfcal.base import InputError, format_count
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
@@ -66,6 +66,7 @@ class Page(BasePage):
         inspect.edited.connect(self._edited)
         inspect.folder_asked.connect(self.choose_fit)
         inspect.every_toggled.connect(lambda on: self._show())
+        inspect.redo.clicked.connect(lambda: self.redo())
         self.set_panel(self.panel)
         self.shortcut("F5", self.begin)
         self.theme_changed.connect(self._apply_theme)
@@ -75,9 +76,6 @@ class Page(BasePage):
         self._follow()
 
     def _make_buttons(self) -> None:
-        self.redo_button = self.tool_button(
-            "Send to Acquire", "The worst positions become the list that page Acquire records again", self.send
-        )
         self.report_button = self.tool_button(
             "Write report …",
             "Keep what was found: an HTML page with all figures, and JSON for programs",
@@ -247,8 +245,9 @@ class Page(BasePage):
     # -- showing ---------------------------------------------------------------------------------------
     def _show_buttons(self) -> None:
         redo = () if self.inspection is None else worst_positions(self.inspection)
-        self.redo_button.setEnabled(bool(redo))
-        self.redo_button.setText(f"Send {len(redo)} to Acquire" if redo else "Send to Acquire")
+        button = self.panel.inspect.redo
+        button.setText(f"Record {format_count(len(redo), 'position', 'positions')} again")
+        button.setVisible(bool(redo))
         self.report_button.setEnabled(self._stamp is not None and not self._job and not self._report)
         self.measure_button.setEnabled(self._stamp is not None and not self._job)
 
@@ -284,13 +283,11 @@ class Page(BasePage):
             inspect.summary.setText(self._summary(self.inspection, self._question))
 
     # -- doing -----------------------------------------------------------------------------------------
-    def send(self) -> None:
-        """Hand the positions to be recorded again to Acquire."""
+    def redo(self) -> None:
+        """Record the bad positions again; page Acquire does it, makes H anew and has it judged."""
         if self.inspection is not None:
-            redo = worst_positions(self.inspection)
-            self.context.project.update("positions to record again", redo=redo)
-            self.context.message.emit(f"{len(redo)} positions to be recorded again")
-            self.context.go.emit("acquire", None)
+            self.context.project.update("positions to record again", redo=worst_positions(self.inspection))
+            self.context.go.emit("acquire", "redo")
 
     def write_report(self, folder: str = "") -> None:
         """Write the report as a job."""

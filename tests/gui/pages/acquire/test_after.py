@@ -4,24 +4,31 @@ from __future__ import annotations
 
 import shutil
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 
 from lfcal.acquire import SessionFile
-from lfcal.base.errors import StorageError
+from lfcal.base.errors import InputError, StorageError
 from lfcal.base.progress import drain
 from lfcal.cli.sample import sample_recording
+from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal.psf.assembly import AssemblyProgress
 from lfcal.psf.store import PSFWriter
+from lfcal.records import AssemblySettings
+from lfcal.tasks import Assemble
 from lfcal.work import parts_folder
 from lfcal_gui.context import Context
 from lfcal_gui.models.project import ProjectState
-from lfcal_gui.pages.acquire.model_assembly import iter_assembly
+from lfcal_gui.pages.acquire.model import AcquireSettings
+from lfcal_gui.pages.acquire.model_assembly import iter_assembly, remade
 from lfcal_gui.pages.acquire.model_stills import recipe_of
+from tests.acquire.rigs import small_plan
 from tests.gui.waiting import GUARD_MS, idle
 from tests.psf.test_joining import contents
 
@@ -107,3 +114,45 @@ def test_a_session_s_h_that_failed_goes_on_to_the_same(
     context.matrices.forget(str(out))
     assert contents(out) == contents(whole)
     assert "assemble plane" not in context.jobs.log(job.number).text().partition("goes on")[2]
+
+
+def test_positions_are_recorded_again_and_h_is_made_anew_as_before(
+    page: Any, context: Context, qtbot: QtBot, session: Path
+) -> None:
+    """The frames and the H of before stay; another H has them replaced, with the settings of the first."""
+    folder = session.parent / "quick"
+    plan = small_plan((3, 4), 2, settle_s=0.0)
+    quick = AcquireSettings(device_options=(("optics", "pattern"), ("seed", "3")), darks=1, reference_every=0)
+    context.project.update("quick", plan=plan, camera=plan.camera, settings=quick.into(context.state))
+    context.project.update("folder", recording=str(folder))
+    page.setup.connect_devices(page.record.start)
+    qtbot.waitUntil(lambda: page.record.folder.complete and not page.record.recording, timeout=GUARD_MS)
+    made = Assemble(frames=folder, out=folder / "H.h5", settings=AssemblySettings(cutout=(15, 15)))
+    drain(made.work())[0].report.matrix.close()
+    page.setup.disconnect_devices()
+    assert not page.redo(), "no position is asked for"
+    again = ((0, 1, 2), (1, 0, 0), (1, 2, 3))
+    context.project.update("open", psf=str(folder / "H.h5"), redo=again)
+    # other noise, by which frames of the second run are known
+    context.project.update(
+        "seed", settings=replace(quick, device_options=(("optics", "pattern"), ("seed", "4"))).into(context.state)
+    )
+    before, went = (folder / "H.h5").read_bytes(), list[Any]()
+    context.go.connect(lambda *sent: went.append(sent))
+    assert not page.redo() and "3 positions are recorded again then" in page.notice.label.text()
+    qtbot.mouseClick(page.notice.button, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: context.state.psf == str(folder / "H-2.h5"), timeout=GUARD_MS)
+    idle(context.jobs, qtbot)
+    assert context.state.reference == str(folder / "H.h5") and context.state.redo == ()
+    assert (folder / "H.h5").read_bytes() == before
+    assert went == [("quality", None), ("psf", {"place": (1, 0, 0), "show": "difference"})]
+    with open_psf(folder / "H.h5") as old, open_psf(folder / "H-2.h5") as new:
+        assert new.cutout == (15, 15)
+        changed = np.argwhere((np.asarray(old) != np.asarray(new)).any(axis=(3, 4)))
+        assert [tuple(place) for place in changed.tolist()] == sorted(again)
+
+
+def test_an_h_of_another_scan_is_not_made_anew(session: Path, tmp_path: Path) -> None:
+    save(PSFMatrix(np.zeros((2, 3, 4, 5, 5), np.float32)), tmp_path / "one.h5")
+    with pytest.raises(InputError, match="expected H of all planes of the session in"):
+        remade(session, tmp_path / "one.h5", tmp_path / "two.h5", recipe_of(session))

@@ -112,7 +112,7 @@ def test_faults_come_first_with_what_shows_them(page: Page, qtbot: QtBot) -> Non
     assert np.argwhere(evidence.map.values > 0).tolist() == sorted(map(list, here.tolist()))
     assert len(evidence.map.overlays[0].points) == len(here) > 0
     assert evidence.pictures.currentWidget() is evidence.image and "record again" in fault_words(found, finding)
-    assert page.redo_button.text() == f"Send {len(found.redo())} to Acquire"
+    assert page.panel.inspect.redo.text() == f"Record {len(found.redo())} positions again"
 
 
 @pytest.mark.usefixtures("known")
@@ -129,7 +129,7 @@ def test_metrics_that_a_fault_makes_point_at_it(page: Page, qtbot: QtBot) -> Non
 @pytest.mark.usefixtures("known")
 def test_positions_to_record_again_are_those_of_the_whole_inspection(page: Page, qtbot: QtBot) -> None:
     found = found_by(page, qtbot)
-    page.send()
+    page.redo()
     assert page.context.state.redo == worst_positions(found) == tuple(place for place, _ in found.redo())
 
 
@@ -141,7 +141,7 @@ def test_nothing_of_an_earlier_h_stays(page: Page, qtbot: QtBot, tmp_path: Path)
     assert page.inspection is None and page.empty is not None, "nothing of the first is shown beside the second"
     found = found_by(page, qtbot)
     assert not found.faults and page.panel.inspect.faults.rowCount() == 0
-    assert "hot" not in page.panel.inspect.words.toPlainText().split("(")[0] and not page.redo_button.isEnabled()
+    assert "hot" not in page.panel.inspect.words.toPlainText().split("(")[0] and page.panel.inspect.redo.isHidden()
 
 
 @pytest.mark.long

@@ -55,8 +55,10 @@ def test_from_h_to_the_list_of_positions(window: MainWindow, qtbot: QtBot, tmp_p
     panel.evidence.slider.setValue(1)
     mapped = [m for m in report.metrics if map_of(m, 1) is not None]
     assert mapped and map_of(mapped[0], 99) is None
-    page.send()
+    panel.redo.click()
     assert (1, 2, 3) in window.project.state.redo
+    acquire = window.page("acquire")
+    assert window.stack.currentWidget() is acquire and acquire.empty is not None, "there is no plan"
     panel.evidence.position_clicked.emit(2, 3)
     assert window.shown is window.page("psf")
     idle(window.jobs, qtbot)
