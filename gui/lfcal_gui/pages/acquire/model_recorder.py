@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "QUANTITIES",
-    "Cover",
+    "CoveredByHand",
     "FolderState",
     "RecordPicture",
     "Recorder",
@@ -62,7 +62,7 @@ ASK_S = 0.1
 """Interval at which a recording that waits for a person looks for a stop (s)."""
 
 
-class Cover:
+class CoveredByHand:
     """A person who covers the lens, in place of a light that can be switched.
 
     Parameters
@@ -152,7 +152,7 @@ class Recorder:
         self.steps: list[AdaptiveStep] = []
         self.fit: Fit | None = None
         self.control, self.preview = Control(), Preview()
-        self.cover = Cover(self.control)
+        self.cover = CoveredByHand(self.control)
         self.quality = _watching(plan, options)
         self.earlier = EarlierFrames(self.folder, self.quality, known)
         self.taken = 0
