@@ -1,4 +1,4 @@
-"""``python -m benchmarks window``: scrubbing HT, live frames, start-up, holds, first looks at pages.
+"""``python -m benchmarks window``: controls, pictures, hovering, scrubbing HT, live frames, start-up, holds.
 
 Beside the time on the clock, which other programs lengthen, stands the processor time of the window's thread, and where
 more threads are at work that of all of them.
@@ -19,11 +19,12 @@ import numpy as np
 import typer
 
 from benchmarks._window_holds import first_visits, holds
+from benchmarks._window_layout import hovering, layout
 from lfcal.base.errors import InputError
 from lfcal.cli._console import print_json
 from lfcal.cli._options import JsonOption
 
-MEASURED = ("first_visits", "start_up", "scrubbing", "live_frames", "holds")
+MEASURED = ("layout", "hovering", "first_visits", "start_up", "scrubbing", "live_frames", "holds")
 R29_PLANE = (55, 95, 181, 181)
 R29_FRAME = (4384, 6576)
 
@@ -56,7 +57,7 @@ def command(
     only: str = typer.Option(",".join(MEASURED), help="Only some of these."),
     json: JsonOption = False,
 ) -> None:
-    """Time the window: scrubbing HT, live frames, start-up, the longest holds, the first look at each page.
+    """Measure the window: controls and pictures, hovering, scrubbing HT, live frames, start-up, the longest holds.
 
     Example: `python -m benchmarks window --small --only scrubbing`
     """
@@ -69,6 +70,8 @@ def command(
     plane = (*R29_PLANE[:2], int(R29_PLANE[2] * side) | 1, int(R29_PLANE[3] * side) | 1)
     frame = (int(R29_FRAME[0] * side), int(R29_FRAME[1] * side))
     measures: dict[str, Callable[[], dict[str, Any]]] = {
+        "layout": layout,
+        "hovering": hovering,
         "first_visits": first_visits,
         "start_up": start_up,
         "scrubbing": lambda: scrubbing(scale),
@@ -110,7 +113,30 @@ def _listed(title: str, found: dict[str, float]) -> str:
     return "\n".join((f"{title} (ms of the window's thread):", *(f"  {ms:6.0f}  {name}" for name, ms in rows)))
 
 
+def _layout_words(found: dict[str, Any]) -> str:
+    rows = [f"controls at first sight: header {found['header']}, rail {found['rail']}"]
+    for name, view in found["views"].items():
+        width, height = view["least"]
+        rows.append(
+            f"  {view['place']}, {name}: {view['controls']}, primary buttons {view['primary']}, least {width} x {height}"
+        )
+    for size, one in found["shares"].items():
+        width, height = one["window"]
+        rows.append(f"H and HT at {size}: {100 * one['share']:.1f} % of the window ({width} x {height})")
+    return "\n".join(rows)
+
+
+def _hover_words(found: dict[str, float]) -> str:
+    return "\n".join(
+        f"{words}: median {found[f'{key}_median_ms']:.1f} ms, 95 % {found[f'{key}_95_ms']:.1f} ms, "
+        f"worst {found[f'{key}_worst_ms']:.1f} ms"
+        for key, words in (("hover", "pointer on H to HT drawn"), ("plane", "another plane to H drawn"))
+    )
+
+
 WORDS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "layout": _layout_words,
+    "hovering": _hover_words,
     "first_visits": lambda found: _listed("first look at each page", found),
     "start_up": _start_words,
     "scrubbing": _scrub_words,

@@ -7,9 +7,21 @@ import math
 from pathlib import Path
 
 import pytest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import (
+    QApplication,
+    QComboBox,
+    QLabel,
+    QLineEdit,
+    QPushButton,
+    QScrollArea,
+    QSpinBox,
+    QVBoxLayout,
+    QWidget,
+)
+from pytestqt.qtbot import QtBot
 
 from benchmarks.__main__ import command_line
+from benchmarks._window_layout import controls, hovering, layout
 from benchmarks.window import MEASURED, WORDS, live_frames, scrubbing
 from lfcal.base.errors import InputError
 from lfcal_gui.screenshots import main as take_pictures
@@ -40,3 +52,33 @@ def test_pictures_of_a_scene_that_there_is_not_are_refused(tmp_path: Path, capsy
     """It ended in a traceback."""
     assert take_pictures([str(tmp_path / "out"), "--scene", "start", "--size", "1280x800"]) == 2
     assert "--scene: expected some of empty" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+def test_controls_are_counted_once_and_only_where_they_are_seen(qtbot: QtBot) -> None:
+    root, inside = QWidget(), QWidget()
+    qtbot.addWidget(root)
+    column, rows = QVBoxLayout(root), QVBoxLayout(inside)
+    hidden = QPushButton("not seen")
+    for part in (QPushButton("a"), QSpinBox(), QComboBox(), QLineEdit(), QLabel("no control"), hidden):
+        column.addWidget(part)
+    area = QScrollArea()
+    area.setWidgetResizable(True)
+    for k in range(40):
+        rows.addWidget(QPushButton(f"row {k}"))
+    area.setWidget(inside)
+    area.setFixedHeight(60)
+    column.addWidget(area)
+    hidden.hide()
+    root.show()
+    QApplication.processEvents()
+    reached = sum(not row.visibleRegion().isEmpty() for row in inside.findChildren(QPushButton))
+    assert 1 <= reached < 5 and len(controls(root)) == 4 + reached
+
+
+@pytest.mark.long
+def test_the_layout_of_the_sample_is_measured(qapp: QApplication) -> None:
+    found, times = layout(), hovering(20)
+    assert found["header"] <= 3 and found["rail"] == 5 and all(one["controls"] > 3 for one in found["views"].values())
+    assert found["shares"]["1920x1080"]["share"] > 0.45 and found["shares"]["1280x800"]["share"] > 0.35
+    assert all(math.isfinite(ms) and ms > 0 for ms in times.values())
+    assert "H and HT at 1280x800" in WORDS["layout"](found) and "HT drawn: median" in WORDS["hovering"](times)

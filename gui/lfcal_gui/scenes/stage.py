@@ -91,6 +91,6 @@ class Stage:
 
     def tidy(self) -> None:
         """Let the line of the status bar and the jobs that have ended go."""
-        self.window.statusBar().clearMessage()
+        self.window.message.setText("")
         self.window.job_line.sheet.hide()
         self.turn()

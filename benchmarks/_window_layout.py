@@ -1,0 +1,121 @@
+"""What one sees of the window with the sample open: controls of each view, share of H and HT, time of a hover."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+__all__ = ["hovering", "layout"]
+
+SIZES = ((1920, 1080), (1280, 800), (1000, 600))
+
+
+def controls(root: Any) -> list[Any]:
+    """Return what can be clicked, typed into or chosen from in a widget, as far as it is seen; parts count once."""
+    from PySide6.QtWidgets import QAbstractButton, QAbstractItemView, QAbstractSlider, QComboBox, QLineEdit, QScrollBar
+
+    from lfcal_gui.widgets import Contrast, PeriodMap
+
+    kinds = (QAbstractButton, QComboBox, QLineEdit, QAbstractSlider, QAbstractItemView, Contrast, PeriodMap)
+    seen = {one for kind in kinds for one in root.findChildren(kind) if one.isVisible() and _inside(one, root)}
+    return [one for one in seen if not isinstance(one, QScrollBar) and not _parents(one, root) & seen]
+
+
+def _parents(widget: Any, root: Any) -> set[Any]:
+    found = set()
+    while widget is not root and (widget := widget.parentWidget()) is not None:
+        found.add(widget)
+    return found - {root}
+
+
+def _inside(widget: Any, root: Any) -> bool:
+    """Return whether some of a widget is seen: what an inspector scrolls to is not at first sight."""
+    return widget.window() is root.window() and not widget.visibleRegion().isEmpty()
+
+
+def _sample(folder: str) -> Any:
+    """Return a stage with the sample session, judged."""
+    from PySide6.QtWidgets import QApplication
+
+    from lfcal_gui.app import make_window, parse
+    from lfcal_gui.scenes.sample import open_sample
+    from lfcal_gui.scenes.stage import Stage
+
+    app: Any = QApplication.instance() or QApplication(["lfcal"])
+    window = make_window(app, parse([]), folder=Path(folder))
+    window.show()
+    stage = Stage(app, window, Path(folder) / "made")
+    open_sample(stage)
+    return stage
+
+
+def layout() -> dict[str, Any]:
+    """Return controls by view, header and rail, primary buttons, and the share of H and HT at three sizes."""
+    with TemporaryDirectory() as folder:
+        stage = _sample(folder)
+        window = stage.window
+        window.resize(*SIZES[0])
+        views: dict[str, dict[str, Any]] = {}
+        for spec in window.specs:
+            if spec.place:
+                page = stage.page(spec.key)
+                least = page.minimumSizeHint()
+                views[spec.key] = {
+                    "place": spec.place,
+                    "controls": len(controls(page)),
+                    "primary": sum(b.property("role") == "primary" for b in controls(window)),
+                    "least": [least.width() + window.rail.width(), least.height() + window.header.height()],
+                }
+        found = {"header": len(controls(window.header)), "rail": len(controls(window.rail)), "views": views}
+        stage.page("psf")
+        shares = {}
+        for size in SIZES:
+            window.resize(*size)
+            stage.turn()
+            panel = window.page("psf").panel
+            pictures = [view.graphics for view in (panel.main_view, panel.linked_view)]
+            got = window.width() * window.height()
+            shares[f"{size[0]}x{size[1]}"] = {
+                "window": [window.width(), window.height()],
+                "share": sum(view.width() * view.height() for view in pictures) / got,
+            }
+        window.shut_down()
+        window.close()
+    return {**found, "shares": shares}
+
+
+def hovering(count: int = 200) -> dict[str, float]:
+    """Return how long it takes from the pointer on a pixel of H until its HT is drawn, and from a plane to H (ms)."""
+    with TemporaryDirectory() as folder:
+        stage = _sample(folder)
+        page = stage.page("psf")
+        stage.window.resize(*SIZES[0])
+        page.set_intent(view="both")
+        stage.settle()
+        panel, app = page.panel, stage.app
+        rows, columns = panel.main_view.values.shape
+        hover, planes = [], []
+        for k in range(count):
+            start = time.perf_counter()
+            panel.main_view.hovered.emit(7 * k % rows, 11 * k % columns, 1.0)
+            app.processEvents()
+            panel.linked_view.graphics.viewport().repaint()
+            hover.append(time.perf_counter() - start)
+        for k in range(count // 4):
+            start = time.perf_counter()
+            page.set_intent(z=k % page.matrix.shape[0])
+            stage.until(lambda: not stage.window.jobs.busy, "the plane")
+            app.processEvents()
+            panel.main_view.graphics.viewport().repaint()
+            planes.append(time.perf_counter() - start)
+        stage.window.shut_down()
+        stage.window.close()
+    found = {}
+    for name, times in (("hover", hover), ("plane", planes)):
+        for word, share in (("median", 50), ("95", 95), ("worst", 100)):
+            found[f"{name}_{word}_ms"] = 1e3 * float(np.percentile(times, share))
+    return found
