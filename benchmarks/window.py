@@ -118,7 +118,8 @@ def _layout_words(found: dict[str, Any]) -> str:
     for name, view in found["views"].items():
         width, height = view["least"]
         rows.append(
-            f"  {view['place']}, {name}: {view['controls']}, primary buttons {view['primary']}, least {width} x {height}"
+            f"  {view['place']}, {name}: {view['controls']}, primary buttons {view['primary']}, "
+            f"least {width} x {height}"
         )
     for size, one in found["shares"].items():
         width, height = one["window"]

@@ -44,7 +44,7 @@ def test_the_command_measures_what_is_asked_for(
     words = ["window", "--small", "--only", "scrubbing", "--json"]
     command_line().main(words, standalone_mode=False)
     assert json.loads(capsys.readouterr().out) == {"scrubbing": {"scale": 0.1}}
-    with pytest.raises(InputError, match="some of first_visits"):
+    with pytest.raises(InputError, match="some of layout"):
         command_line().main(["window", "--only", "scrubing"], standalone_mode=False)
 
 
