@@ -5,6 +5,7 @@
 - ``files``, ``system``: files written whole or not at all; calls that differ between systems
 - ``h5``, ``npy``: files of unknown origin, and new ones
 - ``progress``, ``threads``, ``registry``, ``compiled``: long work, processors, plug-ins, kernels
+- ``notes``: what long work says by the way
 - ``units``, ``_plain``, ``figures``, ``version``: numbers in words, plain values, pictures, which lfcal this is
 """
 

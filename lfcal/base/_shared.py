@@ -51,6 +51,7 @@ from lfcal.base.files import (
     write_tiff,
 )
 from lfcal.base.finding import RANK, SUBJECTS, Finding, Judgement, Merit, listed
+from lfcal.base.notes import note, notes_to, tell, warn
 from lfcal.base.npy import map_npy, npy_header
 from lfcal.base.page import (
     add_html_section,
@@ -179,6 +180,8 @@ __all__ = [
     "memory_in_use",
     "moved",
     "njit",
+    "note",
+    "notes_to",
     "npy_header",
     "on_network",
     "one_blas_thread",
@@ -204,7 +207,9 @@ __all__ = [
     "sweep_scratch",
     "sync_data",
     "sync_folder",
+    "tell",
     "total_memory",
+    "warn",
     "whole",
     "worker_count",
     "write_at",

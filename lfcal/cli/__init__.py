@@ -74,8 +74,7 @@ def _run(command_line: Callable[[], Any] | None, program: str) -> None:
 
     import typer
 
-    from lfcal.base import Cancelled, LfcalError, bounded_threads
-    from lfcal.tasks import notes_to
+    from lfcal.base import Cancelled, LfcalError, bounded_threads, notes_to
 
     # where its list of fonts cannot be kept for the next time, on a full disk, nothing of ours is the worse for it
     logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)

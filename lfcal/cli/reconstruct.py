@@ -43,7 +43,8 @@ def _show_forecast(made: ReconstructionForecast) -> None:
     from lfcal.base import format_bytes, format_seconds
     from lfcal.cli._console import print_table
 
-    P, choice = made.projector, made.choice
+    run = made.run
+    P, choice = run.projector, run.choice
     found = P.forecast()
     rows = [
         [
@@ -58,8 +59,8 @@ def _show_forecast(made: ReconstructionForecast) -> None:
     ]
     print_table(["method", "set-up", "forward", "adjoint", "memory", "kept"], rows, title=f"{P.volume_shape} volume")
     beyond = f", margin of {choice.margin} pixels included" if choice.margin else ""
-    some = f"{made.iterations} iterations" + (" (it stops by itself)" if choice.auto else "")
-    typer.echo(f"{made.frames} frames, {some}: about {format_seconds(made.seconds)}{beyond}")
-    typer.echo(f"memory {made.memory}")
+    some = f"{run.iterations} iterations" + (" (it stops by itself)" if choice.auto else "")
+    typer.echo(f"{len(run.frames)} frames, {some}: about {format_seconds(run.seconds)}{beyond}")
+    typer.echo(f"memory {run.memory}")
     if P.device is not None:
         typer.echo(f"{P.device.name}: {found.device}")

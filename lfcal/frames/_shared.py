@@ -8,7 +8,7 @@ from lfcal.frames.channels import ThinnedSource, colour_scan, colours_of
 from lfcal.frames.damage import SelectedSource, frame_errors
 from lfcal.frames.described import stated_noise
 from lfcal.frames.half_cell import with_partners
-from lfcal.frames.opening import COMPONENTS, SOURCES, open_component
+from lfcal.frames.opening import COMPONENTS, RECORDINGS, SOURCES, TABLES, files_of, open_component
 from lfcal.frames.orientation import AUTO, CHECK
 from lfcal.frames.part import (
     binned,
@@ -28,7 +28,9 @@ __all__ = [
     "AUTO",
     "CHECK",
     "COMPONENTS",
+    "RECORDINGS",
     "SOURCES",
+    "TABLES",
     "SelectedSource",
     "SourceView",
     "ThinnedSource",
@@ -43,6 +45,7 @@ __all__ = [
     "colour_scan",
     "colours_of",
     "compared_orientations",
+    "files_of",
     "find_shift",
     "frame_errors",
     "is_part_of_sensor",

@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from lfcal.base import FileFormatError, Registry, StorageError
 from lfcal.camera import ScanPlan
+from lfcal.frames.formats import image_suffixes
 from lfcal.frames.manifest import Manifest
 from lfcal.frames.orientation import AS_IS
 from lfcal.frames.part import check_origin
@@ -17,12 +18,19 @@ from lfcal.frames.source import FrameMetadata, Frames, FrameSource
 from lfcal.frames.sources import FrameOptions, SourceKind
 from lfcal.frames.view import SourceView
 
-__all__ = ["COMPONENTS", "SOURCES", "open_component", "open_frames"]
+__all__ = ["COMPONENTS", "RECORDINGS", "SOURCES", "TABLES", "files_of", "open_component", "open_frames"]
 
 SOURCES: Registry[SourceKind] = Registry(
     "frame source", "lfcal.frames.sources", "SOURCE", "lfcal.sources", order=lambda kind: (kind.rank, kind.name)
 )
 """Every kind of source; the first that recognises a path opens it."""
+
+
+TABLES = frozenset({".csv", ".tsv", ".txt", ".dat", ".json"})
+"""Suffixes of manifests and plans, which are read from a folder with its frames."""
+
+RECORDINGS = ("recording", "darks", "checks")
+"""Beginnings of the names of a session's files."""
 
 
 def open_frames(
@@ -164,3 +172,14 @@ def open_component(opened: Callable[..., T], channel: str) -> T:
             raise
     # grey frames that are damaged fail again, with the same words
     return opened(colour=component)
+
+
+def files_of(source: Path | str | None) -> list[Path]:
+    """Return an input file, or what commands read of an input folder: its frames, tables and recordings."""
+    if source is None or not str(source):
+        return []
+    path = Path(source)
+    if not path.is_dir():
+        return [path]
+    suffixes = image_suffixes() | TABLES
+    return [p for p in path.iterdir() if p.suffix.lower() in suffixes or p.name.startswith(RECORDINGS)]

@@ -2,38 +2,29 @@
 
 from __future__ import annotations
 
+from lfcal.reconstruct.frame_files import cleaner, frames_of, is_series, targets_of
+from lfcal.reconstruct.frame_run import FrameRun
 from lfcal.reconstruct.margin import cropped, usual_margin
 from lfcal.reconstruct.memory import room_for_projections, run_memory
+from lfcal.reconstruct.optics import SharedOptics, files_of_regions
 from lfcal.reconstruct.phantoms import PHANTOMS, nrmse, phantom, points
-from lfcal.reconstruct.resample import MOST_DRIFT, drift_note, drift_words, lattice_anchor_of
-from lfcal.reconstruct.series import check_any, check_warm, iter_frame
-from lfcal.reconstruct.volumes import (
-    DATASET,
-    SUFFIXES,
-    VOLUME_FORMAT,
-    VolumeFacts,
-    check_suffix,
-    check_zarr,
-    open_ome_zarr,
-    write_volumes,
-    zarr_contents,
-)
+from lfcal.reconstruct.resample import drift_note, drift_words, lattice_anchor_of
+from lfcal.reconstruct.volumes import DATASET, SUFFIXES, VOLUME_FORMAT, open_ome_zarr, zarr_contents
 
 __all__ = [
     "DATASET",
-    "MOST_DRIFT",
     "PHANTOMS",
     "SUFFIXES",
     "VOLUME_FORMAT",
-    "VolumeFacts",
-    "check_any",
-    "check_suffix",
-    "check_warm",
-    "check_zarr",
+    "FrameRun",
+    "SharedOptics",
+    "cleaner",
     "cropped",
     "drift_note",
     "drift_words",
-    "iter_frame",
+    "files_of_regions",
+    "frames_of",
+    "is_series",
     "lattice_anchor_of",
     "nrmse",
     "open_ome_zarr",
@@ -41,7 +32,7 @@ __all__ = [
     "points",
     "room_for_projections",
     "run_memory",
+    "targets_of",
     "usual_margin",
-    "write_volumes",
     "zarr_contents",
 ]

@@ -3,14 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, for_each_chunk
+from lfcal.base import InputError, for_each_chunk, note, warn
+from lfcal.records import LightFieldSettings
 
-__all__ = ["MOST_DRIFT", "Resampling", "drift_note", "drift_words", "lattice_anchor_of", "resampling_for"]
+if TYPE_CHECKING:
+    from lfcal.camera import Camera
+    from lfcal.lattice import LatticeFit
+
+__all__ = [
+    "MOST_DRIFT",
+    "Resampling",
+    "drift_note",
+    "drift_words",
+    "lattice_anchor_of",
+    "resampling_for",
+    "resampling_of",
+]
 
 Pair = tuple[float, float]
 
@@ -257,12 +270,32 @@ def _invertible(down: Pair, across: Pair, period: tuple[int, int]) -> NDArray[np
     return matrix
 
 
-def resampling_for(H: Any, shape: tuple[int, int]) -> Resampling | None:
-    """Return the map that whole frames of ``shape`` need to keep step with the period of ``H``, a `PSFMatrix`.
+def resampling_for(
+    H: Any,
+    shape: tuple[int, int],
+    light_field: LightFieldSettings | None = None,
+    placed: str = "",
+    *,
+    quiet: bool = True,
+) -> Resampling | None:
+    """Return the map that frames of ``shape`` need to keep step with the period of ``H``, a `PSFMatrix`.
 
-    None where they are used as they are: the lattice that H's camera states drifts by at most `MOST_DRIFT` over the
-    frame, H has no camera, or the frames are not those of the whole sensor. The projector is that of the map's
-    ``shape`` and ``anchor(lattice_anchor_of(H))``.
+    None where they are used as they are: the lattice drifts by at most `MOST_DRIFT` over the frame, it is not known, or
+    ``light_field`` says so. The projector is that of the map's ``shape`` and ``anchor(lattice_anchor_of(H))``.
+
+    Parameters
+    ----------
+    H
+        Of one region.
+    shape
+        Rows and columns of a frame.
+    light_field
+        Gives a white image or a measured lattice; without them the lattice is that of H's camera, for frames of its
+        whole sensor.
+    placed
+        What gives the place of the frames in H, so that they cannot be moved.
+    quiet
+        Do not report what is decided.
 
     Examples
     --------
@@ -276,10 +309,74 @@ def resampling_for(H: Any, shape: tuple[int, int]) -> Resampling | None:
     >>> print(f"{view.drift(camera.sensor.shape):.1f} px of drift over {camera.sensor.shape[0]} rows")
     52.5 px of drift over 2048 rows
     """
-    if _is_whole(H.camera, shape):
-        view = Resampling.of_camera(H.camera, H.period, lattice_anchor_of(H))
-        return view if view.drift(shape) > MOST_DRIFT else None
-    return None
+    given = light_field or LightFieldSettings()
+    if given.asked:
+        return resampling_of(H, given)
+    view = _known_resampling(H, shape, given, quiet)
+    if view is None or view.drift(shape) <= MOST_DRIFT:
+        return None
+    as_they_are = given.asked is False or bool(placed)
+    if not quiet and not as_they_are:
+        note(f"{drift_words(view, shape)}; frames are resampled to it (--resample never uses them as they are)")
+    elif not quiet:
+        remedy = f"frames whose place is given by {placed} are not resampled" if placed else ""
+        remedy = remedy or "leave --resample never out to resample frames"
+        warn(f"{drift_words(view, shape)}, and volumes show ghosts; {remedy}")
+    return None if as_they_are else view
+
+
+def _known_resampling(
+    H: Any, shape: tuple[int, int], light_field: LightFieldSettings, quiet: bool
+) -> Resampling | None:
+    """Return the map by the lattice in the white image, or else that of H's camera; None: unknown."""
+    if light_field.white:
+        try:
+            return resampling_of(H, light_field)
+        except InputError as error:
+            if not quiet:
+                note(f"no lattice is measured in the white image; {error}")
+    return Resampling.of_camera(H.camera, H.period, lattice_anchor_of(H)) if _is_whole(H.camera, shape) else None
+
+
+def resampling_of(H: Any, light_field: LightFieldSettings) -> Resampling:
+    """Return the map of frames onto H's period, by a measured lattice, the white image's or that of H's camera."""
+    from lfcal.frames.corrections import read_average
+    from lfcal.lattice import fit_lattice, load_lattice
+
+    white = read_average(light_field.white) if light_field.white else None
+    kind = None if H.camera is None else H.camera.lattice.kind
+    if light_field.lattice:
+        fit = load_lattice(light_field.lattice)
+        if kind not in (None, fit.kind):
+            name = str(light_field.lattice)
+            raise InputError.expected(name, f"the {kind} lattice of H", fit.kind, "use its own camera's")
+    elif white is not None:
+        fit = fit_lattice(white, kind=kind)
+    elif H.camera is not None:
+        return Resampling.of_camera(H.camera, H.period, lattice_anchor_of(H))
+    else:
+        raise InputError.expected(
+            "--resample", "a white frame, a lattice, or a camera with H", "none", "give --white or --lattice"
+        )
+    if H.camera is None or len(H.camera.lattice.types) == 1:
+        return Resampling.of_fit(fit, H.period, lattice_anchor_of(H))
+    return Resampling.of_camera(_measured(H.camera, fit, white), H.period, lattice_anchor_of(H))
+
+
+def _measured(camera: Camera, fit: LatticeFit, white: NDArray[np.float32] | None) -> Camera:
+    """Return ``camera`` of three lens types with the lattice of ``fit``: a lenslet of type 0 is at its offset.
+
+    The white frame shows which one that is; without it, or where it does not, it is the nearest to the offset stated.
+    """
+    from lfcal.lattice import classify_lens_types, expected_blur
+
+    lattice = fit.to_lattice(camera)
+    if white is not None:
+        try:
+            lattice = classify_lens_types(white, fit, expected_blur(camera)).to_lattice(fit, camera)
+        except InputError as error:
+            note(f"lens types are taken as H's camera states them; {error}")
+    return replace(camera, lattice=lattice)
 
 
 def drift_note(camera: Any, period: tuple[int, int], shape: tuple[int, int]) -> str:

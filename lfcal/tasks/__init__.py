@@ -11,7 +11,6 @@
 - ``acquire``: recordings of scans, regions and targets, and until H is good enough
 - ``plan``, ``plan_fit``, ``plan_target``: scans, positions for a fit, frames of a target
 - ``outputs``: what may be written where
-- ``notes``: what a task says by the way
 """
 
 from typing import TYPE_CHECKING

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lfcal.tasks.notes import note
+from lfcal.base import FileFormatError, InputError, note
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
@@ -34,7 +34,6 @@ class ChannelPart:
 
 def open_colour(opened: Callable[..., tuple[Frames, ScanPlan]], channel: str) -> tuple[Frames, ScanPlan]:
     """Return frames and plan; of colour images the component that ``channel`` names, green for ``"each"``."""
-    from lfcal.base import FileFormatError
     from lfcal.frames import open_component
 
     try:
@@ -62,7 +61,6 @@ def parts_of(
     quiet
         Say nothing of what a colour has of the scan.
     """
-    from lfcal.base import InputError
     from lfcal.frames import COMPONENTS, ThinnedSource, colour_scan, colours_of
 
     component = source.metadata.colour

@@ -10,12 +10,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base import FileFormatError, InputError, LfcalError, Work, check_number, read_text
+from lfcal.base import FileFormatError, InputError, LfcalError, Work, check_number, note, read_text
 from lfcal.records import CorrectionRecipe, opt, read_orientation
 from lfcal.tasks._scan_frames import ScanFrames, find_plan, orientations
 from lfcal.tasks.cameras import tell_assumed
 from lfcal.tasks.matrices import open_matrix
-from lfcal.tasks.notes import note
 
 if TYPE_CHECKING:
     import numpy as np

@@ -11,8 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from lfcal.base import InputError, Work
-from lfcal.tasks.notes import note, tell
+from lfcal.base import InputError, Work, note, tell
 
 if TYPE_CHECKING:
     from lfcal.acquire import Control, Options, Outcome

@@ -8,9 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lfcal.base import InputError
-from lfcal.tasks.notes import warn
-from lfcal.tasks.outputs import TABLES, files_of
+from lfcal.base import InputError, warn
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera, ScanPlan
@@ -45,6 +43,8 @@ class ScanFrames:
     @property
     def beside(self) -> Path | None:
         """The folder of the frames that a list names."""
+        from lfcal.frames import TABLES
+
         return self.frames.parent if self.frames.suffix.lower() in TABLES else None
 
     def open(self, colour: str = "") -> tuple[Frames, ScanPlan]:
@@ -89,7 +89,7 @@ class ScanFrames:
 
     def files(self, source: Frames) -> list[str]:
         """Return the files that the frames of ``source``, opened by this, are read from, with lists and plan."""
-        from lfcal.frames import FolderSource
+        from lfcal.frames import FolderSource, files_of
 
         named = [*files_of(self.frames), *_plans(self.frames, self.plan), *files_of(self.manifest)]
         if isinstance(source, FolderSource):

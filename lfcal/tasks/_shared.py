@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from lfcal.tasks._channels import ChannelPart
 from lfcal.tasks._patterns import most_taken
-from lfcal.tasks._reconstruct_frames import cleaner
-from lfcal.tasks._reconstruct_optics import SharedOptics, view_for
 from lfcal.tasks.acquire import PlannedSession, RecordedSession
 from lfcal.tasks.assembly import Assembled, AssemblyRun
 from lfcal.tasks.cameras import assumed_in_words, load_camera, load_file, tell_assumed
@@ -17,12 +15,11 @@ from lfcal.tasks.fit_validate import Validated
 from lfcal.tasks.inspect import InspectedMatrix
 from lfcal.tasks.inspect_planes import control_frames
 from lfcal.tasks.matrices import check_mat_files, open_matrix
-from lfcal.tasks.notes import notes_to
-from lfcal.tasks.outputs import RECORDINGS, check_output, check_outputs, files_of
+from lfcal.tasks.outputs import check_output, check_outputs
 from lfcal.tasks.plan_fit import PositionsPlanned
 from lfcal.tasks.plan_target import TargetPlanned, coding_verdict, coding_words, display_words
 from lfcal.tasks.planned import WITHOUT_READOUT, Planned, planned_scan
-from lfcal.tasks.reconstruct import Reconstructed, ReconstructionForecast, choice_of
+from lfcal.tasks.reconstruct import Reconstructed, ReconstructionForecast
 from lfcal.tasks.reduce import ReducedFile
 from lfcal.tasks.sets import task_set
 from lfcal.tasks.simulate import SimulatedH, SimulatedRegions, SimulationForecast
@@ -32,7 +29,6 @@ from lfcal.tasks.text import load_job, words_of
 from lfcal.tasks.transpose import TransposedFile
 
 __all__ = [
-    "RECORDINGS",
     "WITHOUT_READOUT",
     "Assembled",
     "AssemblyRun",
@@ -50,7 +46,6 @@ __all__ = [
     "ReconstructionForecast",
     "RecordedSession",
     "ReducedFile",
-    "SharedOptics",
     "SimulatedH",
     "SimulatedRegions",
     "SimulationForecast",
@@ -63,24 +58,19 @@ __all__ = [
     "check_mat_files",
     "check_output",
     "check_outputs",
-    "choice_of",
-    "cleaner",
     "coding_verdict",
     "coding_words",
     "control_frames",
     "display_words",
-    "files_of",
     "left_words",
     "load_camera",
     "load_file",
     "load_job",
     "may_replace",
     "most_taken",
-    "notes_to",
     "open_matrix",
     "planned_scan",
     "task_set",
     "tell_assumed",
-    "view_for",
     "words_of",
 ]

@@ -8,11 +8,10 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lfcal.base import InputError, LfcalError, Work
+from lfcal.base import InputError, LfcalError, Work, note, tell
 from lfcal.records import opt, read_names, read_share, record, required, rows_of, show_names, show_planes, value_at
 from lfcal.tasks._recording import Cover, check_ready, followed, list_suspects, pairs, stoppable
 from lfcal.tasks.cameras import tell_assumed
-from lfcal.tasks.notes import note, tell
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lfcal.base import Work
+from lfcal.base import Work, note
 from lfcal.records import (
     AssemblySettings,
     CorrectionRecipe,
@@ -27,8 +27,7 @@ from lfcal.records import (
 from lfcal.tasks._channels import ChannelPart, open_colour, parts_of
 from lfcal.tasks._scan_frames import ScanFrames, orientations, tell_size
 from lfcal.tasks.cameras import tell_assumed
-from lfcal.tasks.notes import note
-from lfcal.tasks.outputs import check_output, files_of
+from lfcal.tasks.outputs import check_output
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet, may_replace
 
 if TYPE_CHECKING:
@@ -412,6 +411,7 @@ class Assemble(AssembleRegions):
 
     def _stamp(self, frames: Frames) -> str:
         """Return what changes where a file that H is made of changes."""
+        from lfcal.frames import files_of
         from lfcal.work import stamp_of
 
         given = [str(self.corrections.dark), str(self.corrections.white), str(self.fill or "")]

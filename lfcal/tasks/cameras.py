@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lfcal.base import StorageError, choose
-from lfcal.tasks.notes import note, warn
+from lfcal.base import StorageError, choose, note, warn
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera, ImportOptions, Quantity

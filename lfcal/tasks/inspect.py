@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lfcal.base import InputError, Work
+from lfcal.base import InputError, Work, note
 from lfcal.records import opt, record
 from lfcal.tasks.cameras import tell_assumed
 from lfcal.tasks.matrices import MatrixTask, open_matrix
-from lfcal.tasks.notes import note
 from lfcal.tasks.task import RunSettings, TaskResult, TaskSet
 
 if TYPE_CHECKING:

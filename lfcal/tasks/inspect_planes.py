@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from lfcal.acquire import Kind, read_checks
 from lfcal.base import Clock, InputError, Work
+from lfcal.frames import files_of
 from lfcal.judge.quality import PASSES, Controls, QualityReport, iter_inspect_plane, judged, straight
 from lfcal.psf import PSFMatrix, mat_order_of, open_psf
-from lfcal.tasks.outputs import files_of
 from lfcal.work import RunChoice, Unit, iter_begun, load_record, save_record
 
 __all__ = ["control_frames", "do_plane", "iter_inspect_units"]

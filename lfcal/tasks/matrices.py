@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base import InputError
+from lfcal.base import InputError, note
 from lfcal.records import opt, record, required
-from lfcal.tasks.notes import note
 from lfcal.tasks.task import Task
 
 if TYPE_CHECKING:
@@ -21,6 +20,7 @@ __all__ = [
     "open_matrix",
     "report_dark",
     "report_missing",
+    "tell_opened",
     "with_task",
 ]
 
@@ -95,12 +95,20 @@ def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: boo
     quiet
         Say nothing: in a worker, where the command has said it.
     """
-    from lfcal.psf import open_psf, opening_notes
+    from lfcal.psf import open_psf
 
     matrix = open_psf(path, region=region, mat_order=mat_order if _is_mat(path) else "")
-    for one in () if quiet else opening_notes(matrix):
-        note(f"{path.name}: {one}")
+    if not quiet:
+        tell_opened(matrix)
     return matrix
+
+
+def tell_opened(matrix: PSFMatrix) -> None:
+    """Say how the file of H was read, where it is of another code."""
+    from lfcal.psf import opening_notes
+
+    for one in opening_notes(matrix):
+        note(f"{Path(matrix.path).name}: {one}")
 
 
 def report_missing(matrix: PSFMatrix) -> int:

@@ -14,13 +14,7 @@ from pathlib import Path
 
 from lfcal.base import InputError, check_writable
 
-__all__ = ["RECORDINGS", "TABLES", "check_output", "check_outputs", "files_of"]
-
-TABLES = frozenset({".csv", ".tsv", ".txt", ".dat", ".json"})
-"""Suffixes of manifests and plans, which are read from a folder with its frames."""
-
-RECORDINGS = ("recording", "darks", "checks")
-"""Beginnings of the names of a session's files."""
+__all__ = ["check_output", "check_outputs"]
 
 
 def check_output(out: Path | None, *inputs: Path | str | None, force: bool) -> None:
@@ -46,6 +40,8 @@ def check_outputs(outs: Iterable[Path | None], *inputs: Path | str | None, force
     taken: set[tuple[int, int]] = set()
     # only a file that is there can be an input.
     if any(out.exists() for out in files):
+        from lfcal.frames import files_of
+
         taken = {found for source in inputs for path in files_of(source) if (found := _identity(path))}
     for out in files:
         if _identity(out) in taken:
@@ -61,16 +57,3 @@ def _identity(path: Path) -> tuple[int, int] | None:
         found = os.stat(path)
         return found.st_dev, found.st_ino
     return None
-
-
-def files_of(source: Path | str | None) -> list[Path]:
-    """Return an input file, or what commands read of an input folder: its frames, tables and recordings."""
-    if source is None or not str(source):
-        return []
-    path = Path(source)
-    if not path.is_dir():
-        return [path]
-    from lfcal.frames.formats import image_suffixes
-
-    suffixes = image_suffixes() | TABLES
-    return [p for p in path.iterdir() if p.suffix.lower() in suffixes or p.name.startswith(RECORDINGS)]

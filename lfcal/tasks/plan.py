@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lfcal.base import InputError, Work
+from lfcal.base import InputError, Work, note, warn
 from lfcal.records import (
     check_planes,
     opt,
@@ -23,7 +23,6 @@ from lfcal.records import (
 )
 from lfcal.tasks._scan_frames import tell_size
 from lfcal.tasks.cameras import is_camera_file, load_camera, preset_names
-from lfcal.tasks.notes import note, warn
 from lfcal.tasks.planned import Planned, PlanTask, frame_rate, speed, write_plan
 from lfcal.tasks.task import RunSettings, Task, TaskSet
 

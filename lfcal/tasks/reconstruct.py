@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, fields, replace
-from functools import partial
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lfcal.base import InputError, StorageError, Work
+from lfcal.base import InputError, StorageError, Work, note
 from lfcal.records import (
     OWN_SOLVERS,
-    SOLVER_ENDS,
     LightFieldSettings,
     ProjectionSettings,
     SieveSolver,
@@ -27,29 +24,12 @@ from lfcal.records import (
     required,
     solver_kind,
 )
-from lfcal.tasks._reconstruct_frames import (
-    FrameFile,
-    Save,
-    Saved,
-    cleaner,
-    frames_of,
-    is_series,
-    placed_anchor,
-    saving,
-    targets_of,
-)
-from lfcal.tasks._reconstruct_optics import SharedOptics, files_of_regions, view_for, wide
-from lfcal.tasks.matrices import MAT_ORDERS, check_mat_files, report_missing, with_task
-from lfcal.tasks.notes import note
+from lfcal.tasks.matrices import MAT_ORDERS, check_mat_files, report_missing, tell_opened, with_task
 from lfcal.tasks.outputs import check_outputs
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet, may_replace
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lfcal.psf import PSFMatrix
-    from lfcal.reconstruct import FrameResult, MetricGrid, Projector, Reconstruction, Resampling, SolverChoice
-    from lfcal.work import RunChoice
+    from lfcal.reconstruct import FrameResult, FrameRun
 
 __all__ = [
     "RECONSTRUCT",
@@ -58,14 +38,10 @@ __all__ = [
     "ReconstructSeries",
     "Reconstructed",
     "ReconstructionForecast",
-    "choice_of",
     "solver_settings",
 ]
 
 FORMATS = (".tif", ".ome.tif", ".ome.zarr", ".h5", ".npy")
-
-USUAL = 20
-"""Iterations of a run that stops automatically, for a forecast; it may take half or twice as many."""
 
 
 def _find(name: str) -> type[SolverFields]:
@@ -119,18 +95,6 @@ def solver_settings(name: str, **values: Any) -> SolverFields:
     return kind(**values)
 
 
-def choice_of(settings: SolverFields, **found: Any) -> SolverChoice:
-    """Return what the library is asked for; ``found`` are margin and noise of the frames."""
-    from lfcal.reconstruct import SolverChoice
-    from lfcal.reconstruct.solvers import MOST_ITERATIONS
-
-    known = {one.name: getattr(settings, one.name) for one in fields(settings)}
-    end = SOLVER_ENDS.get(str(settings.iterations))
-    if end is not None:
-        known |= {"iterations": MOST_ITERATIONS, "auto": True, "stop": end}
-    return SolverChoice(**known, **found)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Reconstructed(TaskResult):
     """Volumes that were reconstructed.
@@ -165,68 +129,19 @@ class Reconstructed(TaskResult):
         return {"method": self.method, "forecast": self.forecast, "volumes": files}
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class ReconstructionForecast(TaskResult):
-    """What a reconstruction will cost.
+    """What a reconstruction, ``run``, will cost."""
 
-    Attributes
-    ----------
-    projector, choice
-        Operator and solver.
-    frames
-        Number of frames.
-    iterations
-        Of each frame; of a run that stops automatically, the usual number.
-    seconds
-        Time of all frames, set-up included.
-    memory
-        Largest memory.
-    """
-
-    projector: Projector
-    choice: SolverChoice
-    frames: int
-    iterations: int
-    seconds: float
-    memory: Any
+    run: FrameRun
 
     def to_dict(self) -> dict[str, Any]:
         """Return all of it as plain values."""
-        found, device = self.projector.forecast(), self.projector.device
+        found, device, memory = self.run.projector.forecast(), self.run.projector.device, self.run.memory
         use = found.device
         known = None if device is None or use is None else {"name": device.name, **asdict(use)}
-        memory = {"memory": self.memory, "memory_bytes": self.memory.total, "seconds": self.seconds}
-        return {"forecast": found.chosen, "options": found.options, "device": known, **memory}
-
-
-@dataclass(frozen=True)
-class _Prepared:
-    """What is known once H and the first frame are open."""
-
-    frames: list[FrameFile]
-    matrices: list[PSFMatrix]
-    view: Resampling | None
-    optics: SharedOptics
-    choice: SolverChoice
-    room: Callable[..., int]
-    projector: Projector
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns of the images, without margin."""
-        rows, columns = self.projector.image_shape
-        return rows - 2 * self.choice.margin, columns - 2 * self.choice.margin
-
-    @property
-    def iterations(self) -> int:
-        """Those of a frame, as far as they are known beforehand."""
-        return min(self.choice.iterations, USUAL) if self.choice.auto else self.choice.iterations
-
-    @property
-    def seconds(self) -> float:
-        """Time of all frames, set-up included."""
-        found = self.projector.forecast().chosen
-        return found.prepare_s + len(self.frames) * self.iterations * found.pair_s
+        cost = {"memory": memory, "memory_bytes": memory.total, "seconds": self.run.seconds}
+        return {"forecast": found.chosen, "options": found.options, "device": known, **cost}
 
 
 @record
@@ -274,48 +189,30 @@ class _Reconstruct(Task):
 
     def files(self, way: str) -> tuple[Path, ...]:
         """Return its files, those of other regions among them."""
+        from lfcal.reconstruct import files_of_regions
+
         others = files_of_regions(self.psf, self.regions) if way == "in" else ()
         return (*super().files(way), *others)
 
-    def _prepare(self, stack: ExitStack, workers: int | None, *, warm: bool = False) -> _Prepared:
+    def _prepare(self, stack: ExitStack, workers: int | None, *, warm: bool = False) -> FrameRun:
         """Open H, look at the first frame, and choose how to project."""
-        from lfcal.psf import noise_of, regions_of
-        from lfcal.reconstruct import room_for_projections, usual_margin
+        from lfcal.psf import regions_of
+        from lfcal.reconstruct import FrameRun, SharedOptics, SolverChoice, files_of_regions
 
         if not self.frames.exists():
             raise StorageError(f"{self.frames}: no such file or folder; check the path")
-        choice_of(self.solver)  # wrong settings are found before anything is read
+        choice = SolverChoice.of(self.solver)  # wrong settings are found before anything is read
         check_mat_files(self.mat_order, self.psf, *files_of_regions(self.psf, self.regions))
-        frames, light_field = frames_of(self.frames), self.light_field
-        optics = SharedOptics(self.psf, self.regions, self.mat_order, light_field, self.projection)
+        optics = SharedOptics(self.psf, self.regions, self.mat_order, self.light_field, self.projection)
         matrices = optics.open(stack)
-        H = matrices[0]
+        for one in matrices:
+            tell_opened(one)
         if not self.regions and len(names := regions_of(self.psf)) > 1:
-            named = H.region or "the first"
+            named = matrices[0].region or "the first"
             note(f"of {len(names)} regions of the field {named} alone is used; --region all uses all")
         for one in matrices:
             report_missing(one)
-        anchor = self.grid.anchor or placed_anchor(self.frames, H, light_field.asked)
-        rows, columns = frames[0].read().shape
-        placed = "--region" if self.regions else "--anchor" if self.grid.anchor else "the session" if anchor else ""
-        view = view_for(H, (rows, columns), light_field, placed)
-        optics = replace(optics, anchor=anchor, resample=view is not None)
-        shape = (rows, columns) if view is None else view.shape
-        found = noise_of(H.provenance)
-        noise = None if found is None or found.slope == 0 else (found.floor, found.slope)
-        choice = choice_of(self.solver, noise=noise)
-        margin = self.grid.margin
-        if isinstance(margin, str):
-            possible = "weights" in choice.solver.honours
-            margin = usual_margin(H.period, (H.shape[3], H.shape[4]), shape) if possible else 0
-        choice = replace(choice, margin=margin)
-        own = self.projection
-        most = None if own.memory is None else int(own.memory * 1e9)
-        sizes = (len(H), *wide(shape, margin))
-        room = partial(room_for_projections, sizes, choice, 8 if own.double else 4, memory=most, warm=warm)
-        how: dict[str, Any] = {"memory": room(), "workers": workers, "device": own.device}
-        projector = optics.projector(matrices, (rows, columns), view, margin, **how)
-        return _Prepared(frames, matrices, view, optics, choice, room, projector)
+        return FrameRun.of(self.frames, matrices, optics, choice, self.grid, warm=warm, workers=workers)
 
 
 @record
@@ -346,20 +243,9 @@ class ReconstructForecast(_Reconstruct):
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[ReconstructionForecast, ...]]:
         """Prepare the reconstruction, and predict what it takes."""
-        from lfcal.reconstruct import run_memory
-
         yield from ()
         with ExitStack() as stack:
-            found = self._prepare(stack, run.workers if run else None, warm=self.warm)
-            one = ReconstructionForecast(
-                projector=found.projector,
-                choice=found.choice,
-                frames=len(found.frames),
-                iterations=found.iterations,
-                seconds=found.seconds,
-                memory=run_memory(found.projector, found.choice, warm=self.warm),
-            )
-        return (one,)
+            return (ReconstructionForecast(self._prepare(stack, run.workers if run else None, warm=self.warm)),)
 
 
 @record
@@ -400,11 +286,8 @@ class Reconstruct(_Reconstruct):
         return self._iter_volumes(run or RunSettings(), "", warm=False)
 
     def _iter_volumes(self, run: RunSettings, suffix: str, *, warm: bool) -> Work[tuple[Reconstructed, ...]]:
-        from lfcal.psf import voxel_um
-        from lfcal.reconstruct import check_warm
+        from lfcal.reconstruct import frames_of, targets_of
 
-        if warm:
-            check_warm(choice_of(self.solver))
         frames = frames_of(self.frames) if self.frames.exists() else []
         targets = targets_of(frames, self.out, suffix or None)
         if suffix:
@@ -412,42 +295,12 @@ class Reconstruct(_Reconstruct):
             check_outputs(outs, *self.files("in"), force=may_replace(self.out, run))
         with ExitStack() as stack:
             found = self._prepare(stack, run.workers, warm=warm)
-            P, H = found.projector, found.matrices[0]
-            choice = run.choice(self.out, found.seconds, "frame by frame")
-            grid = self._grid(found, H)
-            shape = (len(H), *(found.shape if grid is None else grid.shape))
-            sides = voxel_um(H) if grid is None else (grid.voxel_um, grid.voxel_um)
-            details, times = self._details(found), [frame.time_s for frame in found.frames]
-            saved = partial(saving, P, sides, targets, details, shape, grid=grid, times_s=times)
-            if choice is None:
-                with saved() as save:
-                    results = yield from _iter_solve(found, self.light_field, save, warm=warm)
-            else:
-                results = yield from _iter_solve_in_units(found, self.out, choice, saved, warm=warm)
-        one = Reconstructed(method=P.method, forecast=str(P.forecast()), shape=shape, results=results, files=targets)
-        return (one,)
-
-    def _grid(self, found: _Prepared, H: PSFMatrix) -> MetricGrid | None:
-        """Return the grid of voxels of one size, where it is asked for."""
-        from lfcal.reconstruct import MetricGrid
-
-        voxel = self.grid.voxel
-        if voxel is None:
-            return None
-        anchor = found.optics.image_anchor(found.view, H)
-        return MetricGrid.for_matrix(H, found.shape, anchor, None if isinstance(voxel, str) else voxel)
-
-    def _details(self, found: _Prepared) -> dict[str, Any]:
-        """Return what is written into a volume about how it was made."""
-        P, choice = found.projector, found.choice
-        anchor = tuple(at - choice.margin for at in P.grid.anchor)
-        known: dict[str, Any] = {"psf": self.psf.name, "solver": asdict(choice), "method": P.method}
-        known |= {"within": P.tolerance, "anchor": anchor}
-        if P.device is not None:
-            known["device"] = P.device.name
-        if self.regions:
-            known["regions"] = [one.region or Path(one.path).name for one in found.matrices]
-        return known | with_task(self, *found.matrices)
+            choice, details = run.choice(self.out, found.seconds, "frame by frame"), with_task(self, *found.matrices)
+            results = yield from found.iter_volumes(targets, self.out, details, choice)
+            P, shape = found.projector, found.volume_shape
+        return (
+            Reconstructed(method=P.method, forecast=str(P.forecast()), shape=shape, results=results, files=targets),
+        )
 
 
 @record
@@ -488,65 +341,12 @@ class ReconstructSeries(Reconstruct):
         return self._iter_volumes(run or RunSettings(), "" if self._whole() else self.format, warm=self.warm)
 
 
-def _iter_solve(
-    found: _Prepared, light_field: LightFieldSettings, save: Save, *, warm: bool
-) -> Work[tuple[FrameResult, ...]]:
-    """Reconstruct and save frame by frame."""
-    from lfcal.reconstruct import iter_series, run_memory
-
-    P, choice, view = found.projector, found.choice, found.view
-    rows, columns = found.frames[0].read().shape
-    weights = None if view is None else view.inside((rows, columns))
-    clean = cleaner(light_field.dark, light_field.white, view)
-    frames = [(frame.name, partial(_cleaned, frame, clean)) for frame in found.frames]
-
-    def take(name: str, result: Reconstruction) -> None:
-        known = {"notes": result.notes, "residual": result.history[-1].residual, "stopped": result.stopped}
-        if math.isfinite(result.chi2):
-            known["chi2"] = result.chi2
-        save(name, result.volume, known)
-
-    def leave(name: str) -> None:
-        save(name, None, {})
-
-    note(f"{P.forecast()}; memory {run_memory(P, choice, warm=warm)}")
-    if not choice.solver.in_parts:
-        yield from P.iter_prepare()
-    return (yield from iter_series(P, frames, len(frames), choice, take, weights=weights, warm=warm, missing=leave))
-
-
-def _cleaned(frame: FrameFile, clean: Callable[[NDArray[Any]], NDArray[Any]]) -> NDArray[Any]:
-    return clean(frame.read())
-
-
-def _iter_solve_in_units(
-    found: _Prepared, out: Path, run: RunChoice, saved: Saved, *, warm: bool
-) -> Work[tuple[FrameResult, ...]]:
-    """Reconstruct frame by frame, each volume in a file that stays until all are there and ``saved``."""
-    from lfcal.base import worker_count
-    from lfcal.reconstruct import check_any
-    from lfcal.tasks._reconstruct_units import device_hints, frame_units, iter_collect
-    from lfcal.work import iter_made
-
-    if warm and run.executor != "threads":
-        raise InputError.expected("--warm", "--executor threads", run.executor, "each frame needs the one before it")
-    # each process has its own H
-    share = 1 if run.executor == "threads" else worker_count(run.workers)
-    P, asked = found.projector, found.optics.projection.device
-    hints = {"memory": found.room(share=share), **device_hints(P.device, asked, share)}
-    units = frame_units(found.frames, found.optics, found.choice, out, hints, P.recipe, warm=warm)
-    results: list[FrameResult] = []
-    names = [frame.name for frame in found.frames]
-    collect = partial(iter_collect, names=names, saved=saved, results=results)
-    yield from iter_made(units, out, run, collect, title=f"volumes of {out.name}", joined=False)
-    check_any(results)
-    return tuple(results)
-
-
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
     """Return which kind of reconstruction is asked for."""
     if given.get("forecast"):
         return ReconstructForecast
+    from lfcal.reconstruct import is_series
+
     return ReconstructSeries if is_series(Path(given["frames"])) else Reconstruct
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lfcal.base import InputError, Work
+from lfcal.base import InputError, Work, note, warn
 from lfcal.records import (
     opt,
     read_cutout,
@@ -21,7 +21,6 @@ from lfcal.records import (
     show_planes,
 )
 from lfcal.tasks.cameras import is_camera_file, preset_names
-from lfcal.tasks.notes import note, warn
 from lfcal.tasks.planned import planned_scan, ready_regions
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
 

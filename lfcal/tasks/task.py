@@ -8,9 +8,8 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lfcal.base import InputError, Work, drain
+from lfcal.base import InputError, Work, drain, note
 from lfcal.records import check_needs, check_record, from_flat, opt, record, rows, rows_of, to_dict, value_at
-from lfcal.tasks.notes import note
 
 if TYPE_CHECKING:
     from lfcal.work import RunChoice

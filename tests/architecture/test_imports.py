@@ -32,7 +32,7 @@ ALLOWED: dict[str, set[str]] = {
     "devices": GROUND | {"camera", "frames"},
     "acquire": GROUND | {"devices", "camera", "frames", "psf", "targets"},
     "campaign": GROUND | {"acquire", "devices", "fit", "camera", "frames", "psf", "simulate", "targets"},
-    "reconstruct": GROUND | {"psf", "records"},
+    "reconstruct": GROUND | {"work", "camera", "lattice", "frames", "psf", "acquire", "records"},
     "judge": GROUND | {"camera", "lattice", "frames", "psf", "simulate", "fit", "reconstruct", "acquire", "campaign"},
     "multiplex": GROUND | {"camera", "lattice", "frames"},
     "tasks": {

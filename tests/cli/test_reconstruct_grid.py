@@ -16,9 +16,8 @@ from lfcal.base.errors import InputError
 from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Sensor, preset
 from lfcal.lattice import fit_lattice, save_lattice
 from lfcal.psf import PSFMatrix, save
-from lfcal.reconstruct import Projector, SolverChoice, reconstruct
-from lfcal.reconstruct.resample import resampling_for
-from lfcal.tasks._reconstruct_optics import view_of
+from lfcal.reconstruct import LightFieldSettings, Projector, SolverChoice, reconstruct
+from lfcal.reconstruct.resample import resampling_for, resampling_of
 from tests.cli.conftest import Run
 from tests.lattice.white_frames import WhiteFrame, draw_white
 
@@ -45,7 +44,10 @@ def test_the_origin_is_a_lenslet_of_type_0(tmp_path: Path, phase: int) -> None:
     white = tmp_path / "white.tif"
     tifffile.imwrite(white, truth.frame)
     save_lattice(fit_lattice(truth.frame), tmp_path)
-    for view in (view_of(H, white), view_of(H, None, tmp_path / "lattice.json")):
+    for view in (
+        resampling_of(H, LightFieldSettings(white=white)),
+        resampling_of(H, LightFieldSettings(lattice=tmp_path / "lattice.json")),
+    ):
         ((q, r),) = truth.indices(np.array([view.origin]))
         assert truth.distance_to_lattice(view.origin) < 0.05
         assert (q - r - phase) % 3 == 0
@@ -55,7 +57,7 @@ def test_a_white_frame_of_another_sensor_is_refused(tmp_path: Path) -> None:
     truth, H = drawn(0)
     tifffile.imwrite(tmp_path / "white.tif", truth.frame[:-20])
     with pytest.raises(InputError, match="white image"):
-        view_of(H, tmp_path / "white.tif")
+        resampling_of(H, LightFieldSettings(white=tmp_path / "white.tif"))
 
 
 # -- what is resampled where nothing is asked for ------------------------------------------------------------

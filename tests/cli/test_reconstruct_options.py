@@ -16,8 +16,8 @@ import tifffile
 
 from lfcal.psf import PSFMatrix, save
 from lfcal.reconstruct import Projector, SolverChoice, load_volume, reconstruct
+from lfcal.reconstruct.frame_units import device_for, device_hints
 from lfcal.reconstruct.projectors import device as devices
-from lfcal.tasks._reconstruct_units import device_for, device_hints
 from lfcal.work.unit import numbered
 from tests.cli.conftest import Run
 from tests.reconstruct.oracles import lenslet_psf

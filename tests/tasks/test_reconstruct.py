@@ -201,6 +201,6 @@ def test_kinds_are_told_apart_by_what_is_there(place: Path) -> None:
         assert tasks.choose({"frames": place / name}) is kind
     assert tasks.choose({"frames": place / "frame.tif", "forecast": True}) is ReconstructForecast
     forecast = ReconstructForecast(psf=place / "H.h5", frames=place / "stack.tif")
-    assert "--forecast" in command_of(forecast) and forecast.run()[0].frames == 3
+    assert "--forecast" in command_of(forecast) and len(forecast.run()[0].run.frames) == 3
     with pytest.raises(InputError, match=r"grid.voxel: expected its default, got 'auto'"):
         ReconstructForecast(psf="H.h5", frames="f.tif", grid=VoxelGrid(voxel="auto"))

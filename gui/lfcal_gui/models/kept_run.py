@@ -22,7 +22,7 @@ def stamp_of_files(*places: str, but: str) -> str:
 
     Of a recorded session only what was recorded counts: what is made of it often lies beside that.
     """
-    from lfcal.tasks import RECORDINGS, files_of
+    from lfcal.frames import RECORDINGS, files_of
 
     made, found = Path(but).absolute(), set()
     for place in places:

@@ -12,11 +12,10 @@ from lfcal.reconstruct.solvers.planes import UPDATING, plane_threads
 from lfcal.reconstruct.solvers.records import Reconstruction, SolverProgress, SolverState
 from lfcal.reconstruct.solvers.smoothing import DepthSmoothing
 from lfcal.reconstruct.solvers.solver import OPTIONS, Solver, SolverRun
-from lfcal.reconstruct.solvers.stopping import GOALS, MOST_ITERATIONS, STOPS
+from lfcal.reconstruct.solvers.stopping import GOALS, STOPS
 
 __all__ = [
     "GOALS",
-    "MOST_ITERATIONS",
     "OPTIONS",
     "SOLVERS",
     "STOPS",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,16 @@ from lfcal.reconstruct.resample import drift_note
 from lfcal.reconstruct.solvers.measurement import check_counts, held_out_fit
 from lfcal.reconstruct.solvers.records import Reconstruction, SolverProgress, SolverState, SolverWork
 from lfcal.reconstruct.solvers.solver import Solver, SolverRun
-from lfcal.reconstruct.solvers.stopping import GOALS, STOPS, held_out_pixels, iter_until_best, iter_until_noise, misfit
+from lfcal.reconstruct.solvers.stopping import (
+    GOALS,
+    MOST_ITERATIONS,
+    STOPS,
+    held_out_pixels,
+    iter_until_best,
+    iter_until_noise,
+    misfit,
+)
+from lfcal.records import SOLVER_ENDS, SolverFields
 
 __all__ = ["SOLVERS", "SolverChoice", "find_solvers", "iter_reconstruct", "iter_solve", "reconstruct"]
 
@@ -165,6 +174,15 @@ class SolverChoice:
                 self.margin,
                 f"give 0, or choose {known}",
             )
+
+    @classmethod
+    def of(cls, settings: SolverFields, margin: int = 0) -> SolverChoice:
+        """Return the solver that settings describe."""
+        known = {one.name: getattr(settings, one.name) for one in fields(settings)}
+        end = SOLVER_ENDS.get(str(settings.iterations))
+        if end is not None:
+            known |= {"iterations": MOST_ITERATIONS, "auto": True, "stop": end}
+        return cls(**known, margin=margin)
 
     @property
     def solver(self) -> Solver:

@@ -17,14 +17,16 @@ from lfcal.reconstruct import (
     LightFieldSettings,
     ProjectionSettings,
     Resampling,
+    SharedOptics,
     SolverChoice,
     VoxelGrid,
     lattice_anchor_of,
+    resampling_for,
     usual_margin,
 )
 from lfcal.reconstruct.solvers import GOALS, OPTIONS, STOPS
 from lfcal.records import SOLVER_ENDS, SolverFields, rows
-from lfcal.tasks import Reconstruct, SharedOptics, choice_of, solver_settings, view_for
+from lfcal.tasks import Reconstruct, solver_settings
 from lfcal_gui.models import Field, PageSettings, fields_of, value_in
 from lfcal_gui.pages.reconstruct.model_device import DEVICE
 
@@ -286,7 +288,7 @@ class ReconstructSettings(PageSettings):
 
     def choice(self) -> SolverChoice:
         """Return what the library is asked for, without a margin that it has to find."""
-        return choice_of(self.solver_fields(), margin=self.margin or 0 if used_by(self.solver, "margin") else 0)
+        return SolverChoice.of(self.solver_fields(), margin=self.margin or 0 if used_by(self.solver, "margin") else 0)
 
     @property
     def light_field(self) -> LightFieldSettings:
@@ -357,7 +359,7 @@ class ReconstructSettings(PageSettings):
     def view(self, H: PSFMatrix, shape: tuple[int, int]) -> Resampling | None:
         """Return how a light field of ``shape`` is resampled to H's period; None: it is used as it is."""
         placed = next((name for name in ("regions", "anchor", "region") if getattr(self, name)), "")
-        return view_for(H, shape, self.light_field, placed, quiet=True)
+        return resampling_for(H, shape, self.light_field, placed)
 
     def window(self, shape: tuple[int, int]) -> tuple[slice, slice]:
         """Return rows and columns of a light field of ``shape`` to be used; raises `InputError` if outside."""
@@ -449,7 +451,7 @@ def forecast_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSett
     view = settings.view(H, shape)
     shape = shape if view is None else view.shape
     with ExitStack() as stack:
-        matrices = settings.optics(H.path, mat_order_of(H)).open(stack, quiet=True) if settings.other_regions else [H]
+        matrices = settings.optics(H.path, mat_order_of(H)).open(stack) if settings.other_regions else [H]
         return forecast_words(projector_for(matrices, shape, settings, view), settings.choice_for(H, shape))
 
 

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from lfcal.base import Work, format_seconds
 from lfcal.psf import PSFMatrix
-from lfcal.reconstruct import Resampling, SolverProgress, SolverState, cropped, drift_note, drift_words, nrmse
+from lfcal.reconstruct import Resampling, SolverProgress, SolverState, cleaner, cropped, drift_note, drift_words, nrmse
 from lfcal.reconstruct.solvers import iter_solve
-from lfcal.tasks import cleaner
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings, projector_for
 
 __all__ = ["Placed", "Solving"]
@@ -176,7 +175,7 @@ class Solving:
         from lfcal.psf import voxel_um
 
         if not self._matrices:
-            self._matrices = self.settings.optics(self.psf, self.mat_order).open(self._open, quiet=True)
+            self._matrices = self.settings.optics(self.psf, self.mat_order).open(self._open)
         H, shape = self._matrices[0], (self.image.shape[0], self.image.shape[1])
         self._view, self._said = self.settings.view(H, shape), ()
         if self._view is not None:

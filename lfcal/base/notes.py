@@ -1,4 +1,4 @@
-"""What a task says while it runs, one line at a time, to the logger ``lfcal``."""
+"""What long work says while it runs, one line at a time, to the logger ``lfcal``."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class _Lines(logging.Handler):
 
 @contextmanager
 def notes_to(sink: Callable[[str], None]) -> Iterator[None]:
-    """Hand what tasks say to ``sink``, a line each, while the context lasts."""
+    """Hand what long work says to ``sink``, a line each, while the context lasts."""
     handler, level = _Lines(sink), LOG.level
     LOG.addHandler(handler)
     LOG.setLevel(logging.INFO)

@@ -8,17 +8,22 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.acquire import NAME, RecordingSource
 from lfcal.base import InputError
-from lfcal.tasks.outputs import files_of
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lfcal.acquire import RecordingSource
-    from lfcal.psf import PSFMatrix
-    from lfcal.reconstruct import MetricGrid, Projector, Resampling
+from lfcal.frames import CorrectionChain, Dark, White, files_of, natural_key, open_image, read_image
+from lfcal.frames.corrections import read_average
+from lfcal.frames.formats import image_suffixes
+from lfcal.psf import PSFMatrix
+from lfcal.reconstruct.metric_grid import MetricGrid
+from lfcal.reconstruct.projectors import Projector
+from lfcal.reconstruct.resample import Resampling
+from lfcal.reconstruct.volumes import SUFFIXES, VolumeFacts, check_suffix, check_zarr, write_volumes
+from lfcal.work import stamp_of
 
 __all__ = [
     "Cleaner",
@@ -69,8 +74,6 @@ class FrameFile:
 
 def read_frame(file: Path, page: int) -> NDArray[Any]:
     """Return the samples ``(rows, columns)`` of a page of an image file, or of a frame of a session."""
-    from lfcal.frames import read_image
-
     if not file.is_dir():
         return read_image(file, page)
     source, order = _session(file)
@@ -87,9 +90,6 @@ def frames_of(path: Path) -> list[FrameFile]:
     """
     if is_session(path):
         return _frames_of_session(path)
-    from lfcal.frames import natural_key, open_image
-    from lfcal.frames.formats import image_suffixes
-
     files = [path]
     if path.is_dir():
         names = sorted((p.name for p in path.iterdir() if p.suffix.lower() in image_suffixes()), key=natural_key)
@@ -103,22 +103,15 @@ def frames_of(path: Path) -> list[FrameFile]:
         image.close()
         for page in range(image.pages):
             found.append(FrameFile(file.stem if image.pages == 1 else f"{file.stem}_{page:04d}", file, page))
-    _check_names([frame.name for frame in found])
-    return found
-
-
-def _check_names(names: list[str]) -> None:
+    names = [frame.name for frame in found]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise InputError.expected("names of the frames", "each once", f"{twice} twice", "rename one of them")
+    return found
 
 
 def is_session(path: Path) -> bool:
     """Return whether a folder is that of a session `lfcal acquire` recorded."""
-    if not path.is_dir():
-        return False
-    from lfcal.acquire import NAME
-
     return (path / NAME).is_file()
 
 
@@ -128,8 +121,6 @@ def is_series(path: Path) -> bool:
         return True
     if not path.is_file():
         return False
-    from lfcal.frames import open_image
-
     image = open_image(path)
     image.close()
     return image.pages > 1
@@ -137,16 +128,12 @@ def is_series(path: Path) -> bool:
 
 def _session(path: Path) -> tuple[RecordingSource, tuple[int, ...]]:
     """Return a session, and the numbers of its frames in the order in which they were recorded."""
-    from lfcal.work import stamp_of
-
     return _opened(os.path.abspath(path), stamp_of(FrameFile("", path, 0).inputs))
 
 
 @lru_cache(maxsize=1)
 def _opened(folder: str, _: str) -> tuple[RecordingSource, tuple[int, ...]]:
     # once for all frames of a series: opening looks through the whole recording
-    from lfcal.acquire import RecordingSource
-
     source = RecordingSource(Path(folder))
     return source, tuple(sorted(range(len(source)), key=lambda k: float(source.record(k)["elapsed_s"])))
 
@@ -180,11 +167,6 @@ def placed_anchor(path: Path, H: PSFMatrix, resample: bool | None) -> tuple[floa
 
 def cleaner(dark: str | os.PathLike[str], white: str | os.PathLike[str], view: Resampling | None) -> Cleaner:
     """Return what is done to each frame: dark, white, resampling."""
-    import numpy as np
-
-    from lfcal.frames import CorrectionChain, Dark, White
-    from lfcal.frames.corrections import read_average
-
     level = read_average(dark) if dark else None
     steps: list[Any] = [] if level is None else [Dark(level)]
     if white:
@@ -215,8 +197,6 @@ def targets_of(frames: Sequence[FrameFile], out: Path, suffix: str | None) -> di
     InputError
         If no volume can have such a name, or the library that writes it is not installed.
     """
-    from lfcal.reconstruct import SUFFIXES, check_suffix, check_zarr
-
     whole = suffix is None or out.suffix.lower() in SUFFIXES
     found = {f.name: check_suffix(out if whole else out / f"{f.name}{suffix}") for f in frames}
     if any(path.suffix.lower() == ".zarr" for path in found.values()):
@@ -232,8 +212,8 @@ def saving(
     details: Mapping[str, Any],
     shape: tuple[int, ...],
     *,
-    grid: MetricGrid | None = None,
-    times_s: Sequence[float | None] = (),
+    grid: MetricGrid | None,
+    times_s: Sequence[float | None],
 ) -> Iterator[Save]:
     """Give what saves the volume of a frame: into its own file, or into one file that holds them all.
 
@@ -256,10 +236,6 @@ def saving(
     times_s
         When each frame was taken (s), where that is known.
     """
-    import numpy as np
-
-    from lfcal.reconstruct import VolumeFacts, write_volumes
-
     depths = P.depths if P.camera is not None else None
     origin = None if grid is None else grid.origin_um
     if grid is not None:

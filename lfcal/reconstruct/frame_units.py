@@ -6,23 +6,25 @@ import json
 import math
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from lfcal.tasks._reconstruct_frames import FrameFile
-from lfcal.tasks._reconstruct_optics import SharedOptics
-from lfcal.work import ProcessCache, Unit, file_name, parts_folder, stamp_of
+import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lfcal.base import Work
-    from lfcal.reconstruct import FrameResult, Projector, Resampling, SolverChoice
-    from lfcal.reconstruct.projectors import ArrayDevice
-    from lfcal.tasks._reconstruct_frames import Saved
+from lfcal.base import Clock, FileFormatError, InputError, Work
+from lfcal.base.h5 import H5File
+from lfcal.reconstruct.frame_files import Cleaner, FrameFile, Saved, cleaner, read_frame
+from lfcal.reconstruct.optics import SharedOptics
+from lfcal.reconstruct.projectors import ArrayDevice, Projector, device_count, find_device
+from lfcal.reconstruct.resample import Resampling
+from lfcal.reconstruct.series import FrameResult, iter_frame
+from lfcal.reconstruct.solvers import SolverChoice
+from lfcal.reconstruct.volumes import load_volume, save_volume
+from lfcal.work import ProcessCache, Unit, file_name, parts_folder, stamp_of, worker_number
 
 __all__ = ["device_for", "device_hints", "do_frame", "frame_units", "iter_collect"]
 
@@ -67,10 +69,6 @@ def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
 
     Of a frame of several that has no volume the file says why, and holds what the next one begins with.
     """
-    from lfcal.base import FileFormatError, InputError
-    from lfcal.reconstruct import SolverChoice, iter_frame, save_volume
-    from lfcal.tasks._reconstruct_frames import read_frame
-
     began = time.perf_counter()
     initial = _begun_from(arguments["initial"])
     try:
@@ -109,25 +107,17 @@ def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
 
 def _save_nothing(out: Path, initial: NDArray[Any] | None, error: Exception, began: float) -> None:
     """Write why there is no volume; where the frames before had one, it goes on to the next frame."""
-    import numpy as np
-
-    from lfcal.reconstruct import save_volume
-
     details = {"failed": str(error), "seconds": time.perf_counter() - began, "empty": initial is None}
     save_volume(out, np.zeros((1, 1, 1)) if initial is None else initial, details=details)
 
 
 def _begun_from(file: str) -> NDArray[Any] | None:
     """Return the volume that a frame begins with, which the unit of the frame before has written."""
-    from lfcal.reconstruct import load_volume
-
     return None if not file or _details(Path(file)).get("empty", False) else load_volume(file)
 
 
 def _details(part: Path) -> dict[str, Any]:
     """Return what the file of a unit says of its volume."""
-    from lfcal.base.h5 import H5File
-
     with H5File(part) as file:
         found: dict[str, Any] = json.loads(file.attributes().text("details", "{}"))
     return found
@@ -139,21 +129,19 @@ class _Tool:
 
     projector: Projector
     view: Resampling | None
-    clean: Callable[[NDArray[Any]], NDArray[Any]]
+    clean: Cleaner
     files: ExitStack
 
 
 _HELD: ProcessCache[_Tool] = ProcessCache(lambda tool: tool.files.close())
 
 
-How = tuple[str, int, int, int, "ArrayDevice | None"]
+How = tuple[str, int, int, int, ArrayDevice | None]
 """Method of projection, memory, threads, margin and device."""
 
 
 def device_hints(device: ArrayDevice | None, asked: str, processes: int) -> dict[str, Any]:
     """Return the device of a run's frames, which ``asked`` named, and the memory that each process may take there."""
-    from lfcal.reconstruct.projectors import device_count
-
     if device is None:
         return {}
     one = ":" in asked  # else each worker takes one of them, by its number
@@ -164,9 +152,6 @@ def device_hints(device: ArrayDevice | None, asked: str, processes: int) -> dict
 
 def device_for(text: str, room: int | None) -> ArrayDevice | None:
     """Return the device of this worker, with the memory that it may take there."""
-    from lfcal.reconstruct.projectors import find_device
-    from lfcal.work import worker_number
-
     found = find_device(text, worker=worker_number())
     return None if found is None else replace(found, room=room)
 
@@ -178,11 +163,9 @@ def _tool_for(optics: SharedOptics, shape: tuple[int, ...], how: How) -> _Tool:
 
 
 def _made(optics: SharedOptics, shape: tuple[int, ...], how: How) -> _Tool:
-    from lfcal.tasks._reconstruct_frames import cleaner
-
     method, memory, workers, margin, device = how
     with ExitStack() as stack:
-        matrices = optics.open(stack, quiet=True)
+        matrices = optics.open(stack)
         frame = shape[0], shape[1]
         view = optics.view(matrices[0], frame)
         projector = optics.projector(
@@ -204,9 +187,6 @@ def iter_collect(parts: Sequence[Path], names: Sequence[str], saved: Saved, resu
 
     Where no frame has a volume nothing is saved.
     """
-    from lfcal.base import Clock
-    from lfcal.reconstruct import FrameResult, load_volume
-
     told = [_details(part) for part in parts]
     for name, known in zip(names, told, strict=True):
         if "failed" in known:

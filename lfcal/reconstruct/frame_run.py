@@ -1,0 +1,224 @@
+"""Light-field frames in files to volumes in files: one frame or a series, in this process or in units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from lfcal.base import InputError, Work, note, worker_count
+from lfcal.psf import PSFMatrix, noise_of, voxel_um
+from lfcal.reconstruct.frame_files import FrameFile, Save, Saved, cleaner, frames_of, placed_anchor, saving
+from lfcal.reconstruct.frame_units import device_hints, frame_units, iter_collect
+from lfcal.reconstruct.margin import usual_margin
+from lfcal.reconstruct.memory import RunMemory, room_for_projections, run_memory
+from lfcal.reconstruct.metric_grid import MetricGrid
+from lfcal.reconstruct.optics import SharedOptics, wide
+from lfcal.reconstruct.projectors import Projector
+from lfcal.reconstruct.resample import Resampling, resampling_for
+from lfcal.reconstruct.series import FrameResult, check_any, check_warm, iter_series
+from lfcal.reconstruct.solvers import Reconstruction, SolverChoice
+from lfcal.records import VoxelGrid
+from lfcal.work import RunChoice, iter_made
+
+__all__ = ["FrameRun"]
+
+USUAL = 20
+"""Iterations of a run that stops automatically, for a forecast; it may take half or twice as many."""
+
+
+@dataclass(frozen=True)
+class FrameRun:
+    """Frames, with what reconstructs them.
+
+    Attributes
+    ----------
+    frames, matrices
+        The frames, and H of each region.
+    view
+        How frames are brought onto the period of H; None: they are used as they are.
+    optics, choice, voxels
+        What was asked for, with what was found: place of the frames, margin, noise.
+    warm
+        Whether each frame begins with the volume of the one before it.
+    projector
+        Of the wider frame, where there is a margin.
+    """
+
+    frames: list[FrameFile]
+    matrices: list[PSFMatrix]
+    view: Resampling | None
+    optics: SharedOptics
+    choice: SolverChoice
+    voxels: VoxelGrid
+    warm: bool
+    projector: Projector
+
+    @classmethod
+    def of(
+        cls,
+        frames: Path,
+        matrices: list[PSFMatrix],
+        optics: SharedOptics,
+        choice: SolverChoice,
+        voxels: VoxelGrid,
+        *,
+        warm: bool = False,
+        workers: int | None = None,
+    ) -> FrameRun:
+        """Look at the first frame and choose how to project; ``matrices`` are those that ``optics`` opened."""
+        if warm:
+            check_warm(choice)
+        found, H, asked = frames_of(frames), matrices[0], optics.light_field.asked
+        anchor = voxels.anchor or placed_anchor(frames, H, asked)
+        rows, columns = found[0].read().shape
+        placed = "--region" if optics.regions else "--anchor" if voxels.anchor else "the session" if anchor else ""
+        view = resampling_for(H, (rows, columns), optics.light_field, placed, quiet=False)
+        optics = replace(optics, anchor=anchor, resample=view is not None)
+        shape = (rows, columns) if view is None else view.shape
+        margin = voxels.margin
+        if isinstance(margin, str):
+            possible = "weights" in choice.solver.honours
+            margin = usual_margin(H.period, (H.shape[3], H.shape[4]), shape) if possible else 0
+        noise = noise_of(H.provenance)
+        known = None if noise is None or noise.slope == 0 else (noise.floor, noise.slope)
+        choice = replace(choice, margin=margin, noise=known)
+        room = _room(optics, choice, len(H), wide(shape, margin), warm)
+        how: dict[str, Any] = {"memory": room, "workers": workers, "device": optics.projection.device}
+        projector = optics.projector(matrices, (rows, columns), view, margin, **how)
+        return cls(found, matrices, view, optics, choice, voxels, warm, projector)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the images, without margin."""
+        rows, columns = self.projector.image_shape
+        return rows - 2 * self.choice.margin, columns - 2 * self.choice.margin
+
+    @property
+    def iterations(self) -> int:
+        """Those of a frame, as far as they are known beforehand."""
+        return min(self.choice.iterations, USUAL) if self.choice.auto else self.choice.iterations
+
+    @property
+    def seconds(self) -> float:
+        """Time of all frames, set-up included."""
+        found = self.projector.forecast().chosen
+        return found.prepare_s + len(self.frames) * self.iterations * found.pair_s
+
+    @property
+    def memory(self) -> RunMemory:
+        """Largest memory."""
+        return run_memory(self.projector, self.choice, warm=self.warm)
+
+    @property
+    def volume_shape(self) -> tuple[int, ...]:
+        """``(nz, Y, X)`` of a volume as it is written."""
+        grid = self._grid
+        return (len(self.matrices[0]), *(self.shape if grid is None else grid.shape))
+
+    @property
+    def _grid(self) -> MetricGrid | None:
+        """The grid of voxels of one size, where it is asked for."""
+        side, H = self.voxels.voxel, self.matrices[0]
+        if side is None:
+            return None
+        anchor = self.optics.image_anchor(self.view, H)
+        return MetricGrid.for_matrix(H, self.shape, anchor, None if isinstance(side, str) else side)
+
+    @property
+    def _details(self) -> dict[str, Any]:
+        """What is written into a volume about how it was made."""
+        P, choice = self.projector, self.choice
+        anchor = tuple(at - choice.margin for at in P.grid.anchor)
+        known: dict[str, Any] = {"psf": self.optics.psf.name, "solver": asdict(choice), "method": P.method}
+        known |= {"within": P.tolerance, "anchor": anchor}
+        if P.device is not None:
+            known["device"] = P.device.name
+        if self.optics.regions:
+            known["regions"] = [one.region or Path(one.path).name for one in self.matrices]
+        return known
+
+    def iter_volumes(
+        self, targets: Mapping[str, Path], out: Path, details: Mapping[str, Any], run: RunChoice | None = None
+    ) -> Work[tuple[FrameResult, ...]]:
+        """Reconstruct and save frame by frame; one volume is in memory at a time.
+
+        Parameters
+        ----------
+        targets
+            File of each frame's volume, by the frame's name.
+        out
+            What units are kept next to.
+        details
+            What all files say besides.
+        run
+            By whom units of a frame each are done; None: this thread does all.
+        """
+        grid = self._grid
+        sides = voxel_um(self.matrices[0]) if grid is None else (grid.voxel_um, grid.voxel_um)
+        times, said = [frame.time_s for frame in self.frames], {**self._details, **details}
+        how: dict[str, Any] = {"grid": grid, "times_s": times}
+        saved = partial(saving, self.projector, sides, targets, said, self.volume_shape, **how)
+        if run is not None:
+            return (yield from self._iter_units(out, run, saved))
+        with saved() as save:
+            return (yield from self._iter_here(save))
+
+    def _iter_here(self, save: Save) -> Work[tuple[FrameResult, ...]]:
+        P, choice, light_field = self.projector, self.choice, self.optics.light_field
+        rows, columns = self.frames[0].read().shape
+        weights = None if self.view is None else self.view.inside((rows, columns))
+        clean = cleaner(light_field.dark, light_field.white, self.view)
+
+        def read(frame: FrameFile) -> NDArray[Any]:
+            return clean(frame.read())
+
+        def take(name: str, result: Reconstruction) -> None:
+            known = {"notes": result.notes, "residual": result.history[-1].residual, "stopped": result.stopped}
+            if math.isfinite(result.chi2):
+                known["chi2"] = result.chi2
+            save(name, result.volume, known)
+
+        def leave(name: str) -> None:
+            save(name, None, {})
+
+        note(f"{P.forecast()}; memory {self.memory}")
+        if not choice.solver.in_parts:
+            yield from P.iter_prepare()
+        how: dict[str, Any] = {"weights": weights, "warm": self.warm, "missing": leave}
+        frames = [(frame.name, partial(read, frame)) for frame in self.frames]
+        return (yield from iter_series(P, frames, len(frames), choice, take, **how))
+
+    def _iter_units(self, out: Path, run: RunChoice, saved: Saved) -> Work[tuple[FrameResult, ...]]:
+        """Reconstruct frame by frame, each volume in a file that stays until all are there and ``saved``."""
+        if self.warm and run.executor != "threads":
+            raise InputError.expected(
+                "--warm", "--executor threads", run.executor, "each frame needs the one before it"
+            )
+        # each process has its own H
+        share = 1 if run.executor == "threads" else worker_count(run.workers)
+        P, optics = self.projector, self.optics
+        room = _room(optics, self.choice, len(self.matrices[0]), P.image_shape, self.warm, share)
+        hints = {"memory": room, **device_hints(P.device, optics.projection.device, share)}
+        units = frame_units(self.frames, optics, self.choice, out, hints, P.recipe, warm=self.warm)
+        results: list[FrameResult] = []
+        names = [frame.name for frame in self.frames]
+        collect = partial(iter_collect, names=names, saved=saved, results=results)
+        yield from iter_made(units, out, run, collect, title=f"volumes of {out.name}", joined=False)
+        check_any(results)
+        return tuple(results)
+
+
+def _room(
+    optics: SharedOptics, choice: SolverChoice, planes: int, shape: Sequence[int], warm: bool, share: int = 1
+) -> int:
+    """Return the memory that projections of images of ``shape`` may take in each of ``share`` processes."""
+    own = optics.projection
+    most = None if own.memory is None else int(own.memory * 1e9)
+    sizes = (planes, shape[0], shape[1])
+    return room_for_projections(sizes, choice, 8 if own.double else 4, memory=most, warm=warm, share=share)
