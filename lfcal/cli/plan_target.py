@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def show(made: tuple[TargetPlanned]) -> None:
     """Print the frames of the target and of a single point, and the expected error."""
     from lfcal.cli._console import print_table
-    from lfcal.tasks import coding_words, display_words
+    from lfcal.targets import display_words
 
     (one,) = made
     plan, facts = one.plan, one.facts
@@ -39,7 +39,7 @@ def show(made: tuple[TargetPlanned]) -> None:
         _show_regions(facts["regions"])
     _note_what_is_not_shown(one)
     if one.verdict is not None:
-        typer.echo(coding_words(one.verdict))
+        typer.echo(one.verdict.frames_words)
     if one.task.display is not None:
         typer.echo(display_words(plan, one.task.display))
     if one.task.out is not None:

@@ -246,6 +246,15 @@ class CodingVerdict:
         return told if self.limit != "time" else f"{told}; it {self.range_words}"
 
     @property
+    def frames_words(self) -> str:
+        """Whether showing several frames together pays, up to how much light, and why, in a line."""
+        gain, does = self.gain, "pays" if self.pays else "does not pay"
+        return (
+            f"showing {gain.points} frames at once, coded: {does} at {float(f'{gain.signal_e:.3g}'):g} electrons in a "
+            f"point's brightest pixel ({gain.time.rms_db:+.2f} dB); it {self.range_words}"
+        )
+
+    @property
     def range_words(self) -> str:
         """Up to how much light coding pays at equal time, and why, in words."""
         if self.break_even_e == 0:

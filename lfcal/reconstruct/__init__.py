@@ -5,7 +5,7 @@
 - ``phantoms``, ``resolution``: volumes whose truth is known, and how close a reconstruction is to it
 - ``resample``: light fields onto whole periods; ``metric_grid``: voxels of one size
 - ``series``, ``volumes``: many frames, results as files; ``memory``: what a reconstruction takes
-- ``frame_run``: frames in files to volumes in files, in units (``frame_units``) or not; ``frame_files``: the frames;
+- ``frame_run``: frames in files to volumes in files, in units (``_frame_units``) or not; ``frame_files``: the frames;
   ``optics``: what all of them share
 """
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, Work, note, worker_count
 from lfcal.psf import PSFMatrix, noise_of, voxel_um
+from lfcal.reconstruct._frame_units import device_hints, frame_units, iter_collect
 from lfcal.reconstruct.frame_files import FrameFile, Save, Saved, cleaner, frames_of, placed_anchor, saving
-from lfcal.reconstruct.frame_units import device_hints, frame_units, iter_collect
 from lfcal.reconstruct.margin import usual_margin
 from lfcal.reconstruct.memory import RunMemory, room_for_projections, run_memory
 from lfcal.reconstruct.metric_grid import MetricGrid

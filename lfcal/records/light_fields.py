@@ -1,4 +1,11 @@
-"""How frames are brought onto H, projected, and written as voxels."""
+"""How frames are brought onto H, projected, and written as voxels.
+
+Examples
+--------
+>>> from lfcal.reconstruct import LightFieldSettings, ProjectionSettings, VoxelGrid
+>>> print(LightFieldSettings(white="white.tif").resample, VoxelGrid(voxel="auto").margin, ProjectionSettings().method)
+auto auto auto
+"""
 
 from __future__ import annotations
 
@@ -20,14 +27,7 @@ MOST_MEMORY = 1e6
 
 @record
 class LightFieldSettings:
-    """What is done to each frame before it is reconstructed.
-
-    Examples
-    --------
-    >>> from lfcal.reconstruct import LightFieldSettings
-    >>> print(LightFieldSettings(white="white.tif").resample)
-    auto
-    """
+    """What is done to each frame before it is reconstructed."""
 
     dark: str | os.PathLike[str] = opt(
         "", "Dark frame, or a folder of dark frames to average.", label="Dark frame", file="in", empty="none"
@@ -63,14 +63,7 @@ class LightFieldSettings:
 
 @record
 class VoxelGrid:
-    """Where voxels are.
-
-    Examples
-    --------
-    >>> from lfcal.reconstruct import VoxelGrid
-    >>> print(VoxelGrid(voxel="auto").margin)
-    auto
-    """
+    """Where voxels are."""
 
     voxel: float | str | None = opt(
         None,
@@ -108,14 +101,7 @@ class VoxelGrid:
 
 @record
 class ProjectionSettings:
-    """How H is applied to volumes.
-
-    Examples
-    --------
-    >>> from lfcal.reconstruct import ProjectionSettings
-    >>> print(ProjectionSettings(within=0.005).method)
-    auto
-    """
+    """How H is applied to volumes."""
 
     method: str = opt(
         "auto", "Way to project. auto: the fastest that fits into memory.", label="Projection", examples=PROJECTIONS

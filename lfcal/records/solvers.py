@@ -1,6 +1,13 @@
 """Settings of each solver of volumes: a solver has the fields that it uses, and no others.
 
 `solver_kind` returns the record of a solver of another distribution, by the options that it uses.
+
+Examples
+--------
+>>> from lfcal.reconstruct import IsraSolver, OsemSolver, PhaseSpaceSolver, RlSolver, SieveSolver
+>>> from lfcal.reconstruct import RlBiggsSolver, RlNesterovSolver, RlTikhonovSolver, RlTvSolver
+>>> print(SieveSolver(iterations="auto").goal, RlTvSolver(strength=0.005).strength, OsemSolver(subsets=8).subsets)
+view 0.005 8
 """
 
 from __future__ import annotations
@@ -144,126 +151,63 @@ class _Em(_ReadNoise, _Common):
 
 @record
 class SieveSolver(_Subsets, _Em):
-    """Accelerated Richardson-Lucy within a sieve: few lenslets in the native plane, no rings.
-
-    Examples
-    --------
-    >>> from lfcal.reconstruct import SieveSolver
-    >>> print(SieveSolver(iterations="auto", goal="measure").iterations)
-    auto
-    """
+    """Accelerated Richardson-Lucy within a sieve: few lenslets in the native plane, no rings."""
 
     name: str = _named("sieve")
 
 
 @record
 class RlSolver(_Em):
-    """Richardson-Lucy, as published.
-
-    Examples
-    --------
-    >>> from lfcal.reconstruct import RlSolver
-    >>> print(RlSolver(background=5.0).iterations)
-    15
-    """
+    """Richardson-Lucy, as published."""
 
     name: str = _named("rl")
 
 
 @record
 class RlTvSolver(_Strength, _Em):
-    """Richardson-Lucy with total variation: less noise, edges kept.
-
-    Examples
-    --------
-    >>> from lfcal.reconstruct import RlTvSolver
-    >>> print(RlTvSolver(strength=0.005).strength)
-    0.005
-    """
+    """Richardson-Lucy with total variation: less noise, edges kept."""
 
     name: str = _named("rl-tv")
 
 
 @record
 class RlTikhonovSolver(_Strength, _Em):
-    """Richardson-Lucy with Tikhonov-Miller: less noise, softer.
-
-    Examples
-    --------
-    >>> from lfcal.reconstruct import RlTikhonovSolver
-    >>> print(RlTikhonovSolver(strength=0.02).strength)
-    0.02
-    """
+    """Richardson-Lucy with Tikhonov-Miller: less noise, softer."""
 
     name: str = _named("rl-tikhonov")
 
 
 @record
 class RlBiggsSolver(_Em):
-    """Richardson-Lucy, accelerated along the last two updates.
-
-    Examples
-    --------
-    >>> from lfcal.reconstruct import RlBiggsSolver
-    >>> print(RlBiggsSolver(iterations=5).iterations)
-    5
-    """
+    """Richardson-Lucy, accelerated along the last two updates."""
 
     name: str = _named("rl-biggs")
 
 
 @record
 class RlNesterovSolver(_Em):
-    """Richardson-Lucy, accelerated by the iteration number.
-
-    Examples
-    --------
-    >>> from lfcal.reconstruct import RlNesterovSolver
-    >>> print(RlNesterovSolver(iterations=5).iterations)
-    5
-    """
+    """Richardson-Lucy, accelerated by the iteration number."""
 
     name: str = _named("rl-nesterov")
 
 
 @record
 class OsemSolver(_Subsets, _Em):
-    """Ordered subsets of pixels: fewer iterations.
-
-    Examples
-    --------
-    >>> from lfcal.reconstruct import OsemSolver
-    >>> print(OsemSolver(subsets=8).subsets)
-    8
-    """
+    """Ordered subsets of pixels: fewer iterations."""
 
     name: str = _named("osem")
 
 
 @record
 class PhaseSpaceSolver(_Subsets, _Em):
-    """View by view, brightest first.
-
-    Examples
-    --------
-    >>> from lfcal.reconstruct import PhaseSpaceSolver
-    >>> print(PhaseSpaceSolver(subsets=2).subsets)
-    2
-    """
+    """View by view, brightest first."""
 
     name: str = _named("phase-space")
 
 
 @record
 class IsraSolver(_Common):
-    """Least squares without negative values.
-
-    Examples
-    --------
-    >>> from lfcal.reconstruct import IsraSolver
-    >>> print(IsraSolver(saturation=4095).saturation)
-    4095
-    """
+    """Least squares without negative values."""
 
     name: str = _named("isra")
 

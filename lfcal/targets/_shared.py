@@ -10,24 +10,25 @@ from lfcal.targets.phases import Phases, nearest_positions
 from lfcal.targets.plan import region_points
 from lfcal.targets.planning import shown_within
 from lfcal.targets.sampling import may_resample, resampling_words
-from lfcal.targets.subsets import group_order, subset_patterns
+from lfcal.targets.subsets import coding_verdict, display_words, planned_for_display
 from lfcal.targets.target import proposed_hole
 
 __all__ = [
     "Phases",
+    "coding_verdict",
     "covered_by",
+    "display_words",
     "frames_of",
-    "group_order",
     "may_resample",
     "nearest_positions",
     "open_target_frames",
     "pictures_in",
+    "planned_for_display",
     "proposed_hole",
     "read_target_plan",
     "region_points",
     "resampling_words",
     "shown_within",
-    "subset_patterns",
     "whole_at",
     "write_pictures",
 ]

@@ -1,4 +1,4 @@
-"""Frames of a target that may be shown at once: how many of them, and how their patterns lie over each other."""
+"""Frames of a target that may be shown at once: how many of them, whether that pays, and what a display shows."""
 
 from __future__ import annotations
 
@@ -7,13 +7,19 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base import InputError
+from lfcal.multiplex import CodingVerdict, coding_pays, display_fit, s_matrix, sensor_noise
 from lfcal.simulate import PlaneResponse, plan_effects
+from lfcal.targets.display import Display, coded_plan
 from lfcal.targets.plan import TargetPlan
 
-__all__ = ["ORDERS", "group_order", "subset_patterns"]
+__all__ = ["ORDERS", "coding_verdict", "display_words", "group_order", "planned_for_display", "subset_patterns"]
 
 ORDERS = (3, 7, 11)
 """Frames that are shown together, sums of about half of them at a time: orders of S-matrices."""
+
+PEAK = 0.8
+"""Of the full well, in the brightest pixel of a point, where nothing else is said: the exposure of a session."""
 
 TOLERANCE = 0.1
 """Of the simulated patterns: a gain in noise needs no better."""
@@ -52,3 +58,52 @@ def subset_patterns(plan: TargetPlan, z: int, frames: int) -> NDArray[np.float64
         columns = (column + np.arange(light.shape[1])) % window[1]
         pattern[np.ix_(rows, columns)] = light
     return out
+
+
+def coding_verdict(plan: TargetPlan, z: int | None = None, signal_e: float | None = None) -> CodingVerdict | None:
+    """Return whether showing several frames of a plane together pays; None where there are too few, or one hole.
+
+    Parameters
+    ----------
+    plan
+        The target's, whose frames would be shown as the sums that an S-matrix says.
+    z
+        Plane; None: the middle one.
+    signal_e
+        Electrons of a point's brightest pixel in a frame; None: `PEAK` of the full well.
+
+    Raises
+    ------
+    InputError
+        If there are more electrons than the sensor holds.
+    """
+    at = len(plan.scan.depths_um) // 2 if z is None else z
+    order = group_order(len(plan.offsets_px[at]))
+    if not order or len(plan.target.holes) < 2:
+        return None
+    noise = sensor_noise(plan.scan.camera.sensor, exposure_s=plan.scan.exposures[at])
+    if signal_e is not None and not 0 < signal_e <= noise.full_e:
+        wanted = f"above 0, up to the full well of {noise.full_e:.4g}"
+        raise InputError.expected("--signal (electrons)", wanted, f"{signal_e:g}", "state the planned exposure's")
+    light = subset_patterns(plan, at, order)
+    return coding_pays(light, noise, signal_e=PEAK * noise.full_e if signal_e is None else signal_e)
+
+
+def planned_for_display(plan: TargetPlan, display: Display, verdict: CodingVerdict | None) -> TargetPlan:
+    """Return the plan that a display shows: several offsets at once where that pays, else one after the other.
+
+    Exposures stay: where sums of several would saturate they are not shown.
+    """
+    if verdict is None or not verdict.pays or verdict.gain.time.exposure < 1:
+        return plan
+    return coded_plan(plan, s_matrix(verdict.gain.points), display.pixel_um)
+
+
+def display_words(plan: TargetPlan, display: Display) -> str:
+    """Return what a display shows by a plan, and whether its pixels are small enough."""
+    depth = plan.scan.depths_um[len(plan.scan.depths_um) // 2]
+    fit = display_fit(plan.scan.camera.step_um(depth), display.pixel_um)
+    if plan.lit is None:
+        return f"display: {fit.words}; frames show one subset of points after the other"
+    most = max(len(one) for plane in plan.lit for one in plane)
+    return f"display: {fit.words}; frames show {most} subsets of points at once, by an S-matrix"

@@ -13,11 +13,10 @@ from lfcal.tasks.fit_check import CheckedMatrix
 from lfcal.tasks.fit_object import PredictedObject
 from lfcal.tasks.fit_validate import Validated
 from lfcal.tasks.inspect import InspectedMatrix
-from lfcal.tasks.inspect_planes import control_frames
 from lfcal.tasks.matrices import check_mat_files, open_matrix
 from lfcal.tasks.outputs import check_output, check_outputs
 from lfcal.tasks.plan_fit import PositionsPlanned
-from lfcal.tasks.plan_target import TargetPlanned, coding_verdict, coding_words, display_words
+from lfcal.tasks.plan_target import TargetPlanned
 from lfcal.tasks.planned import WITHOUT_READOUT, Planned, planned_scan
 from lfcal.tasks.reconstruct import Reconstructed, ReconstructionForecast
 from lfcal.tasks.reduce import ReducedFile
@@ -58,10 +57,6 @@ __all__ = [
     "check_mat_files",
     "check_output",
     "check_outputs",
-    "coding_verdict",
-    "coding_words",
-    "control_frames",
-    "display_words",
     "left_words",
     "load_camera",
     "load_file",

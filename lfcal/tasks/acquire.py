@@ -449,15 +449,7 @@ def _again() -> Path | None:
 
 @record
 class AcquireTarget(_Acquire):
-    """Record the frames of a target of many points.
-
-    Examples
-    --------
-    >>> from lfcal.tasks import AcquireTarget
-    >>> task = AcquireTarget(plan="target.json", out="session", darks=0)
-    >>> print(task.backend, task.redo)
-    sim None
-    """
+    """Record the frames of a target of many points."""
 
     input_words: ClassVar[str] = "a target of many points"
 
@@ -514,15 +506,7 @@ class _AcquireScan(_Acquire):
 
 @record
 class AcquireRegions(_AcquireScan):
-    """Record several regions of the field in one session.
-
-    Examples
-    --------
-    >>> from lfcal.tasks import AcquireRegions
-    >>> task = AcquireRegions(plan="regions.json", out="session", assemble="H.h5")
-    >>> print(task.files("out"))
-    (PosixPath('H.h5'),)
-    """
+    """Record several regions of the field in one session."""
 
     input_words: ClassVar[str] = "several regions"
 
@@ -636,11 +620,12 @@ class Acquire(_AcquireScan):
 
     Examples
     --------
-    >>> from lfcal.tasks import Acquire
+    >>> from lfcal.tasks import Acquire, AcquireRegions, AcquireTarget
     >>> task = Acquire(plan="session/plan.json", out="new", darks=0, dry_run=True, option=("optics=pattern",))
     >>> (planned,) = task.run()
     >>> print(planned.forecast.positions, "positions")
     1254 positions
+    >>> others = AcquireRegions(plan="regions.json", out="new"), AcquireTarget(plan="target.json", out="new")
     """
 
     input_words: ClassVar[str] = "a scan of one region"

@@ -149,15 +149,7 @@ class _Assemble(Task):
 
 @record
 class AssembleTarget(_Assemble):
-    """Find the points of a target's frames, and assemble those that show positions.
-
-    Examples
-    --------
-    >>> from lfcal.tasks import AssembleTarget
-    >>> task = AssembleTarget(frames="target/frames", plan="target/plan.json", out="H.h5")
-    >>> print(task.files("in"), task.corrections.background)
-    (PosixPath('target/frames'), PosixPath('target/plan.json')) none
-    """
+    """Find the points of a target's frames, and assemble those that show positions."""
 
     input_words: ClassVar[str] = "frames of a target"
 
@@ -188,15 +180,7 @@ class AssembleTarget(_Assemble):
 
 @record
 class AssembleRegions(_Assemble):
-    """Assemble H of every region of a session into one file.
-
-    Examples
-    --------
-    >>> from lfcal.tasks import AssembleRegions
-    >>> task = AssembleRegions(frames="regions", out="H.h5", orientation="rot90")
-    >>> print(task.orientation, task.settings.dtype)
-    rot90 rounded
-    """
+    """Assemble H of every region of a session into one file."""
 
     input_words: ClassVar[str] = "a session of several regions"
 
@@ -248,13 +232,14 @@ class Assemble(AssembleRegions):
 
     Examples
     --------
-    >>> from lfcal.tasks import Assemble
+    >>> from lfcal.tasks import Assemble, AssembleRegions, AssembleTarget
     >>> from lfcal.frames import CorrectionRecipe
     >>> dark = CorrectionRecipe(dark="session/dark")
     >>> (made,) = Assemble(frames="session/frames", out="made.h5", corrections=dark).run()
     >>> with made.report.matrix as H:
     ...     print(made.report.frames, "frames:", H.shape)
     1254 frames: (2, 19, 33, 55, 55)
+    >>> others = AssembleRegions(frames="regions", out="H.h5"), AssembleTarget(frames="target/frames", out="H.h5")
     """
 
     input_words: ClassVar[str] = "frames of one scan"

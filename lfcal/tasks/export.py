@@ -147,15 +147,7 @@ def _uncompressed() -> bool:
 
 @record
 class ExportMat(_Export):
-    """Export H and Ht to a MATLAB file (v7.3), for a deconvolution code.
-
-    Examples
-    --------
-    >>> from lfcal.tasks import ExportMat
-    >>> (made,) = ExportMat(source="H.h5", out="made.mat", no_ht=True, allow_missing=True).run()
-    >>> print([file.name for file in made.files], made.shape)
-    ['made.mat'] (2, 19, 33, 55, 55)
-    """
+    """Export H and Ht to a MATLAB file (v7.3), for a deconvolution code."""
 
     input_words: ClassVar[str] = "a .mat file"
     in_units: ClassVar[bool] = True
@@ -198,10 +190,12 @@ class ExportH5(_ExportView):
 
     Examples
     --------
-    >>> from lfcal.tasks import ExportH5
+    >>> from lfcal.tasks import ExportH5, ExportMat, ExportNpy, ExportTiff
     >>> (made,) = ExportH5(source="H.h5", out="made.h5", transposed=True, uncompressed=True).run()
     >>> print([file.name for file in made.files], made.shape)
     ['made.h5'] (2, 19, 33, 55, 55)
+    >>> for kind, out in ((ExportMat, "made.mat"), (ExportNpy, "made.npy"), (ExportTiff, "made.tif")):
+    ...     (made,) = kind(source="H.h5", out=out, allow_missing=True).run()
     """
 
     input_words: ClassVar[str] = "a .h5 file"
@@ -240,15 +234,7 @@ class ExportH5(_ExportView):
 
 @record
 class ExportNpy(_ExportView):
-    """Export H, or HT, to a NumPy file.
-
-    Examples
-    --------
-    >>> from lfcal.tasks import ExportNpy
-    >>> (made,) = ExportNpy(source="H.h5", out="made.npy", allow_missing=True).run()
-    >>> print([file.name for file in made.files], made.shape)
-    ['made.npy'] (2, 19, 33, 55, 55)
-    """
+    """Export H, or HT, to a NumPy file."""
 
     input_words: ClassVar[str] = "a .npy file"
     in_units: ClassVar[bool] = True
@@ -265,15 +251,7 @@ class ExportNpy(_ExportView):
 
 @record
 class ExportTiff(_ExportView):
-    """Export H, or HT, to TIFF hyperstacks, which ImageJ shows; of a large H one for each plane.
-
-    Examples
-    --------
-    >>> from lfcal.tasks import ExportTiff
-    >>> (made,) = ExportTiff(source="H.h5", out="made.tif", position=(9, 16)).run()
-    >>> print([file.name for file in made.files], made.shape)
-    ['made.tif'] (2, 19, 33, 55, 55)
-    """
+    """Export H, or HT, to TIFF hyperstacks, which ImageJ shows; of a large H one for each plane."""
 
     input_words: ClassVar[str] = "a .tif file"
     suffixes: ClassVar[tuple[str, ...]] = (".tif", ".tiff")

@@ -167,15 +167,7 @@ class _Fit(Task):
 
 @record
 class FitTarget(_Fit):
-    """Fit one camera to the points of a target, each where it is on the sensor.
-
-    Examples
-    --------
-    >>> from lfcal.tasks import FitTarget
-    >>> task = FitTarget(sources="frames", plan="target.json", regions="3x3", effects=("vignetting=on",))
-    >>> print(task.regions, task.out)
-    3x3 fit
-    """
+    """Fit one camera to the points of a target, each where it is on the sensor."""
 
     input_words: ClassVar[str] = "frames of a target"
 
@@ -223,15 +215,7 @@ class FitTarget(_Fit):
 
 @record
 class FitMatrix(_Fit):
-    """Fit a camera to the recorded patterns of H.
-
-    Examples
-    --------
-    >>> from lfcal.tasks import FitMatrix
-    >>> task = FitMatrix(sources="H.h5", unknowns="geometry,iris", noise="64,1")
-    >>> print(task.groups, task.noise)
-    ('geometry', 'iris') (64.0, 1.0)
-    """
+    """Fit a camera to the recorded patterns of H."""
 
     input_words: ClassVar[str] = "H"
     in_units: ClassVar[bool] = True
@@ -385,11 +369,12 @@ class FitFrames(FitMatrix):
 
     Examples
     --------
-    >>> from lfcal.tasks import FitFrames
+    >>> from lfcal.tasks import FitFrames, FitMatrix, FitTarget
     >>> from lfcal.frames import CorrectionRecipe
     >>> task = FitFrames(sources=("centre", "edge"), out="fit", corrections=CorrectionRecipe(dark="dark"))
     >>> print(task.files("out")[0], task.corrections.dark)
     fit/camera.json dark
+    >>> others = FitMatrix(sources="H.h5", noise="64,1"), FitTarget(sources="frames", plan="target.json")
     """
 
     input_words: ClassVar[str] = "frames"

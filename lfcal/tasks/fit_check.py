@@ -61,10 +61,11 @@ class CheckMatrix(Task):
 
     Examples
     --------
-    >>> from lfcal.tasks import CheckMatrix
+    >>> from lfcal.tasks import CheckMatrix, CheckMatrixByScan
     >>> task = CheckMatrix(matrix="H.h5", frames="frame.tif", noise="64,1", limit="3%")
     >>> print(task.frames, task.noise, task.limit)
     (PosixPath('frame.tif'),) (64.0, 1.0) 0.03
+    >>> other = CheckMatrixByScan(matrix="H.h5", frames="session", positions=10)
     """
 
     name: ClassVar[str] = "fit check"
@@ -94,14 +95,7 @@ class CheckMatrix(Task):
 
 @record
 class CheckMatrixByScan(CheckMatrix):
-    """Check an old H by the frames of a scan.
-
-    Examples
-    --------
-    >>> from lfcal.tasks import CheckMatrixByScan
-    >>> print(CheckMatrixByScan(matrix="H.h5", frames="session", positions=10).files("in"))
-    (PosixPath('H.h5'), PosixPath('session'))
-    """
+    """Check an old H by the frames of a scan."""
 
     input_words: ClassVar[str] = "a folder of frames"
 

@@ -55,15 +55,7 @@ class Validated(TaskResult):
 
 @record
 class ValidateFit(Task):
-    """Predict recorded points of H that were not fitted.
-
-    Examples
-    --------
-    >>> from lfcal.tasks import ValidateFit
-    >>> task = ValidateFit(fit="fit", sources="H.h5", positions=60)
-    >>> print(task.sources, task.other)
-    (PosixPath('H.h5'),) False
-    """
+    """Predict recorded points of H that were not fitted."""
 
     name: ClassVar[str] = "fit validate"
     input_words: ClassVar[str] = "H"
@@ -136,10 +128,11 @@ class ValidateFitByFrames(ValidateFit):
 
     Examples
     --------
-    >>> from lfcal.tasks import ValidateFitByFrames
+    >>> from lfcal.tasks import ValidateFit, ValidateFitByFrames
     >>> task = ValidateFitByFrames(fit="fit", sources="session", other=True)
     >>> print(task.sources, task.corrections.dark == "")
     (PosixPath('session'),) True
+    >>> other = ValidateFit(fit="fit", sources="H.h5", positions=60)
     """
 
     input_words: ClassVar[str] = "frames"

@@ -195,8 +195,7 @@ class Inspect(MatrixTask):
         return stored.setup
 
     def _iter_quality(self, H: PSFMatrix, choice: RunChoice | None, workers: int | None) -> Work[QualityReport]:
-        from lfcal.judge.quality import iter_inspect
-        from lfcal.tasks.inspect_planes import control_frames, iter_inspect_units
+        from lfcal.judge.quality import control_frames, iter_inspect, iter_inspect_units
 
         controls = None if self.session is None else control_frames(self.session, H)
         if choice is not None and self.report is not None:

@@ -217,15 +217,7 @@ class _Reconstruct(Task):
 
 @record
 class ReconstructForecast(_Reconstruct):
-    """Predict time and memory of a reconstruction.
-
-    Examples
-    --------
-    >>> from lfcal.tasks import ReconstructForecast
-    >>> task = ReconstructForecast(psf="H.h5", frames="session/frames")
-    >>> print(task.forecast)
-    True
-    """
+    """Predict time and memory of a reconstruction."""
 
     input_words: ClassVar[str] = "a forecast"
 
@@ -259,12 +251,14 @@ class Reconstruct(_Reconstruct):
     >>> import numpy as np
     >>> import tifffile
     >>> from lfcal.reconstruct import RlTvSolver
-    >>> from lfcal.tasks import Reconstruct
+    >>> from lfcal.tasks import Reconstruct, ReconstructForecast, ReconstructSeries
     >>> tifffile.imwrite("frame.tif", np.random.default_rng(0).poisson(50, (48, 48)).astype(np.uint16))
     >>> solver = RlTvSolver(iterations=3, strength=0.005)
     >>> (made,) = Reconstruct(psf="H.h5", frames="frame.tif", out="made.tif", solver=solver).run()
     >>> print(made.shape, made.results[0].iterations)
     (2, 48, 48) 3
+    >>> several = ReconstructSeries(psf="H.h5", frames="session/frames", out="volumes", format=".h5", warm=True)
+    >>> forecast = ReconstructForecast(psf="H.h5", frames="session/frames")
     """
 
     input_words: ClassVar[str] = "one frame"
@@ -305,15 +299,7 @@ class Reconstruct(_Reconstruct):
 
 @record
 class ReconstructSeries(Reconstruct):
-    """Reconstruct the volumes behind a series of frames.
-
-    Examples
-    --------
-    >>> from lfcal.tasks import ReconstructSeries
-    >>> task = ReconstructSeries(psf="H.h5", frames="session/frames", out="volumes", format=".h5", warm=True)
-    >>> print(task.solver.name, task.format)
-    sieve .h5
-    """
+    """Reconstruct the volumes behind a series of frames."""
 
     input_words: ClassVar[str] = "a series of frames"
 

@@ -349,12 +349,14 @@ class SimulateH(_OfOnePlan):
 
     Examples
     --------
-    >>> from lfcal.tasks import SimulateH
+    >>> from lfcal.tasks import SimulateFrames, SimulateH, SimulatePasses, SimulateRegions
     >>> task = SimulateH(camera="bench", virtual_depths=(4,), cutout=(21, 21), level="geometric", out="small.h5")
     >>> (made,) = task.run()
     >>> with made.matrix as H:
     ...     print(H.shape, f"{made.light[0]:.0%} of the light is in the cutout")
     (1, 19, 33, 21, 21) ...% of the light is in the cutout
+    >>> others = SimulatePasses(camera="plan.json", out="H.h5"), SimulateRegions(camera="regions.json", out="H.h5")
+    >>> frames = SimulateFrames(camera="plan.json", frames="session", seed=3)
     """
 
     input_words: ClassVar[str] = "H in one pass"
@@ -379,14 +381,7 @@ class SimulateH(_OfOnePlan):
 
 @record
 class SimulatePasses(_OfOnePlan):
-    """Simulate H in passes: it is whole after the first and better after each.
-
-    Examples
-    --------
-    >>> from lfcal.tasks import SimulatePasses, command_of
-    >>> print(command_of(SimulatePasses(camera="plan.json", tolerance=0.01, out="H.h5")))
-    lfcal simulate plan.json --tolerance=0.01 --out=H.h5 --progressive
-    """
+    """Simulate H in passes: it is whole after the first and better after each."""
 
     input_words: ClassVar[str] = "H in passes"
     in_units: ClassVar[bool] = True
@@ -418,15 +413,7 @@ class SimulatePasses(_OfOnePlan):
 
 @record
 class SimulateRegions(_Simulate):
-    """Simulate H of each region of a plan of several, at its place of the field, into one file.
-
-    Examples
-    --------
-    >>> from lfcal.tasks import SimulateRegions
-    >>> task = SimulateRegions(camera="regions.json", effects=("field_curvature=2mm",), out="H.h5")
-    >>> print(task.files("in"), task.effects)
-    (PosixPath('regions.json'),) ('field_curvature=2mm',)
-    """
+    """Simulate H of each region of a plan of several, at its place of the field, into one file."""
 
     input_words: ClassVar[str] = "H of several regions"
 
@@ -450,20 +437,7 @@ class SimulateRegions(_Simulate):
 
 @record
 class SimulateFrames(_OfOnePlan):
-    """Simulate the frames of a session, with dark frames, white frames and plan.
-
-    Examples
-    --------
-    >>> from lfcal.tasks import SimulateFrames, job_of
-    >>> print(job_of(SimulateFrames(camera="plan.json", frames="session", seed=3)))
-    task = "simulate"
-    camera = "plan.json"
-    ...
-    frames = "session"
-    seed = 3
-    peak = 0.8
-    <BLANKLINE>
-    """
+    """Simulate the frames of a session, with dark frames, white frames and plan."""
 
     input_words: ClassVar[str] = "frames"
 

@@ -28,12 +28,15 @@ ALLOWED: dict[str, set[str]] = {
     "psf": GROUND | {"work", "camera", "frames", "records"},
     "simulate": GROUND | {"work", "camera", "frames", "psf"},
     "fit": GROUND | {"work", "camera", "psf", "simulate"},
-    "targets": GROUND | {"camera", "frames", "simulate"},
+    "targets": GROUND | {"camera", "frames", "simulate", "multiplex"},
     "devices": GROUND | {"camera", "frames"},
     "acquire": GROUND | {"devices", "camera", "frames", "psf", "targets"},
     "campaign": GROUND | {"acquire", "devices", "fit", "camera", "frames", "psf", "simulate", "targets"},
     "reconstruct": GROUND | {"work", "camera", "lattice", "frames", "psf", "acquire", "records"},
-    "judge": GROUND | {"camera", "lattice", "frames", "psf", "simulate", "fit", "reconstruct", "acquire", "campaign"},
+    "judge": {
+        *GROUND,
+        *("work", "camera", "lattice", "frames", "psf", "simulate", "fit", "reconstruct", "acquire", "campaign"),
+    },
     "multiplex": GROUND | {"camera", "lattice", "frames"},
     "tasks": {
         *GROUND,

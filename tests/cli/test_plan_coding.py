@@ -14,7 +14,7 @@ from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
 from lfcal.frames import open_frames
 from lfcal.targets import Display, Target, TargetPlan, Wishes, iter_plan_display
-from lfcal.tasks.plan_target import coding_verdict, coding_words, planned_for_display
+from lfcal.targets.subsets import coding_verdict, planned_for_display
 from tests.cli.conftest import Run
 from tests.targets.common import scan_of, small
 
@@ -44,10 +44,10 @@ def test_coding_pays_for_weak_light_only(plan: TargetPlan) -> None:
     full = SCAN.camera.sensor.full_well_e
     assert not bright.pays and bright.gain.signal_e == pytest.approx(0.8 * full)
     assert dim.pays and 100 < dim.break_even_e < 0.8 * full and dim.gain.points == 7
-    words = coding_words(bright)
+    words = bright.frames_words
     assert words.count("\n") == 0 and "does not pay at 16000 electrons" in words
     assert "it pays up to " + f"{bright.break_even_e:.3g}"[:1] in words and "photon noise of bright cores" in words
-    assert "pays at 100 electrons" in coding_words(dim) and "the sensor's own noise rules" in coding_words(dim)
+    assert "pays at 100 electrons" in dim.frames_words and "the sensor's own noise rules" in dim.frames_words
     facts = dim.to_dict()
     assert facts["pays"] and facts["together"] == 7 and facts["gain_db"] > 1
 

@@ -16,7 +16,7 @@ import tifffile
 
 from lfcal.psf import PSFMatrix, save
 from lfcal.reconstruct import Projector, SolverChoice, load_volume, reconstruct
-from lfcal.reconstruct.frame_units import device_for, device_hints
+from lfcal.reconstruct._frame_units import device_for, device_hints
 from lfcal.reconstruct.projectors import device as devices
 from lfcal.work.unit import numbered
 from tests.cli.conftest import Run
@@ -164,7 +164,7 @@ def test_frames_of_a_series_on_the_device_of_their_worker(
         asked.append((text, worker))
         return devices.ArrayDevice("numpy")
 
-    monkeypatch.setattr("lfcal.reconstruct.projectors.find_device", find)
+    monkeypatch.setattr("lfcal.reconstruct._frame_units.find_device", find)
     monkeypatch.setattr("lfcal.reconstruct.projectors._device_forecast.find_device", find)
     (tmp_path / "frames").mkdir()
     for name in ("a", "b"):

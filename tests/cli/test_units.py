@@ -184,7 +184,7 @@ def test_a_run_that_goes_on_projects_as_it_was_begun(
 ) -> None:
     """What is quickest differs from moment to moment: volumes of one run are all made in one way."""
     words = ("reconstruct", "H.h5", "frames.tif", "-n", 1, "--executor", "threads", "-o", "out", "--resume")
-    read = importlib.import_module("lfcal.tasks._reconstruct_frames").read_frame
+    read = importlib.import_module("lfcal.reconstruct._frame_units").read_frame
 
     def damaged(file: Path, page: int | None) -> Any:
         if page == 2:
@@ -193,7 +193,7 @@ def test_a_run_that_goes_on_projects_as_it_was_begun(
 
     with monkeypatch.context() as patch:
         patch.setattr("lfcal.reconstruct.projectors.projector.Projector.recipe", "sparse")
-        patch.setattr("lfcal.reconstruct.frame_units.read_frame", damaged)
+        patch.setattr("lfcal.reconstruct._frame_units.read_frame", damaged)
         assert "the third frame cannot be read" in lfcal(*words).err
     monkeypatch.setattr("lfcal.reconstruct.projectors.projector.Projector.recipe", "direct")
     run = lfcal(*words)
@@ -275,7 +275,7 @@ def test_a_stop_says_what_stays_and_no_more(
         if begun == last:
             signal.raise_signal(number)
 
-    monkeypatch.setattr("lfcal.reconstruct.frame_units._begun_from", stop)
+    monkeypatch.setattr("lfcal.reconstruct._frame_units._begun_from", stop)
     last = 1
     run = lfcal(*words)
     assert (run.code, run.err) == (128 + number, "lfcal: stopped; nothing half-written stays behind\n")
@@ -297,7 +297,7 @@ def test_a_run_that_failed_before_its_first_unit_leaves_nothing(
 ) -> None:
     tifffile.imwrite(place / "frame.tif", np.full((30, 31), 50, np.uint16))
     monkeypatch.setattr(
-        "lfcal.reconstruct.frame_units._tool_for", lambda *_: (_ for _ in ()).throw(StorageError("gone"))
+        "lfcal.reconstruct._frame_units._tool_for", lambda *_: (_ for _ in ()).throw(StorageError("gone"))
     )
     run = lfcal("reconstruct", "H.h5", "frame.tif", "-n", 1, "--executor", "threads", "-o", "v.tif")
     assert run.code == 2 and run.err == "lfcal: gone\n" and not parts_folder(place / "v.tif").exists()

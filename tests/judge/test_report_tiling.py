@@ -12,9 +12,9 @@ from lfcal.acquire.recording.source import CheckFrame
 from lfcal.base.errors import InputError
 from lfcal.frames.source import Position
 from lfcal.judge.quality import inspect
+from lfcal.judge.quality._units import control_frames
 from lfcal.judge.report import report
 from lfcal.psf import PSFMatrix
-from lfcal.tasks.inspect_planes import control_frames
 
 ANCHOR = (40.0, 52.0)
 
@@ -40,7 +40,7 @@ def checks(H: PSFMatrix, *periods: tuple[int, int]) -> list[CheckFrame]:
 
 
 def test_control_frames_are_cut_out_like_H_and_placed(H: PSFMatrix, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lfcal.tasks.inspect_planes.read_checks", lambda _: checks(H, (1, 0), (0, -2)))
+    monkeypatch.setattr("lfcal.judge.quality._units.read_checks", lambda _: checks(H, (1, 0), (0, -2)))
     found = control_frames(Path("session"), H)
     assert sorted(found) == [0, 1]
     frames, places = found[1]
@@ -54,11 +54,11 @@ def test_control_frames_are_cut_out_like_H_and_placed(H: PSFMatrix, monkeypatch:
 def test_sessions_without_control_frames_or_of_another_H_are_refused(
     H: PSFMatrix, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("lfcal.tasks.inspect_planes.read_checks", lambda _: [])
+    monkeypatch.setattr("lfcal.judge.quality._units.read_checks", lambda _: [])
     with pytest.raises(InputError, match="control frames"):
         control_frames(Path("session"), H)
     small = [check._replace(frame=np.zeros((5, 5))) for check in checks(H, (1, 0))]
-    monkeypatch.setattr("lfcal.tasks.inspect_planes.read_checks", lambda _: small)
+    monkeypatch.setattr("lfcal.judge.quality._units.read_checks", lambda _: small)
     with pytest.raises(InputError, match="session that H was recorded in"):
         control_frames(Path("session"), H)
 

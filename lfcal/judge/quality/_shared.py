@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from lfcal.judge.quality._inspect import Controls, iter_inspect_plane, judged, straight
-from lfcal.judge.quality.measure import PASSES
+from lfcal.judge.quality._inspect import Controls
+from lfcal.judge.quality._units import control_frames, iter_inspect_units
 from lfcal.judge.quality.pattern_table import NOISELESS
 from lfcal.judge.quality.verdict import (
     BAD,
@@ -19,14 +19,12 @@ __all__ = [
     "BAD",
     "FAIR",
     "NOISELESS",
-    "PASSES",
     "Controls",
+    "control_frames",
     "counted_words",
     "findings_of",
-    "iter_inspect_plane",
-    "judged",
+    "iter_inspect_units",
     "merit_of",
     "merit_word",
-    "straight",
     "where",
 ]

@@ -241,11 +241,9 @@ def iter_drawn(made: TargetPlanned) -> Work[PlannedTarget]:
 
 def _coding(made: TargetPlanned) -> str:
     """Return whether showing several frames at once would pay, at the exposure of a session."""
-    from lfcal.tasks import coding_words  # here: a page is shown before simulators are loaded
-
     if made.plan.lit is not None:
         return "Frames of a display that shows several subsets of points at once, by an S-matrix."
-    words = "" if made.verdict is None else f"{coding_words(made.verdict)}."
+    words = "" if made.verdict is None else f"{made.verdict.frames_words}."
     return words[:1].upper() + words[1:]
 
 
@@ -260,8 +258,7 @@ def read_plan(path: str, settings: PlanSettings | None = None) -> ScanPlan | Pla
     text = read_text(Path(path))
     if '"lfcal-target-plan"' not in text[:200]:
         return ScanPlan.from_json(text)
-    from lfcal.targets import TargetPlan
-    from lfcal.tasks import coding_verdict
+    from lfcal.targets import TargetPlan, coding_verdict
 
     plan = TargetPlan.from_json(text)
     task = target_task(PlanSettings("array").at_rates_of(settings or PlanSettings()))

@@ -112,9 +112,8 @@ def asked_of(
 def iter_judge(asked: InspectionRequest, kept: InspectionRun) -> Work[None]:
     """Measure H and compare it with its camera; what is found is in ``kept``, as jobs are remembered long."""
     from lfcal.judge import iter_inspection
-    from lfcal.judge.quality import iter_inspect
+    from lfcal.judge.quality import control_frames, iter_inspect
     from lfcal.psf import open_psf
-    from lfcal.tasks import control_frames
 
     with open_psf(asked.stamp[0], mat_order=asked.mat_order) as opened:
         matrix = opened.T if opened.is_transposed else opened

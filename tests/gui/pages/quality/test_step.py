@@ -71,7 +71,7 @@ def test_choices_of_the_form_are_in_the_command_where_they_have_an_effect() -> N
 
 
 def test_the_window_reads_the_control_frames_of_a_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lfcal.tasks.inspect_planes.read_checks", lambda _: [])
+    monkeypatch.setattr("lfcal.judge.quality._units.read_checks", lambda _: [])
     save(PSFMatrix(np.ones((1, 3, 3, 15, 15))), tmp_path / "H.h5")
     stamp = stamp_of(str(tmp_path / "H.h5"))
     assert stamp is not None

@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 from lfcal.acquire import Kind, read_checks
 from lfcal.base import Clock, InputError, Work
 from lfcal.frames import files_of
-from lfcal.judge.quality import PASSES, Controls, QualityReport, iter_inspect_plane, judged, straight
+from lfcal.judge.quality._inspect import Controls, iter_inspect_plane, judged, straight
+from lfcal.judge.quality.measure import PASSES
+from lfcal.judge.quality.report import QualityReport
 from lfcal.psf import PSFMatrix, mat_order_of, open_psf
 from lfcal.work import RunChoice, Unit, iter_begun, load_record, save_record
 
