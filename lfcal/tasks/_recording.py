@@ -11,11 +11,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from lfcal.base import InputError, Work, note, tell
+from lfcal.base import Finding, InputError, Work, note, tell
 
 if TYPE_CHECKING:
     from lfcal.acquire import Control, Options, Outcome
-    from lfcal.base import Finding
     from lfcal.camera import ScanPlan
     from lfcal.devices import Rig
 

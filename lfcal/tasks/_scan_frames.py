@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lfcal.base import InputError, warn
+from lfcal.base import InputError, read_text, warn
+from lfcal.records import opt
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera, ScanPlan
     from lfcal.frames import Frames
 
-__all__ = ["ScanFrames", "find_plan", "no_plan", "orientations", "tell_size"]
+__all__ = ["ScanFrames", "find_plan", "no_plan", "orientations", "origin_field", "tell_size"]
 
 
 def orientations() -> tuple[str, ...]:
@@ -23,6 +24,12 @@ def orientations() -> tuple[str, ...]:
     from lfcal.psf import AUTO, CHECK
 
     return (CHECK, AUTO, *(one.option for one in ORIENTATIONS.values()))
+
+
+def origin_field(empty: str) -> str:
+    """Declare the field ``origin`` of a task that reads frames."""
+    words = "Sensor row and column of the first pixel (ROW,COLUMN), of frames that are a part of the sensor."
+    return opt("", words, unit="px", empty=empty, more=True)
 
 
 @dataclass(frozen=True)
@@ -99,7 +106,6 @@ class ScanFrames:
 
 def find_plan(frames: Path, plan: Path | None) -> ScanPlan | None:
     """Return the plan of a file, or of ``plan.json`` in or above the folder of the frames; None without one."""
-    from lfcal.base import read_text
     from lfcal.camera import ScanPlan
 
     places = _plans(frames, plan)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lfcal.base import InputError, LfcalError, Work, note, tell
+from lfcal.base import InputError, Judgement, LfcalError, Work, note, read_text, tell
 from lfcal.records import opt, read_names, read_share, record, required, rows_of, show_names, show_planes, value_at
 from lfcal.tasks._recording import Cover, check_ready, followed, list_suspects, pairs, stoppable
 from lfcal.tasks.cameras import tell_assumed
@@ -50,7 +50,7 @@ def _groups() -> tuple[str, ...]:
 
 def read_plan(path: Path) -> ScanPlan | TargetPlan | RegionPlan:
     """Return the plan of a scan, a target or regions in a file."""
-    from lfcal.base import parse_json, read_text
+    from lfcal.base import parse_json
     from lfcal.camera import RegionPlan, ScanPlan
 
     data = parse_json(read_text(path), "scan plan")
@@ -87,22 +87,10 @@ class PlannedSession(TaskResult):
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedSession(TaskResult):
-    """A session that was recorded, or stopped.
+    """A session that was recorded, or stopped by the signal ``ended_by``.
 
-    Attributes
-    ----------
-    out, outcome
-        Its folder, and how it ended.
-    facts
-        What was seen and made, by name.
-    alarms
-        Alarms of the recording.
-    adapted
-        Of a session that ends by the error of H: how it ended.
-    ended_by
-        The signal that stopped it.
-    error
-        What went wrong after the last frame; the recording is whole.
+    ``facts`` is what was seen and made, by name. ``adapted`` is how a session ended that ends by the error of H.
+    ``error`` is what went wrong after the last frame; the recording is whole.
     """
 
     out: Path
@@ -125,8 +113,6 @@ class RecordedSession(TaskResult):
 
     def to_dict(self) -> dict[str, Any]:
         """Return all of it as plain values."""
-        from lfcal.base import Judgement
-
         judgement = Judgement.of("recording", self.alarms, "without an alarm")
         return {"session": self.out, "outcome": self.outcome, **self.facts, **judgement.to_dict()}
 

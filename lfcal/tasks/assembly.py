@@ -25,7 +25,7 @@ from lfcal.records import (
     rows,
 )
 from lfcal.tasks._channels import ChannelPart, open_colour, parts_of
-from lfcal.tasks._scan_frames import ScanFrames, orientations, tell_size
+from lfcal.tasks._scan_frames import ScanFrames, orientations, origin_field, tell_size
 from lfcal.tasks.cameras import tell_assumed
 from lfcal.tasks.outputs import check_output
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet, may_replace
@@ -58,22 +58,8 @@ RATE = 100e6
 class Assembled(TaskResult):
     """One H that was assembled.
 
-    Attributes
-    ----------
-    name
-        Of its region or colour; empty: there is only one.
-    out
-        Its file; of a region, the file of all regions.
-    report
-        What was assembled; the matrix of a region is closed.
-    seconds
-        Time it took.
-    points
-        Of a target: the points that were found in its frames.
-    target, unused
-        Of a target: its plan, and the number of points that show no position.
-    facts
-        Of a target: what its frames say of it.
+    ``name`` is that of its region or colour. ``out`` is the file of all regions; the matrix of a region is closed. Of a
+    target there are plan, points and ``facts`` of its frames; ``unused`` is the number of points that show no position.
     """
 
     name: str = ""
@@ -264,13 +250,7 @@ class Assemble(AssembleRegions):
     first: int | None = opt(
         None, "Number of the first position in names or lists.", at_least=0, at_most=1, empty="found", more=True
     )
-    origin: str = opt(
-        "",
-        "Sensor row and column of the first pixel (ROW,COLUMN), of frames that are a part of the sensor.",
-        unit="px",
-        empty="the whole sensor, or as the session states",
-        more=True,
-    )
+    origin: str = origin_field("the whole sensor, or as the session states")
     fill: Path | None = opt(
         None,
         "Folder of a fit of this scan (lfcal fit). Its model fills missing positions, which stay marked.",

@@ -22,22 +22,9 @@ __all__ = ["EXPORT", "ExportH5", "ExportMat", "ExportNpy", "ExportTiff", "Export
 
 @dataclass(frozen=True, kw_only=True)
 class ExportedFiles(TaskResult):
-    """The files that were written.
+    """The files that were written for ``out``: of a large H as TIFF, one for each plane.
 
-    Attributes
-    ----------
-    out
-        The file that was asked for.
-    files
-        Those that were written: of a large H as TIFF, one for each plane.
-    shape
-        Of the matrix.
-    seconds
-        Time it took.
-    dark
-        Planes without light.
-    notes
-        What readers of the files should know.
+    ``dark``: planes without light. ``notes``: what readers of the files should know.
     """
 
     out: Path

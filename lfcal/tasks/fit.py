@@ -41,24 +41,9 @@ FOLDER = Path("fit")
 class FitOutcome(TaskResult):
     """One camera that was fitted.
 
-    Attributes
-    ----------
-    fit
-        What was found; of several regions, or of parts of the field, that of the first.
-    source
-        What was fitted, the first of it.
-    out
-        Folder that it was written into.
-    files
-        What was written.
-    field
-        The fit of all regions, or of all parts of the field; None: there is one.
-    hybrids
-        What each hybrid H has beyond the model, by the name of its region; an empty name: there is one.
-    points
-        Of a target: those that were found in its frames.
-    holes
-        Of a target: what was found of the size of its holes; empty: nothing new.
+    ``field`` is the fit of several regions or parts of the field; then ``fit`` and ``source`` are those of the first.
+    ``hybrids`` says by the name of a region what its hybrid H has beyond the model; the name is empty if there is one.
+    ``points`` and ``holes`` are of a target: the points in its frames, and what was found of the size of its holes.
     """
 
     fit: Fit

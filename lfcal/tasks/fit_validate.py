@@ -30,16 +30,7 @@ __all__ = ["FIT_VALIDATE", "ValidateFit", "ValidateFitByFrames", "Validated"]
 class Validated(TaskResult):
     """How well a fit predicts points that were not fitted.
 
-    Attributes
-    ----------
-    name
-        Of the region, or of the other recording; empty: the fit is of one region.
-    validation
-        The points, and what they show.
-    source
-        Where they were recorded.
-    files
-        What was written.
+    ``name`` is that of the region, or of the other recording; empty: the fit is of one region.
     """
 
     name: str

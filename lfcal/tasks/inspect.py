@@ -31,22 +31,9 @@ RATE = 200e6
 
 @dataclass(frozen=True, kw_only=True)
 class InspectedMatrix(TaskResult):
-    """The quality of an H.
+    """The quality of an H, whose file is closed.
 
-    Attributes
-    ----------
-    task
-        What was asked for.
-    matrix
-        H, whose file is closed.
-    found
-        Its metrics and faults, and the verdict.
-    comparison
-        With the reference, if there is one.
-    loss
-        What is lost between the regions of the field, of an H of several.
-    page
-        The report, if one was written.
+    ``loss`` is what is lost between the regions of an H of several; ``page`` is the report.
     """
 
     task: Inspect

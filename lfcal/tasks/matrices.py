@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix
 
 __all__ = [
-    "MAT_ORDERS",
     "CopyTask",
     "MatrixTask",
     "check_mat_files",
+    "mat_order_field",
     "open_matrix",
     "report_dark",
     "report_missing",
@@ -24,9 +24,21 @@ __all__ = [
     "with_task",
 ]
 
-MAT_ORDERS = ("rows-first", "columns-first")
 EARLIER = "earlier_tasks"
 """Key of provenance: the tasks that made what the last one read, the first of them first."""
+
+
+def mat_order_field(**more: Any) -> str:
+    """Declare the field ``mat_order`` of a task that reads H; ``more`` as of `lfcal.records.opt`."""
+    return opt(
+        "",
+        "Axes of H in a .mat file that does not state them. rows-first: H(t,s,y,x,z). columns-first: H(s,t,x,y,z).",
+        label="Axes in a .mat file",
+        choices=("rows-first", "columns-first"),
+        empty="inferred from its variables",
+        more=True,
+        **more,
+    )
 
 
 @record
@@ -39,15 +51,7 @@ class MatrixTask(Task):
         argument=True,
         file="in",
     )
-    mat_order: str = opt(
-        "",
-        "Axes of H in a .mat file that does not state them. rows-first: H(t,s,y,x,z). columns-first: H(s,t,x,y,z).",
-        label="Axes in a .mat file",
-        choices=MAT_ORDERS,
-        empty="inferred from its variables",
-        needs=("", ".mat"),
-        more=True,
-    )
+    mat_order: str = mat_order_field(needs=("", ".mat"))
 
     def opened(self) -> PSFMatrix:
         """Open H, and say how a file of another code was read."""

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lfcal.base import InputError, Work, note, warn
+from lfcal.base import FileFormatError, InputError, StorageError, Work, note, warn
 from lfcal.records import (
     check_planes,
     opt,
@@ -21,7 +21,7 @@ from lfcal.records import (
     show_pair,
     show_planes,
 )
-from lfcal.tasks._scan_frames import tell_size
+from lfcal.tasks._scan_frames import origin_field, tell_size
 from lfcal.tasks.cameras import is_camera_file, load_camera, preset_names
 from lfcal.tasks.planned import Planned, PlanTask, frame_rate, speed, write_plan
 from lfcal.tasks.task import RunSettings, Task, TaskSet
@@ -244,13 +244,7 @@ class PlanRecorded(_Plan):
         empty="by their names",
         more=True,
     )
-    origin: str = opt(
-        "",
-        "Sensor row and column of the first pixel (ROW,COLUMN), of frames that are a part of the sensor.",
-        unit="px",
-        empty="the whole sensor",
-        more=True,
-    )
+    origin: str = origin_field("the whole sensor")
     orientation: str = opt(
         "as-is",
         "What turns the frames upright, as in lfcal assemble.",
@@ -260,7 +254,6 @@ class PlanRecorded(_Plan):
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Planned, ...]]:
         """Read the list, and see in the frames, where they are found, how the light moves."""
-        from lfcal.base import StorageError
         from lfcal.frames import named_orientation, parse_origin
         from lfcal.frames.lists import Part, any_listing, located, plan_of_list, reader, sample_of
 
@@ -293,7 +286,6 @@ class PlanRecorded(_Plan):
 
 def _tell_turned(listing: Listing, plan: ScanPlan, read: Callable[[int], NDArray[Any]]) -> None:
     """Report frames that are flipped or turned against the camera, which the path of their light cannot show."""
-    from lfcal.base import FileFormatError, StorageError
     from lfcal.campaign import find_turned_frames, seen_patterns
     from lfcal.frames.lists import place
 

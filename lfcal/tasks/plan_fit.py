@@ -31,15 +31,7 @@ def _groups() -> tuple[str, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class PositionsPlanned(Planned):
-    """Positions that were chosen for a fit, with the expected error of H by their number.
-
-    Attributes
-    ----------
-    plan
-        The positions.
-    earlier
-        The fit that they continue.
-    """
+    """Positions that were chosen for a fit, after those of an earlier one, with the expected error of H."""
 
     plan: PositionDesign
     earlier: Earlier | None

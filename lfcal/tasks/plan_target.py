@@ -36,12 +36,7 @@ def _is_file(source: str) -> bool:
 class TargetPlanned(Planned):
     """The plan of a target, compared with the scan of a single point.
 
-    Attributes
-    ----------
-    plan
-        The plan.
-    verdict
-        Whether showing several frames together pays; None: there are too few of them.
+    ``verdict``: whether showing several frames together pays; None: there are too few of them.
     """
 
     plan: TargetPlan

@@ -76,18 +76,9 @@ class PlanTask(Task):
 
 @dataclass(frozen=True, kw_only=True)
 class Planned(TaskResult):
-    """A plan, and what it costs.
+    """A plan of any kind, and what it costs.
 
-    Attributes
-    ----------
-    task
-        What was asked for.
-    plan
-        The plan of a scan, of regions, of a target, or of positions for a fit.
-    forecast
-        What the scan of one region by a single point costs.
-    facts
-        All of it as plain values.
+    ``forecast`` is that of one region by a single point; ``facts`` is all of it.
     """
 
     task: Any

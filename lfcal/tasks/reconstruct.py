@@ -24,7 +24,7 @@ from lfcal.records import (
     required,
     solver_kind,
 )
-from lfcal.tasks.matrices import MAT_ORDERS, check_mat_files, report_missing, tell_opened, with_task
+from lfcal.tasks.matrices import check_mat_files, mat_order_field, report_missing, tell_opened, with_task
 from lfcal.tasks.outputs import check_outputs
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet, may_replace
 
@@ -97,19 +97,7 @@ def solver_settings(name: str, **values: Any) -> SolverFields:
 
 @dataclass(frozen=True, kw_only=True)
 class Reconstructed(TaskResult):
-    """Volumes that were reconstructed.
-
-    Attributes
-    ----------
-    method, forecast
-        Way to project, and what it was predicted to cost.
-    shape
-        ``(nz, Y, X)`` of a volume as it is written.
-    results
-        How each frame went.
-    files
-        File of each frame's volume, by the name of the frame.
-    """
+    """Volumes that were reconstructed, with the file of each by the name of its frame."""
 
     method: str
     forecast: str
@@ -144,6 +132,11 @@ class ReconstructionForecast(TaskResult):
         return {"forecast": found.chosen, "options": found.options, "device": known, **cost}
 
 
+def _warm() -> bool:
+    words = "Start each frame from the volume of the one before it."
+    return opt(False, words, label="Start from the last volume")
+
+
 @record
 class _Reconstruct(Task):
     """What all kinds have."""
@@ -166,14 +159,7 @@ class _Reconstruct(Task):
         empty="none",
         more=True,
     )
-    mat_order: str = opt(
-        "",
-        "Axes of H in a .mat file that does not state them. rows-first: H(t,s,y,x,z). columns-first: H(s,t,x,y,z).",
-        label="Axes in a .mat file",
-        choices=MAT_ORDERS,
-        empty="inferred from its variables",
-        more=True,
-    )
+    mat_order: str = mat_order_field()
     solver: SolverFields = one_of(SieveSolver(), "Solver", SOLVER_KINDS)
 
     light_field: LightFieldSettings = panel(LightFieldSettings(), "Frames")
@@ -222,9 +208,7 @@ class ReconstructForecast(_Reconstruct):
     input_words: ClassVar[str] = "a forecast"
 
     forecast: bool = opt(False, "Only predict time and memory of each way to project.", more=True)
-    warm: bool = opt(
-        False, "Start each frame from the volume of the one before it.", label="Start from the last volume"
-    )
+    warm: bool = _warm()
     light_field: LightFieldSettings = panel(LightFieldSettings(), "Frames", without=("dark",))
     grid: VoxelGrid = panel(VoxelGrid(), "Voxels", without=("voxel",))
 
@@ -306,9 +290,7 @@ class ReconstructSeries(Reconstruct):
     format: str = opt(
         ".tif", "Of the files in a folder of volumes.", label="Format of the files", choices=FORMATS, more=True
     )
-    warm: bool = opt(
-        False, "Start each frame from the volume of the one before it.", label="Start from the last volume"
-    )
+    warm: bool = _warm()
 
     def _whole(self) -> bool:
         """Whether one file holds all volumes."""

@@ -23,21 +23,7 @@ RATE = 50e6
 
 @dataclass(frozen=True, kw_only=True)
 class ReducedFile(TaskResult):
-    """The smaller file that was written.
-
-    Attributes
-    ----------
-    out
-        The file.
-    matrix
-        H in it, opened.
-    tolerance
-        As of the task.
-    source_bytes
-        Size of the file that was read.
-    seconds
-        Time it took.
-    """
+    """The smaller file ``out`` that was written; ``matrix`` is H in it, open."""
 
     out: Path
     matrix: PSFMatrix

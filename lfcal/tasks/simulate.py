@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lfcal.base import InputError, Work, note, warn
+from lfcal.base import InputError, Work, format_bytes, format_seconds, note, warn
 from lfcal.records import (
     opt,
     read_cutout,
@@ -53,15 +53,7 @@ MOST_DRIFT = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationForecast(TaskResult):
-    """Which effects matter for a plan, and what they cost.
-
-    Attributes
-    ----------
-    plan
-        What is simulated.
-    effects
-        Every effect with its estimate, whether it is simulated, and why; the level, and the processor time of H.
-    """
+    """Which effects matter for a plan, why, and what they cost."""
 
     plan: ScanPlan
     effects: EffectSelection
@@ -84,18 +76,10 @@ class SimulationForecast(TaskResult):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedH(SimulationForecast):
-    """One H that was simulated.
+    """One H that was simulated; the matrix of a region is closed.
 
-    Attributes
-    ----------
-    out
-        Its file.
-    matrix
-        H, open; of a region it is closed.
-    stored
-        What each pattern may lose in the file (relative L1); None: nothing.
-    light
-        Share of the light of each plane that the cutout holds.
+    ``stored`` is the relative L1 error of each pattern that the file may add, ``light`` the share of the light of each
+    plane in the cutout.
     """
 
     out: Path
@@ -145,15 +129,7 @@ class SimulatedH(SimulationForecast):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedRegions(TaskResult):
-    """H of several regions of the field, in one file.
-
-    Attributes
-    ----------
-    out
-        The file.
-    regions
-        H of each region by name; the matrices are closed.
-    """
+    """H of several regions of the field, in one file; the matrices are closed."""
 
     out: Path
     regions: Mapping[str, SimulatedH]
@@ -179,15 +155,7 @@ class SimulatedRegions(TaskResult):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedFrames(SimulationForecast):
-    """Frames of a session that were simulated.
-
-    Attributes
-    ----------
-    folder
-        Where they are, with dark and white frames, plan and camera.
-    count
-        Number of frames, dark and white ones not counted.
-    """
+    """Frames of a session that were simulated; ``count`` is their number without dark and white frames."""
 
     folder: Path
     count: int
@@ -277,7 +245,6 @@ class _Simulate(Task):
         on_pass
             Compute it in passes, and call this with the H of each.
         """
-        from lfcal.base import format_bytes, format_seconds
         from lfcal.simulate import iter_refine_psf, iter_simulate_psf, light_in_cutout, predict_bytes
 
         found = self.timed(plan, self.selection(plan))

@@ -22,24 +22,8 @@ RATE = 150e6
 class TransposedFile(TaskResult):
     """The transpose that was written.
 
-    Attributes
-    ----------
-    out
-        Its file.
-    shape
-        Of H and of HT.
-    bytes
-        That H takes in memory.
-    seconds
-        Time it took.
-    method
-        As of the task.
-    dark
-        Planes without light.
-    missing
-        Number of positions that were neither recorded nor filled.
-    made
-        ``"HT"``, or ``"H"`` where the source was HT.
+    ``bytes`` is the size of H in memory, ``missing`` the number of positions that were neither recorded nor filled.
+    ``made`` is ``"HT"``, or ``"H"`` where the source was HT.
     """
 
     out: Path

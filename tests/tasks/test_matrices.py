@@ -21,7 +21,6 @@ from lfcal.tasks import (
     Task,
     Transpose,
     load_job,
-    matrices,
     task_set,
 )
 from tests.cli import conftest
@@ -128,7 +127,7 @@ def test_a_format_is_that_of_the_name(tmp_path: Path) -> None:
 
 
 def test_the_order_of_axes_is_that_of_a_mat_file() -> None:
-    assert tuple(MAT_ORDERS) == matrices.MAT_ORDERS
+    assert tuple(MAT_ORDERS) == next(row.choices for row in rows(Transpose) if row.name == "mat_order")
     for kind, out in ((Transpose, "out.h5"), (Reduce, "out.h5"), (ExportNpy, "out.npy")):
         with pytest.raises(InputError, match=r"mat_order: expected a \.mat file, got H\.h5"):
             kind(source="H.h5", out=out, mat_order="rows-first")
