@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +84,11 @@ class Forecast:
     def ht_float32_bytes(self) -> int:
         """HT uncompressed (float32), where it is exported."""
         return self.h_float32_bytes
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as plain values."""
+        names = ("hours", "bytes_per_s", "ht_float32_bytes")
+        return asdict(self) | {name: getattr(self, name) for name in names}
 
     @classmethod
     def of(

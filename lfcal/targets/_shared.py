@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from lfcal.targets.display import pictures_in, write_pictures
+from lfcal.targets.facts import facts_of_plan
 from lfcal.targets.frames import frames_of, open_target_frames, read_target_plan
 from lfcal.targets.images import whole_at
 from lfcal.targets.offsets import covered_by
 from lfcal.targets.phases import Phases, nearest_positions
-from lfcal.targets.plan import region_points
-from lfcal.targets.planning import shown_within
 from lfcal.targets.sampling import may_resample, resampling_words
 from lfcal.targets.subsets import coding_verdict, display_words, planned_for_display
 from lfcal.targets.target import proposed_hole
@@ -18,6 +17,7 @@ __all__ = [
     "coding_verdict",
     "covered_by",
     "display_words",
+    "facts_of_plan",
     "frames_of",
     "may_resample",
     "nearest_positions",
@@ -26,9 +26,7 @@ __all__ = [
     "planned_for_display",
     "proposed_hole",
     "read_target_plan",
-    "region_points",
     "resampling_words",
-    "shown_within",
     "whole_at",
     "write_pictures",
 ]

@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from lfcal.base import InputError, Work
-from lfcal.records import INTERPOLATIONS, STORED_TYPES, opt, read_position, record, required, show_pair
+from lfcal.records import (
+    INTERPOLATIONS,
+    STORED_TYPES,
+    opt,
+    read_position,
+    record,
+    required,
+    rows_of,
+    show_pair,
+    value_at,
+)
 from lfcal.tasks.matrices import CopyTask, report_dark, with_task
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
 
@@ -71,7 +81,15 @@ class _Export(CopyTask):
 
     def options(self) -> ExportOptions:
         """Return what differs from what the format does anyway."""
-        raise NotImplementedError
+        from lfcal.psf import ExportOptions
+
+        given = {row.name: value for row in rows_of(self) if (value := value_at(self, row)) != row.default}
+        known = {one.name: given[one.name] for one in fields(ExportOptions) if one.name in given}
+        if "uncompressed" in given:
+            known["compress"] = False
+        if "no_ht" in given:
+            known["include_transpose"] = False
+        return ExportOptions(**known)
 
     def exported(self, H: PSFMatrix) -> PSFMatrix:
         """Return what is written: H, or a view of it."""
@@ -157,19 +175,6 @@ class ExportMat(_Export):
     uncompressed: bool = _uncompressed()
     allow_missing: bool = _missing()
 
-    def options(self) -> ExportOptions:
-        """Return what differs from what the format does anyway."""
-        from lfcal.psf import ExportOptions
-
-        return ExportOptions(
-            compress=False if self.uncompressed else None,
-            include_transpose=False if self.no_ht else None,
-            rows_first=self.rows_first or None,
-            lens_centred=self.lens_centred or None,
-            interpolation=self.interpolation or None,
-            allow_missing=self.allow_missing or None,
-        )
-
 
 @record
 class ExportH5(_ExportView):
@@ -199,12 +204,6 @@ class ExportH5(_ExportView):
     )
     uncompressed: bool = _uncompressed()
 
-    def options(self) -> ExportOptions:
-        """Return what differs from what the format does anyway."""
-        from lfcal.psf import ExportOptions
-
-        return ExportOptions(compress=False if self.uncompressed else None, dtype=self.dtype or None)
-
     def _iter_write(self, matrix: PSFMatrix, workers: int | None, run: RunChoice | None) -> Work[Path]:
         from lfcal.psf import iter_save
 
@@ -229,12 +228,6 @@ class ExportNpy(_ExportView):
 
     allow_missing: bool = _missing()
 
-    def options(self) -> ExportOptions:
-        """Return what differs from what the format does anyway."""
-        from lfcal.psf import ExportOptions
-
-        return ExportOptions(allow_missing=self.allow_missing or None)
-
 
 @record
 class ExportTiff(_ExportView):
@@ -251,12 +244,6 @@ class ExportTiff(_ExportView):
         show=show_pair,
     )
     allow_missing: bool = _missing()
-
-    def options(self) -> ExportOptions:
-        """Return what differs from what the format does anyway."""
-        from lfcal.psf import ExportOptions
-
-        return ExportOptions(position=self.position, allow_missing=self.allow_missing or None)
 
     def files(self, way: str) -> tuple[Path, ...]:
         """Return its files; the size of H decides how many are written."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -23,7 +22,7 @@ from lfcal.records import (
 )
 from lfcal.tasks._scan_frames import origin_field, tell_size
 from lfcal.tasks.cameras import is_camera_file, load_camera, preset_names
-from lfcal.tasks.planned import Planned, PlanTask, frame_rate, speed, write_plan
+from lfcal.tasks.planned import Planned, PlanTask, write_plan
 from lfcal.tasks.task import RunSettings, Task, TaskSet
 
 if TYPE_CHECKING:
@@ -106,8 +105,6 @@ class _Plan(PlanTask):
         0.02, "Exposure, or one for each plane.", unit="s", above=0, read=_exposures, show=_show
     )
     settle: float = opt(0.05, "Wait after each move.", label="Settling time", unit="s", at_least=0)
-    speed: float = speed()
-    frame_rate: float | None = frame_rate()
     out: Path | None = opt(
         None, "Plan to write (.json).", label="Plan file", short="-o", file="out", empty="only shown"
     )
@@ -150,12 +147,7 @@ class _Plan(PlanTask):
             "virtual_depths": plan.virtual_depths,
             "steps_um": [plan.step_um(z) for z in range(len(plan.depths_um))],
             "assumed": plan.camera.marks.paths("assumed"),
-            "forecast": {
-                **asdict(forecast),
-                "hours": forecast.hours,
-                "bytes_per_s": forecast.bytes_per_s,
-                "ht_float32_bytes": forecast.ht_float32_bytes,
-            },
+            "forecast": forecast.to_dict(),
             "plan": plan.to_dict(),
             "half_cell": positions,
         }

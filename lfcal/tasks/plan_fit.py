@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from lfcal.base import Work
 from lfcal.records import opt, read_names, read_share, record, required, show_names
-from lfcal.tasks.planned import Planned, PlanTask, frame_rate, scan_of, speed
+from lfcal.tasks.planned import Planned, PlanTask, scan_of
 from lfcal.tasks.task import RunSettings, TaskSet
 
 if TYPE_CHECKING:
@@ -111,8 +111,6 @@ class PlanFit(PlanTask):
         empty="not drawn",
         more=True,
     )
-    speed: float = speed()
-    frame_rate: float | None = frame_rate()
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[PositionsPlanned, ...]]:
         """Choose positions, and write the list and the picture."""

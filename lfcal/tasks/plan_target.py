@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from lfcal.base import InputError, Work, read_text
 from lfcal.records import opt, read_share, record, required
-from lfcal.tasks.planned import Planned, PlanTask, frame_rate, scan_of, speed, write_plan
+from lfcal.tasks.planned import Planned, PlanTask, scan_of, write_plan
 from lfcal.tasks.task import RunSettings, Task, TaskSet
 
 if TYPE_CHECKING:
-    from lfcal.camera import Forecast, RegionPlan, ScanPlan
+    from lfcal.camera import RegionPlan, ScanPlan
     from lfcal.multiplex import CodingVerdict
     from lfcal.targets import Display, TargetPlan, Wishes
 
@@ -92,8 +92,6 @@ class _PlanTarget(PlanTask):
         empty="0.8 of the full well",
         more=True,
     )
-    speed: float = speed()
-    frame_rate: float | None = frame_rate()
     out: Path | None = opt(
         None, "Plan of the target to write (.json).", label="Plan file", short="-o", file="out", empty="only shown"
     )
@@ -156,41 +154,10 @@ class _PlanTarget(PlanTask):
 
     def planned(self, plan: TargetPlan, verdict: CodingVerdict | None) -> TargetPlanned:
         """Return a plan with what its frames show and cost."""
-        from lfcal.targets import error_forecast, shown_within, target_words
+        from lfcal.targets import facts_of_plan
 
-        scan, target = plan.scan, plan.target
-        cost, single, field = plan.forecast(**self.rates), self.forecast(scan), self.field(scan)
-        planes, errors = [], []
-        for z, depth in enumerate(scan.depths_um):
-            counts, error = plan.shown(z), error_forecast(plan, z)
-            planes.append(
-                {
-                    "depth_um": depth,
-                    "frames": len(plan.offsets_px[z]),
-                    "least_frames": plan.least_frames(z),
-                    "points_a_frame": plan.points_a_frame(z),
-                    "coverage": float((counts > 0).mean()),
-                    "mean_repeats": float(counts.mean()),
-                    "crosstalk": plan.crosstalk[z],
-                    "coverage_within_pose": None if target.within.known else shown_within(plan, z),
-                }
-            )
-            errors.append({"single_point": error.single, "shown": error.shown, "error": error.error})
-        facts = {
-            "target": target_words(target),
-            "tolerance_px": plan.tolerance_px,
-            "tails": plan.tails,
-            "planes": planes,
-            "frames": cost.frames,
-            "hours": cost.hours,
-            "readout_hours": cost.readout_hours,
-            "single_point": {"frames": single.frames, "hours": single.hours},
-            "plan": plan.to_dict(),
-            "expected_error": errors,
-            "coding": None if verdict is None else verdict.to_dict(),
-        }
-        if field is not None:
-            facts["regions"] = _regions(plan, field, single)
+        single, field = self.forecast(plan.scan), self.field(plan.scan)
+        facts = facts_of_plan(plan, plan.forecast(**self.rates), single, verdict, field)
         return TargetPlanned(task=self, plan=plan, forecast=single, facts=facts, verdict=verdict)
 
 
@@ -290,24 +257,6 @@ class PlanDisplay(_PlanTarget):
         if self.patterns is not None:
             made.facts["patterns"] = write_pictures(made.plan, self.display, self.patterns)
         return (made,)
-
-
-def _regions(plan: TargetPlan, field: RegionPlan, single: Forecast) -> dict[str, Any]:
-    """Return what each region has of the frames, and what a single point would need for all of them."""
-    from lfcal.targets import region_points
-
-    counts = [region_points(plan, field, z) for z in range(len(plan.scan.depths_um))]
-    found = [
-        {
-            "name": name,
-            "anchor": field.anchors[k],
-            "fewest_points": min((int(one[:, k].min()) for one in counts if len(one)), default=0),
-            "points": [int(one[:, k].sum()) for one in counts],
-        }
-        for k, name in enumerate(field.names)
-    ]
-    frames = {"frames": len(field) * single.frames, "hours": len(field) * single.hours}
-    return {"regions": found, "single_point": frames}
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lfcal.base import InputError, read_text, replace_whole
-from lfcal.records import check_planes, opt
+from lfcal.records import check_planes, opt, record
 from lfcal.tasks.cameras import is_camera_file, load_camera, tell_assumed
 from lfcal.tasks.task import Task, TaskResult
 
@@ -22,11 +22,9 @@ __all__ = [
     "WITHOUT_READOUT",
     "PlanTask",
     "Planned",
-    "frame_rate",
     "planned_scan",
     "ready_regions",
     "scan_of",
-    "speed",
     "write_plan",
 ]
 
@@ -34,14 +32,12 @@ WITHOUT_READOUT = "without readout (--frame-rate)"
 """Of a time that counts no readout."""
 
 
-def speed() -> float:
-    """Return the field of a task for the speed of the stage."""
-    return opt(1000.0, "Speed of the stage.", unit="µm/s", above=0, more=True)
+@record
+class PlanTask(Task):
+    """What tasks have that forecast a scan by its plan."""
 
-
-def frame_rate() -> float | None:
-    """Return the field of a task for the frame rate of the camera."""
-    return opt(
+    speed: float = opt(1000.0, "Speed of the stage.", unit="µm/s", above=0, more=True)
+    frame_rate: float | None = opt(
         None,
         "Largest frame rate of the camera for the region that is read, as in its data sheet.",
         unit="frames/s",
@@ -49,13 +45,6 @@ def frame_rate() -> float | None:
         empty="readout is not counted",
         more=True,
     )
-
-
-class PlanTask(Task):
-    """Base of tasks that forecast a scan by its plan; they have the fields `speed` and `frame_rate`."""
-
-    speed: float
-    frame_rate: float | None
 
     @property
     def rates(self) -> dict[str, Any]:
