@@ -12,7 +12,7 @@ from lfcal.judge.dated import (
     read_dated_fit,
     read_inspection,
 )
-from lfcal.judge.expected import plan_of
+from lfcal.judge.expected import fitted_setup, plan_of
 from lfcal.judge.inspection import is_bad, is_fair
 from lfcal.judge.known_object import ObjectPlace, object_error
 from lfcal.judge.new_frames import new_frame, new_frames
@@ -37,6 +37,7 @@ __all__ = [
     "draw_region_loss",
     "draw_trend",
     "fits_in",
+    "fitted_setup",
     "inspection_of",
     "inspections_in",
     "is_bad",

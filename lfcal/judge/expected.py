@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,12 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError
 from lfcal.camera import ScanPlan
-from lfcal.fit import Fineness, PlaneModel, Setup, described_effects, predict
+from lfcal.fit import Fineness, PlaneModel, Setup, described_effects, predict, read_fit
 from lfcal.psf import PSFMatrix
 from lfcal.simulate.effects import effect_from
 from lfcal.simulate.engines import EnergyError
 
-__all__ = ["Behind", "ExpectedPattern", "behind", "plan_of"]
+__all__ = ["Behind", "ExpectedPattern", "behind", "fitted_setup", "plan_of"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -57,6 +58,16 @@ def plan_of(matrix: PSFMatrix) -> ScanPlan | None:
         return None
     depths = tuple(float(z) for z in matrix.depths)
     return ScanPlan(matrix.camera, matrix.period, matrix.cutout, depths, matrix.anchor)
+
+
+def fitted_setup(folder: Path, matrix: PSFMatrix) -> Setup:
+    """Return what the fit in a folder found of the camera of an H; raises `InputError` where it is of another scan."""
+    plan = plan_of(matrix)
+    if plan is None:
+        raise InputError.expected("H", "a camera's matrix", "one without a camera", "assemble H with its camera")
+    stored = read_fit(folder)
+    stored.check(plan)
+    return stored.setup
 
 
 def behind(matrix: PSFMatrix, index: NDArray[np.intp]) -> Behind | None:

@@ -292,7 +292,10 @@ class Assemble(AssembleRegions):
             bits, said = chosen_shift(self.shift, frames)
             for one in (*frames.metadata.notes, *((said,) if said else ())):
                 note(one)
-            reopened = _Reopened(stack, source)
+
+            def reopened(colour: str) -> Frames:
+                return stack.enter_context(source.open(colour)[0])
+
             parts = parts_of(self.channel, frames, scan, self.out, reopened)
             for part in parts if self.channel == "each" else ():
                 check_output(part.out, *self.files("in"), force=may_replace(part.out, run))
@@ -389,17 +392,6 @@ class Assemble(AssembleRegions):
         from lfcal.fit import Filler, read_fit
 
         return Filler(read_fit(self.fill), plan, workers)
-
-
-@dataclass(frozen=True)
-class _Reopened:
-    """Opens the frames with another colour, until ``stack`` is closed."""
-
-    stack: ExitStack
-    source: ScanFrames
-
-    def __call__(self, colour: str) -> Frames:
-        return self.stack.enter_context(self.source.open(colour)[0])
 
 
 def open_planes(values: Mapping[str, Any], workers: int) -> AssembledPlanes:

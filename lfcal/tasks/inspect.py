@@ -14,7 +14,6 @@ from lfcal.tasks.matrices import MatrixTask, open_matrix
 from lfcal.tasks.task import RunSettings, TaskResult, TaskSet
 
 if TYPE_CHECKING:
-    from lfcal.fit import Setup
     from lfcal.judge import Comparison, Inspection, RegionLoss
     from lfcal.judge.quality import QualityReport
     from lfcal.psf import PSFMatrix
@@ -134,7 +133,7 @@ class Inspect(MatrixTask):
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[InspectedMatrix, ...]]:
         """Measure H, compare it with its camera, and write the report."""
-        from lfcal.judge import iter_compare, iter_inspection
+        from lfcal.judge import fitted_setup, iter_compare, iter_inspection
         from lfcal.judge.quality import METRICS
         from lfcal.work import discard, note_joining, parts_folder
 
@@ -151,7 +150,7 @@ class Inspect(MatrixTask):
             if self.reference is not None:
                 other = files.enter_context(open_matrix(self.reference, mat_order=self.mat_order))
                 comparison = yield from iter_compare(H, other, by_index=True, workers=run.workers)
-            setup = self._setup(H)
+            setup = None if self.fit is None else fitted_setup(self.fit, H)
             choice = None if self.report is None else run.choice(self.report, H.nbytes / RATE)
             quality = yield from self._iter_quality(H, choice, run.workers)
             found = yield from iter_inspection(H, quality, setup=setup, seconds=self.seconds, patterns=self.patterns)
@@ -167,19 +166,6 @@ class Inspect(MatrixTask):
         asked = [name for name in ("executor", "scheduler", "resume") if getattr(run, name)]
         if asked and self.report is None:
             raise InputError.expected(f"--{asked[0]}", "--report", "none", "name the folder of the report")
-
-    def _setup(self, H: PSFMatrix) -> Setup | None:
-        """Return what a fit found of the camera; raises where it is of another scan."""
-        if self.fit is None:
-            return None
-        from lfcal.fit import read_fit
-        from lfcal.judge import plan_of
-
-        stored, plan = read_fit(self.fit), plan_of(H)
-        if plan is None:
-            raise InputError.expected("H", "a camera's matrix", "one without a camera", "assemble H with --camera")
-        stored.check(plan)
-        return stored.setup
 
     def _iter_quality(self, H: PSFMatrix, choice: RunChoice | None, workers: int | None) -> Work[QualityReport]:
         from lfcal.judge.quality import control_frames, iter_inspect, iter_inspect_units

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, Work
+from lfcal.base import Work
 from lfcal_gui.models import FittedCamera, Stamp
 from lfcal_gui.pages.quality.model import QualitySettings
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from lfcal.fit import Setup
     from lfcal.judge import Inspection
     from lfcal.judge.quality import QualityReport
-    from lfcal.psf import PSFMatrix
 
 __all__ = [
     "InspectionRequest",
@@ -111,13 +110,13 @@ def asked_of(
 
 def iter_judge(asked: InspectionRequest, kept: InspectionRun) -> Work[None]:
     """Measure H and compare it with its camera; what is found is in ``kept``, as jobs are remembered long."""
-    from lfcal.judge import iter_inspection
+    from lfcal.judge import fitted_setup, iter_inspection
     from lfcal.judge.quality import control_frames, iter_inspect
     from lfcal.psf import open_psf
 
     with open_psf(asked.stamp[0], mat_order=asked.mat_order) as opened:
         matrix = opened.T if opened.is_transposed else opened
-        setup = _setup_of(asked, matrix)
+        setup = fitted_setup(Path(asked.folder), matrix) if asked.folder and asked.seconds else asked.setup
         controls = control_frames(Path(asked.session), matrix) if asked.session else None
         report = yield from iter_inspect(matrix, controls=controls)
         kept.depths, kept.report, kept.camera = np.array(matrix.known_depths), report, matrix.camera is not None
@@ -125,21 +124,6 @@ def iter_judge(asked: InspectionRequest, kept: InspectionRun) -> Work[None]:
         found = yield from work
         # what takes a fault out of patterns holds on to them
         kept.inspection = replace(found, faults=tuple(replace(one, repair=None) for one in found.faults))
-
-
-def _setup_of(asked: InspectionRequest, matrix: PSFMatrix) -> Setup | None:
-    """Return the camera as a fit found it, None: as described; raises where a fit is of another scan."""
-    from lfcal.fit import read_fit
-    from lfcal.judge import plan_of
-
-    if not asked.folder or not asked.seconds:
-        return asked.setup
-    plan = plan_of(matrix)
-    if plan is None:
-        raise InputError.expected("H", "a camera's matrix", "one without a camera", "assemble H with its camera")
-    stored = read_fit(Path(asked.folder))
-    stored.check(plan)
-    return stored.setup
 
 
 def judged(kept: InspectionRun, why_not: str) -> Inspection | None:
