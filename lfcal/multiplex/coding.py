@@ -247,7 +247,7 @@ class CodingVerdict:
 
     @property
     def frames_words(self) -> str:
-        """Whether showing several frames together pays, up to how much light, and why, in a line."""
+        """Whether showing several frames together pays, up to how much light, and why."""
         gain, does = self.gain, "pays" if self.pays else "does not pay"
         return (
             f"showing {gain.points} frames at once, coded: {does} at {float(f'{gain.signal_e:.3g}'):g} electrons in a "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -121,7 +121,7 @@ class FrameRun:
         grid = self._grid
         return (len(self.matrices[0]), *(self.shape if grid is None else grid.shape))
 
-    @property
+    @cached_property
     def _grid(self) -> MetricGrid | None:
         """The grid of voxels of one size, where it is asked for."""
         side, H = self.voxels.voxel, self.matrices[0]

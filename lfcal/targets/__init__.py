@@ -8,7 +8,8 @@ the lenslet array. What is done with a target, and where:
 2. Know where its holes are imaged: ``images`` (chief rays, each hole at its own depth), ``phases`` (counted in
    lenslets, so that an array that is turned, distorted, or of no whole period is none the worse).
 3. Plan: ``planning`` (which pitch, how close holes may be, and from there to the plan), ``offsets`` (which offsets
-   show all phases), ``expected`` (what noise leaves), ``plan`` (`TargetPlan`, a separate file that holds the scan).
+   show all phases), ``expected`` (what noise leaves), ``plan`` (`TargetPlan`, a separate file that holds the scan),
+   ``facts`` (what its frames show and cost).
 4. Simulate its frames: ``camera`` (`TargetCamera`).
    A target whose points are switched: ``display`` (planned on its pixels), ``subsets`` (which frames may be shown at
    once), ``coded`` (what each shows alone, from frames that show several).

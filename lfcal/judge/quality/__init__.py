@@ -1,6 +1,7 @@
 """How good a PSF matrix is.
 
-- ``_inspect``: reads every plane once and returns a `QualityReport`; ``report`` is what that is
+- ``_inspect``: reads every plane once and returns a `QualityReport`; ``report`` is what that is; ``_units``: the
+  same in units of a plane
 - ``metric``: what a metric is; ``metrics`` holds them, ``catalogue`` finds them
 - ``measure``: what metrics share of one plane, from ``_dark``, ``pattern_table``, ``_sums``, ``_positions``,
   ``_turned``, ``_steps``
