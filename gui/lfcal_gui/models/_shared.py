@@ -9,8 +9,10 @@ from lfcal_gui.models.display import (
     SCALES,
     DisplaySettings,
     colour_table,
+    depth_colours,
     levels_of,
     shades,
+    tinted,
     to_uint8,
 )
 from lfcal_gui.models.doctor import doctor_html, doctor_text
@@ -39,13 +41,15 @@ from lfcal_gui.models.page import (
 )
 from lfcal_gui.models.project import Hold, Project, ProjectState, RecentProjects, read_project
 from lfcal_gui.models.record_form import check_of, fields_of, options_in, shown_of, text_in_form, value_in
-from lfcal_gui.models.shot import CUTOUT, Levels, Outline, Overlay, Shot, Symbols, cutout_of, scale_bar
+from lfcal_gui.models.shot import CUTOUT, Label, Levels, Outline, Overlay, Shot, Symbols, Tint, cutout_of, scale_bar
+from lfcal_gui.models.solid import BEGIN, Projection, Scene, Solid, project, turned
 from lfcal_gui.models.stamp import Stamp, stamp_of
 from lfcal_gui.models.step import CAMERA_FILE, PLAN_FILE, CommandStep, needed_file, needed_plan, options_of, step_of
 from lfcal_gui.models.words import plane_words, said_in_window, typeset, unbroken
 
 __all__ = [
     "ATLAS",
+    "BEGIN",
     "CAMERA_FILE",
     "COLOUR_MAPS",
     "CUTOUT",
@@ -67,6 +71,7 @@ __all__ = [
     "JobState",
     "Keeping",
     "KeptRun",
+    "Label",
     "Levels",
     "Mishap",
     "Mishaps",
@@ -75,17 +80,22 @@ __all__ = [
     "Overlay",
     "Project",
     "ProjectState",
+    "Projection",
     "RecentProjects",
+    "Scene",
     "Shot",
+    "Solid",
     "Stamp",
     "Symbols",
     "Taken",
+    "Tint",
     "UnsavedCopy",
     "WindowJob",
     "available_pages",
     "check_of",
     "colour_table",
     "cutout_of",
+    "depth_colours",
     "doctor_html",
     "doctor_text",
     "fields_of",
@@ -109,6 +119,7 @@ __all__ = [
     "parse",
     "place_words",
     "plane_words",
+    "project",
     "read_project",
     "region_numbers",
     "render_tile",
@@ -125,7 +136,9 @@ __all__ = [
     "step_of",
     "text_in_form",
     "text_of",
+    "tinted",
     "to_uint8",
+    "turned",
     "typeset",
     "unbroken",
     "value_histogram",

@@ -14,6 +14,7 @@ from lfcal.base import InputError, njit
 
 __all__ = [
     "COLOUR_MAPS",
+    "DEPTHS",
     "DIVERGING",
     "SCALES",
     "DisplaySettings",
@@ -21,6 +22,7 @@ __all__ = [
     "colour_table",
     "levels_of",
     "shades",
+    "tinted",
     "to_uint8",
 ]
 
@@ -30,8 +32,11 @@ COLOUR_MAPS = ("magma", "viridis", "cividis", "gray")
 DIVERGING = "vanimo"
 """Map for signed values, dark at zero."""
 
+DEPTHS = "plasma"
+"""Map for depths."""
+
 COLOURS = Path(__file__).with_name("colours.npy")
-"""Red, green and blue of these maps ``(5, 256, 3)``, as matplotlib has them; to load it takes a tenth of a second."""
+"""Red, green and blue of these maps ``(6, 256, 3)``, as matplotlib has them; to load it takes a tenth of a second."""
 
 SCALES = ("linear", "log", "gamma")
 
@@ -119,13 +124,23 @@ def shades(image: NDArray[np.generic], scale: str, levels: tuple[float, float]) 
     return values
 
 
+def tinted(
+    image: NDArray[np.generic], tint: NDArray[np.floating], display: DisplaySettings, levels: tuple[float, float]
+) -> NDArray[np.uint8]:
+    """Return red, green and blue of values whose brightness is that of `to_uint8`, in the colour of ``tint``, 0..1."""
+    bright = to_uint8(image, display, levels)
+    index = (np.nan_to_num(tint, nan=0.0).clip(0, 1) * 255 + 0.5).astype(np.uint8)
+    colours = colour_table(DEPTHS)[index, :3]
+    return (colours * (bright[..., None] + np.uint16(1)) >> 8).astype(np.uint8)
+
+
 @lru_cache(maxsize=16)
 def colour_table(name: str, *, red: bool = False) -> NDArray[np.uint8]:
-    """Return the ``(256, 4)`` RGBA table of a colour map: one of `COLOUR_MAPS`, or that of signed values.
+    """Return the ``(256, 4)`` RGBA table of a colour map: one of `COLOUR_MAPS`, that of signed values or of depths.
 
     ``red``: from black to red, as bright as it would be.
     """
-    colours = np.load(COLOURS)[(*COLOUR_MAPS, DIVERGING).index(name)]
+    colours = np.load(COLOURS)[(*COLOUR_MAPS, DIVERGING, DEPTHS).index(name)]
     if red:
         brightness = colours @ np.array([0.2126, 0.7152, 0.0722])
         if name != DIVERGING:

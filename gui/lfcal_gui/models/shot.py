@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.base import format_length
 from lfcal_gui.models.display import DisplaySettings, levels_of
 
-__all__ = ["CUTOUT", "Levels", "Outline", "Overlay", "Shot", "Symbols", "cutout_of", "scale_bar"]
+__all__ = ["CUTOUT", "Label", "Levels", "Outline", "Overlay", "Shot", "Symbols", "Tint", "cutout_of", "scale_bar"]
 
 Levels: TypeAlias = "tuple[float, float]"
 """Values at both ends of the colours."""
@@ -47,7 +47,16 @@ class Symbols:
     filled: bool = False
 
 
-Overlay: TypeAlias = "Outline | Symbols"
+@dataclass(frozen=True, eq=False)
+class Label:
+    """Words in the middle of one of the ``points`` ``(1, 2)``."""
+
+    points: NDArray[np.float64]
+    words: str
+    colour: str = "#ffffff"
+
+
+Overlay: TypeAlias = "Outline | Symbols | Label"
 
 
 def cutout_of(
@@ -58,6 +67,17 @@ def cutout_of(
     bottom, right = top + shape[0], left + shape[1]
     border = Outline(np.array([(top, left), (top, right), (bottom, right), (bottom, left)]), colour, width=2)
     return (border,) if point is None else (border, Symbols(np.array([point], np.float64), "+", colour))
+
+
+@dataclass(frozen=True, eq=False)
+class Tint:
+    """Colours of pixels whose brightness is their value.
+
+    ``values`` ``(rows, columns)``: places on the colours of depths, 0 ... 1; ``ends``: words at both ends of these.
+    """
+
+    values: NDArray[np.floating[Any]]
+    ends: tuple[str, str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +107,10 @@ class Shot:
         The pixel (row, column) that is pointed out.
     pixel_um
         Length of a pixel, for a scale bar; None: none is drawn.
+    tint
+        Colours of the pixels; None: those of their values.
+    whole
+        First row and column, height and width of what it is a part of, in its units; None: it is all there is.
     """
 
     values: NDArray[Any] | None = None
@@ -100,6 +124,8 @@ class Shot:
     overlays: tuple[Overlay, ...] = ()
     cross: tuple[float, float] | None = None
     pixel_um: float | None = None
+    tint: Tint | None = None
+    whole: tuple[float, float, float, float] | None = None
 
     @property
     def coloured(self) -> bool:
@@ -110,6 +136,18 @@ class Shot:
     def shape(self) -> tuple[int, int] | None:
         """Rows and columns."""
         return None if self.values is None else (self.values.shape[0], self.values.shape[1])
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """First row and column, height and width of the picture, in its units."""
+        rows, columns = self.shape or (0, 0)
+        (row, column), step = self.origin, self.step
+        return row - step / 2, column - step / 2, rows * step, columns * step
+
+    @property
+    def place(self) -> object:
+        """What stays where pan and zoom stay: where the whole lies, or where and how large the pixels are."""
+        return self.whole or (self.shape, self.origin, self.step)
 
     @property
     def measured(self) -> NDArray[Any] | None:

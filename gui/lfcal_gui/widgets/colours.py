@@ -17,8 +17,8 @@ def theme_table(colour_map: str) -> NDArray[np.uint8]:
     return colour_table(colour_map, red=current_theme().red)
 
 
-def ramp(display: DisplaySettings, levels: Levels, width: int) -> QImage:
-    """Return a row of ``width`` colours, linear in the value from level to level."""
+def ramp(display: DisplaySettings, levels: Levels, width: int, colour_map: str = "") -> QImage:
+    """Return a row of ``width`` colours, linear in the value from level to level; ``colour_map``: another one."""
     index = (shades(np.linspace(*levels, width), display.scale, levels) * 255).astype(int)
-    colours = np.ascontiguousarray(theme_table(display.colour_map)[index][None])
+    colours = np.ascontiguousarray(theme_table(colour_map or display.colour_map)[index][None])
     return QImage(colours.data, width, 1, 4 * width, QImage.Format.Format_RGBA8888).copy()

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
-from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, Qt, QTimer, Signal
+from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, QSizeF, Qt, QTimer, Signal
 from PySide6.QtGui import (
     QColor,
     QKeyEvent,
@@ -28,8 +28,10 @@ from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
 from lfcal.camera import Camera
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.models import (
+    DEPTHS,
     DIVERGING,
     DisplaySettings,
+    Label,
     Levels,
     Outline,
     Overlay,
@@ -38,6 +40,7 @@ from lfcal_gui.models import (
     lattice_points,
     render_tile,
     scale_bar,
+    tinted,
     to_uint8,
     visible_tile,
 )
@@ -190,8 +193,7 @@ class Picture(QWidget):
         shot = shot or Shot()
         before, self._wanted = self._wanted, shot
         self._name = shot.name or self._name
-        place = (shot.shape, shot.origin, shot.step)
-        moved = not keep_view or place != (before.shape, before.origin, before.step)
+        moved = not keep_view or shot.place != before.place
         if shot.values is not None and moved:
             self._show_extent(shot)
         if self._in_background:
@@ -286,13 +288,20 @@ class Picture(QWidget):
         assert shot.shape is not None
         if self.plot is not None:
             count_pixels(self.plot, shot.shape, shot.origin, shot.step)
-        self.box.setRange(_extent(shot), padding=0.01 if self.plot is not None else 0)
+        whole = _extent(shot) if shot.whole is None else _rect(*shot.whole)
+        self.box.setRange(whole, padding=0.01 if self.plot is not None else 0)
 
     # -- drawing ---------------------------------------------------------------------------------------
     @property
+    def _tinted(self) -> bool:
+        """Whether pixels have other colours than those of their values: not where all is red."""
+        return self._wanted.tint is not None and not current_theme().red
+
+    @property
     def _in_background(self) -> bool:
         values = self._wanted.values
-        return self._jobs is not None and values is not None and values.ndim == 2 and values.size > LARGE
+        large = values is not None and values.ndim == 2 and values.size > LARGE
+        return self._jobs is not None and large and self._wanted.tint is None
 
     def _range_changed(self) -> None:
         if self._camera is not None or self._in_background:
@@ -348,7 +357,10 @@ class Picture(QWidget):
             return
         levels = shot.levels_in(self._display, self.contrast)
         display = _display_of(shot, self._display)
-        if shot.coloured:
+        if self._tinted:
+            assert shot.tint is not None
+            picture = tinted(shot.values, shot.tint.values, display, levels)
+        elif shot.coloured:
             picture = (np.clip(shot.values, 0, 1) * 255 + 0.5).astype(np.uint8)
         else:
             picture = to_uint8(shot.values, display, levels)
@@ -402,6 +414,8 @@ class Picture(QWidget):
             _paint_words(painter, shot.caption, area)
         if shot.pixel_um is not None:
             self._paint_scale(painter, area, shot.pixel_um / shot.step)
+        if shot.tint is not None and self._tinted:
+            _paint_tints(painter, shot.tint.ends, area)
 
     def _paint_scale(self, painter: QPainter, area: QRectF, unit_um: float) -> None:
         units = self.box.viewRect().width() / max(1.0, area.width())
@@ -606,13 +620,17 @@ class _Canvas(pg.GraphicsView):
 
 
 def _display_of(shot: Shot, display: DisplaySettings) -> DisplaySettings:
+    if shot.tint is not None and not current_theme().red:
+        return replace(display, colour_map="gray")  # the value of a pixel is its brightness
     return replace(display, scale="linear", colour_map=DIVERGING) if shot.signed else display
 
 
+def _rect(row: float, column: float, height: float, width: float) -> QRectF:
+    return QRectF(column, row, width, height)
+
+
 def _extent(shot: Shot) -> QRectF:
-    assert shot.shape is not None
-    (row, column), step, (rows, columns) = shot.origin, shot.step, shot.shape
-    return QRectF(column - step / 2, row - step / 2, columns * step, rows * step)
+    return _rect(*shot.extent)
 
 
 def _ink() -> QColor:
@@ -628,6 +646,11 @@ def _paint_overlay(painter: QPainter, overlay: Overlay, to_screen: QTransform) -
         return
     places = to_screen.map(QPolygonF([QPointF(column, row) for row, column in np.asarray(overlay.points).tolist()]))
     painter.setBrush(Qt.BrushStyle.NoBrush)
+    if isinstance(overlay, Label):
+        painter.setPen(_tone(overlay.colour))
+        around = QRectF(places.first(), QSizeF()).adjusted(-40, -LINE, 40, LINE)
+        painter.drawText(around, Qt.AlignmentFlag.AlignCenter, overlay.words)
+        return
     if isinstance(overlay, Outline):
         style = Qt.PenStyle.DashLine if overlay.dashed else Qt.PenStyle.SolidLine
         painter.setPen(QPen(_tone(overlay.colour), overlay.width, style))
@@ -694,3 +717,18 @@ def _paint_words(painter: QPainter, words: str, area: QRectF) -> None:
     pill = QRectF(area.left() + GAP, area.top() + GAP, wide, LINE + 8)
     _paint_pill(painter, pill)
     painter.drawText(pill, Qt.AlignmentFlag.AlignCenter, shown)
+
+
+def _paint_tints(painter: QPainter, ends: tuple[str, str], area: QRectF) -> None:
+    """Draw the colours of depths in the lower right corner, as far as there is room."""
+    _paint_pill(painter, QRectF())
+    wide = min(RAMP, area.width() / 2 - 3 * GAP)
+    words = painter.fontMetrics().horizontalAdvance("    ".join(ends))
+    if wide < words:
+        return
+    pill = QRectF(area.right() - 3 * GAP - wide, area.bottom() - GAP - LINE - 10, wide + 2 * GAP, LINE + 10)
+    _paint_pill(painter, pill)
+    inside = pill.adjusted(GAP, 4, -GAP, -2)
+    painter.drawImage(QRectF(inside.topLeft(), QSizeF(wide, 5)), ramp(DisplaySettings(), (0, 1), RAMP, DEPTHS))
+    for side, end in zip((Qt.AlignmentFlag.AlignLeft, Qt.AlignmentFlag.AlignRight), ends, strict=True):
+        painter.drawText(inside, side | Qt.AlignmentFlag.AlignBottom, end)
