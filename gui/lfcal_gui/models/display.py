@@ -20,6 +20,7 @@ __all__ = [
     "DisplaySettings",
     "bin_max",
     "colour_table",
+    "depth_colours",
     "levels_of",
     "shades",
     "tinted",
@@ -32,8 +33,8 @@ COLOUR_MAPS = ("magma", "viridis", "cividis", "gray")
 DIVERGING = "vanimo"
 """Map for signed values, dark at zero."""
 
-DEPTHS = "plasma"
-"""Map for depths."""
+DEPTHS, DARKEST = "plasma", 32
+"""Map for depths, and its first colour that is used."""
 
 COLOURS = Path(__file__).with_name("colours.npy")
 """Red, green and blue of these maps ``(6, 256, 3)``, as matplotlib has them; to load it takes a tenth of a second."""
@@ -130,8 +131,14 @@ def tinted(
     """Return red, green and blue of values whose brightness is that of `to_uint8`, in the colour of ``tint``, 0..1."""
     bright = to_uint8(image, display, levels)
     index = (np.nan_to_num(tint, nan=0.0).clip(0, 1) * 255 + 0.5).astype(np.uint8)
-    colours = colour_table(DEPTHS)[index, :3]
+    colours = depth_colours()[index, :3]
     return (colours * (bright[..., None] + np.uint16(1)) >> 8).astype(np.uint8)
+
+
+@lru_cache(maxsize=1)
+def depth_colours() -> NDArray[np.uint8]:
+    """Return the ``(256, 4)`` colours of depths, from near to far: without the darkest, in which light is not seen."""
+    return np.ascontiguousarray(colour_table(DEPTHS)[np.linspace(DARKEST, 255, 256).round().astype(int)])
 
 
 @lru_cache(maxsize=16)

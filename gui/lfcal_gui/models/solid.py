@@ -31,7 +31,7 @@ MOST_BETWEEN = 4
 WORK = 5e8
 """Samples of a sharp picture at most: half a second on one core."""
 
-QUICK = 2.5e7
+QUICK = 1.5e7
 """Samples of a picture while the volume is being turned."""
 
 
@@ -106,6 +106,12 @@ class Solid:
         x = (np.arange(columns) - (columns - 1) / 2) * self.sides[1]
         y = (np.arange(rows) - (rows - 1) / 2) * self.sides[0]
         return x, y, self.depths - self.middle
+
+    @property
+    def axes(self) -> tuple[NDArray[np.float64], ...]:
+        """Where voxels of the volume lie along x and y, from the first one, and its planes, as they were given."""
+        x, y, _ = self.places
+        return x - x[0], y - y[0], self.given
 
     @property
     def middle(self) -> float:
@@ -213,21 +219,39 @@ class Scene(NamedTuple):
 
 
 class Projection(NamedTuple):
-    """The brightest value along the ray of each pixel, and the depth at which it lies; not-a-number off the volume."""
+    """The brightest value along the ray of each pixel, and where it lies; not-a-number off the volume.
 
-    values: NDArray[np.float32]
-    depths: NDArray[np.float32]
-
-
-class _Sheared(NamedTuple):
-    """The maximum over the shifted planes, on a grid of two axes of the volume.
-
-    ``first``, ``step``: the first place and the distance of places along rows and columns.
+    Attributes
+    ----------
+    values
+        ``(rows, columns)``.
+    depths
+        Depth of it in the volume.
+    ahead
+        How far into the screen it lies, from the middle of the volume.
     """
 
     values: NDArray[np.float32]
     depths: NDArray[np.float32]
-    axes: tuple[int, int]
+    ahead: NDArray[np.float32]
+
+    def place_at(self, scene: Scene, row: int, column: int) -> NDArray[np.float64]:
+        """Return the place (x, y, z) that is seen at a pixel, from the middle of the volume."""
+        down, right = (o + scene.pixel * k for o, k in zip(scene.origin, (row, column), strict=True))
+        place: NDArray[np.float64] = np.array([right, down, float(self.ahead[row, column])]) @ scene.turn
+        return place
+
+
+class _Sheared(NamedTuple):
+    """The maximum over the shifted planes, and the place of its plane, on a grid of two axes of the volume.
+
+    ``axes``: that of the shifted planes, of rows and of columns; ``first``, ``step``: the first place and the distance
+    of places along rows and columns.
+    """
+
+    values: NDArray[np.float32]
+    planes: NDArray[np.float32]
+    axes: tuple[int, int, int]
     first: tuple[float, float]
     step: tuple[float, float]
 
@@ -294,55 +318,69 @@ def _axes(solid: Solid, turn: NDArray[np.float64]) -> tuple[int, int, int]:
     return (main, *((2, 1), (2, 0), (1, 0))[main])
 
 
+class _Grid(NamedTuple):
+    """Where the rows and columns of the sheared picture lie: the first ones, their distances, and how many."""
+
+    first: tuple[float, float]
+    step: tuple[float, float]
+    shape: tuple[int, int]
+
+
+def _grid(solid: Solid, scene: Scene, effort: _Effort, lean: tuple[float, float]) -> _Grid:
+    """Return the part of the sheared picture that is seen, a column to a voxel."""
+    main, *both = _axes(solid, scene.turn)
+    voxel = solid.sides[1 - both[1]]
+    step = effort.rows * scene.pixel / _shown(scene, both[0]), voxel
+    # the corners of the picture, and how far planes are shifted
+    corners = np.linalg.solve(scene.turn[:2][:, both], _corners(scene))
+    # where nothing is turned its rows lie on those of the screen, its columns on those of the volume
+    anchor = corners[0, 0], solid.places[both[1]][0]
+    first, shape = [], []
+    for k, axis in enumerate(both):
+        far = solid.half[axis] + abs(lean[k]) * solid.half[main]
+        begin = max(-far, corners[k].min() - 2 * step[k])
+        end = min(far, corners[k].max() + 2 * step[k])
+        first.append(float(anchor[k] + math.floor((begin - anchor[k]) / step[k]) * step[k]))
+        shape.append(max(1, math.ceil((end - first[k]) / step[k]) + 1))
+    return _Grid((first[0], first[1]), step, (shape[0], shape[1]))
+
+
+def _stops(solid: Solid, main: int, parts: int) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float64]]:
+    """Return where along an axis values are taken: plane before it, share of the next one, place.
+
+    Between two planes are ``parts - 1`` others, and there is one at each end of the volume.
+    """
+    along = solid.places[main]
+    last = len(along) - 1
+    at = np.concatenate([[0], np.arange(last * parts + 1) / parts, [last]])
+    places = np.interp(at, np.arange(last + 1), along)
+    places[[0, -1]] = -solid.half[main], solid.half[main]
+    before = at.astype(np.int64)
+    return before, (at - before).astype(np.float32), places
+
+
 def _sheared(solid: Solid, scene: Scene, effort: _Effort) -> _Sheared:
+    """Return the maximum over the planes, shifted so that all rays run along one axis of the array."""
     main, rows, columns = _axes(solid, scene.turn)
     ahead = scene.turn[2]
-    lean = ahead[rows] / ahead[main], ahead[columns] / ahead[main]
-    along, down, across = (solid.places[axis] for axis in (main, rows, columns))
-    fine = effort.columns
-    row_step = effort.rows * scene.pixel / _shown(scene, rows)
-    voxel = solid.sides[1 - columns]
-    column_step = voxel / fine
-    # what is seen of it: the corners of the picture, and how far planes are shifted
-    corners = _corners(scene)
-    flat = np.linalg.solve(scene.turn[:2][:, [rows, columns]], corners).T
-    ends = []
-    for k, axis in enumerate((rows, columns)):
-        far = solid.half[axis] + abs(lean[k]) * solid.half[main]
-        margin = 2 * (row_step if k == 0 else voxel)
-        ends.append((max(-far, flat[:, k].min() - margin), min(far, flat[:, k].max() + margin)))
-    # where nothing is turned its rows lie on those of the screen, its columns on those of the volume
-    first_row = flat[0, 0] + math.floor((ends[0][0] - flat[0, 0]) / row_step) * row_step
-    first_column = across[0] + math.floor((ends[1][0] - across[0]) / voxel) * voxel
-    height = max(1, math.ceil((ends[0][1] - first_row) / row_step) + 1)
-    width = max(1, math.ceil((ends[1][1] - first_column) / voxel) + 1)
+    lean = float(ahead[rows] / ahead[main]), float(ahead[columns] / ahead[main])
+    grid, fine = _grid(solid, scene, effort, lean), effort.columns
+    height, width = grid.shape
     values = np.full((height, fine, width), -np.inf, np.float32)
-    depths = np.zeros((height, fine, width), np.float32)
+    planes = np.zeros((height, fine, width), np.float32)
     data = solid.by_columns if main == 0 else solid.values
-    reach = solid.half[rows], solid.half[columns]
-    edge = max(0.0, float(solid.half[main] - along[-1]))
+    stops = _stops(solid, main, effort.along)
+    reach = float(solid.half[rows]), float(solid.half[columns])
+    down, across = solid.places[rows], float(solid.places[columns][0])
 
     def some(start: int, stop: int) -> None:
         _shear(
-            data,
-            main == 2,
-            effort.along,
-            along,
-            edge,
-            down,
-            (float(across[0]), voxel),
-            (float(reach[0]), float(reach[1])),
-            (float(lean[0]), float(lean[1])),
-            (first_row, row_step, first_column, column_step),
-            values,
-            depths,
-            start,
-            stop,
+            data, main == 2, stops, down, across, reach, lean, (*grid.first, *grid.step), values, planes, start, stop
         )
 
     for_each_chunk(some, height)
-    whole = [np.ascontiguousarray(a.transpose(0, 2, 1)).reshape(height, width * fine) for a in (values, depths)]
-    return _Sheared(whole[0], whole[1], (rows, columns), (first_row, first_column), (row_step, column_step))
+    whole = [np.ascontiguousarray(a.transpose(0, 2, 1)).reshape(height, width * fine) for a in (values, planes)]
+    return _Sheared(whole[0], whole[1], (main, rows, columns), grid.first, (grid.step[0], grid.step[1] / fine))
 
 
 def _corners(scene: Scene) -> NDArray[np.float64]:
@@ -357,9 +395,9 @@ def _brighter(
     upper: NDArray[np.float32],
     lower: NDArray[np.float32],
     weights: tuple[np.float32, np.float32],
-    depth: np.float32,
+    plane: np.float32,
     into: NDArray[np.float32],
-    deep: NDArray[np.float32],
+    planes: NDArray[np.float32],
 ) -> None:
     """Take what is brighter between two rows; simple enough for the compiler to make vector instructions of it."""
     low, right = weights
@@ -368,7 +406,7 @@ def _brighter(
     for q in range(into.size):
         value = a * upper[q] + b * upper[q + 1] + c * lower[q] + d * lower[q + 1]
         more = value > into[q]
-        deep[q] = depth if more else deep[q]
+        planes[q] = plane if more else planes[q]
         into[q] = value if more else into[q]
 
 
@@ -376,43 +414,24 @@ def _brighter(
 def _shear(
     data: NDArray[np.float32],
     facing: bool,
-    parts: int,
-    along: NDArray[np.float64],
-    edge: float,
+    stops: tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float64]],
     down: NDArray[np.float64],
-    across: tuple[float, float],
+    across: float,
     reach: tuple[float, float],
     lean: tuple[float, float],
     grid: tuple[float, float, float, float],
     values: NDArray[np.float32],
-    depths: NDArray[np.float32],
+    planes: NDArray[np.float32],
     start: int,
     stop: int,
 ) -> None:
-    """Fill rows of the sheared picture; ``facing``: planes are those of the array's first axis.
-
-    Between two planes of the array are ``parts - 1`` others, and one lies ``edge`` beyond the first and the last one.
-    """
-    first_row, row_step, first_column, column_step = grid
-    fine, width = values.shape[1], values.shape[2]
-    size = data.shape[2]
-    last = size - 1
-    mixed = np.empty(size, data.dtype)
+    """Fill rows of the sheared picture; ``facing``: planes are those of the array's first axis."""
+    mixed = np.empty(data.shape[2], data.dtype)
     for r in range(start, stop):
-        place = first_row + r * row_step
-        final = (along.size - 1) * parts
-        for n in range(-1 if edge > 0 else 0, final + (2 if edge > 0 else 1)):
-            s, part = max(0, min(n, final)) // parts, np.float32(max(0, min(n, final)) % parts / parts)
-            ahead = along[s] if part == 0 else along[s] + part * (along[s + 1] - along[s])
-            if n < 0:
-                ahead -= edge
-            elif n > final:
-                ahead += edge
-            at = place + lean[0] * ahead
-            begin = first_column + lean[1] * ahead
+        for n in range(stops[0].size):
+            s, share, ahead = stops[0][n], stops[1][n], stops[2][n]
+            at = grid[0] + r * grid[2] + lean[0] * ahead
             if not (-reach[0] <= at <= reach[0]):
-                continue
-            if begin > reach[1] or begin + (width - 1) * across[1] + fine * column_step < -reach[1]:
                 continue
             k = min(max(np.searchsorted(down, at, side="right") - 1, 0), max(down.size - 2, 0))
             after = min(k + 1, down.size - 1)
@@ -420,28 +439,46 @@ def _shear(
             low = np.float32(min(max((at - down[k]) / gap, 0.0), 1.0) if gap > 0 else 0.0)
             upper = data[s, k] if facing else data[k, s]
             lower = data[s, after] if facing else data[after, s]
-            if part > 0:
+            if share > 0:
                 upper_next = data[s + 1, k] if facing else data[k, s + 1]
                 lower_next = data[s + 1, after] if facing else data[after, s + 1]
-                _mix(upper, upper_next, lower, lower_next, part, low, mixed)
+                _mix(upper, upper_next, lower, lower_next, share, low, mixed)
                 upper = lower = mixed
                 low = np.float32(0)
-            depth = np.float32(ahead if facing else at)
-            for p in range(fine):
-                column = (begin + p * column_step - across[0]) / across[1]
-                whole = math.floor(column)
-                into, deep = values[r, p], depths[r, p]
-                c0 = max(0, -whole)
-                c1 = min(width, last - whole)
-                if c1 > c0:
-                    weights = low, np.float32(column - whole)
-                    a, b = c0 + whole, c1 + whole + 1
-                    _brighter(upper[a:b], lower[a:b], weights, depth, into[c0:c1], deep[c0:c1])
-                for q, j in ((c0 - 1, 0), (c1, last)):  # half a voxel beyond the middles of the outermost ones
-                    if 0 <= q < width and abs(begin + p * column_step + q * across[1]) <= reach[1]:
-                        value = (np.float32(1) - low) * upper[j] + low * lower[j]
-                        if value > into[q]:
-                            into[q], deep[q] = value, depth
+            begin = grid[1] + lean[1] * ahead
+            _take(upper, lower, low, np.float32(ahead), begin, across, grid[3], reach[1], values[r], planes[r])
+
+
+@njit()
+def _take(
+    upper: NDArray[np.float32],
+    lower: NDArray[np.float32],
+    low: np.float32,
+    plane: np.float32,
+    begin: float,
+    across: float,
+    voxel: float,
+    reach: float,
+    values: NDArray[np.float32],
+    planes: NDArray[np.float32],
+) -> None:
+    """Take what is brighter of a row that is shifted; ``begin``, ``across``: places of the first pixel and voxel."""
+    fine, width = values.shape
+    last = upper.size - 1
+    for p in range(fine):
+        left = begin + p * voxel / fine
+        column = (left - across) / voxel
+        whole = math.floor(column)
+        c0, c1 = max(0, -whole), min(width, last - whole)
+        if c1 > c0:
+            a, b = c0 + whole, c1 + whole + 1
+            weights = low, np.float32(column - whole)
+            _brighter(upper[a:b], lower[a:b], weights, plane, values[p, c0:c1], planes[p, c0:c1])
+        for q, j in ((c0 - 1, 0), (c1, last)):  # half a voxel beyond the middles of the outermost ones
+            if 0 <= q < width and abs(left + q * voxel) <= reach:
+                value = (np.float32(1) - low) * upper[j] + low * lower[j]
+                if value > values[p, q]:
+                    values[p, q], planes[p, q] = value, plane
 
 
 @njit()
@@ -461,42 +498,49 @@ def _mix(
 
 
 def _warped(sheared: _Sheared, solid: Solid, scene: Scene) -> Projection:
-    inverse = np.asarray(np.linalg.inv(scene.turn[:2][:, list(sheared.axes)]), np.float64)
-    values = np.empty(scene.shape, np.float32)
-    depths = np.empty(scene.shape, np.float32)
+    main, rows, columns = sheared.axes
+    inverse = np.asarray(np.linalg.inv(scene.turn[:2][:, [rows, columns]]), np.float64)
+    found = Projection(*(np.empty(scene.shape, np.float32) for _ in range(3)))
 
     def some(start: int, stop: int) -> None:
         _warp(
             sheared.values,
-            sheared.depths,
+            sheared.planes,
             inverse,
+            np.ascontiguousarray(scene.turn[:, [main, 2]]),
             (*sheared.first, *sheared.step),
             (scene.origin[1], scene.origin[0], scene.pixel),
-            np.float32(solid.middle),
-            values,
-            depths,
+            solid.middle,
+            found.values,
+            found.depths,
+            found.ahead,
             start,
             stop,
         )
 
     for_each_chunk(some, scene.shape[0])
-    return Projection(values, depths)
+    return found
 
 
 @njit()
 def _warp(
     source: NDArray[np.float32],
-    deep: NDArray[np.float32],
+    planes: NDArray[np.float32],
     inverse: NDArray[np.float64],
+    turn: NDArray[np.float64],
     grid: tuple[float, float, float, float],
     screen: tuple[float, float, float],
-    middle: np.float32,
+    middle: float,
     values: NDArray[np.float32],
     depths: NDArray[np.float32],
+    ahead: NDArray[np.float32],
     start: int,
     stop: int,
 ) -> None:
-    """Fill rows of the screen: values between the four nearest of the sheared picture, the depth of the brightest."""
+    """Fill rows of the screen: values between the four nearest of the sheared picture, the place of the nearest one.
+
+    ``turn``: what the screen's right, down and ahead are along the axis of the planes, and along z.
+    """
     height, width = source.shape
     for r in range(start, stop):
         b = screen[1] + r * screen[2]
@@ -504,25 +548,32 @@ def _warp(
             a = screen[0] + q * screen[2]
             u = (inverse[0, 0] * a + inverse[0, 1] * b - grid[0]) / grid[2]
             v = (inverse[1, 0] * a + inverse[1, 1] * b - grid[1]) / grid[3]
-            values[r, q] = np.nan
-            depths[r, q] = np.nan
+            values[r, q] = depths[r, q] = ahead[r, q] = np.nan
             if not (0 <= u <= height - 1 and 0 <= v <= width - 1):
                 continue
-            i, j = min(int(u), max(height - 2, 0)), min(int(v), max(width - 2, 0))
-            fu, fv = u - i, v - j
-            total, weight, best, at = 0.0, 0.0, -1.0, np.float32(0)
-            for y, wy in ((i, 1 - fu), (i + 1, fu)):
-                for x, wx in ((j, 1 - fv), (j + 1, fv)):
-                    w = wx * wy
-                    if w <= 0 or y >= height or x >= width:
-                        continue
-                    value = source[y, x]
-                    if value == -np.inf:
-                        continue
-                    total += w * value
-                    weight += w
-                    if w > best:
-                        best, at = w, deep[y, x]
-            if weight >= 0.5:
-                values[r, q] = total / weight
-                depths[r, q] = middle + at
+            value, at = _between(source, planes, u, v)
+            far = (at - a * turn[0, 0] - b * turn[1, 0]) / turn[2, 0]
+            values[r, q], ahead[r, q] = value, far
+            depths[r, q] = middle + a * turn[0, 1] + b * turn[1, 1] + far * turn[2, 1]
+
+
+@njit()
+def _between(
+    source: NDArray[np.float32], planes: NDArray[np.float32], row: float, column: float
+) -> tuple[float, float]:
+    """Return the value between the four nearest pixels that have one, and the plane of the nearest of these."""
+    height, width = source.shape
+    i, j = min(int(row), max(height - 2, 0)), min(int(column), max(width - 2, 0))
+    total, weight, best, at = 0.0, 0.0, 0.0, np.nan
+    for y, down in ((i, 1 - row + i), (i + 1, row - i)):
+        for x, across in ((j, 1 - column + j), (j + 1, column - j)):
+            w = down * across
+            if w <= 0 or y >= height or x >= width or source[y, x] == -np.inf:
+                continue
+            total += w * source[y, x]
+            weight += w
+            if w > best:
+                best, at = w, float(planes[y, x])
+    if weight < 0.5:
+        return np.nan, np.nan
+    return total / weight, at

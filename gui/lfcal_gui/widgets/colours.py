@@ -9,7 +9,7 @@ from PySide6.QtGui import QImage
 from lfcal_gui.models import DisplaySettings, Levels, colour_table, shades
 from lfcal_gui.theme import current_theme
 
-__all__ = ["ramp", "theme_table"]
+__all__ = ["ramp", "row_of", "theme_table"]
 
 
 def theme_table(colour_map: str) -> NDArray[np.uint8]:
@@ -17,8 +17,13 @@ def theme_table(colour_map: str) -> NDArray[np.uint8]:
     return colour_table(colour_map, red=current_theme().red)
 
 
-def ramp(display: DisplaySettings, levels: Levels, width: int, colour_map: str = "") -> QImage:
-    """Return a row of ``width`` colours, linear in the value from level to level; ``colour_map``: another one."""
+def ramp(display: DisplaySettings, levels: Levels, width: int) -> QImage:
+    """Return a row of ``width`` colours, linear in the value from level to level."""
     index = (shades(np.linspace(*levels, width), display.scale, levels) * 255).astype(int)
-    colours = np.ascontiguousarray(theme_table(colour_map or display.colour_map)[index][None])
-    return QImage(colours.data, width, 1, 4 * width, QImage.Format.Format_RGBA8888).copy()
+    return row_of(theme_table(display.colour_map)[index])
+
+
+def row_of(colours: NDArray[np.uint8]) -> QImage:
+    """Return colours ``(n, 4)`` as a picture of one row."""
+    row = np.ascontiguousarray(colours)
+    return QImage(row.data, len(row), 1, 4 * len(row), QImage.Format.Format_RGBA8888).copy()

@@ -28,7 +28,6 @@ from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
 from lfcal.camera import Camera
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.models import (
-    DEPTHS,
     DIVERGING,
     DisplaySettings,
     Label,
@@ -37,6 +36,7 @@ from lfcal_gui.models import (
     Overlay,
     Shot,
     Symbols,
+    depth_colours,
     lattice_points,
     render_tile,
     scale_bar,
@@ -48,7 +48,7 @@ from lfcal_gui.theme import TYPE_COLOURS, current_theme
 from lfcal_gui.widgets._measuring import Measuring
 from lfcal_gui.widgets._pixel_axis import count_pixels, pixel_axes
 from lfcal_gui.widgets.blank import Blank
-from lfcal_gui.widgets.colours import ramp, theme_table
+from lfcal_gui.widgets.colours import ramp, row_of, theme_table
 from lfcal_gui.widgets.picture_menu import copy_picture, offer_menu, save_picture, save_values
 from lfcal_gui.widgets.plots import style_axes, theme_plot
 
@@ -722,13 +722,12 @@ def _paint_words(painter: QPainter, words: str, area: QRectF) -> None:
 def _paint_tints(painter: QPainter, ends: tuple[str, str], area: QRectF) -> None:
     """Draw the colours of depths in the lower right corner, as far as there is room."""
     _paint_pill(painter, QRectF())
-    wide = min(RAMP, area.width() / 2 - 3 * GAP)
-    words = painter.fontMetrics().horizontalAdvance("    ".join(ends))
-    if wide < words:
+    wide = max(RAMP, painter.fontMetrics().horizontalAdvance("    ".join(ends)))
+    if wide > area.width() / 2 - 3 * GAP:
         return
     pill = QRectF(area.right() - 3 * GAP - wide, area.bottom() - GAP - LINE - 10, wide + 2 * GAP, LINE + 10)
     _paint_pill(painter, pill)
     inside = pill.adjusted(GAP, 4, -GAP, -2)
-    painter.drawImage(QRectF(inside.topLeft(), QSizeF(wide, 5)), ramp(DisplaySettings(), (0, 1), RAMP, DEPTHS))
+    painter.drawImage(QRectF(inside.topLeft(), QSizeF(wide, 5)), row_of(depth_colours()))
     for side, end in zip((Qt.AlignmentFlag.AlignLeft, Qt.AlignmentFlag.AlignRight), ends, strict=True):
         painter.drawText(inside, side | Qt.AlignmentFlag.AlignBottom, end)

@@ -66,7 +66,7 @@ def test_it_is_the_maximum_along_each_ray(seed: int) -> None:
     off = ~np.isfinite(wanted)
     assert np.mean(np.isfinite(found.values) == ~off) > 0.95, "they differ by half a pixel of the outline"
     both = np.isfinite(found.values) & ~off
-    assert np.sqrt(np.mean((found.values - wanted)[both] ** 2)) < 0.008
+    assert np.sqrt(np.mean((found.values - wanted)[both] ** 2)) < 0.011
     least, most = (f(np.where(off, 0, wanted), 3) for f in (minimum_filter, maximum_filter))
     inside = (found.values >= least - 0.06) & (found.values <= most + 0.01)
     assert inside[both & ~maximum_filter(off, 3)].all(), "nowhere further from the truth than from what is a pixel away"
@@ -88,8 +88,9 @@ def test_points_are_where_they_belong_in_place_and_depth(seed: int) -> None:
         right, down, _ = turn @ place
         assert math.hypot(*(scene.origin + scene.pixel * np.array(peak) - (down, right))) < 2.0
         assert found.depths[peak] == pytest.approx(depths[plane], abs=1.5)
-        assert solid.voxel_at(place)[1:] == (row, column)
-        np.testing.assert_allclose(solid.place_of(*solid.voxel_at(place)), place)
+        assert solid.voxel_at(place) == (plane, row, column)
+        np.testing.assert_allclose(solid.place_of(plane, row, column), place)
+        np.testing.assert_allclose(found.place_at(scene, *map(int, peak)), place, atol=2.5)
 
 
 def test_from_the_front_and_the_sides_it_is_exact() -> None:
@@ -107,7 +108,7 @@ def test_from_the_front_and_the_sides_it_is_exact() -> None:
         found = project(solid, Scene(np.array(turn), (-(rows - 1) / 2, -(columns - 1) / 2), 1.0, wanted.shape))
         np.testing.assert_allclose(found.values, wanted, atol=2e-6)
     front = project(solid, Scene(np.eye(3), (-3.5, -4.5), 1.0, (8, 10)))
-    np.testing.assert_array_equal(front.depths, volume.argmax(0))
+    np.testing.assert_allclose(front.depths, volume.argmax(0), atol=1e-6)
 
 
 def test_planes_that_run_downwards_show_the_same() -> None:

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
+from PySide6.QtCore import QEvent, QPoint, QPointF, QRectF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from lfcal_gui.context import Context
-from lfcal_gui.models.display import DisplaySettings, colour_table
-from lfcal_gui.models.shot import Outline, Shot, Symbols, cutout_of, scale_bar
+from lfcal_gui.models.display import SCALES, DisplaySettings, colour_table, depth_colours, to_uint8
+from lfcal_gui.models.shot import Outline, Shot, Symbols, Tint, cutout_of, scale_bar
 from lfcal_gui.pages.reconstruct._volume_view import VolumeView
 from lfcal_gui.pages.simulate._influence_view import InfluenceView
 from lfcal_gui.pages.simulate.model_influence import InfluencePictures
@@ -271,6 +271,7 @@ def test_slices_of_a_volume_are_measured_and_steered(qtbot: QtBot, tmp_path: Pat
     view = shown(qtbot, VolumeView(), (600, 500))
     volume = np.random.default_rng(0).random((3, 20, 30)).astype(np.float32)
     assert not view.xy.entries(), "there is nothing to measure yet"
+    view.modes.button(1).click()
     view.set_volume(volume)
     view.set_cross(z=1, y=5, x=7)
     for name, wanted in (("xy", volume[1]), ("xz", volume[:, 5]), ("yz", volume[:, :, 7].T)):
@@ -293,6 +294,37 @@ def test_slices_of_a_volume_are_measured_and_steered(qtbot: QtBot, tmp_path: Pat
     assert lines == {(9.5, 11.0), (6.0, 14.5)}
     view.set_volume(None)
     assert view.xy.values is None
+
+
+def test_colours_of_depth_have_the_brightness_of_values(view: Picture) -> None:
+    """Levels, logarithm and root are those of every other picture; where all is red there are none of depth."""
+    values = np.linspace(0, 100, 60).reshape(6, 10).astype(np.float32)
+    values[0, 0] = np.nan
+    tint = np.tile(np.linspace(0, 1, 10), (6, 1))
+    colours = depth_colours()[np.rint(255 * tint).astype(int), :3].astype(float)
+    for scale in SCALES:
+        for levels in (None, (20.0, 60.0)):
+            view.set_display(DisplaySettings(scale, "viridis"))
+            view.set_contrast(levels)
+            view.set_shot(Shot(values, tint=Tint(tint, ("1 mm", "2 mm"))))
+            grey = to_uint8(values, view.display, view.levels)
+            assert view.display.colour_map == "gray" and view.levels == (levels or (float(np.nanmin(values)), 100.0))
+            np.testing.assert_allclose(view.item.image, colours * grey[..., None] / 255, atol=1.5)
+    view.set_shot(Shot(values))
+    assert view.display.colour_map == "viridis" and view.item.image.ndim == 2
+
+
+def test_a_part_of_a_picture_keeps_pan_and_zoom_and_shows_all_of_it(view: Picture) -> None:
+    whole = (-10.0, -10.0, 20.0, 20.0)
+    view.set_shot(Shot(np.ones((4, 4)), whole=whole))
+    seen = view.box.viewRect()
+    assert seen.contains(QRectF(-10, -10, 20, 20).adjusted(0.1, 0.1, -0.1, -0.1))
+    view.show_part(0, 0, 5, 5)
+    zoomed = view.box.viewRect()
+    view.set_shot(Shot(np.ones((9, 7)), origin=(1.0, 2.0), step=0.5, whole=whole))
+    assert view.box.viewRect() == zoomed
+    view.show_all()
+    assert view.box.viewRect() == seen
 
 
 def test_pictures_of_an_effect_have_one_contrast(qtbot: QtBot) -> None:

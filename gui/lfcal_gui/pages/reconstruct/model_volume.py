@@ -1,16 +1,27 @@
-"""What the volume viewer shows: three slices or projections with one cross hair. No Qt."""
+"""What the volume viewer shows: the volume turned, three slices, or three projections, with one cross. No Qt."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal_gui.models import DisplaySettings
+from lfcal.base import format_length
+from lfcal_gui.models import DisplaySettings, Label, Levels, Outline, Overlay, Scene, Solid, levels_of
 
-__all__ = ["VolumeIntent", "VolumePicture", "resolve"]
+__all__ = ["MODES", "Prepared", "Side", "VolumeIntent", "axes_in", "box_of", "marks_at", "prepare", "sides"]
+
+MODES = ("3-D", "Slices", "Projections")
+
+MOST_ROWS = 2048
+"""Of a picture from the side: what is deeper is drawn with fewer pixels."""
+
+NEAR, FAR = "#9eabba", "#59636f"
+"""Edges of the volume that lie in front and behind."""
+
+FRONT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -20,11 +31,17 @@ class VolumeIntent:
     Attributes
     ----------
     z, y, x
-        The cross hair, in planes and voxels.
-    projection
-        Maximum along the third axis instead of the slice through the cross hair.
+        The cross, in planes and voxels.
+    mode
+        One of `MODES`.
     own_scale
         Each depth plane fills the colours by itself; else the whole volume shares one scale.
+    by_depth
+        Whether the turned volume has the colours of depths.
+    box, cross
+        Whether edges and axes, and the cross, are drawn.
+    truth
+        Whether the known volume is shown as well, where there is one.
     display
         Scaling and colour map.
     """
@@ -32,44 +49,140 @@ class VolumeIntent:
     z: int = 0
     y: int = 0
     x: int = 0
-    projection: bool = False
+    mode: str = MODES[0]
     own_scale: bool = False
+    by_depth: bool = True
+    box: bool = True
+    cross: bool = True
+    truth: bool = True
     display: DisplaySettings = field(default_factory=DisplaySettings)
 
     def clamped(self, shape: tuple[int, ...]) -> VolumeIntent:
-        """Return the intent with the cross hair inside a volume of ``shape``."""
+        """Return the intent with the cross inside a volume of ``shape``."""
         z, y, x = (min(max(v, 0), n - 1) for v, n in zip((self.z, self.y, self.x), shape, strict=True))
         return replace(self, z=z, y=y, x=x)
 
-    @classmethod
-    def middle(cls, shape: tuple[int, ...], like: VolumeIntent | None = None) -> VolumeIntent:
-        """Return the cross hair in the middle of a volume of ``shape``; the rest as in ``like``."""
-        return replace(like or cls(), z=shape[0] // 2, y=shape[1] // 2, x=shape[2] // 2)
-
 
 @dataclass(frozen=True, eq=False)
-class VolumePicture:
-    """What is drawn: ``xy`` (Y, X), ``xz`` (Z, X), ``yz`` (Y, Z), their levels, and the voxel under the cross."""
+class Prepared:
+    """A volume and what is found once of it.
 
-    xy: NDArray[Any]
-    xz: NDArray[Any]
-    yz: NDArray[Any]
-    levels: tuple[float, float]
-    side_levels: tuple[float, float]
-    value: float
+    Attributes
+    ----------
+    volume
+        ``(Z, Y, X)``.
+    solid
+        The same in space.
+    most
+        Its maximum along z, y and x.
+    brightest
+        Plane, row and column of its brightest voxel.
+    levels
+        Its lowest value, or zero, and its highest.
+    """
+
+    volume: NDArray[Any]
+    solid: Solid
+    most: tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
+    brightest: tuple[int, int, int]
+    levels: Levels
+
+    def words_at(self, z: int, y: int, x: int) -> str:
+        """Return the place and value of a voxel."""
+        depth = f" ({format_length(float(self.solid.given[z]))})" if self.solid.measured else ""
+        return f"plane {z}{depth}, y {y}, x {x}: {self.volume[z, y, x]:.4g} counts"
 
 
-def resolve(intent: VolumeIntent, volume: NDArray[Any], whole: tuple[float, float]) -> VolumePicture:
-    """Return what to draw of ``volume`` ``(Z, Y, X)``; ``whole`` are its lowest and highest value."""
-    z, y, x = intent.z, intent.y, intent.x
-    if intent.projection:
-        xy, xz, yz = volume.max(0), volume.max(1), volume.max(2).T
+def prepare(
+    volume: NDArray[Any], depths_um: NDArray[np.float64] | None, voxel_um: tuple[float, float] | None
+) -> Prepared:
+    """Find what is needed to show a volume ``(Z, Y, X)`` from any side."""
+    solid = Solid.of(volume, depths_um, voxel_um)
+    known = np.isfinite(volume)
+    whole = volume if known.all() else np.where(known, volume, -np.inf)
+    z, y, x = (int(k) for k in np.unravel_index(int(np.argmax(whole)), volume.shape))
+    low, high = levels_of(volume)
+    most = whole.max(0), whole.max(1), whole.max(2).T
+    _ = solid.by_columns, solid.coarse.by_columns  # made here, in the background
+    return Prepared(volume, solid, most, (z, y, x), (min(low, 0.0), high))
+
+
+class Side(NamedTuple):
+    """A picture at true scale: values, place of its first pixel (down, across), and the length of a pixel."""
+
+    values: NDArray[Any]
+    origin: tuple[float, float]
+    pixel: float
+
+
+def sides(intent: VolumeIntent, shown: Prepared) -> dict[str, Side]:
+    """Return the slices through the cross, or the maximum along each axis, from the front (xy) and both sides."""
+    volume, (x, y, z) = shown.volume, shown.solid.axes
+    if intent.mode == MODES[2]:
+        xy, xz, yz = shown.most
     else:
-        xy, xz, yz = volume[z], volume[:, y], volume[:, :, x].T
-    levels = _levels(xy) if intent.own_scale else whole
-    return VolumePicture(xy, xz, yz, levels, whole, float(volume[z, y, x]))
+        xy, xz, yz = volume[intent.z], volume[:, intent.y], volume[:, :, intent.x].T
+    pixel = max(min(shown.solid.sides), float(np.ptp(z)) / MOST_ROWS)
+    return {"xy": _even(xy, y, x, pixel), "xz": _even(xz, z, x, pixel), "yz": _even(yz, y, z, pixel)}
 
 
-def _levels(image: NDArray[Any]) -> tuple[float, float]:
-    low, high = float(np.nanmin(image)), float(np.nanmax(image))
-    return low, high if high > low else low + 1.0
+def _even(image: NDArray[Any], down: NDArray[np.float64], across: NDArray[np.float64], pixel: float) -> Side:
+    """Return a picture of square pixels, each of the nearest row and column of ``image``, which lie anywhere."""
+    rows, top = _nearest(down, pixel)
+    columns, left = _nearest(across, pixel)
+    return Side(image[np.ix_(rows, columns)], (top, left), pixel)
+
+
+def _nearest(places: NDArray[np.float64], pixel: float) -> tuple[NDArray[np.intp], float]:
+    """Return which of ``places``, in any order, is nearest to each pixel, and where the first pixel is."""
+    order = np.argsort(places, kind="stable")
+    ordered = places[order]
+    gaps = np.diff(ordered)
+    before, after = (gaps[0], gaps[-1]) if len(gaps) else (pixel, pixel)
+    start, end = ordered[0] - before / 2, ordered[-1] + after / 2
+    count = max(1, round((end - start) / pixel))
+    first = start + (end - start - (count - 1) * pixel) / 2
+    at = first + pixel * np.arange(count)
+    return order[np.searchsorted((ordered[1:] + ordered[:-1]) / 2, at + 1e-9 * pixel)], float(first)
+
+
+def box_of(solid: Solid, turn: NDArray[np.float64]) -> tuple[Overlay, ...]:
+    """Return the edges of a volume as they are seen, those behind first and darker."""
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    seen = (signs * solid.half) @ turn.T
+    farthest = int(np.argmax(seen[:, 2]))
+    edges = []
+    for a in range(8):
+        for b in range(a + 1, 8):
+            if np.abs(signs[a] - signs[b]).sum() == 2:
+                behind = farthest in (a, b)
+                line = Outline(seen[[a, b]][:, [1, 0]], FAR if behind else NEAR, behind, closed=False, width=1)
+                edges.append((not behind, line))
+    return tuple(line for _, line in sorted(edges, key=lambda edge: edge[0]))
+
+
+def marks_at(solid: Solid, turn: NDArray[np.float64], place: NDArray[np.float64], colour: str) -> tuple[Overlay, ...]:
+    """Return lines through a place along the axes of the volume, from one end to the other."""
+    ends = []
+    for axis in range(3):
+        line = np.array([place, place])
+        line[:, axis] = (-solid.half[axis], solid.half[axis])
+        ends.append(Outline((line @ turn.T)[:, [1, 0]], colour, closed=False, width=1))
+    return tuple(ends)
+
+
+def axes_in(scene: Scene, corner: tuple[float, float], length: float) -> tuple[Overlay, ...]:
+    """Return the three axes with their names about a place of the picture; what points at you ends there."""
+    middle = np.array(corner)
+    found: list[Overlay] = []
+    for axis, name in enumerate("xyz"):
+        end = middle + length * scene.turn[[1, 0], axis]
+        found.append(Outline(np.array([middle, end]), NEAR, closed=False, width=1.5))
+        # a name beyond the end of a short axis stays readable
+        found.append(Label((middle + 1.35 * length * _away(scene.turn[[1, 0], axis]))[None], name))
+    return tuple(found)
+
+
+def _away(direction: NDArray[np.float64]) -> NDArray[np.float64]:
+    long = float(np.hypot(*direction))
+    return direction if long > 0.3 else direction * (0.3 / long) if long > FRONT else np.array([0.3, 0.3])

@@ -36,7 +36,7 @@ class Page(BasePage):
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
-        self.panel = ReconstructPanel()
+        self.panel = ReconstructPanel(context.jobs)
         self.image: NDArray[Any] | None = None
         self.solving: Solving | None = None
         self.synthetic: Synthetic | None = None
@@ -54,7 +54,6 @@ class Page(BasePage):
         self.panel.pressed.connect(self._pressed)
         self.panel.open_asked.connect(self.choose_light_field)
         self.panel.make_asked.connect(self.make_light_field)
-        self.panel.shown_changed.connect(lambda _: self._show_volume())
         context.jobs.changed.connect(self._job_changed)
         context.jobs.finished.connect(self._job_finished)
         self.theme_changed.connect(self.panel.apply_theme)
@@ -356,15 +355,10 @@ class Page(BasePage):
         solving = self.solving
         if solving is None or solving.state is None:
             return
-        truth = solving.truth
-        self.panel.shown.setVisible(truth is not None)
-        if truth is not None and self.panel.shown.currentData() == "truth":
-            self.panel.show_volume(truth, solving.depths, "True volume of the light field")
-            return
         title = f"Volume after {solving.state.iteration} iterations, {format_seconds(solving.state.seconds)}"
         if solving.psf != self.context.state.psf:
             title += f", by {Path(solving.psf).name}"
-        self.panel.show_volume(solving.volume, solving.depths, title)
+        self.panel.show_volume(solving.volume, title, solving.depths, solving.voxel_um, solving.truth)
 
     def _job_finished(self, job: WindowJob) -> None:
         if job.number != self._job:
@@ -398,7 +392,7 @@ class Page(BasePage):
     def _volume_loaded(self, path: str, volume: NDArray[Any]) -> None:
         if self.solving is None and path == self.context.state.volume:
             self.saved = volume
-            self.panel.show_volume(volume, None, f"Volume {Path(path).name}")
+            self.panel.show_volume(volume, f"Volume {Path(path).name}")
 
     def _close(self) -> None:
         if self.solving is not None:

@@ -23,6 +23,7 @@ from PySide6.QtWidgets import (
 )
 
 from lfcal.reconstruct import PHANTOMS, SOLVERS
+from lfcal_gui.jobs import Jobs
 from lfcal_gui.models import cutout_of, unbroken
 from lfcal_gui.pages.reconstruct._volume_view import VolumeView
 from lfcal_gui.pages.reconstruct.model import FIELDS, RARE, ReconstructSettings, used_by
@@ -53,8 +54,6 @@ BUTTONS = (
 
 NOT_BY_ITSELF = "It cannot leave out pixels, and ends after the iterations."
 
-SHOWN = ("reconstruction", "truth")
-
 FORECAST = "What it will take in time and memory, and how: before it is begun"
 CONVERGENCE = "Does it still get better? Image less model, iteration by iteration"
 
@@ -68,16 +67,13 @@ class ReconstructPanel(QWidget):
         One of `BUTTONS`.
     open_asked(), make_asked(phantom)
         Choose a light field; make one from a phantom.
-    shown_changed(name)
-        ``"reconstruction"`` or ``"truth"`` is to be shown.
     """
 
     pressed = Signal(str)
     open_asked = Signal()
     make_asked = Signal(str)
-    shown_changed = Signal(str)
 
-    def __init__(self, parent: QWidget | None = None) -> None:
+    def __init__(self, jobs: Jobs | None = None, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.form, self.more = (
             Form(tuple(field for field in FIELDS if (field.key in RARE) is rare), dense=True) for rare in (False, True)
@@ -86,7 +82,7 @@ class ReconstructPanel(QWidget):
         for form in (self.form, self.more):
             for key in form.fields:
                 form.editor(key).setMinimumWidth(56)
-        self.volume = VolumeView()
+        self.volume = VolumeView(jobs)
         self.light_field = Picture(legend=False)
         self.light_field.blank.words = "Open a light field, or make one."
         self.light_field.setToolTip("The light field; the frame shows the region that is used")
@@ -173,14 +169,7 @@ class ReconstructPanel(QWidget):
         frame, column = card()
         self.title = ElidedLabel("Volume")
         self.title.setProperty("role", "heading")
-        self.shown = QComboBox()
-        for name in SHOWN:
-            self.shown.addItem(name, name)
-        self.shown.setAccessibleName("volume that is shown")
-        self.shown.setToolTip("The reconstruction, or the phantom the light field was made from")
-        self.shown.currentIndexChanged.connect(lambda _: self.shown_changed.emit(self.shown.currentData()))
-        self.shown.hide()
-        column.addLayout(line(self.title, self.shown, stretch=0))
+        column.addWidget(self.title)
         self.hint = QLabel("")
         self.hint.setProperty("role", "hint")
         self.hint.setAlignment(Qt.AlignmentFlag.AlignCenter)
@@ -278,16 +267,22 @@ class ReconstructPanel(QWidget):
         self.stack.setCurrentWidget(self.hint)
         self.title.setText("Volume")
         self.volume.set_volume(None)
-        self.shown.hide()
         self.residual.clear()
         self.likelihood.clear()
         self.show_status("", 0.0)
 
-    def show_volume(self, volume: NDArray[Any], depths_um: NDArray[np.float64] | None, title: str) -> None:
-        """Show a volume ``(Z, Y, X)``."""
+    def show_volume(
+        self,
+        volume: NDArray[Any],
+        title: str,
+        depths_um: NDArray[np.float64] | None = None,
+        voxel_um: tuple[float, float] | None = None,
+        truth: NDArray[Any] | None = None,
+    ) -> None:
+        """Show a volume ``(Z, Y, X)``, and the true one where it is known."""
         self.stack.setCurrentWidget(self.volume)
         self.title.setText(title)
-        self.volume.set_volume(volume, depths_um)
+        self.volume.set_volume(volume, depths_um, voxel_um, truth)
 
     def show_history(self, history: Sequence[Any], pixels: int) -> None:
         """Show the convergence: `SolverProgress` records of an image of so many pixels."""

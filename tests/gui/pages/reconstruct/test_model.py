@@ -32,7 +32,7 @@ from lfcal_gui.pages.reconstruct.model import (
 )
 from lfcal_gui.pages.reconstruct.model_light_field import light_field, make_light_field, synthetic_shape
 from lfcal_gui.pages.reconstruct.model_solving import Solving
-from lfcal_gui.pages.reconstruct.model_volume import VolumeIntent, resolve
+from lfcal_gui.pages.reconstruct.model_volume import MOST_ROWS, VolumeIntent, prepare, sides
 from lfcal_gui.pages.reconstruct.step import step
 
 PERIOD, CUTOUT = (3, 4), (7, 9)
@@ -264,20 +264,46 @@ VOLUME = np.random.default_rng(1).random((3, 5, 7)).astype(np.float32)
 
 
 def test_slices_and_projections() -> None:
-    intent = VolumeIntent(1, 2, 3)
-    picture = resolve(intent, VOLUME, (0.0, 1.0))
-    np.testing.assert_array_equal(picture.xy, VOLUME[1])
-    np.testing.assert_array_equal(picture.xz, VOLUME[:, 2])
-    np.testing.assert_array_equal(picture.yz, VOLUME[:, :, 3].T)
-    assert picture.value == VOLUME[1, 2, 3] and picture.levels == (0.0, 1.0)
-    assert picture.xy[2, 3] == picture.xz[1, 3] == picture.yz[2, 1] == picture.value
-    most = resolve(VolumeIntent(projection=True, own_scale=True), VOLUME, (0.0, 1.0))
-    np.testing.assert_array_equal(most.xy, VOLUME.max(0))
-    np.testing.assert_array_equal(most.xz, VOLUME.max(1))
-    np.testing.assert_array_equal(most.yz, VOLUME.max(2).T)
-    assert most.levels == (VOLUME.max(0).min(), VOLUME.max(0).max())
+    intent, shown = VolumeIntent(1, 2, 3, mode="Slices"), prepare(VOLUME, None, None)
+    found = sides(intent, shown)
+    for key, wanted in (("xy", VOLUME[1]), ("xz", VOLUME[:, 2]), ("yz", VOLUME[:, :, 3].T)):
+        np.testing.assert_array_equal(found[key].values, wanted)
+        assert found[key].origin == (0, 0) and found[key].pixel == 1
+    most = sides(VolumeIntent(mode="Projections"), shown)
+    for key, wanted in (("xy", VOLUME.max(0)), ("xz", VOLUME.max(1)), ("yz", VOLUME.max(2).T)):
+        np.testing.assert_array_equal(most[key].values, wanted)
+    assert shown.levels == (0.0, VOLUME.max()) and VOLUME[shown.brightest] == VOLUME.max()
     assert VolumeIntent(9, -1, 99).clamped(VOLUME.shape) == VolumeIntent(2, 0, 6)
-    assert VolumeIntent.middle(VOLUME.shape) == VolumeIntent(1, 2, 3)
+
+
+@pytest.mark.parametrize("depths", [(-40.0, -20.0, 20.0), (20.0, -20.0, -40.0)])
+def test_from_the_side_planes_are_as_far_apart_as_they_are(depths: tuple[float, ...]) -> None:
+    """Each pixel is of the nearest plane, near ones at the top, whichever plane comes first in the volume."""
+    shown = prepare(VOLUME, np.array(depths), (5.0, 10.0))
+    side = sides(VolumeIntent(1, 2, 3, mode="Slices"), shown)["xz"]
+    rows, columns = side.values.shape
+    assert side.pixel == 5 and columns == 14, "a voxel is two pixels wide"
+    at = side.origin[0] + 5 * np.arange(rows)
+    assert at[0] < -45 and at[-1] > 35, "half a step beyond the outer planes"
+    for z, row in zip(at, side.values, strict=True):
+        distance = np.abs(np.array(depths) - z)
+        assert any(np.array_equal(row[::2], VOLUME[k, 2]) for k in np.flatnonzero(distance < distance.min() + 1e-6))
+
+
+def test_a_volume_of_hard_values_is_prepared() -> None:
+    damaged = VOLUME.copy()
+    damaged[0, 0, 0], damaged[2, 1, 1] = np.nan, 9.0
+    shown = prepare(damaged, None, None)
+    assert shown.brightest == (2, 1, 1) and shown.levels == (0.0, 9.0)
+    for values in (np.zeros((3, 4, 5)), np.full((3, 4, 5), np.nan), np.full((1, 1, 6), 2.0), -np.ones((2, 2, 2))):
+        shown = prepare(values.astype(np.float32), None, None)
+        assert shown.levels[1] > shown.levels[0]
+        assert all(0 not in side.values.shape for side in sides(VolumeIntent(mode="Projections"), shown).values())
+
+
+def test_a_volume_that_is_very_deep_has_a_picture_of_bearable_size() -> None:
+    shown = prepare(VOLUME, np.array([0.0, 1e5, 2e5]), (1.0, 1.0))
+    assert sides(VolumeIntent(mode="Slices"), shown)["xz"].values.shape[0] <= 1.6 * MOST_ROWS
 
 
 def test_a_volume_is_saved_with_voxels_of_one_size(tmp_path: Path) -> None:

@@ -15,15 +15,12 @@ from lfcal.reconstruct.projectors.device import ArrayDevice
 from lfcal.reconstruct.solvers.choice import SolverChoice
 from lfcal.reconstruct.volumes import load_volume
 from lfcal_gui.context import Context
-from lfcal_gui.models.display import COLOUR_MAPS
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.reconstruct import model
-from lfcal_gui.pages.reconstruct._volume_view import VolumeView
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings
 from lfcal_gui.pages.reconstruct.model_device import NO_DEVICE, device_reason
 from lfcal_gui.pages.reconstruct.page import Page
-from lfcal_gui.theme import DARK, LIGHT, NIGHT, apply_theme
-from lfcal_gui.widgets.picture import Picture
+from lfcal_gui.theme import DARK, LIGHT, apply_theme
 from tests.gui.conftest import OpenPage
 from tests.gui.pages.reconstruct.test_model import matrix_file
 from tests.gui.waiting import GUARD_MS, idle
@@ -93,11 +90,12 @@ def test_a_made_light_field_is_reconstructed_and_judged(
     x, y = page.panel.residual._curves["residual"].getData()
     # an accelerated method may overshoot by a little
     assert len(x) == 10 and y[-1] < y[0] / 20 and (y < 1.1 * np.minimum.accumulate(y)).all()
-    assert page.panel.shown.isVisibleTo(page)
-    page.panel.shown.setCurrentIndex(1)
-    assert page.synthetic is not None
-    np.testing.assert_array_equal(page.panel.volume.volume, page.synthetic.truth)
-    page.panel.shown.setCurrentIndex(0)
+    idle(context.jobs, qtbot)
+    truth = page.panel.volume.looks[1]
+    assert page.synthetic is not None and truth.isVisibleTo(page) and truth.prepared is not None
+    np.testing.assert_array_equal(truth.prepared.volume, page.synthetic.truth)
+    page.panel.volume.ticks["truth"].trigger()
+    assert not truth.isVisibleTo(page)
 
     for name in ("out.tif", "out.h5"):
         page.save(str(tmp_path / name))
@@ -223,67 +221,12 @@ def test_a_solver_that_cannot_end_as_asked_says_so(page: Page, monkeypatch: pyte
         assert "cannot leave out" not in panel.solver_words.text()
 
 
-def lines_in(picture: Picture) -> set[float]:
-    """Return where the lines over a slice stand."""
-    found = set()
-    for line in picture.overlays:
-        fixed = np.ptp(line.points, axis=0) == 0
-        found.add(float(line.points[0, fixed][0]))
-    return found
-
-
-def test_the_cross_hair_links_the_slices(qtbot: QtBot) -> None:
-    view = VolumeView()
-    qtbot.addWidget(view)
-    volume = np.random.default_rng(0).random((3, 20, 30)).astype(np.float32)
-    places: list[tuple[int, int, int]] = []
-    view.moved.connect(lambda *place: places.append(place))
-    view.set_volume(volume, np.array([1e3, 2e3, 3e3]))
-    assert (view.intent.z, view.intent.y, view.intent.x) == (1, 10, 15)
-    view.xy.steered_to.emit(10, 22)
-    assert places == [(1, 10, 22)] and lines_in(view.xz) == {22, 1}
-    assert view.picture is not None
-    np.testing.assert_array_equal(view.picture.yz, volume[:, :, 22].T)
-    view.yz.steered_to.emit(10, 2)
-    assert view.slider.value() == 2 and lines_in(view.xz) == {22, 2} and "3 mm" in view.readout.text()
-    view.slider.setValue(0)
-    assert places[-1] == (0, 10, 22)
-    view.mode.setCurrentIndex(1)
-    np.testing.assert_array_equal(view.picture.xy, volume.max(0))
-    assert lines_in(view.xz) == {0} and not lines_in(view.xy), "a projection has a depth alone"
-    view.own.setChecked(True)
-    view.scale.setCurrentIndex(2)
-    view.colours.setCurrentIndex(1)
-    assert view.intent.display.scale == "log" and view.intent.display.colour_map == COLOUR_MAPS[1]
-    view.set_volume(volume[:1])
-    assert view.intent.z == 0 and not view.slider.isEnabled()
-    view.set_volume(None)
-    view.set_cross(z=1)
-    assert view.volume is None and view.readout.text() == "–"
-
-
 def test_it_fits_small_screens_and_both_themes(page: Page, context: Context, qapp: QApplication) -> None:
     assert page.minimumSizeHint().width() <= 1280 - 85 and page.minimumSizeHint().height() <= 620
     apply_theme(qapp, DARK)
     context.theme_changed.emit()
     apply_theme(qapp, LIGHT)
     context.theme_changed.emit()
-
-
-def test_a_volume_is_red_where_all_is_red(qapp: QApplication, qtbot: QtBot) -> None:
-    apply_theme(qapp, LIGHT)
-    view = VolumeView()
-    qtbot.addWidget(view)
-    view.set_volume(np.random.default_rng(0).random((3, 8, 9)).astype(np.float32))
-    before = view.xy.item.lut.copy()
-    apply_theme(qapp, NIGHT)
-    view.apply_theme()
-    assert all(
-        not item.lut[:, 1:3].any() and item.lut[:, 0].any() for item in (one.item for one in view.pictures.values())
-    )
-    apply_theme(qapp, LIGHT)
-    view.apply_theme()
-    np.testing.assert_array_equal(view.xy.item.lut, before)
 
 
 def test_a_device_can_be_chosen_where_there_is_one(page: Page, context: Context, qtbot: QtBot) -> None:

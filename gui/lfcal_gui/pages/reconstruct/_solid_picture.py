@@ -1,0 +1,285 @@
+"""A picture of a volume that is turned by the mouse and the arrow keys: coarse while it turns, sharp at rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import QEvent, QObject, QPointF, Qt, QTimer, Signal
+from PySide6.QtGui import QKeyEvent, QMouseEvent
+
+from lfcal.base import format_length
+from lfcal_gui.jobs import Jobs
+from lfcal_gui.models import BEGIN, CUTOUT, Levels, Projection, Scene, Shot, Tint, project
+from lfcal_gui.pages.reconstruct.model_volume import Prepared, axes_in, box_of, marks_at
+from lfcal_gui.widgets import Picture
+
+__all__ = ["Newest", "SolidPicture", "View"]
+
+REST_MS = 150
+"""After the last turn the picture is made sharp."""
+
+STEP = math.radians(5)
+"""Of an arrow key."""
+
+A_PIXEL = math.radians(0.4)
+"""How far a pixel of the mouse turns."""
+
+CLICK = 4
+"""Pixels that the mouse may move in a click."""
+
+MOST_PIXELS, QUICK_PIXELS = 1.2e6, 2e5
+"""Of a picture at rest, and while it turns."""
+
+AXES_PX = 24
+
+ZOOM = 1.25
+
+
+class Newest:
+    """Work of which one piece is done at a time, and of those that wait only the newest; without jobs all at once."""
+
+    def __init__(self, jobs: Jobs | None, group: str) -> None:
+        self._jobs, self._group = jobs, group
+        self._busy = False
+        self._next: tuple[Callable[[], Any], Callable[[Any], None]] | None = None
+
+    def ask(self, work: Callable[[], Any], take: Callable[[Any], None]) -> None:
+        """Do ``work`` beside the window's thread, then ``take`` its result there."""
+        if self._jobs is None:
+            take(work())
+        elif self._busy:
+            self._next = work, take
+        else:
+            self._busy = True
+            self._jobs.compute(self._group, work, lambda found: self._done(lambda: take(found)), self._failed)
+
+    def _done(self, take: Callable[[], None]) -> None:
+        self._busy = False
+        following, self._next = self._next, None
+        take()
+        if following is not None:
+            self.ask(*following)
+
+    def _failed(self, words: str) -> None:
+        assert self._jobs is not None
+        self._jobs.trouble.emit(words)
+        self._done(lambda: None)
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """How the volume is looked at: its turn, and what of it is drawn, with ``cross`` (plane, row, column)."""
+
+    turn: NDArray[np.float64]
+    by_depth: bool = True
+    box: bool = True
+    cross: tuple[int, int, int] | None = None
+    levels: Levels = (0.0, 1.0)
+    caption: str = ""
+
+
+class SolidPicture(Picture):
+    """Show a volume turned; drag or use the arrow keys to turn it, the wheel to zoom, Shift and drag to move.
+
+    Signals
+    -------
+    turned(across, down)
+        The user turned it by radians.
+    begun_again()
+        The user asked for the first view.
+    picked(z, y, x)
+        A voxel was clicked.
+    """
+
+    turned = Signal(float, float)
+    begun_again = Signal()
+    picked = Signal(int, int, int)
+
+    def __init__(self, quantity: str, name: str, jobs: Jobs | None = None) -> None:
+        super().__init__(quantity, legend=False)
+        self.setAccessibleName(name)
+        self.setToolTip(
+            "Drag or arrow keys: turn; wheel or + and -: zoom; Shift and drag: move; click: put the cross on the "
+            "brightest voxel behind the pointer; Home: first view"
+        )
+        self._prepared: Prepared | None = None
+        self._view = View(BEGIN)
+        self._name = name
+        self._drawn: tuple[Scene, Projection, Prepared] | None = None
+        self._newest = Newest(jobs, f"volume {id(self)}")
+        self._grip: tuple[QPointF, bool] | None = None
+        self._rest = QTimer(self)
+        self._rest.setSingleShot(True)
+        self._rest.setInterval(REST_MS)
+        self._rest.timeout.connect(lambda: self._render(quick=False))
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.graphics.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.graphics.viewport().installEventFilter(self)
+        self.box.sigRangeChanged.connect(lambda *_: self._changed())
+
+    # -- content ---------------------------------------------------------------------------------------
+    def show_volume(self, prepared: Prepared | None, view: View) -> None:
+        """Look at a volume; None: at nothing."""
+        before, self._prepared, self._view = self._prepared, prepared, view
+        if prepared is None:
+            self._drawn = None
+            self._rest.stop()
+            self.set_shot(None)
+            return
+        if before is None or before.solid.radius != prepared.solid.radius:
+            self.set_shot(Shot(np.zeros((1, 1), np.float32), whole=self._whole(prepared)), keep_view=False)
+        self._changed()
+
+    @staticmethod
+    def _whole(prepared: Prepared) -> tuple[float, float, float, float]:
+        radius = prepared.solid.radius
+        return -radius, -radius, 2 * radius, 2 * radius
+
+    def _changed(self) -> None:
+        if self._prepared is not None and self.isVisible():
+            self._render(quick=True)
+            self._rest.start()
+
+    def showEvent(self, event: Any) -> None:
+        """Draw what was asked for while it was hidden."""
+        super().showEvent(event)
+        self._changed()
+
+    def _render(self, *, quick: bool) -> None:
+        prepared, view = self._prepared, self._view
+        scene = None if prepared is None else self._scene(quick=quick)
+        if prepared is None or scene is None:
+            return
+        corner, length = self._corner()
+
+        def work() -> tuple[Shot, Projection]:
+            found = project(prepared.solid, scene, quick=quick)
+            return self._shot_of(prepared, view, scene, found, corner, length)
+
+        def take(made: tuple[Shot, Projection]) -> None:
+            if self._prepared is not None:
+                self._drawn = scene, made[1], prepared
+                self.set_shot(made[0])
+
+        self._newest.ask(work, take)
+
+    def _scene(self, *, quick: bool) -> Scene | None:
+        """Return the part of the volume's surroundings that is seen, in pixels of the screen."""
+        seen, ratio = self.box.viewRect(), self.devicePixelRatioF()
+        width, height = self.box.width() * ratio, self.box.height() * ratio
+        if not (width > 1 and height > 1 and seen.width() > 0):
+            return None
+        coarser = max(1.0, math.sqrt(width * height / (QUICK_PIXELS if quick else MOST_PIXELS)))
+        shape = max(1, round(height / coarser)), max(1, round(width / coarser))
+        pixel = seen.width() / shape[1]
+        return Scene(self._view.turn, (seen.top() + pixel / 2, seen.left() + pixel / 2), pixel, shape)
+
+    def _corner(self) -> tuple[tuple[float, float], float]:
+        """Return where the axes are drawn (down, across), and how long."""
+        seen = self.box.viewRect()
+        point = seen.width() / max(1.0, self.box.width())
+        return (seen.top() + 2 * AXES_PX * point, seen.right() - 2 * AXES_PX * point), AXES_PX * point
+
+    @staticmethod
+    def _shot_of(
+        prepared: Prepared,
+        view: View,
+        scene: Scene,
+        found: Projection,
+        corner: tuple[float, float],
+        length: float,
+    ) -> tuple[Shot, Projection]:
+        solid = prepared.solid
+        overlays = ()
+        if view.box:
+            overlays += (*box_of(solid, scene.turn), *axes_in(scene, corner, length))
+        if view.cross is not None:
+            overlays += marks_at(solid, scene.turn, solid.place_of(*view.cross), CUTOUT)
+        tint = None
+        near, far = float(solid.depths[0]), float(solid.depths[-1])
+        if view.by_depth and far > near:
+            words = tuple(format_length(d) if solid.measured else f"plane {d:.0f}" for d in (near, far))
+            tint = Tint((found.depths - np.float32(near)) / np.float32(far - near), (words[0], words[1]))
+        shot = Shot(
+            found.values,
+            view.caption,
+            name="volume",
+            levels=view.levels,
+            origin=scene.origin,
+            step=scene.pixel,
+            overlays=overlays,
+            pixel_um=scene.pixel if solid.measured else None,
+            tint=tint,
+            whole=SolidPicture._whole(prepared),
+        )
+        return shot, found
+
+    def voxel_at(self, row: int, column: int) -> tuple[int, int, int] | None:
+        """Return the voxel that is seen at a pixel; None: there is none."""
+        if self._drawn is None:
+            return None
+        scene, found, prepared = self._drawn
+        if not (0 <= row < scene.shape[0] and 0 <= column < scene.shape[1]):
+            return None
+        if not np.isfinite(found.values[row, column]):
+            return None
+        return prepared.solid.voxel_at(found.place_at(scene, row, column))
+
+    # -- turning ---------------------------------------------------------------------------------------
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Turn the volume with the left button; with Shift it is moved, as other pictures are."""
+        if not isinstance(event, QMouseEvent):
+            return super().eventFilter(watched, event)
+        kind, shifted = event.type(), bool(event.modifiers() & Qt.KeyboardModifier.ShiftModifier)
+        if kind == QEvent.Type.MouseButtonPress and event.button() == Qt.MouseButton.LeftButton and not shifted:
+            self.setFocus(Qt.FocusReason.MouseFocusReason)
+            self._grip = event.position(), False
+            return True
+        if self._grip is None:
+            return super().eventFilter(watched, event)
+        if kind == QEvent.Type.MouseMove:
+            self._drag(event.position())
+        elif kind == QEvent.Type.MouseButtonRelease:
+            (place, moved), self._grip = self._grip, None
+            if not moved:
+                self._pick(place)
+        return True
+
+    def _drag(self, place: QPointF) -> None:
+        assert self._grip is not None
+        before, moved = self._grip
+        by = place - before
+        if moved or by.manhattanLength() >= CLICK:
+            self._grip = place, True
+            self.turned.emit(by.x() * A_PIXEL, by.y() * A_PIXEL)
+
+    def _pick(self, place: QPointF) -> None:
+        pixel = self.pixel_at(self.graphics.mapToScene(place.toPoint()))
+        voxel = None if pixel is None else self.voxel_at(*pixel)
+        if voxel is not None:
+            self.picked.emit(*voxel)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Turn by the arrows, zoom by + and -, Home: the first view."""
+        turns = {
+            Qt.Key.Key_Left: (-STEP, 0.0),
+            Qt.Key.Key_Right: (STEP, 0.0),
+            Qt.Key.Key_Up: (0.0, -STEP),
+            Qt.Key.Key_Down: (0.0, STEP),
+        }
+        zooms = {Qt.Key.Key_Plus: 1 / ZOOM, Qt.Key.Key_Equal: 1 / ZOOM, Qt.Key.Key_Minus: ZOOM}
+        key = Qt.Key(event.key())
+        if key in turns:
+            self.turned.emit(*turns[key])
+        elif key in zooms:
+            self.box.scaleBy((zooms[key], zooms[key]))
+            self.moved.emit()
+        elif key == Qt.Key.Key_Home:
+            self.begun_again.emit()
+        else:
+            super().keyPressEvent(event)

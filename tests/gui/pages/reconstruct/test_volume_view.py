@@ -1,0 +1,267 @@
+"""The volume turned, sliced and projected, by mouse and keyboard."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtGui import QImage
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
+
+from lfcal_gui.jobs import Jobs
+from lfcal_gui.models.display import COLOUR_MAPS, DisplaySettings, depth_colours, to_uint8
+from lfcal_gui.models.shot import Label, Outline
+from lfcal_gui.models.solid import BEGIN
+from lfcal_gui.pages.reconstruct._solid_picture import STEP, Newest, SolidPicture
+from lfcal_gui.pages.reconstruct._volume_view import VolumeView
+from lfcal_gui.theme import LIGHT, NIGHT, apply_theme
+from lfcal_gui.widgets.picture import Picture
+from tests.gui.waiting import GUARD_MS, idle
+
+DEPTHS = np.array([3e3, 2e3, 1.5e3, 1e3])
+"""Uneven, and running downwards."""
+
+
+def volume() -> NDArray[np.float32]:
+    values = np.random.default_rng(0).random((4, 20, 30)).astype(np.float32)
+    values[2, 4, 21] = 3.0
+    return values
+
+
+@pytest.fixture
+def view(qtbot: QtBot) -> VolumeView:
+    return shown(qtbot, VolumeView())
+
+
+def shown(qtbot: QtBot, view: VolumeView) -> VolumeView:
+    qtbot.addWidget(view)
+    view.resize(640, 560)
+    view.show()
+    qtbot.waitExposed(view, timeout=GUARD_MS)
+    view.set_volume(volume(), DEPTHS, (60.0, 60.0))
+    return view
+
+
+def lines_in(picture: Picture) -> set[float]:
+    """Return where the lines over a slice are."""
+    found = set()
+    for line in picture.overlays:
+        fixed = np.ptp(line.points, axis=0) == 0
+        found.add(round(float(line.points[0, fixed][0]), 6))
+    return found
+
+
+def on_screen(picture: SolidPicture, place: NDArray[np.float64], turn: NDArray[np.float64]) -> QPoint:
+    right, down, _ = turn @ place
+    return picture.graphics.mapFromScene(picture.box.mapViewToScene(QPointF(right, down)))
+
+
+def test_it_starts_in_3_d_with_the_brightest_voxel_in_view(view: VolumeView) -> None:
+    assert view.modes.checkedButton().text() == "3-D" and (view.intent.z, view.intent.y, view.intent.x) == (2, 4, 21)
+    prepared, picture = view.prepared, view.solid
+    assert prepared is not None
+    at = on_screen(picture, prepared.solid.place_of(2, 4, 21), view.turn)
+    assert picture.graphics.rect().contains(at)
+    assert picture.values is not None and np.nanmax(picture.values) > 2
+    assert picture.shot.pixel_um == picture.shot.step, "it has a scale bar"
+    assert picture.shot.tint is not None and picture.shot.tint.ends == ("1 mm", "3 mm")
+    assert {one.words for one in picture.overlays if isinstance(one, Label)} == {"x", "y", "z"}
+
+
+def test_contrast_and_scaling_are_those_of_every_picture(view: VolumeView) -> None:
+    """The levels are those of the volume, the handles act on the turned picture, and both views share them."""
+    assert view.solid.levels == (0.0, 3.0)
+    view.contrasts[0].set_levels((0.5, 2.0))
+    view.contrasts[0]._choose(scale="gamma", colour_map=COLOUR_MAPS[1])
+    picture = view.solid
+    assert picture.levels == (0.5, 2.0)
+    assert picture.values is not None and picture.shot.tint is not None
+    grey = to_uint8(picture.values, DisplaySettings("gamma"), (0.5, 2.0))
+    tint = np.nan_to_num(picture.shot.tint.values)
+    wanted = depth_colours()[np.rint(255 * tint.clip(0, 1)).astype(int), :3] * (grey[..., None] / 255)
+    np.testing.assert_allclose(picture.item.image, wanted, atol=1.5)
+    view.ticks["by_depth"].trigger()
+    assert picture.shot.tint is None and picture.display.colour_map == COLOUR_MAPS[1]
+    np.testing.assert_array_equal(picture.item.image, grey)
+    view.modes.button(1).click()
+    assert view.xy.levels == (0.5, 2.0) and view.xy.display.scale == "gamma"
+    assert view.contrasts[1].isVisible() and not view.contrasts[0].isVisible()
+
+
+def test_mouse_and_arrows_turn_it_and_home_shows_the_first_view(view: VolumeView) -> None:
+    picture, viewport = view.solid, view.solid.graphics.viewport()
+    before = np.array(picture.values)
+    QTest.mousePress(viewport, Qt.MouseButton.LeftButton, pos=QPoint(200, 200))
+    QTest.mouseMove(viewport, QPoint(260, 220))
+    QTest.mouseRelease(viewport, Qt.MouseButton.LeftButton, pos=QPoint(260, 220))
+    assert not np.allclose(view.turn, BEGIN) and not np.array_equal(picture.values, before, equal_nan=True)
+    near = np.array([0.0, 0.0, -1.0]) @ BEGIN  # the point that faces you
+    assert (view.turn @ near)[0] > 0 and (view.turn @ near)[1] > 0, "it moves with the mouse"
+    assert picture.hasFocus()
+    seen = picture.box.viewRect()
+    QTest.keyClick(picture, Qt.Key.Key_Plus)
+    assert picture.box.viewRect().width() < seen.width()
+    QTest.keyClick(picture, Qt.Key.Key_Home)
+    np.testing.assert_array_equal(view.turn, BEGIN)
+    assert picture.box.viewRect() == seen
+    for key in (Qt.Key.Key_Left, Qt.Key.Key_Up, Qt.Key.Key_Right, Qt.Key.Key_Down):
+        QTest.keyClick(picture, key)
+        assert np.degrees(np.arccos((np.trace(view.turn @ BEGIN.T) - 1) / 2)) < 2 * np.degrees(STEP) + 1
+        assert not np.allclose(view.turn, BEGIN)
+    view.reset.click()
+    np.testing.assert_array_equal(view.turn, BEGIN)
+
+
+def test_a_click_puts_the_cross_on_the_voxel_behind_it(view: VolumeView) -> None:
+    view.set_cross(z=0, y=0, x=0)
+    assert view.prepared is not None
+    at = on_screen(view.solid, view.prepared.solid.place_of(2, 4, 21), view.turn)
+    QTest.mouseClick(view.solid.graphics.viewport(), Qt.MouseButton.LeftButton, pos=at)
+    assert (view.intent.z, view.intent.y, view.intent.x) == (2, 4, 21)
+    assert view.slider.value() == 2 and "plane 2 (1.5 mm), y 4, x 21: 3 counts" in view.readout.text()
+    view.set_cross(z=0)
+    view.brightest.click()
+    assert view.intent.z == 2
+
+
+def test_it_is_sharp_at_rest(view: VolumeView, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lfcal_gui.pages.reconstruct._solid_picture.QUICK_PIXELS", 1e3)
+    view._turn(0.1, 0.0)
+    coarse = view.solid.shot.step
+    qtbot.waitUntil(lambda: view.solid.shot.step < coarse / 4, timeout=GUARD_MS)
+
+
+def test_zooming_draws_what_is_seen_as_sharp_as_the_screen(view: VolumeView, qtbot: QtBot) -> None:
+    view.solid.box.scaleBy((0.2, 0.2))
+    qtbot.waitUntil(lambda: not view.solid._rest.isActive(), timeout=GUARD_MS)
+    seen, extent = view.solid.box.viewRect(), view.solid.shot.extent
+    assert extent[3] == pytest.approx(seen.width(), rel=0.02) and extent[0] == pytest.approx(seen.top(), rel=0.05)
+
+
+def test_a_known_truth_is_turned_with_it_and_can_be_hidden(view: VolumeView) -> None:
+    truth = 2 * volume()
+    assert not view.looks[1].isVisible() and not view.ticks["truth"].isEnabled()
+    view.set_volume(volume(), DEPTHS, (60.0, 60.0), truth)
+    other = view.looks[1].solid
+    assert other.isVisible() and other.levels == view.solid.levels == (0.0, 6.0), "both share one scale"
+    view._turn(0.4, 0.2)
+    for one in (other, view.solid):
+        assert one._drawn is not None
+        np.testing.assert_array_equal(one._drawn[0].turn, view.turn)
+    assert np.nanmax(other.values) == pytest.approx(2 * np.nanmax(view.solid.values), rel=0.05)
+    view.solid.box.scaleBy((0.5, 0.5))
+    view.solid.moved.emit()
+    assert other.box.viewRect().width() == pytest.approx(view.solid.box.viewRect().width(), rel=0.01)
+    view.modes.button(1).click()
+    np.testing.assert_array_equal(view.looks[1].pictures["xy"].values, truth[2])
+    view.ticks["truth"].trigger()
+    assert not view.looks[1].isVisible()
+
+
+def test_the_cross_links_slices_and_projections(qtbot: QtBot) -> None:
+    view = VolumeView()
+    qtbot.addWidget(view)
+    values = np.random.default_rng(0).random((3, 20, 30)).astype(np.float32)
+    places: list[tuple[int, int, int]] = []
+    view.moved.connect(lambda *place: places.append(place))
+    view.set_volume(values, np.array([1e3, 2e3, 3e3]), (500.0, 500.0))
+    for mode in (1, 2):
+        view.modes.button(mode).click()
+        view.set_cross(z=1, y=10, x=15)
+        view.xy.steered_to.emit(10, 22)
+        assert places[-1] == (1, 10, 22) and lines_in(view.xz) == {22 * 500, 2e3}
+        view.yz.steered_to.emit(10, 5)
+        assert view.slider.value() == 2 and lines_in(view.xz) == {22 * 500, 3e3} and "3 mm" in view.readout.text()
+        wanted = values[:, :, 22] if mode == 1 else values.max(2)
+        np.testing.assert_array_equal(view.yz.values[:, ::2], wanted.T)
+        assert view.xz.shot.pixel_um == 500 and view.xz.shot.step == 500
+    view.slider.setValue(0)
+    assert places[-1] == (0, 10, 22)
+    view.ticks["cross"].trigger()
+    assert not view.xy.overlays
+    view.modes.button(1).click()
+    view.ticks["own_scale"].trigger()
+    assert view.xy.levels == (values[0].min(), values[0].max()) != view.xz.levels
+    view.set_volume(values[:1])
+    assert view.intent.z == 0 and not view.slider.isEnabled()
+    view.set_volume(None)
+    view.set_cross(z=1)
+    assert view.volume is None and view.readout.text() == "–"
+
+
+@pytest.fixture
+def jobs() -> Iterator[Jobs]:
+    made = Jobs()
+    yield made
+    made.close()
+
+
+def test_in_the_background_the_newest_is_drawn_and_nothing_of_a_volume_that_is_gone(qtbot: QtBot, jobs: Jobs) -> None:
+    view = shown(qtbot, VolumeView(jobs))
+    idle(jobs, qtbot)
+    for _ in range(30):
+        view._turn(0.05, 0.0)
+    idle(jobs, qtbot)
+    qtbot.waitUntil(lambda: not view.solid._rest.isActive() and not jobs.busy, timeout=GUARD_MS)
+    drawn = view.solid._drawn
+    assert drawn is not None
+    np.testing.assert_array_equal(drawn[0].turn, view.turn)
+    view.set_volume(2 * volume(), DEPTHS, (60.0, 60.0))
+    view.set_volume(None)
+    idle(jobs, qtbot)
+    assert view.prepared is None and view.solid.values is None
+
+
+def test_work_that_fails_does_not_stop_what_follows(qtbot: QtBot, jobs: Jobs) -> None:
+    newest, taken, said = Newest(jobs, "some"), list[Any](), list[str]()
+    jobs.trouble.connect(said.append)
+    newest.ask(lambda: 1 / 0, taken.append)
+    for k in range(5):
+        newest.ask(lambda k=k: k, taken.append)
+    idle(jobs, qtbot)
+    assert taken == [4] and said
+
+
+def test_the_view_is_copied_and_saved_as_it_is_seen(view: VolumeView, tmp_path: Path) -> None:
+    view.solid.save_picture(str(tmp_path / "view.png"))
+    view.solid.save_data(str(tmp_path / "view.npy"))
+    np.testing.assert_array_equal(np.load(tmp_path / "view.npy"), view.solid.values)
+    before = QImage(str(tmp_path / "view.png"))
+    view.solid.setFocus()
+    QTest.keyClick(view.solid, Qt.Key.Key_C, Qt.KeyboardModifier.ControlModifier)
+    assert QApplication.clipboard().image().size() == before.size()
+    view._turn(0.5, 0.1)
+    view.solid.save_picture(str(tmp_path / "turned.png"))
+    assert QImage(str(tmp_path / "turned.png")) != before
+
+
+def test_a_volume_is_red_where_all_is_red(qapp: QApplication, view: VolumeView) -> None:
+    try:
+        apply_theme(qapp, NIGHT)
+        view.apply_theme()
+        assert view.solid.item.image.ndim == 2
+        view.modes.button(1).click()
+        for item in (view.solid.item, *(one.item for one in view.pictures.values())):
+            assert not item.lut[:, 1:3].any() and item.lut[:, 0].any()
+    finally:
+        apply_theme(qapp, LIGHT)
+    view.apply_theme()
+    view.modes.button(0).click()
+    assert view.solid.item.image.ndim == 3
+
+
+@pytest.mark.parametrize("values", [np.zeros((1, 1, 1)), np.full((3, 4, 5), np.nan), np.full((1, 6, 7), 2.0)])
+def test_volumes_without_light_or_depth_are_shown(view: VolumeView, values: NDArray[Any]) -> None:
+    view.set_volume(values)
+    for k in range(3):
+        view.modes.button(k).click()
+    assert view.solid.values is not None and not any(
+        isinstance(one, Outline) and not np.isfinite(one.points).all() for one in view.solid.overlays
+    )
