@@ -9,7 +9,15 @@ from lfcal.reconstruct.memory import room_for_projections, run_memory
 from lfcal.reconstruct.optics import SharedOptics, files_of_regions
 from lfcal.reconstruct.phantoms import PHANTOMS, nrmse, phantom, points
 from lfcal.reconstruct.resample import drift_note, drift_words, lattice_anchor_of
-from lfcal.reconstruct.volumes import DATASET, SUFFIXES, VOLUME_FORMAT, open_ome_zarr, zarr_contents
+from lfcal.reconstruct.volumes import (
+    DATASET,
+    SUFFIXES,
+    VOLUME_FORMAT,
+    VolumeFacts,
+    open_ome_zarr,
+    volume_facts,
+    zarr_contents,
+)
 
 __all__ = [
     "DATASET",
@@ -18,6 +26,7 @@ __all__ = [
     "VOLUME_FORMAT",
     "FrameRun",
     "SharedOptics",
+    "VolumeFacts",
     "cleaner",
     "cropped",
     "drift_note",
@@ -34,5 +43,6 @@ __all__ = [
     "run_memory",
     "targets_of",
     "usual_margin",
+    "volume_facts",
     "zarr_contents",
 ]

@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,6 +51,7 @@ __all__ = [
     "load_volume",
     "open_ome_zarr",
     "save_volume",
+    "volume_facts",
     "write_volumes",
     "zarr_contents",
 ]
@@ -508,3 +510,65 @@ def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     if volume.ndim != 3:
         raise InputError.expected(str(source), "a volume (z, y, x)", volume.shape, "choose another file")
     return volume
+
+
+def volume_facts(path: str | os.PathLike[str]) -> VolumeFacts:
+    """Return depths and voxel size in a file that `load_volume` reads; what it does not state is None.
+
+    Raises
+    ------
+    FileFormatError, StorageError
+        If it is not such a file.
+    """
+    source = check_suffix(path)
+    if source.suffix.lower() in (".h5", ".hdf5"):
+        with H5File(source) as file:
+            planes = file.dataset(DATASET).shape[-3]
+            depths = file.values("depths", (planes,), finite=True) if "depths" in file else None
+            sides = file.attributes().numbers("voxel_um", (2,))
+            return VolumeFacts(depths, None if sides is None else (float(sides[0]), float(sides[1])))
+    if source.suffix.lower() == ".zarr":
+        _, image, own = open_ome_zarr(source)
+        return _zarr_facts(image, own)
+    if source.suffix.lower() == ".npy":
+        return VolumeFacts()
+    import tifffile
+
+    with storage_errors(source), tifffile.TiffFile(source) as tiff:
+        if is_ome(source) and tiff.ome_metadata:
+            return _ome_facts(tiff.ome_metadata)
+        resolution = [tiff.pages[0].tags[name].value for name in ("YResolution", "XResolution")]
+        return _imagej_facts(tiff.imagej_metadata or {}, resolution)
+
+
+def _zarr_facts(image: Mapping[str, Any], own: Mapping[str, Any]) -> VolumeFacts:
+    placed = {one.get("type"): one for one in image["datasets"][0].get("coordinateTransformations", ())}
+    known = {axis.get("name") for axis in image.get("axes", ()) if axis.get("unit") == "micrometer"}
+    scale = placed.get("scale", {}).get("scale")
+    sides = (float(scale[-2]), float(scale[-1])) if scale and {"y", "x"} <= known else None
+    depths = own.get("depths_um")
+    return VolumeFacts(None if depths is None else np.asarray(depths, np.float64), sides)
+
+
+def _ome_facts(words: str) -> VolumeFacts:
+    root = ElementTree.fromstring(words)
+    pixels = next((one for one in root.iter() if one.tag.endswith("}Pixels")), None)
+    if pixels is None:
+        return VolumeFacts()
+    sides = [pixels.get(f"PhysicalSize{axis}") for axis in "YX"]
+    depths = [float(at) for one in pixels if (at := one.get("PositionZ")) is not None]
+    known = len(depths) == int(pixels.get("SizeZ", 0))
+    return VolumeFacts(
+        np.array(depths) if known else None, (float(sides[0]), float(sides[1])) if sides[0] and sides[1] else None
+    )
+
+
+def _imagej_facts(said: Mapping[str, Any], resolution: Sequence[tuple[int, int]]) -> VolumeFacts:
+    own = json.loads(said.get("lfcal", "{}"))
+    depths = own.get("depths_um")
+    # a file without a voxel size has a resolution of 1, too
+    known = said.get("unit") == "um" and all(n and n != d for n, d in resolution)
+    sides = tuple(d / n for n, d in resolution) if known else ()
+    return VolumeFacts(
+        None if depths is None else np.asarray(depths, np.float64), (sides[0], sides[1]) if sides else None
+    )

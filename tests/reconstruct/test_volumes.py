@@ -15,7 +15,15 @@ import tifffile
 
 from lfcal.base.errors import FileFormatError, InputError, StorageError
 from lfcal.base.files import replace_store
-from lfcal.reconstruct.volumes import MAX_EXPANSION, VolumeFacts, load_volume, open_ome_zarr, save_volume, write_volumes
+from lfcal.reconstruct.volumes import (
+    MAX_EXPANSION,
+    VolumeFacts,
+    load_volume,
+    open_ome_zarr,
+    save_volume,
+    volume_facts,
+    write_volumes,
+)
 
 NAMES = {"ome": "http://www.openmicroscopy.org/Schemas/OME/2016-06"}
 
@@ -224,3 +232,21 @@ def test_without_the_library_one_line_says_so(tmp_path: Path, monkeypatch: pytes
     with pytest.raises(InputError, match=r"OME-Zarr needs the library zarr; pip install 'lfcal\[zarr\]'$"):
         save_volume(tmp_path / "v.ome.zarr", VOLUME)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["v.tif", "v.ome.tif", "v.ome.zarr", "v.h5", "v.npy"])
+def test_depths_and_voxel_size_are_read_as_they_were_written(tmp_path: Path, name: str) -> None:
+    """Uneven and downwards; what was not known stays unknown."""
+    depths = [-10.0, -14.5, -30.25]
+    if name.endswith(".zarr"):
+        pytest.importorskip("zarr")
+    save_volume(tmp_path / name, np.ones((3, 4, 5)), depths_um=depths, voxel_um=(1.25, 2.5))
+    facts = volume_facts(tmp_path / name)
+    if name.endswith(".npy"):
+        assert facts == VolumeFacts()
+        return
+    assert facts.depths_um is not None and facts.voxel_um is not None
+    np.testing.assert_allclose(facts.depths_um, depths)
+    np.testing.assert_allclose(facts.voxel_um, (1.25, 2.5), rtol=1e-5)
+    save_volume(tmp_path / f"bare_{name}", np.ones((3, 4, 5)))
+    assert volume_facts(tmp_path / f"bare_{name}") == VolumeFacts()

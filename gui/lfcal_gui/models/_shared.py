@@ -42,7 +42,7 @@ from lfcal_gui.models.page import (
 from lfcal_gui.models.project import Hold, Project, ProjectState, RecentProjects, read_project
 from lfcal_gui.models.record_form import check_of, fields_of, options_in, shown_of, text_in_form, value_in
 from lfcal_gui.models.shot import CUTOUT, Label, Levels, Outline, Overlay, Shot, Symbols, Tint, cutout_of, scale_bar
-from lfcal_gui.models.solid import BEGIN, Projection, Scene, Solid, project, turned
+from lfcal_gui.models.solid import BEGIN, Projection, Solid, Viewpoint, project_solid, turned
 from lfcal_gui.models.stamp import Stamp, stamp_of
 from lfcal_gui.models.step import CAMERA_FILE, PLAN_FILE, CommandStep, needed_file, needed_plan, options_of, step_of
 from lfcal_gui.models.words import plane_words, said_in_window, typeset, unbroken
@@ -82,7 +82,6 @@ __all__ = [
     "ProjectState",
     "Projection",
     "RecentProjects",
-    "Scene",
     "Shot",
     "Solid",
     "Stamp",
@@ -90,6 +89,7 @@ __all__ = [
     "Taken",
     "Tint",
     "UnsavedCopy",
+    "Viewpoint",
     "WindowJob",
     "available_pages",
     "check_of",
@@ -119,7 +119,7 @@ __all__ = [
     "parse",
     "place_words",
     "plane_words",
-    "project",
+    "project_solid",
     "read_project",
     "region_numbers",
     "render_tile",

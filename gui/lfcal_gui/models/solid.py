@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError, for_each_chunk, njit
 
-__all__ = ["BEGIN", "Projection", "Scene", "Solid", "project", "turned"]
+__all__ = ["BEGIN", "Projection", "Solid", "Viewpoint", "project_solid", "turned"]
 
 FINEST = 8
 """Most samples to a voxel along a row of the sheared picture."""
@@ -197,7 +197,7 @@ def _evened(
     )
 
 
-class Scene(NamedTuple):
+class Viewpoint(NamedTuple):
     """How a volume is looked at.
 
     Attributes
@@ -235,28 +235,80 @@ class Projection(NamedTuple):
     depths: NDArray[np.float32]
     ahead: NDArray[np.float32]
 
-    def place_at(self, scene: Scene, row: int, column: int) -> NDArray[np.float64]:
+    def place_at(self, scene: Viewpoint, row: int, column: int) -> NDArray[np.float64]:
         """Return the place (x, y, z) that is seen at a pixel, from the middle of the volume."""
         down, right = (o + scene.pixel * k for o, k in zip(scene.origin, (row, column), strict=True))
         place: NDArray[np.float64] = np.array([right, down, float(self.ahead[row, column])]) @ scene.turn
         return place
 
 
-class _Sheared(NamedTuple):
-    """The maximum over the shifted planes, and the place of its plane, on a grid of two axes of the volume.
-
-    ``axes``: that of the shifted planes, of rows and of columns; ``first``, ``step``: the first place and the distance
-    of places along rows and columns.
-    """
+class _Pixels(NamedTuple):
+    """The brightest values, and the place along the axis of the planes where they lie."""
 
     values: NDArray[np.float32]
     planes: NDArray[np.float32]
-    axes: tuple[int, int, int]
+
+
+class _Rays(NamedTuple):
+    """How planes are shifted against each other, and where rows and columns of the sheared picture lie.
+
+    Attributes
+    ----------
+    facing
+        Whether planes are those of the array's first axis.
+    before, share, places
+        Where along the rays values are taken: the plane before it, the share of the next one, and the place.
+    down
+        Places of the rows of a plane.
+    across
+        Place of the first voxel of a row.
+    reach
+        Where the volume ends along rows and columns.
+    lean
+        How far a plane is shifted along both, for each unit of its place.
+    first, step
+        First place and distance of the rows and columns of the sheared picture, one column to a voxel.
+    """
+
+    facing: bool
+    before: NDArray[np.int64]
+    share: NDArray[np.float32]
+    places: NDArray[np.float64]
+    down: NDArray[np.float64]
+    across: float
+    reach: tuple[float, float]
+    lean: tuple[float, float]
     first: tuple[float, float]
     step: tuple[float, float]
 
 
-def project(solid: Solid, scene: Scene, *, quick: bool = False) -> Projection:
+class _Screen(NamedTuple):
+    """Where the pixels of the screen lie in the sheared picture.
+
+    Attributes
+    ----------
+    inverse
+        Rows and columns of the sheared picture, of right and down.
+    turn
+        What right, down and ahead are along the axis of the planes, and along z.
+    first, step
+        First place and distance of rows and columns of the sheared picture.
+    origin, pixel
+        Middle of the first pixel (down, right), and the length of one.
+    middle
+        Depth of the middle of the volume.
+    """
+
+    inverse: NDArray[np.float64]
+    turn: NDArray[np.float64]
+    first: tuple[float, float]
+    step: tuple[float, float]
+    origin: tuple[float, float]
+    pixel: float
+    middle: float
+
+
+def project_solid(solid: Solid, scene: Viewpoint, *, quick: bool = False) -> Projection:
     """Look at a volume: the brightest value along each ray; ``quick``: coarser, while it is being turned."""
     most = QUICK if quick else WORK
     effort = _effort(solid, scene, most)
@@ -265,7 +317,9 @@ def project(solid: Solid, scene: Scene, *, quick: bool = False) -> Projection:
         effort = _effort(solid, scene, most)
     while effort.rows < 4 and _cost(solid, scene, effort) > most:
         effort = effort._replace(rows=effort.rows * math.sqrt(2))
-    return _warped(_sheared(solid, scene, effort), solid, scene)
+    rays, shape = _rays(solid, scene, effort)
+    pixels = _sheared(solid, scene, rays, (shape[0], effort.columns, shape[1]))
+    return _warped(pixels, solid, scene, rays.first, (rays.step[0], rays.step[1] / effort.columns))
 
 
 class _Effort(NamedTuple):
@@ -276,7 +330,7 @@ class _Effort(NamedTuple):
     along: int
 
 
-def _effort(solid: Solid, scene: Scene, most: float) -> _Effort:
+def _effort(solid: Solid, scene: Viewpoint, most: float) -> _Effort:
     """Return the closest samples that are not too many: at best half a pixel, and a third of a voxel along rays."""
     main, _, across = _axes(solid, scene.turn)
     ahead = np.abs(scene.turn[2]) / solid.steps
@@ -295,7 +349,7 @@ def _effort(solid: Solid, scene: Scene, most: float) -> _Effort:
     return next((one for one in tried if _cost(solid, scene, one) <= most), tried[-1])
 
 
-def _cost(solid: Solid, scene: Scene, effort: _Effort) -> float:
+def _cost(solid: Solid, scene: Viewpoint, effort: _Effort) -> float:
     """Return how many values are looked at where all of it is seen."""
     main, down, across = _axes(solid, scene.turn)
     rows = 2 * solid.half[down] * _shown(scene, down) / (effort.rows * scene.pixel)
@@ -304,7 +358,7 @@ def _cost(solid: Solid, scene: Scene, effort: _Effort) -> float:
     return float(rows * planes * len(solid.places[across]) * effort.columns)
 
 
-def _shown(scene: Scene, axis: int) -> float:
+def _shown(scene: Viewpoint, axis: int) -> float:
     """Return how long a unit along an axis of the volume is on the screen."""
     return math.sqrt(max(1e-12, 1 - scene.turn[2, axis] ** 2))
 
@@ -318,31 +372,27 @@ def _axes(solid: Solid, turn: NDArray[np.float64]) -> tuple[int, int, int]:
     return (main, *((2, 1), (2, 0), (1, 0))[main])
 
 
-class _Grid(NamedTuple):
-    """Where the rows and columns of the sheared picture lie: the first ones, their distances, and how many."""
-
-    first: tuple[float, float]
-    step: tuple[float, float]
-    shape: tuple[int, int]
-
-
-def _grid(solid: Solid, scene: Scene, effort: _Effort, lean: tuple[float, float]) -> _Grid:
-    """Return the part of the sheared picture that is seen, a column to a voxel."""
+def _rays(solid: Solid, scene: Viewpoint, effort: _Effort) -> tuple[_Rays, tuple[int, int]]:
+    """Return how planes are shifted, and how many rows and columns of the sheared picture are seen."""
     main, *both = _axes(solid, scene.turn)
+    ahead = scene.turn[2] / scene.turn[2, main]
     voxel = solid.sides[1 - both[1]]
     step = effort.rows * scene.pixel / _shown(scene, both[0]), voxel
     # the corners of the picture, and how far planes are shifted
     corners = np.linalg.solve(scene.turn[:2][:, both], _corners(scene))
     # where nothing is turned its rows lie on those of the screen, its columns on those of the volume
-    anchor = corners[0, 0], solid.places[both[1]][0]
+    across = float(solid.places[both[1]][0])
+    anchor = float(corners[0, 0]), across
     first, shape = [], []
     for k, axis in enumerate(both):
-        far = solid.half[axis] + abs(lean[k]) * solid.half[main]
+        far = solid.half[axis] + abs(ahead[axis]) * solid.half[main]
         begin = max(-far, corners[k].min() - 2 * step[k])
         end = min(far, corners[k].max() + 2 * step[k])
         first.append(float(anchor[k] + math.floor((begin - anchor[k]) / step[k]) * step[k]))
         shape.append(max(1, math.ceil((end - first[k]) / step[k]) + 1))
-    return _Grid((first[0], first[1]), step, (shape[0], shape[1]))
+    reach, lean = ((float(of[both[0]]), float(of[both[1]])) for of in (solid.half, ahead))
+    stops, down = _stops(solid, main, effort.along), solid.places[both[0]]
+    return _Rays(main == 2, *stops, down, across, reach, lean, (first[0], first[1]), step), (shape[0], shape[1])
 
 
 def _stops(solid: Solid, main: int, parts: int) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float64]]:
@@ -359,31 +409,20 @@ def _stops(solid: Solid, main: int, parts: int) -> tuple[NDArray[np.int64], NDAr
     return before, (at - before).astype(np.float32), places
 
 
-def _sheared(solid: Solid, scene: Scene, effort: _Effort) -> _Sheared:
-    """Return the maximum over the planes, shifted so that all rays run along one axis of the array."""
-    main, rows, columns = _axes(solid, scene.turn)
-    ahead = scene.turn[2]
-    lean = float(ahead[rows] / ahead[main]), float(ahead[columns] / ahead[main])
-    grid, fine = _grid(solid, scene, effort, lean), effort.columns
-    height, width = grid.shape
-    values = np.full((height, fine, width), -np.inf, np.float32)
-    planes = np.zeros((height, fine, width), np.float32)
-    data = solid.by_columns if main == 0 else solid.values
-    stops = _stops(solid, main, effort.along)
-    reach = float(solid.half[rows]), float(solid.half[columns])
-    down, across = solid.places[rows], float(solid.places[columns][0])
+def _sheared(solid: Solid, scene: Viewpoint, rays: _Rays, shape: tuple[int, int, int]) -> _Pixels:
+    """Return the maximum over the planes, shifted so that all rays run along one axis of the array.
 
-    def some(start: int, stop: int) -> None:
-        _shear(
-            data, main == 2, stops, down, across, reach, lean, (*grid.first, *grid.step), values, planes, start, stop
-        )
-
-    for_each_chunk(some, height)
-    whole = [np.ascontiguousarray(a.transpose(0, 2, 1)).reshape(height, width * fine) for a in (values, planes)]
-    return _Sheared(whole[0], whole[1], (main, rows, columns), grid.first, (grid.step[0], grid.step[1] / fine))
+    ``shape``: rows, samples to a voxel, and voxels.
+    """
+    found = _Pixels(np.full(shape, -np.inf, np.float32), np.zeros(shape, np.float32))
+    data = solid.by_columns if _axes(solid, scene.turn)[0] == 0 else solid.values
+    for_each_chunk(lambda start, stop: _shear(data, rays, found, start, stop), shape[0])
+    height, fine, width = shape
+    whole = (np.ascontiguousarray(one.transpose(0, 2, 1)).reshape(height, width * fine) for one in found)
+    return _Pixels(*whole)
 
 
-def _corners(scene: Scene) -> NDArray[np.float64]:
+def _corners(scene: Viewpoint) -> NDArray[np.float64]:
     """Return the corners of the picture: right and down ``(2, 4)``."""
     (top, left), (rows, columns) = scene.origin, scene.shape
     right, bottom = left + (columns - 1) * scene.pixel, top + (rows - 1) * scene.pixel
@@ -411,63 +450,46 @@ def _brighter(
 
 
 @njit()
-def _shear(
-    data: NDArray[np.float32],
-    facing: bool,
-    stops: tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float64]],
-    down: NDArray[np.float64],
-    across: float,
-    reach: tuple[float, float],
-    lean: tuple[float, float],
-    grid: tuple[float, float, float, float],
-    values: NDArray[np.float32],
-    planes: NDArray[np.float32],
-    start: int,
-    stop: int,
-) -> None:
-    """Fill rows of the sheared picture; ``facing``: planes are those of the array's first axis."""
-    mixed = np.empty(data.shape[2], data.dtype)
+def _shear(data: NDArray[np.float32], rays: _Rays, found: _Pixels, start: int, stop: int) -> None:
+    """Fill rows of the sheared picture."""
+    mixed, down = np.empty(data.shape[2], data.dtype), rays.down
     for r in range(start, stop):
-        for n in range(stops[0].size):
-            s, share, ahead = stops[0][n], stops[1][n], stops[2][n]
-            at = grid[0] + r * grid[2] + lean[0] * ahead
-            if not (-reach[0] <= at <= reach[0]):
+        for n in range(rays.before.size):
+            s, share, ahead = rays.before[n], rays.share[n], rays.places[n]
+            at = rays.first[0] + r * rays.step[0] + rays.lean[0] * ahead
+            if not (-rays.reach[0] <= at <= rays.reach[0]):
                 continue
             k = min(max(np.searchsorted(down, at, side="right") - 1, 0), max(down.size - 2, 0))
             after = min(k + 1, down.size - 1)
             gap = down[after] - down[k]
             low = np.float32(min(max((at - down[k]) / gap, 0.0), 1.0) if gap > 0 else 0.0)
-            upper = data[s, k] if facing else data[k, s]
-            lower = data[s, after] if facing else data[after, s]
+            upper = data[s, k] if rays.facing else data[k, s]
+            lower = data[s, after] if rays.facing else data[after, s]
             if share > 0:
-                upper_next = data[s + 1, k] if facing else data[k, s + 1]
-                lower_next = data[s + 1, after] if facing else data[after, s + 1]
-                _mix(upper, upper_next, lower, lower_next, share, low, mixed)
+                upper_next = data[s + 1, k] if rays.facing else data[k, s + 1]
+                lower_next = data[s + 1, after] if rays.facing else data[after, s + 1]
+                _mix(upper, upper_next, lower, lower_next, (share, low), mixed)
                 upper = lower = mixed
                 low = np.float32(0)
-            begin = grid[1] + lean[1] * ahead
-            _take(upper, lower, low, np.float32(ahead), begin, across, grid[3], reach[1], values[r], planes[r])
+            _take(upper, lower, (low, ahead), rays, found.values[r], found.planes[r])
 
 
 @njit()
 def _take(
     upper: NDArray[np.float32],
     lower: NDArray[np.float32],
-    low: np.float32,
-    plane: np.float32,
-    begin: float,
-    across: float,
-    voxel: float,
-    reach: float,
+    at: tuple[np.float32, float],
+    rays: _Rays,
     values: NDArray[np.float32],
     planes: NDArray[np.float32],
 ) -> None:
-    """Take what is brighter of a row that is shifted; ``begin``, ``across``: places of the first pixel and voxel."""
+    """Take what is brighter of a row that lies between two others; ``at``: the share of the lower one, the plane."""
+    (low, ahead), voxel = at, rays.step[1]
     fine, width = values.shape
-    last = upper.size - 1
+    last, plane = upper.size - 1, np.float32(ahead)
     for p in range(fine):
-        left = begin + p * voxel / fine
-        column = (left - across) / voxel
+        left = rays.first[1] + rays.lean[1] * ahead + p * voxel / fine
+        column = (left - rays.across) / voxel
         whole = math.floor(column)
         c0, c1 = max(0, -whole), min(width, last - whole)
         if c1 > c0:
@@ -475,7 +497,7 @@ def _take(
             weights = low, np.float32(column - whole)
             _brighter(upper[a:b], lower[a:b], weights, plane, values[p, c0:c1], planes[p, c0:c1])
         for q, j in ((c0 - 1, 0), (c1, last)):  # half a voxel beyond the middles of the outermost ones
-            if 0 <= q < width and abs(left + q * voxel) <= reach:
+            if 0 <= q < width and abs(left + q * voxel) <= rays.reach[1]:
                 value = (np.float32(1) - low) * upper[j] + low * lower[j]
                 if value > values[p, q]:
                     values[p, q], planes[p, q] = value, plane
@@ -487,93 +509,63 @@ def _mix(
     b: NDArray[np.float32],
     c: NDArray[np.float32],
     d: NDArray[np.float32],
-    right: np.float32,
-    low: np.float32,
+    shares: tuple[np.float32, np.float32],
     into: NDArray[np.float32],
 ) -> None:
-    """Write what lies between four rows."""
-    one = np.float32(1)
+    """Write what lies between four rows; ``shares``: that of the second and fourth, and of the last two."""
+    one, (right, low) = np.float32(1), shares
     for q in range(into.size):
         into[q] = (one - low) * ((one - right) * a[q] + right * b[q]) + low * ((one - right) * c[q] + right * d[q])
 
 
-def _warped(sheared: _Sheared, solid: Solid, scene: Scene) -> Projection:
-    main, rows, columns = sheared.axes
+def _warped(
+    pixels: _Pixels, solid: Solid, scene: Viewpoint, first: tuple[float, float], step: tuple[float, float]
+) -> Projection:
+    """Return what the screen shows of the sheared picture, whose rows and columns lie at ``first`` and every ``step``."""
+    main, rows, columns = _axes(solid, scene.turn)
     inverse = np.asarray(np.linalg.inv(scene.turn[:2][:, [rows, columns]]), np.float64)
+    turn = np.ascontiguousarray(scene.turn[:, [main, 2]])
+    screen = _Screen(inverse, turn, first, step, scene.origin, scene.pixel, solid.middle)
     found = Projection(*(np.empty(scene.shape, np.float32) for _ in range(3)))
-
-    def some(start: int, stop: int) -> None:
-        _warp(
-            sheared.values,
-            sheared.planes,
-            inverse,
-            np.ascontiguousarray(scene.turn[:, [main, 2]]),
-            (*sheared.first, *sheared.step),
-            (scene.origin[1], scene.origin[0], scene.pixel),
-            solid.middle,
-            found.values,
-            found.depths,
-            found.ahead,
-            start,
-            stop,
-        )
-
-    for_each_chunk(some, scene.shape[0])
+    for_each_chunk(lambda start, stop: _warp(pixels, screen, found, start, stop), scene.shape[0])
     return found
 
 
 @njit()
-def _warp(
-    source: NDArray[np.float32],
-    planes: NDArray[np.float32],
-    inverse: NDArray[np.float64],
-    turn: NDArray[np.float64],
-    grid: tuple[float, float, float, float],
-    screen: tuple[float, float, float],
-    middle: float,
-    values: NDArray[np.float32],
-    depths: NDArray[np.float32],
-    ahead: NDArray[np.float32],
-    start: int,
-    stop: int,
-) -> None:
-    """Fill rows of the screen: values between the four nearest of the sheared picture, the place of the nearest one.
-
-    ``turn``: what the screen's right, down and ahead are along the axis of the planes, and along z.
-    """
-    height, width = source.shape
+def _warp(pixels: _Pixels, screen: _Screen, found: Projection, start: int, stop: int) -> None:
+    """Fill rows of the screen."""
+    height, width = pixels.values.shape
+    inverse, turn = screen.inverse, screen.turn
     for r in range(start, stop):
-        b = screen[1] + r * screen[2]
-        for q in range(values.shape[1]):
-            a = screen[0] + q * screen[2]
-            u = (inverse[0, 0] * a + inverse[0, 1] * b - grid[0]) / grid[2]
-            v = (inverse[1, 0] * a + inverse[1, 1] * b - grid[1]) / grid[3]
-            values[r, q] = depths[r, q] = ahead[r, q] = np.nan
+        b = screen.origin[0] + r * screen.pixel
+        for q in range(found.values.shape[1]):
+            a = screen.origin[1] + q * screen.pixel
+            u = (inverse[0, 0] * a + inverse[0, 1] * b - screen.first[0]) / screen.step[0]
+            v = (inverse[1, 0] * a + inverse[1, 1] * b - screen.first[1]) / screen.step[1]
+            found.values[r, q] = found.depths[r, q] = found.ahead[r, q] = np.nan
             if not (0 <= u <= height - 1 and 0 <= v <= width - 1):
                 continue
-            value, at = _between(source, planes, u, v)
+            value, at = _between(pixels, u, v)
             far = (at - a * turn[0, 0] - b * turn[1, 0]) / turn[2, 0]
-            values[r, q], ahead[r, q] = value, far
-            depths[r, q] = middle + a * turn[0, 1] + b * turn[1, 1] + far * turn[2, 1]
+            found.values[r, q], found.ahead[r, q] = value, far
+            found.depths[r, q] = screen.middle + a * turn[0, 1] + b * turn[1, 1] + far * turn[2, 1]
 
 
 @njit()
-def _between(
-    source: NDArray[np.float32], planes: NDArray[np.float32], row: float, column: float
-) -> tuple[float, float]:
+def _between(pixels: _Pixels, row: float, column: float) -> tuple[float, float]:
     """Return the value between the four nearest pixels that have one, and the plane of the nearest of these."""
-    height, width = source.shape
+    height, width = pixels.values.shape
     i, j = min(int(row), max(height - 2, 0)), min(int(column), max(width - 2, 0))
     total, weight, best, at = 0.0, 0.0, 0.0, np.nan
     for y, down in ((i, 1 - row + i), (i + 1, row - i)):
         for x, across in ((j, 1 - column + j), (j + 1, column - j)):
             w = down * across
-            if w <= 0 or y >= height or x >= width or source[y, x] == -np.inf:
+            if w <= 0 or y >= height or x >= width or pixels.values[y, x] == -np.inf:
                 continue
-            total += w * source[y, x]
+            total += w * pixels.values[y, x]
             weight += w
             if w > best:
-                best, at = w, float(planes[y, x])
+                best, at = w, float(pixels.planes[y, x])
     if weight < 0.5:
         return np.nan, np.nan
     return total / weight, at

@@ -65,8 +65,8 @@ REDRAW_MS = 12
 PILL, GAP, LINE = QColor(8, 10, 13, 205), 8, 15
 """Ground of words over a picture, room about them, height of a line (px)."""
 
-RAMP = 120
-"""Greatest length of the colours in a legend (px)."""
+RAMP, SCALE = 120, 140
+"""Greatest length of the colours in a legend, and of a scale bar (px)."""
 
 _numbers = count()
 
@@ -419,7 +419,7 @@ class Picture(QWidget):
 
     def _paint_scale(self, painter: QPainter, area: QRectF, unit_um: float) -> None:
         units = self.box.viewRect().width() / max(1.0, area.width())
-        length, words = scale_bar(unit_um, units, min(140.0, area.width() / 3))
+        length, words = scale_bar(unit_um, units, min(SCALE, area.width() / 3))
         wide = max(length, float(painter.fontMetrics().horizontalAdvance(words)))
         pill = QRectF(area.left() + GAP, area.bottom() - GAP - LINE - 10, wide + 2 * GAP, LINE + 10)
         _paint_pill(painter, pill)
@@ -723,7 +723,7 @@ def _paint_tints(painter: QPainter, ends: tuple[str, str], area: QRectF) -> None
     """Draw the colours of depths in the lower right corner, as far as there is room."""
     _paint_pill(painter, QRectF())
     wide = max(RAMP, painter.fontMetrics().horizontalAdvance("    ".join(ends)))
-    if wide > area.width() / 2 - 3 * GAP:
+    if wide > area.width() - min(SCALE, area.width() / 3) - 7 * GAP:
         return
     pill = QRectF(area.right() - 3 * GAP - wide, area.bottom() - GAP - LINE - 10, wide + 2 * GAP, LINE + 10)
     _paint_pill(painter, pill)

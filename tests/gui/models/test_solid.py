@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates, maximum_filter, minimum_filter
 
 from lfcal.base.errors import InputError
-from lfcal_gui.models.solid import BEGIN, Scene, Solid, project, turned
+from lfcal_gui.models.solid import BEGIN, Solid, Viewpoint, project_solid, turned
 
 UNEVEN = np.array([-30.0, -22.0, -19.0, -9.0, 0.0, 4.0, 15.0])
 
@@ -29,7 +29,7 @@ def blobs(shape: tuple[int, int, int], seed: int = 0, sigma: float = 1.5) -> NDA
     return np.asarray(smooth / smooth.max(), np.float32)
 
 
-def rays(solid: Solid, scene: Scene, step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def rays(solid: Solid, scene: Viewpoint, step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the maximum and its depth by samples every ``step`` along each ray: slow, and written another way."""
     top, left = scene.origin
     down, right = np.meshgrid(*(o + scene.pixel * np.arange(n) for o, n in zip((top, left), scene.shape, strict=True)))
@@ -49,9 +49,9 @@ def rays(solid: Solid, scene: Scene, step: float) -> tuple[NDArray[np.float64], 
     return best, depth
 
 
-def around(solid: Solid, turn: NDArray[np.float64], pixels: int = 96) -> Scene:
+def around(solid: Solid, turn: NDArray[np.float64], pixels: int = 96) -> Viewpoint:
     pixel = 2 * solid.radius / pixels
-    return Scene(turn, (-solid.radius + pixel / 2,) * 2, pixel, (pixels, pixels))
+    return Viewpoint(turn, (-solid.radius + pixel / 2,) * 2, pixel, (pixels, pixels))
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -61,7 +61,7 @@ def test_it_is_the_maximum_along_each_ray(seed: int) -> None:
     order = slice(None, None, -1 if seed % 2 else 1)
     solid = Solid.of(blobs((7, 24, 30), seed), UNEVEN[order], (1.3, 1.7))
     scene = around(solid, random_turn(rng))
-    found = project(solid, scene)
+    found = project_solid(solid, scene)
     wanted, _ = rays(solid, scene, 0.2)
     off = ~np.isfinite(wanted)
     assert np.mean(np.isfinite(found.values) == ~off) > 0.95, "they differ by half a pixel of the outline"
@@ -82,7 +82,7 @@ def test_points_are_where_they_belong_in_place_and_depth(seed: int) -> None:
         volume[plane, row, column] = 5.0
         solid = Solid.of(volume, depths, (1.3, 1.7))
         scene = around(solid, turn, 240)
-        found = project(solid, scene)
+        found = project_solid(solid, scene)
         peak = np.unravel_index(np.nanargmax(found.values), scene.shape)
         place = np.array([(column - 12.5) * 1.7, (row - 10) * 1.3, depths[plane] - solid.middle])
         right, down, _ = turn @ place
@@ -105,16 +105,18 @@ def test_from_the_front_and_the_sides_it_is_exact() -> None:
         ((-x, y, -z), volume.max(0)[:, ::-1]),
     ):
         rows, columns = wanted.shape
-        found = project(solid, Scene(np.array(turn), (-(rows - 1) / 2, -(columns - 1) / 2), 1.0, wanted.shape))
+        found = project_solid(
+            solid, Viewpoint(np.array(turn), (-(rows - 1) / 2, -(columns - 1) / 2), 1.0, wanted.shape)
+        )
         np.testing.assert_allclose(found.values, wanted, atol=2e-6)
-    front = project(solid, Scene(np.eye(3), (-3.5, -4.5), 1.0, (8, 10)))
+    front = project_solid(solid, Viewpoint(np.eye(3), (-3.5, -4.5), 1.0, (8, 10)))
     np.testing.assert_allclose(front.depths, volume.argmax(0), atol=1e-6)
 
 
 def test_planes_that_run_downwards_show_the_same() -> None:
     volume = blobs((7, 20, 22))
     up, down = Solid.of(volume, UNEVEN, (1.0, 1.0)), Solid.of(volume[::-1], UNEVEN[::-1], (1.0, 1.0))
-    for one, other in zip(*(project(solid, around(solid, BEGIN)) for solid in (up, down)), strict=True):
+    for one, other in zip(*(project_solid(solid, around(solid, BEGIN)) for solid in (up, down)), strict=True):
         np.testing.assert_array_equal(one, other)
 
 
@@ -123,7 +125,7 @@ def test_the_same_comes_out_each_time_with_any_number_of_threads(monkeypatch: py
     scene, found = around(solid, turned(BEGIN, 0.3, 0.2), 90), []
     for workers in ("1", "2", "3"):
         monkeypatch.setenv("LFCAL_WORKERS", workers)
-        found.append(project(solid, scene))
+        found.append(project_solid(solid, scene))
     for other in found[1:]:
         for a, b in zip(found[0], other, strict=True):
             np.testing.assert_array_equal(a, b)
@@ -135,7 +137,7 @@ def test_the_quick_picture_is_of_the_same_place(monkeypatch: pytest.MonkeyPatch)
     solid = Solid.of(blobs((7, 40, 44), sigma=3), UNEVEN, (1.0, 1.0))
     for turn in (BEGIN, turned(BEGIN, 1.2, 0.1), turned(BEGIN, 0, 1.2)):
         scene = around(solid, turn)
-        sharp, quick = project(solid, scene), project(solid, scene, quick=True)
+        sharp, quick = project_solid(solid, scene), project_solid(solid, scene, quick=True)
         both = np.isfinite(sharp.values) & np.isfinite(quick.values)
         assert both.sum() > 0.9 * np.isfinite(sharp.values).sum()
         assert np.corrcoef(sharp.values[both], quick.values[both])[0, 1] > 0.93
@@ -158,7 +160,7 @@ def test_the_quick_picture_is_of_the_same_place(monkeypatch: pytest.MonkeyPatch)
 )
 def test_hard_cases(volume: NDArray[Any], turn: NDArray[np.float64]) -> None:
     solid = Solid.of(volume, np.linspace(0, 9, len(volume)), (1.0, 1.0))
-    found = project(solid, around(solid, turn, 40))
+    found = project_solid(solid, around(solid, turn, 40))
     seen = found.values[np.isfinite(found.values)]
     assert seen.size and seen.min() >= solid.values.min() * (1 + 1e-6 * (volume.min() < 0)) - 1e-6
     assert seen.max() <= solid.values.max() + 1e-6 * abs(solid.values.max())

@@ -1,6 +1,6 @@
 """Reconstruct: what the PSF is worth: a light field becomes a volume.
 
-- ``page``, ``panel``; ``_volume_view``: the volume from three sides, planned by ``model_volume``
+- ``page``, ``panel``; ``_volume_view``: the volume turned (``_solid_picture``) or from three sides (``model_volume``)
 - ``model``: settings, light fields; ``model_solving``: a reconstruction that can be stopped and gone on with
 """
 

@@ -14,7 +14,7 @@ from PySide6.QtGui import QKeyEvent, QMouseEvent
 
 from lfcal.base import format_length
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.models import BEGIN, CUTOUT, Levels, Projection, Scene, Shot, Tint, project
+from lfcal_gui.models import BEGIN, CUTOUT, Levels, Projection, Shot, Tint, Viewpoint, project_solid
 from lfcal_gui.pages.reconstruct.model_volume import Prepared, axes_in, box_of, marks_at
 from lfcal_gui.widgets import Picture
 
@@ -110,7 +110,7 @@ class SolidPicture(Picture):
         self._prepared: Prepared | None = None
         self._view = View(BEGIN)
         self._name = name
-        self._drawn: tuple[Scene, Projection, Prepared] | None = None
+        self._drawn: tuple[Viewpoint, Projection, Prepared] | None = None
         self._newest = Newest(jobs, f"volume {id(self)}")
         self._grip: tuple[QPointF, bool] | None = None
         self._rest = QTimer(self)
@@ -158,7 +158,7 @@ class SolidPicture(Picture):
         corner, length = self._corner()
 
         def work() -> tuple[Shot, Projection]:
-            found = project(prepared.solid, scene, quick=quick)
+            found = project_solid(prepared.solid, scene, quick=quick)
             return self._shot_of(prepared, view, scene, found, corner, length)
 
         def take(made: tuple[Shot, Projection]) -> None:
@@ -168,7 +168,7 @@ class SolidPicture(Picture):
 
         self._newest.ask(work, take)
 
-    def _scene(self, *, quick: bool) -> Scene | None:
+    def _scene(self, *, quick: bool) -> Viewpoint | None:
         """Return the part of the volume's surroundings that is seen, in pixels of the screen."""
         seen, ratio = self.box.viewRect(), self.devicePixelRatioF()
         width, height = self.box.width() * ratio, self.box.height() * ratio
@@ -177,19 +177,19 @@ class SolidPicture(Picture):
         coarser = max(1.0, math.sqrt(width * height / (QUICK_PIXELS if quick else MOST_PIXELS)))
         shape = max(1, round(height / coarser)), max(1, round(width / coarser))
         pixel = seen.width() / shape[1]
-        return Scene(self._view.turn, (seen.top() + pixel / 2, seen.left() + pixel / 2), pixel, shape)
+        return Viewpoint(self._view.turn, (seen.top() + pixel / 2, seen.left() + pixel / 2), pixel, shape)
 
     def _corner(self) -> tuple[tuple[float, float], float]:
         """Return where the axes are drawn (down, across), and how long."""
         seen = self.box.viewRect()
         point = seen.width() / max(1.0, self.box.width())
-        return (seen.top() + 2 * AXES_PX * point, seen.right() - 2 * AXES_PX * point), AXES_PX * point
+        return (seen.top() + 3 * AXES_PX * point, seen.right() - 2 * AXES_PX * point), AXES_PX * point
 
     @staticmethod
     def _shot_of(
         prepared: Prepared,
         view: View,
-        scene: Scene,
+        scene: Viewpoint,
         found: Projection,
         corner: tuple[float, float],
         length: float,

@@ -27,11 +27,11 @@ class VolumeFile(QObject):
 
     Signals
     -------
-    loaded(path, volume)
-        The project's volume ``(z, Y, X)`` was read.
+    loaded(path, volume, facts)
+        The project's volume ``(z, Y, X)`` was read, and the `lfcal.reconstruct.VolumeFacts` of its file.
     """
 
-    loaded = Signal(str, object)
+    loaded = Signal(str, object, object)
 
     def __init__(self, page: BasePage) -> None:
         super().__init__(page)
@@ -75,14 +75,14 @@ class VolumeFile(QObject):
 
     def load(self) -> None:
         """Read the project's volume if there is one."""
-        from lfcal.reconstruct import load_volume
+        from lfcal.reconstruct import load_volume, volume_facts
 
         path = self._context.state.volume
         self._context.jobs.drop("reconstruct volume")
         if path and Path(path).exists():
             self._context.jobs.load(
                 "reconstruct volume",
-                lambda: load_volume(path),
-                lambda volume: self.loaded.emit(path, volume),
+                lambda: (load_volume(path), volume_facts(path)),
+                lambda found: self.loaded.emit(path, *found),
                 self._page.refuse,
             )

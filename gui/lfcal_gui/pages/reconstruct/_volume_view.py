@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QAction
+from PySide6.QtGui import QAction, QResizeEvent
 from PySide6.QtWidgets import (
+    QBoxLayout,
     QButtonGroup,
     QGridLayout,
     QHBoxLayout,
@@ -45,12 +46,12 @@ AXES = {"xy": "xy", "xz": "xz", "yz": "zy"}
 """What is across and down in each picture."""
 
 
-class Look(QWidget):
+class VolumePanes(QWidget):
     """One volume: turned, or from three sides."""
 
-    def __init__(self, name: str, jobs: Jobs | None) -> None:
+    def __init__(self, name: str, jobs: Jobs | None, *, first: bool) -> None:
         super().__init__()
-        self.name = name
+        self.name, self.short = name, "" if first else f"{name}, "
         self.prepared: Prepared | None = None
         self.shown: dict[str, Side] = {}
         self.solid = SolidPicture(VALUE, name, jobs)
@@ -94,8 +95,8 @@ class Look(QWidget):
         if intent.mode == MODES[0]:
             cross = (intent.z, intent.y, intent.x) if intent.cross else None
             self.solid.set_display(intent.display)
-            caption = f"{self.name}, {size}, {'colour by depth' if intent.by_depth else 'maximum'}"
-            self.solid.show_volume(prepared, View(turn, intent.by_depth, intent.box, cross, levels, caption))
+            view = View(turn, intent.by_depth, intent.box, cross, levels, f"{self.name}, {size}")
+            self.solid.show_volume(prepared, view)
             self._stack.setCurrentIndex(0)
             return
         self._stack.setCurrentIndex(1)
@@ -110,7 +111,7 @@ class Look(QWidget):
             cross = (_line(True, at[across], frame), _line(False, at[down], frame)) if intent.cross else ()
             shot = Shot(
                 side.values,
-                f"{self.name}, {down} over {across}",
+                f"{self.short}{down} over {across}",
                 name=f"volume_{key}",
                 levels=None if own else levels,
                 origin=side.origin,
@@ -145,7 +146,7 @@ class VolumeView(QWidget):
         self._volume: NDArray[Any] | None = None
         self._newest = Newest(jobs, f"volume {id(self)}")
         self._emptied = 0
-        self.looks = Look("Reconstruction", jobs), Look("Truth", jobs)
+        self.looks = VolumePanes("Volume", jobs, first=True), VolumePanes("Truth", jobs, first=False)
         self.solid, self.pictures = self.looks[0].solid, self.looks[0].pictures
         self.xy, self.xz, self.yz = self.pictures.values()
         share_contrast(*(p for look in self.looks for p in (look.solid, *look.pictures.values())))
@@ -154,10 +155,10 @@ class VolumeView(QWidget):
             link(*(look.pictures[key] for look in self.looks))
         for look in self.looks:
             self._watch(look)
-        row = QHBoxLayout()
-        row.setSpacing(3)
+        self._beside = QBoxLayout(QBoxLayout.Direction.LeftToRight)
+        self._beside.setSpacing(3)
         for look in self.looks:
-            row.addWidget(look, 1)
+            self._beside.addWidget(look, 1)
         self.contrasts = Contrast(self.solid), Contrast(self.xy)
         for contrast in self.contrasts:
             contrast.display_asked.connect(lambda changes: self._display(**changes))
@@ -165,14 +166,14 @@ class VolumeView(QWidget):
         outer.setContentsMargins(0, 0, 0, 0)
         outer.setSpacing(5)
         outer.addLayout(self._controls())
-        outer.addLayout(row, 1)
+        outer.addLayout(self._beside, 1)
         for contrast in self.contrasts:
             outer.addWidget(contrast)
         outer.addLayout(self._depth_row())
         self.apply_theme()
 
     # -- building --------------------------------------------------------------------------------------
-    def _watch(self, look: Look) -> None:
+    def _watch(self, look: VolumePanes) -> None:
         look.solid.turned.connect(self._turn)
         look.solid.begun_again.connect(self.show_all)
         look.solid.hovered.connect(lambda row, column, _: self._read(look, row, column))
@@ -230,8 +231,8 @@ class VolumeView(QWidget):
         self.readout = ElidedLabel("–")
         self.readout.setProperty("role", "hint")
         row.addWidget(QLabel("z"))
-        row.addWidget(self.slider, 1)
-        row.addWidget(self.readout, 1)
+        row.addWidget(self.slider, 2)
+        row.addWidget(self.readout, 3)
         return row
 
     # -- content ---------------------------------------------------------------------------------------
@@ -333,12 +334,19 @@ class VolumeView(QWidget):
             contrast.apply_theme()
         self._show()
 
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Put the truth where both have more room: on the right, or below."""
+        super().resizeEvent(event)
+        room = self._beside.geometry()
+        direction = QBoxLayout.Direction
+        self._beside.setDirection(direction.TopToBottom if room.height() > room.width() else direction.LeftToRight)
+
     # -- inside ----------------------------------------------------------------------------------------
     def _turn(self, across: float, down: float) -> None:
         self.turn = turned(self.turn, across, down)
         self._show()
 
-    def _steer(self, look: Look, key: str, row: int, column: int) -> None:
+    def _steer(self, look: VolumePanes, key: str, row: int, column: int) -> None:
         if look.prepared is None or key not in look.shown:
             return
         side, axes = look.shown[key], dict(zip("xyz", look.prepared.solid.axes, strict=True))
@@ -346,7 +354,7 @@ class VolumeView(QWidget):
         at = {down: side.origin[0] + row * side.pixel, across: side.origin[1] + column * side.pixel}
         self.set_cross(**{axis: int(np.argmin(np.abs(axes[axis] - place))) for axis, place in at.items()})
 
-    def _read(self, look: Look, row: int, column: int) -> None:
+    def _read(self, look: VolumePanes, row: int, column: int) -> None:
         """Say which voxel is behind the pointer, else where the cross is."""
         at = look.solid.voxel_at(row, column) or (self.intent.z, self.intent.y, self.intent.x)
         if look.prepared is not None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import format_length
-from lfcal_gui.models import DisplaySettings, Label, Levels, Outline, Overlay, Scene, Solid, levels_of
+from lfcal_gui.models import DisplaySettings, Label, Levels, Outline, Overlay, Solid, Viewpoint, levels_of
 
 __all__ = ["MODES", "Prepared", "Side", "VolumeIntent", "axes_in", "box_of", "marks_at", "prepare", "sides"]
 
@@ -171,7 +171,7 @@ def marks_at(solid: Solid, turn: NDArray[np.float64], place: NDArray[np.float64]
     return tuple(ends)
 
 
-def axes_in(scene: Scene, corner: tuple[float, float], length: float) -> tuple[Overlay, ...]:
+def axes_in(scene: Viewpoint, corner: tuple[float, float], length: float) -> tuple[Overlay, ...]:
     """Return the three axes with their names about a place of the picture; what points at you ends there."""
     middle = np.array(corner)
     found: list[Overlay] = []

@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QFileDialog
 
 from lfcal.base import LfcalError, format_seconds
 from lfcal.psf import empty_words
+from lfcal.reconstruct import VolumeFacts
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
@@ -389,10 +390,10 @@ class Page(BasePage):
             self.panel.show_no_volume()
             self.volume_file.load()
 
-    def _volume_loaded(self, path: str, volume: NDArray[Any]) -> None:
+    def _volume_loaded(self, path: str, volume: NDArray[Any], facts: VolumeFacts) -> None:
         if self.solving is None and path == self.context.state.volume:
             self.saved = volume
-            self.panel.show_volume(volume, f"Volume {Path(path).name}")
+            self.panel.show_volume(volume, f"Volume {Path(path).name}", facts.depths_um, facts.voxel_um)
 
     def _close(self) -> None:
         if self.solving is not None:

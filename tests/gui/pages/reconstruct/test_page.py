@@ -13,7 +13,7 @@ from pytestqt.qtbot import QtBot
 from lfcal.psf import PSFMatrix, save
 from lfcal.reconstruct.projectors.device import ArrayDevice
 from lfcal.reconstruct.solvers.choice import SolverChoice
-from lfcal.reconstruct.volumes import load_volume
+from lfcal.reconstruct.volumes import load_volume, save_volume
 from lfcal_gui.context import Context
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.reconstruct import model
@@ -108,6 +108,17 @@ def test_a_made_light_field_is_reconstructed_and_judged(
     again = open_page("reconstruct")
     qtbot.waitUntil(lambda: again.saved is not None and again.image is not None, timeout=GUARD_MS)
     assert "out.h5" in again.panel.title.text() and again.panel.stack.currentWidget() is again.panel.volume
+
+
+def test_a_saved_volume_has_the_scale_of_its_file(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
+    """It was drawn with cubes for voxels, whatever the file said."""
+    save_volume(tmp_path / "v.tif", np.ones((2, 4, 5)), depths_um=[30.0, 10.0], voxel_um=(2.5, 3.0))
+    context.project.update("open", volume=str(tmp_path / "v.tif"))
+    idle(context.jobs, qtbot)
+    prepared = page.panel.volume.prepared
+    assert prepared is not None and prepared.solid.measured
+    np.testing.assert_allclose(prepared.solid.sides, (2.5, 3.0), rtol=1e-5)
+    assert prepared.solid.given.tolist() == [30.0, 10.0]
 
 
 def test_stop_keeps_what_there_is(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:

@@ -196,6 +196,15 @@ def test_the_cross_links_slices_and_projections(qtbot: QtBot) -> None:
     assert view.volume is None and view.readout.text() == "–"
 
 
+def test_the_truth_is_below_where_both_have_more_room_there(view: VolumeView) -> None:
+    view.set_volume(volume(), DEPTHS, (60.0, 60.0), volume())
+    for size, below in (((900, 600), False), ((500, 900), True)):
+        view.resize(*size)
+        QApplication.processEvents()
+        first, second = (look.geometry() for look in view.looks)
+        assert (second.top() > first.bottom()) is below and (second.left() > first.right()) is not below
+
+
 @pytest.fixture
 def jobs() -> Iterator[Jobs]:
     made = Jobs()
