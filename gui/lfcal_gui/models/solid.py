@@ -521,7 +521,7 @@ def _mix(
 def _warped(
     pixels: _Pixels, solid: Solid, scene: Viewpoint, first: tuple[float, float], step: tuple[float, float]
 ) -> Projection:
-    """Return what the screen shows of the sheared picture, whose rows and columns lie at ``first`` and every ``step``."""
+    """Return what the screen shows of the sheared picture; ``first``, ``step``: of its rows and columns."""
     main, rows, columns = _axes(solid, scene.turn)
     inverse = np.asarray(np.linalg.inv(scene.turn[:2][:, [rows, columns]]), np.float64)
     turn = np.ascontiguousarray(scene.turn[:, [main, 2]])
