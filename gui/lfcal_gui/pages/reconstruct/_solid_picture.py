@@ -132,7 +132,9 @@ class SolidPicture(Picture):
             self.set_shot(None)
             return
         if before is None or before.solid.radius != prepared.solid.radius:
-            self.set_shot(Shot(np.zeros((1, 1), np.float32), whole=self._whole(prepared)), keep_view=False)
+            # the first picture after an update takes seconds: its kernels are compiled
+            waiting = Shot(np.zeros((1, 1), np.float32), "Drawing …", whole=self._whole(prepared))
+            self.set_shot(waiting, keep_view=False)
         self._changed()
 
     @staticmethod
