@@ -723,7 +723,7 @@ def _paint_tints(painter: QPainter, ends: tuple[str, str], area: QRectF) -> None
     """Draw the colours of depths in the lower right corner, as far as there is room."""
     _paint_pill(painter, QRectF())
     wide = max(RAMP, painter.fontMetrics().horizontalAdvance("    ".join(ends)))
-    if wide > area.width() - min(SCALE, area.width() / 3) - 7 * GAP:
+    if wide > area.width() - min(SCALE, area.width() / 3) - 6 * GAP:
         return
     pill = QRectF(area.right() - 3 * GAP - wide, area.bottom() - GAP - LINE - 10, wide + 2 * GAP, LINE + 10)
     _paint_pill(painter, pill)
