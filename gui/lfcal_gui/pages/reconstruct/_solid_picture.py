@@ -41,7 +41,7 @@ ZOOM = 1.25
 
 
 class Newest:
-    """Work of which one piece is done at a time, and of those that wait only the newest; without jobs all at once."""
+    """Work of which one piece is done at a time, and of those that wait only the newest; without jobs, immediately."""
 
     def __init__(self, jobs: Jobs | None, group: str) -> None:
         self._jobs, self._group = jobs, group
@@ -49,7 +49,7 @@ class Newest:
         self._next: tuple[Callable[[], Any], Callable[[Any], None]] | None = None
 
     def ask(self, work: Callable[[], Any], take: Callable[[Any], None]) -> None:
-        """Do ``work`` beside the window's thread, then ``take`` its result there."""
+        """Do ``work`` in the background, then ``take`` its result in the thread of the window."""
         if self._jobs is None:
             take(work())
         elif self._busy:

@@ -37,7 +37,7 @@ TICKS = (
     ("by_depth", "Colour by depth", "Colours of the 3-D view: depth, with brightness by value; off: by value alone"),
     ("box", "Box and axes", "Edges of the volume, and the directions of its axes"),
     ("cross", "Cross", "The voxel that the slices go through"),
-    ("own_scale", "Own scale of each plane", "Slices: each depth plane has a colour scale of its own"),
+    ("own_scale", "Own scale of each plane", "Slices: each depth plane has its own colour scale"),
     ("truth", "Truth", "The phantom that the light field was made from, turned together with the reconstruction"),
 )
 """Field of the intent, words and meaning of each entry of the menu."""
@@ -124,7 +124,7 @@ class VolumePanes(QWidget):
 
 
 class VolumeView(QWidget):
-    """Show a volume ``(Z, Y, X)``: turned in 3-D, sliced, or projected; a known one beside it.
+    """Show a volume ``(Z, Y, X)``: turned in 3-D, sliced, or projected, and next to it a known one.
 
     Parameters
     ----------
