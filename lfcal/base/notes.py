@@ -31,11 +31,18 @@ class _Lines(logging.Handler):
     def __init__(self, sink: Callable[[str], None]) -> None:
         super().__init__()
         self._sink = sink
+        self._said: set[str] = set()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Hand on one line."""
+        """Hand on one line; a note or warning once, as a task and the one after it may know the same."""
+        if hasattr(record, "plain"):
+            self._sink(record.getMessage())
+            return
         word = "warning: " if record.levelno >= logging.WARNING else "note: "
-        self._sink(f"{'' if hasattr(record, 'plain') else word}{record.getMessage()}")
+        line = f"{word}{record.getMessage()}"
+        if line not in self._said:
+            self._said.add(line)
+            self._sink(line)
 
 
 @contextmanager

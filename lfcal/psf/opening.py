@@ -197,7 +197,7 @@ def _region_group(file: H5File, region: str) -> str:
     names = (own, *file.names(REGIONS))
     if region not in names:
         if names == ("",):
-            raise InputError.expected(f"{file.path}, region", "a file of several", "one without a name", "leave it out")
+            raise InputError(f"{file.path}: has one region of the field, without a name; leave --region out")
         raise InputError.expected(f"{file.path}, region", " or ".join(filter(None, names)), repr(region), "choose one")
     return f"{REGIONS}/{region}"
 

@@ -92,4 +92,5 @@ class AssemblySettings:
 
             check_cutout(*self.cutout)
         elif self.cutout not in (None, "auto"):
-            raise InputError.expected("cutout", "(rows, columns) or auto", repr(self.cutout), "correct it")
+            wanted = "auto, or odd numbers of pixels such as '41', '41x41' or (41, 41)"
+            raise InputError.expected("cutout", wanted, repr(self.cutout), "correct it")

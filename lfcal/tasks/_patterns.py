@@ -40,6 +40,7 @@ __all__ = [
     "orientation_field",
     "own_words",
     "positions_field",
+    "without_positions",
 ]
 
 SOME = 40
@@ -290,19 +291,27 @@ def of_one_channel(source: Path, plan: Path | None, colours: Sequence[str]) -> s
     return assembled_first(source, plan, "--channel", [*green, *colours][0])
 
 
-def without_positions(error: InputError, source: Path, plan: Path | None, dark: str) -> InputError:
+def without_positions(
+    error: InputError, source: Path, plan: Path | None, recipe: CorrectionRecipe | None, matrix: Path | None = None
+) -> InputError:
     """Return ``error`` with the command to type, where it is about positions that ``source`` does not state.
 
-    ``plan`` and ``dark`` are those that were given; frames that lie in one folder below are named.
+    ``plan`` and ``recipe`` are those that were given; frames that lie in one folder below are named. ``matrix``: the H
+    that is checked by the frames, in which positions can be found.
     """
     said, _, remedy = str(error).partition("; ")
     if not any(option in remedy for option in LISTED):
         return error
     below = _below(source, plan)
     if below is not None:
-        words = ["lfcal", "fit", str(below), *(["--plan", str(plan)] if plan else [])]
-        given = dark or (str(source / "dark") if (source / "dark").is_dir() else "")
+        command = ["fit"] if matrix is None else ["fit", "check", str(matrix)]
+        words = ["lfcal", *command, str(below), *(["--plan", str(plan)] if plan else [])]
+        given = str(recipe.dark if recipe else "") or (str(source / "dark") if (source / "dark").is_dir() else "")
         return InputError(f"{said}; type {shlex.join([*words, *(['--dark', given] if given else [])])}")
+    if matrix is not None:
+        return InputError(
+            f"{said}; name the files of single frames instead of {source}: H shows where their sources are"
+        )
     named = re.search(r"say it: --pattern '([^']+)'", remedy)
     if named:
         return InputError(f"{said}; {assembled_first(source, plan, '--pattern', named.group(1))}")
@@ -378,7 +387,7 @@ def _iter_picked(
         one = of_one_channel(source, how.plan, "RGB")
         raise FileFormatError(str(error).replace(' (colour="G")', f": {one}")) from None
     except InputError as error:
-        raise without_positions(error, source, how.plan, str(how.recipe.dark) if how.recipe else "") from None
+        raise without_positions(error, source, how.plan, how.recipe) from None
     if how.camera is not None:
         plan = replace(plan, camera=how.camera)
     index = np.unique(

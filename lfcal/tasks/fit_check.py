@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lfcal.base import Work
+from lfcal.base import InputError, Work
 from lfcal.records import CorrectionRecipe, opt, panel, read_share, record, required
 from lfcal.tasks._patterns import (
     NO_PLACE,
@@ -20,6 +20,7 @@ from lfcal.tasks._patterns import (
     open_upright,
     orientation_field,
     own_words,
+    without_positions,
 )
 from lfcal.tasks._scan_frames import find_plan
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
@@ -112,7 +113,10 @@ def _iter_frames(H: PSFMatrix, source: Path, task: CheckMatrix, stack: ExitStack
     named = task.plan if isinstance(task, CheckMatrixByScan) else None
     if source.is_dir() and ((source / NAME).is_file() or find_plan(source, named) is not None):
         how = PatternReading(plan=named, recipe=task.corrections, orientation=task.orientation)
-        view, plan, _ = yield from iter_upright_scan(source, how, stack, lambda _: ONE_COLOUR)
+        try:
+            view, plan, _ = yield from iter_upright_scan(source, how, stack, lambda _: ONE_COLOUR)
+        except InputError as error:
+            raise without_positions(error, source, named, task.corrections, task.matrix) from None
         return new_frames(H, view, str(source), plan, most=task.positions)
     own = plan_of(H)
     with own_words():

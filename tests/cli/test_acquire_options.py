@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 
 from lfcal.acquire.options import Options
 from lfcal.acquire.session_file import SessionFile
+from lfcal.camera import Marks
 from tests.acquire.rigs import frames_of, small_plan
 from tests.cli.conftest import Run
 
@@ -53,6 +55,13 @@ def test_the_session_keeps_how_it_is_recorded(
     kept = SessionFile.read(tmp_path / "s").options
     assert getattr(kept, name) == value != getattr(Options(), name)
     assert len(frames_of(tmp_path / "s")) == PLAN.n_positions
+
+
+def test_what_is_assumed_of_the_camera_is_said_once(acquire: Acquire, tmp_path: Path) -> None:
+    guessed = replace(PLAN, camera=replace(PLAN.camera, marks=Marks.of({"lattice.gap_um": "assumed"})))
+    (tmp_path / "plan.json").write_text(guessed.to_json())
+    done = acquire("--assemble", tmp_path / "H.h5", "--option", "optics=pattern")
+    assert done.code == 0 and done.err.count("assumed of the camera") == 1, done.err
 
 
 def test_retries_decide_whether_a_fault_ends_the_session(acquire: Acquire, tmp_path: Path) -> None:

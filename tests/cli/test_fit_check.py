@@ -104,6 +104,27 @@ def test_frames_of_a_folder_with_a_plan_are_held_at_their_places(lfcal: Lfcal, p
     assert run.code == 2 and "depth: expected a depth of H" in run.err and run.err.count("\n") <= 2, run.err
 
 
+def test_frames_that_state_no_position_are_named_one_by_one(lfcal: Lfcal, place: Path) -> None:
+    for folder in (place / "scan", place / "below" / "frames"):
+        folder.mkdir(parents=True)
+    for name in (
+        "scan/image_0.tif",
+        "scan/image_1.tif",
+        "below/frames/z0_y4_x5.tif",
+        "below/frames/z0_y3_x4.tif",
+        "below/dark.tif",
+    ):
+        shutil.copy(place / "same.tif", place / name)
+    for name in ("scan", "below"):
+        (place / name / "plan.json").write_text(plan_of().to_json())
+    run = check(lfcal, "old.h5", "scan")
+    assert "name the files of single frames instead of scan: H shows where their sources are" in run.err, run.err
+    # none of these is an option here
+    assert run.code == 2 and not any(option in run.err for option in ("--manifest", "--order", "--pattern"))
+    nested = check(lfcal, "old.h5", "below").err
+    assert "type lfcal fit check old.h5 below/frames" in nested, nested
+
+
 @pytest.mark.long
 def test_a_name_that_says_the_place_is_used(lfcal: Lfcal, place: Path) -> None:
     write(place / "z0_y4_x5.tif", new_frame(setup_of(plan_of()), (0.3, 0.0)))

@@ -168,7 +168,7 @@ def test_python_has_every_field_as_a_keyword_with_type_default_and_help() -> Non
     [
         ({"lost": 2}, "lost: expected a number > 0 and < 1, got 2"),
         ({"pad": "yes"}, "pad: expected true or false, got 'yes'"),
-        ({"cutout": 41}, "cutout: expected (rows, columns) or auto, got 41"),
+        ({"cutout": 40}, "cutout: expected auto, or odd numbers of pixels such as '41', '41x41' or (41, 41), got 40"),
         ({"lost": "1%"}, "lost: expected cutout auto, got as planned"),
         ({"white_floor": 0.1}, "white_floor: expected white, got none"),
         ({"background": 3.0}, "background: expected text, got 3.0"),
