@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from lfcal.acquire.recording import open_session
-from lfcal.base import FileFormatError, parse_json, read_text, replace_whole
+from lfcal.base import FileFormatError, parse_json, read_text, write_text
 from lfcal.frames import Position
 
 __all__ = ["RedoList", "read_suspects"]
@@ -65,8 +65,7 @@ class RedoList:
 
     def write(self, path: Path) -> None:
         """Write the list as JSON, whole or not at all."""
-        with replace_whole(path) as part:
-            part.write_text(self.to_json(), encoding="utf-8")
+        write_text(path, self.to_json())
 
     @classmethod
     def read(cls, path: Path) -> RedoList:

@@ -17,7 +17,7 @@ from lfcal.acquire.frame_plan import FramePlan, frame_grid, read_frame_plan
 from lfcal.acquire.options import Options
 from lfcal.acquire.recording import Kind, RecordingFile, file_name
 from lfcal.acquire.schedule import Schedule
-from lfcal.base import FileFormatError, InputError, LfcalError, StorageError, parse_json, read_text, replace_whole
+from lfcal.base import FileFormatError, InputError, LfcalError, StorageError, parse_json, read_text, write_text
 from lfcal.camera import ScanPlan, build
 from lfcal.devices import CheckedCamera, Rig
 from lfcal.frames import Position
@@ -36,8 +36,7 @@ def keep_task(folder: Path, task: Mapping[str, Any], run: int = 0) -> None:
 
     It has its own file, because versions of lfcal that keep no task refuse a ``session.json`` with further entries.
     """
-    with replace_whole(folder / _job_name(run)) as part:
-        part.write_text(json.dumps({**task, "out": task.get("out", ".")}, indent=2), encoding="utf-8")
+    write_text(folder / _job_name(run), json.dumps({**task, "out": task.get("out", ".")}, indent=2))
 
 
 def kept_tasks(folder: Path, recordings: int) -> tuple[dict[str, Any], ...]:
@@ -245,8 +244,7 @@ class SessionFile:
             data |= {"version": TARGET_VERSION, "target": self.target.to_dict()}
         if not folder.is_dir():
             raise StorageError(f"{folder}: the session folder is gone; restore it, or start a new session")
-        with replace_whole(folder / NAME) as part:
-            part.write_text(json.dumps(data, indent=2, allow_nan=False), encoding="utf-8")
+        write_text(folder / NAME, json.dumps(data, indent=2, allow_nan=False))
 
     @classmethod
     def read(cls, folder: Path) -> SessionFile:

@@ -48,6 +48,7 @@ from lfcal.base.files import (
     storage_words,
     sweep_scratch,
     write_png,
+    write_text,
     write_tiff,
 )
 from lfcal.base.finding import RANK, SUBJECTS, Finding, Judgement, Merit, listed
@@ -214,5 +215,6 @@ __all__ = [
     "worker_count",
     "write_at",
     "write_png",
+    "write_text",
     "write_tiff",
 ]

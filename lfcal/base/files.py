@@ -35,6 +35,7 @@ __all__ = [
     "sweep_scratch",
     "system_error",
     "write_png",
+    "write_text",
     "write_tiff",
 ]
 
@@ -375,6 +376,12 @@ class _Counted(io.BufferedRandom):
 
     def fileno(self) -> int:
         raise io.UnsupportedOperation("fileno")
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write a text file in UTF-8, whole or not at all."""
+    with replace_whole(path) as part:
+        part.write_text(text, encoding="utf-8")
 
 
 def write_png(path: str | os.PathLike[str], image: NDArray[Any]) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from lfcal import __version__
 from lfcal.base.figures import COLOURS
-from lfcal.base.files import replace_whole
+from lfcal.base.files import write_text
 
 __all__ = [
     "add_html_section",
@@ -134,8 +134,7 @@ def add_html_section(page: Path, added: str) -> None:
     body, footer, rest = page.read_text(encoding="utf-8").rpartition("\n<footer>")
     before, there, after = body.partition("\n" + added.partition("\n")[0])
     body = before + after.partition("</section>")[2] if there else body
-    with replace_whole(page) as part:
-        part.write_text(f"{body}\n{added}{footer}{rest}", encoding="utf-8")
+    write_text(page, f"{body}\n{added}{footer}{rest}")
 
 
 def _stylesheet() -> str:

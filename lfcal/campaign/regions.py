@@ -26,7 +26,7 @@ from lfcal.acquire import (
     iter_record,
     keep_task,
 )
-from lfcal.base import InputError, Work, read_text, replace_whole, storage_errors, sync_folder
+from lfcal.base import InputError, Work, read_text, storage_errors, sync_folder, write_text
 from lfcal.camera import RegionPlan
 from lfcal.devices import Rig
 from lfcal.psf import PSFMatrix, open_psf, save_regions
@@ -163,8 +163,7 @@ def _begin(folder: Path, plan: RegionPlan, *, resume: bool) -> None:
         raise InputError.expected(str(folder), "a new folder", "a session", "choose another, or resume this one")
     with storage_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        with replace_whole(folder / REGIONS_FILE) as part:
-            part.write_text(plan.to_json(), encoding="utf-8")
+        write_text(folder / REGIONS_FILE, plan.to_json())
         sync_folder(folder)
 
 

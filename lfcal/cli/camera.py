@@ -9,7 +9,7 @@ from typing import Any
 import typer
 
 import lfcal.cli
-from lfcal.base import replace_whole
+from lfcal.base import write_text
 from lfcal.camera import Camera, derived_of, doubts, quantities_of, value_at
 from lfcal.cli._console import print_json, print_table, report
 from lfcal.cli._lazy import add_command
@@ -65,8 +65,7 @@ def as_json(camera: Camera) -> dict[str, Any]:
 
 def write_camera(camera: Camera, out: Path) -> Path:
     """Write ``camera`` as JSON; return the file."""
-    with replace_whole(out) as part:
-        part.write_text(camera.to_json(), encoding="utf-8")
+    write_text(out, camera.to_json())
     return out
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.base import replace_whole
+from lfcal.base import write_text
 from lfcal.cli._colour_planes import read_white
 from lfcal.cli._console import print_json, print_table
 from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
@@ -68,8 +68,7 @@ def command(
     written = [] if out is None else save_lattice(fit, out)
     if out is not None and described is not None:
         written.append(out / "camera.json")
-        with replace_whole(written[-1]) as part:
-            part.write_text(described.to_json(), encoding="utf-8")
+        write_text(written[-1], described.to_json())
     if json:
         facts = {**lattice_dict(fit), "falloff": fall.falloff, "scatter": fall.scatter, "lens_types": found}
         print_json({**facts, "camera": described and described.to_dict(), "written": written})

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from lfcal.base import Work, plain, replace_whole
+from lfcal.base import Work, plain, write_text
 from lfcal.camera import Camera, quantities_of, value_at
 from lfcal.fit.hybrid import HybridPlanes, HybridSummary, hybrid_note
 from lfcal.fit.measured import Measured
@@ -38,7 +38,6 @@ __all__ = [
     "json_text",
     "measured_camera",
     "write_found",
-    "write_text",
 ]
 
 FORMAT = "lfcal-fit"
@@ -161,12 +160,6 @@ def iter_write_hybrid(
     planes = HybridPlanes(_header(fit, {**kept, **(provenance or {})}), fit, source, noise)
     yield from iter_write(planes, out, Stored(compression=compression), workers=workers)
     return planes.summary
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a text file, whole or not at all."""
-    with replace_whole(path) as part:
-        part.write_text(text, encoding="utf-8")
 
 
 def json_text(value: Any) -> str:

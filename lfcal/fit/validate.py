@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import LINES, Clock, InputError, Work, drained, figure, save_figure
+from lfcal.base import LINES, Clock, InputError, Work, drained, figure, save_figure, write_text
 from lfcal.fit.compared import Compared, compared_with
-from lfcal.fit.files import REPORT, json_text, write_text
+from lfcal.fit.files import REPORT, json_text
 from lfcal.fit.locate import LocatedPattern, NewFrame
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, PlaneModel

@@ -24,8 +24,7 @@ from lfcal.base import (
     check_number,
     parse_json,
     read_text,
-    replace_whole,
-    storage_errors,
+    write_text,
 )
 from lfcal.frames.cfa import check_cfa
 from lfcal.frames.positions import NamePattern, check_plan_shape, natural_key, scan_positions
@@ -385,8 +384,7 @@ def write_manifest(path: str | os.PathLike[str], manifest: Manifest) -> None:
         text = _csv_text(manifest)
     else:
         raise InputError.expected(f"manifest {path}", "a name ending in .csv or .json", repr(suffix), "rename it")
-    with storage_errors(path), replace_whole(path) as part:
-        part.write_text(text, encoding="utf-8")
+    write_text(path, text)
 
 
 def _record(entry: FrameEntry) -> dict[str, Any]:

@@ -20,8 +20,8 @@ from lfcal.base import (
     figure,
     parse_json,
     read_text,
-    replace_whole,
     save_figure,
+    write_text,
 )
 from lfcal.camera import LatticeDistortion
 from lfcal.lattice.lattice_fit import LatticeFit
@@ -60,8 +60,7 @@ def save_lattice(fit: LatticeFit, folder: str | os.PathLike[str]) -> list[Path]:
     facts = {"format": LATTICE_FORMAT, "version": LATTICE_VERSION, **lattice_dict(fit)}
     files = lattice_files(folder)
     for path, text in zip(files, (json.dumps(facts, indent=2, allow_nan=False), _table(fit)), strict=False):
-        with replace_whole(path) as part:
-            part.write_text(text, encoding="utf-8")
+        write_text(path, text)
     _draw(fit, files[2])
     return files
 

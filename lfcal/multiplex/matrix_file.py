@@ -10,7 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.base import FileFormatError, InputError, map_npy, npy_header, plain, read_text, replace_whole, storage_errors
+from lfcal.base import (
+    FileFormatError,
+    InputError,
+    map_npy,
+    npy_header,
+    plain,
+    read_text,
+    replace_whole,
+    storage_errors,
+    write_text,
+)
 from lfcal.multiplex.modulator import MAX_SAMPLES, Modulator, modulator_from_matrix
 
 __all__ = ["MATRIX_SUFFIXES", "load_modulator", "save_modulator"]
@@ -70,8 +80,7 @@ def save_modulator(modulator: Modulator, path: str | os.PathLike[str]) -> None:
     if file.suffix.lower() == ".json":
         kept = {key: getattr(modulator, key) for key in sorted(KEYS)}
         text = json.dumps(plain(kept), indent=None, allow_nan=False)
-        with storage_errors(file), replace_whole(file) as part:
-            part.write_text(text + "\n", encoding="utf-8")
+        write_text(file, text + "\n")
         return
     with storage_errors(file), replace_whole(file) as part, part.open("wb") as stream:
         stream.write(npy_header((*modulator.side, modulator.count), np.dtype("<f8")))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base import InputError, read_text, replace_whole
+from lfcal.base import InputError, read_text, write_text
 from lfcal.records import check_planes, opt, record
 from lfcal.tasks.cameras import is_camera_file, load_camera, tell_assumed
 from lfcal.tasks.task import Task, TaskResult
@@ -147,5 +147,4 @@ def _ready(path: str) -> ScanPlan | RegionPlan | None:
 def write_plan(plan: ScanPlan | RegionPlan | TargetPlan, out: Path | None) -> None:
     """Write a plan where a file is named."""
     if out is not None:
-        with replace_whole(out) as part:
-            part.write_text(plan.to_json(), encoding="utf-8")
+        write_text(out, plan.to_json())

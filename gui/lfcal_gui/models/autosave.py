@@ -10,7 +10,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Protocol
 
-from lfcal.base import LfcalError, read_text, replace_whole
+from lfcal.base import LfcalError, read_text, write_text
 from lfcal_gui.models.project import Project, ProjectState, read_project
 
 __all__ = ["Claim", "UnsavedCopy", "find_kept", "keep", "read_kept"]
@@ -107,8 +107,7 @@ def keep(project: Project, file: Path) -> None:
     """Write a copy of the project, with the name of its own file; it opens as a project, too."""
     data: dict[str, Any] = json.loads(project.state.to_json())
     data["autosave"] = {"project": "" if project.path is None else str(project.path.absolute())}
-    with replace_whole(file) as part:
-        part.write_text(json.dumps(data, indent=2), encoding="utf-8")
+    write_text(file, json.dumps(data, indent=2))
 
 
 def read_kept(file: Path) -> UnsavedCopy:

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from lfcal.base import FileFormatError, LfcalError, on_network, parse_json, read_text, replace_whole
+from lfcal.base import FileFormatError, LfcalError, on_network, parse_json, read_text, write_text
 from lfcal.camera import Camera, ScanPlan, preset
 
 __all__ = ["Hold", "Project", "ProjectState", "RecentProjects", "read_project"]
@@ -314,8 +314,7 @@ class Project:
         target = path or self.path
         if target is None:
             raise FileFormatError("project: it has no file yet; choose a name")
-        with replace_whole(target) as part:
-            part.write_text(self._state.to_json(), encoding="utf-8")
+        write_text(target, self._state.to_json())
         self.path, self._saved = target, self._state
         self._stamp = _stamp(target)
 
@@ -368,5 +367,5 @@ class RecentProjects:
         """Put ``path`` first; where the list cannot be written, as on a full disk, it stays as it is."""
         path = path.absolute()
         listed = [str(path), *(str(p) for p in self.paths() if p != path)][: self.limit]
-        with suppress(LfcalError), replace_whole(self.store) as part:
-            part.write_text(json.dumps(listed), encoding="utf-8")
+        with suppress(LfcalError):
+            write_text(self.store, json.dumps(listed))

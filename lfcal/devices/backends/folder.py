@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, LfcalError, replace_whole
+from lfcal.base import InputError, LfcalError, write_text
 from lfcal.camera import ScanPlan
 from lfcal.devices.backends._common import CameraFacts, ExternalStage
 from lfcal.devices.errors import DeviceLost, FrameTimeout, IncompleteFrame
@@ -131,10 +131,8 @@ class _Camera(CameraFacts):
     def _request(self) -> None:
         if not self._folder.is_dir():
             raise DeviceLost(f"{self._folder}: the folder is gone; make it again and start the other program")
-        with replace_whole(self._folder / REQUEST) as part:
-            part.write_text(
-                json.dumps({"number": self._number, "exposure_s": self._exposure, "stage_um": self._stage.position()})
-            )
+        asked = {"number": self._number, "exposure_s": self._exposure, "stage_um": self._stage.position()}
+        write_text(self._folder / REQUEST, json.dumps(asked))
 
     def _listing(self) -> dict[str, Signature]:
         """Return name, size and time of every image in the folder that may answer."""

@@ -12,7 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal import __version__
-from lfcal.base import Clock, InputError, Work, drained, plain, read_text, replace_whole, require_space, storage_errors
+from lfcal.base import (
+    Clock,
+    InputError,
+    Work,
+    drained,
+    plain,
+    read_text,
+    replace_whole,
+    require_space,
+    storage_errors,
+    write_text,
+)
 from lfcal.simulate.plane_task import describe
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 
@@ -121,10 +132,10 @@ def iter_write_session(
     for k in range(whites):
         _write_png(out / "white" / f"white_{k}.png", source.white_frame(k))
         yield clock.at(len(source) + darks + k + 1)
-    _write_text(out / "frames" / "manifest.csv", "\n".join(manifest))
-    _write_text(out / "camera.json", source.camera.to_json())
-    _write_text(out / "plan.json", source.plan.to_json())
-    _write_text(out / "truth.json", json.dumps({**truth_of(source), **(provenance or {})}, indent=2))
+    write_text(out / "frames" / "manifest.csv", "\n".join(manifest) + "\n")
+    write_text(out / "camera.json", source.camera.to_json() + "\n")
+    write_text(out / "plan.json", source.plan.to_json() + "\n")
+    write_text(out / "truth.json", json.dumps({**truth_of(source), **(provenance or {})}, indent=2) + "\n")
     (out / UNFINISHED).unlink()
     return len(source)
 
@@ -166,7 +177,7 @@ def _begin(source: SimulatedCamera, out: Path, others: int, resume: bool) -> Non
             str(out), "frames of the same session", "those of another, unfinished", "choose another folder"
         )
     if not (resume and mark.exists()):
-        _write_text(mark, text)
+        write_text(mark, text + "\n")
 
 
 def unfinished(folder: str | os.PathLike[str]) -> tuple[int, int] | None:
@@ -212,8 +223,3 @@ def _write_png(path: Path, frame: NDArray[Any]) -> None:
         raise RuntimeError(f"{path}: PNG encoding failed")
     with replace_whole(path) as part:
         part.write_bytes(encoded.tobytes())
-
-
-def _write_text(path: Path, text: str) -> None:
-    with replace_whole(path) as part:
-        part.write_text(text + "\n", encoding="utf-8")
