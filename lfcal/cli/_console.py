@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
@@ -14,7 +16,17 @@ from lfcal.base import Progress, Work, drain, plain
 if TYPE_CHECKING:
     from lfcal.base import Judgement
 
-__all__ = ["KEPT", "done_text", "print_json", "print_table", "report", "run_work", "show_judgement"]
+__all__ = [
+    "KEPT",
+    "done_text",
+    "print_json",
+    "print_result",
+    "print_table",
+    "print_written",
+    "report",
+    "run_work",
+    "show_judgement",
+]
 
 R = TypeVar("R")
 
@@ -28,11 +40,14 @@ def report(message: str) -> None:
         print(f"lfcal: {' '.join(message.split())}", file=sys.stderr)
 
 
-def run_work(work: Work[R], *, quiet: bool = False) -> R:
-    """Drain ``work`` with a progress bar on standard error (none when ``quiet`` or not a terminal)."""
+def run_work(work: Work[R], *, quiet: bool = False, seen: Callable[[Any], object] | None = None) -> R:
+    """Drain ``work`` with a progress bar on standard error (none when ``quiet`` or not a terminal).
+
+    ``seen`` gets each record, for work of which something is shown where it ends early.
+    """
     # bars in a log file are noise, and so they are for a program that reads JSON.
     if quiet or not sys.stderr.isatty():
-        return drain(work)
+        return drain(work, seen)  # type: ignore[arg-type]  # what it returns is not used
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
@@ -50,6 +65,8 @@ def run_work(work: Work[R], *, quiet: bool = False) -> R:
         tasks: dict[str, Any] = {}
 
         def show(record: Progress) -> None:
+            if seen is not None:
+                seen(record)
             # one bar per stage of the work, added when the stage begins: how many there are is not known before.
             if record.stage not in tasks:
                 tasks[record.stage] = bar.add_task(record.stage, total=record.total or None, note="", said="")
@@ -90,6 +107,20 @@ def print_table(headers: list[str], rows: list[list[str]], *, title: str = "") -
         table.add_row(*row)
     # a pipe has no width: a fixed one makes the output the same everywhere.
     Console(width=None if sys.stdout.isatty() else 132).print(table)
+
+
+def print_result(facts: Any, headers: list[str], rows: list[list[str]], *, title: str = "", json: bool) -> None:
+    """Print a result as JSON of ``facts``, or for people as a table."""
+    if json:
+        print_json(facts)
+    else:
+        print_table(headers, rows, title=title)
+
+
+def print_written(*paths: Path | None) -> None:
+    """Print which files were written."""
+    for path in filter(None, paths):
+        typer.echo(f"written: {path}")
 
 
 LISTED = 20

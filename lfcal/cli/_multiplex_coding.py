@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import typer
 
 from lfcal.base import InputError, check_choice
-from lfcal.cli._console import print_json, print_table, report
+from lfcal.cli._console import print_result, report
 from lfcal.cli._options import (
+    MATRICES,
     ExposureOption,
     ForceOption,
     GainOption,
@@ -21,6 +22,7 @@ from lfcal.cli._options import (
 )
 from lfcal.cli._usage import refuse
 from lfcal.multiplex import CODES, is_whole
+from lfcal.records import read_as, read_position
 from lfcal.tasks import check_mat_files, check_output, check_outputs, open_matrix
 
 if TYPE_CHECKING:
@@ -28,7 +30,8 @@ if TYPE_CHECKING:
 
 __all__ = ["coding"]
 
-MATRICES = (".h5", ".hdf5", ".mat", ".npy", ".lfc")
+EQUAL = {"time": "time", "full_well": "full well"}
+"""What single and coded frames may have equal, as facts name it."""
 
 TOLERANCE = 0.03
 """Of the simulated patterns: gains change by far less."""
@@ -107,7 +110,7 @@ def coding(
     if patterns is None:
         refuse(context, "--patterns", "none", "repeat")
     screen = None if display is None else _display(display)
-    rng, first = np.random.default_rng(seed), _pair(at)
+    rng, first = np.random.default_rng(seed), read_as("--at", read_position, at)
     lit = code_matrix(code, points, frames=frames, density=density, rng=rng)
     if patterns is not None and screen is None:
         raise InputError.expected("display", "one for --patterns", "none", "give --display, e.g. 1920x1080@8")
@@ -126,9 +129,7 @@ def coding(
         raise InputError.expected("sensor", "one", "none: this H file names no camera", "give --sensor")
     noise = sensor_noise(described.sensor, gain=gain, exposure_s=exposure, flat_corrected=not uncorrected)
     light, places = overlapping_patterns(seen.patterns, points, step=step, first=first)
-    verdicts = {
-        limit: coding_pays(light, noise, code=lit, signal_e=signal, limit=limit) for limit in ("time", "full well")
-    }
+    verdicts = {key: coding_pays(light, noise, code=lit, signal_e=signal, limit=limit) for key, limit in EQUAL.items()}
     found, even = verdicts["time"].gain, verdicts["time"].break_even_e
     facts: dict[str, Any] = {
         "source": seen.words,
@@ -138,7 +139,7 @@ def coding(
         "signal_e": found.signal_e,
         "full_e": noise.full_e,
         "additive_e2": noise.additive_e2,
-        "pays": {limit.replace(" ", "_"): verdict.pays for limit, verdict in verdicts.items()},
+        "pays": {key: verdict.pays for key, verdict in verdicts.items()},
         "equal_time": found.time,
         "equal_full_well": found.full_well,
         "break_even_e": even if math.isfinite(even) else None,
@@ -147,9 +148,9 @@ def coding(
     if monte_carlo:
         how: dict[str, Any] = {"signal_e": found.signal_e, "trials": monte_carlo, "rng": rng}
         facts["measured_db"] = {
-            limit.replace(" ", "_"): measured_coding_gain(light, lit, noise, limit=limit, **how) for limit in verdicts
+            key: measured_coding_gain(light, lit, noise, limit=limit, **how) for key, limit in EQUAL.items()
         }
-    fit = None
+    words = [verdict.words for verdict in verdicts.values()]
     if screen is not None:
         if seen.camera is None:
             got = "none: this H file names no camera"
@@ -158,25 +159,20 @@ def coding(
         fit = display_fit(seen.camera.step_um(seen.depth_um), pixel_um)
         facts["display"] = {"pixel_um": fit.pixel_um, "needed_um": fit.step_um, "image_px": fit.image_px}
         facts["display"] |= {"placing_px": fit.placing_px, "fits": fit.fits}
+        words.append(f"display: {fit.words}")
         if patterns is not None:
             save_code(patterns, lit, places, fit, shape=shape, repeat=(repeat, repeat) if repeat else None)
             facts["files"] = [str(name) for name in files]
     if out is not None:
         save_coding(found, light, lit, noise, out)
-    if json:
-        print_json(facts)
-        return
-    _show(facts)
-    for verdict in verdicts.values():
-        report(verdict.words)
-    if fit is not None:
-        report(f"display: {fit.words}")
+    _show(facts, json)
+    for line in () if json else words:
+        report(line)
 
 
-def _show(facts: dict[str, Any]) -> None:
+def _show(facts: dict[str, Any], json: bool) -> None:
     rows = []
-    for limit in ("time", "full well"):
-        key = limit.replace(" ", "_")
+    for key, limit in EQUAL.items():
         n = facts[f"equal_{key}"]
         gains = ["—" if math.isnan(g) else f"{g:+.3f}" for g in (n.rms_db, n.core_db, n.dark_db)]
         row = [f"equal {limit}", *gains, f"{100 * n.better:.0f} %", f"x {n.exposure:.3g}", f"{n.peak_e:.4g}"]
@@ -184,14 +180,8 @@ def _show(facts: dict[str, Any]) -> None:
     headers = ["held equal", "all entries, rms (dB)", "bright (dB)", "dark (dB)", "entries better", "exposure"]
     headers += ["peak (e⁻)", *(["measured (dB)"] if "measured_db" in facts else [])]
     lit = f"{facts['frames']} frames of code {facts['code']}"
-    print_table(headers, rows, title=f"{facts['points']} points of {facts['source']} lit by {lit}, over one at a time")
-
-
-def _pair(text: str) -> tuple[int, int]:
-    parts = text.split(",")
-    if len(parts) != 2 or not all(is_whole(part.strip()) for part in parts):
-        raise InputError.expected("position of the first point", "Y,X", repr(text)[:40], "give two whole numbers: 0,0")
-    return int(parts[0]), int(parts[1])
+    title = f"{facts['points']} points of {facts['source']} lit by {lit}, over one at a time"
+    print_result(facts, headers, rows, title=title, json=json)
 
 
 def _display(text: str) -> tuple[tuple[int, int], float]:

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from lfcal.base import InputError, check_choice
-from lfcal.base import write_tiff as write_pages
+from lfcal.base import InputError, check_choice, map_npy, write_tiff
 from lfcal.cli._colour_planes import dark_level
-from lfcal.cli._console import print_json, run_work
+from lfcal.cli._console import print_json, print_written, run_work
 from lfcal.cli._options import ExposureOption, ForceOption, GainOption, JsonOption, PageOption, WorkersOption
 from lfcal.cli._usage import refuse
 from lfcal.multiplex import GRAMMAR, modulator_of
@@ -20,7 +19,6 @@ from lfcal.tasks import check_output, check_outputs
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lfcal.camera import Sensor
     from lfcal.lattice import FrameLattice
     from lfcal.multiplex import Modulator
 
@@ -73,10 +71,12 @@ def demosaic(
     level, array = recorded.level(dark), cfa(mosaic)
     _check_recovered(array)
     planes = demultiplex(without_black_level(recorded.raw, level), array, route=route, filter=filter)
-    _write_tiff(out, planes)
-    if json:
-        facts = {"file": str(out), "pattern": mosaic, "route": route, "black_level": level}
-        print_json({**facts, "samples": array.sample_names, "shape": planes.shape})
+    _write(out, planes)
+    if not json:
+        print_written(out)
+        return
+    facts = {"file": str(out), "pattern": mosaic, "route": route, "black_level": level}
+    print_json({**facts, "samples": array.sample_names, "shape": planes.shape})
 
 
 def recover(
@@ -116,12 +116,18 @@ def recover(
     """
     import numpy as np
 
-    from lfcal.base import map_npy
     from lfcal.multiplex import iter_demultiplex_generally, read_recorded, without_black_level
     from lfcal.tasks import load_camera
 
     check_choice("route", route, ROUTES)
-    check_outputs(_outputs(out, route, deviation), frame, transmissions, camera, dead, force=force)
+    check_outputs(
+        (out, _fourier_file(out) if route == "both" else None, deviation),
+        frame,
+        transmissions,
+        camera,
+        dead,
+        force=force,
+    )
     if (modulator is None) == (transmissions is None):
         got = "neither" if modulator is None else "both"
         raise InputError.expected("modulator", "--modulator or --transmissions", got, "give one of them")
@@ -133,7 +139,7 @@ def recover(
     sensor = None if camera is None else load_camera(camera).sensor
     recorded = read_recorded(frame, page)
     level = recorded.level(dark, sensor)
-    weights = _weights(recorded.raw, level, sensor, dead, gain=gain, exposure_s=exposure)
+    weights = recorded.weights(level, sensor, dead, gain=gain, exposure_s=exposure)
     light = without_black_level(recorded.raw.astype(float), level)
     shares: Any = modulator_of(modulator) if modulator else map_npy(str(transmissions))
     if by_iterations:
@@ -147,14 +153,15 @@ def recover(
         step = math.sqrt(shares.count if modulator else len(shares)) if spacing is None else spacing
         how: dict[str, Any] = {"weights": known, "smoothness": smoothness, "most": iterations}
         found = run_work(iter_demultiplex_generally(light, shares, step, **how), quiet=json)
-        _write_tiff(out, found.samples)
+        _write(out, found.samples)
         facts: dict[str, Any] = {name: getattr(found, name) for name in ("iterations", "residual", "operations")}
     else:
         facts = _by_super_pixels(light, shares, weights, route, filter, out=out, deviation=deviation)
     if json:
         print_json(facts | {"black_level": level})
         return
-    typer.echo(", ".join(f"{key.replace('_', ' ')} {value}" for key, value in facts.items()))
+    shown = {key: ", ".join(value) if isinstance(value, list) else f"{value:.4g}" for key, value in facts.items()}
+    typer.echo("; ".join(f"{key.replace('_', ' ')} {value}" for key, value in shown.items()))
 
 
 def _by_super_pixels(
@@ -183,20 +190,20 @@ def _by_super_pixels(
             wanted = "pixels that measure all samples somewhere"
             remedy = "expose for less saturation, or see --dead and --camera"
             raise InputError.expected(f"frame behind {modulator.name}", wanted, "none", remedy)
-        _write_tiff(out, found.samples)
+        _write(out, found.samples)
         if deviation is not None:
-            _write_tiff(deviation, found.deviation)
+            _write(deviation, found.deviation)
         facts |= {"pixels_left_out": float((known == 0).mean()), "places_not_recovered": lost}
     elif deviation is not None:
         raise InputError.expected("deviation", "the filter linear", filter or route, "leave --filter out")
     elif route != "fourier":
-        _write_tiff(out, demultiplex(light, modulator, filter=filter))
+        _write(out, demultiplex(light, modulator, filter=filter))
     elif weights is not None:
         raise InputError.expected("route with weights", "spatial or both", "fourier", "it takes every pixel alike")
     if route != "spatial":
         whole = np.where(np.isfinite(light), light, 0.0) if weights is not None else light
         target = out if route == "fourier" else _fourier_file(out)
-        _write_tiff(target, demultiplex(whole, modulator, route="fourier"))
+        _write(target, demultiplex(whole, modulator, route="fourier"))
     return facts
 
 
@@ -233,12 +240,14 @@ def views(
 
     Example: `lfcal multiplex views field.tif --white white.tif -o views.tif`
     """
-    from lfcal.multiplex import channel_grid, read_recorded, without_black_level
+    import numpy as np
+
+    from lfcal.multiplex import channel_grid, demultiplex_lattice, read_recorded, without_black_level
     from lfcal.tasks import load_camera
 
     check_choice("route", route, ROUTES)
-    inputs = (frame, white, lattice, camera, dark, sensor, dead)
-    check_outputs(_outputs(out, route, deviation), *inputs, force=force)
+    outputs = (out, _fourier_file(out) if route == "both" else None, deviation)
+    check_outputs(outputs, frame, white, lattice, camera, dark, sensor, dead, force=force)
     if modulator is not None and size:  # a mask has as many views as its super-pixel
         raise InputError.expected("views", "one of --size and --modulator", "both", "leave one out")
     if modulator is None and route != "spatial":
@@ -252,7 +261,7 @@ def views(
         wanted = f"the {fit.shape} px of the lattice"
         raise InputError.expected(str(frame), wanted, recorded.raw.shape, "use its own camera's")
     level = recorded.level(sensor=described)
-    weights = _weights(recorded.raw, level, described, dead, gain=gain, exposure_s=exposure)
+    weights = recorded.weights(level, described, dead, gain=gain, exposure_s=exposure)
     if weights is None and deviation is not None:
         raise InputError.expected(
             "deviation", "pixels with weights", "none", "give --sensor or --dead, or leave it out"
@@ -265,19 +274,27 @@ def views(
     else:
         cells = modulator_of(modulator)
         grid = channel_grid(light.shape, fit, cells.side, spacing_px=None, axes=axes)
-    found, spread = _views(light, weights, fit, cells, route, filter, axes=axes)
-    _write_tiff(out, found)
-    if deviation is not None and spread is not None:
-        _write_tiff(deviation, spread)
-    if route == "both":
-        _write_tiff(_fourier_file(out), _fourier(light, fit, cells, axes))
+    if weights is not None and (route == "fourier" or filter not in (None, "linear")):
+        got = f"{route}, {filter or 'linear'}"
+        raise InputError.expected("route with weights", "spatial, linear", got, "leave --route and --filter out")
+    if route != "fourier":
+        found, spread = _views(light, weights, fit, cells, filter, axes=axes)
+        _write(out, found)
+        if deviation is not None and spread is not None:
+            _write(deviation, spread)
+    if route != "spatial":
+        # which takes every pixel alike: what is no number is 0
+        known = np.nan_to_num(light, posinf=0.0, neginf=0.0)
+        found = demultiplex_lattice(known, fit, cells, route="fourier", axes=axes)
+        _write(out if route == "fourier" else _fourier_file(out), found)
+    count = cells**2 if modulator is None else cells.count
     if json:
-        facts = {"file": str(out), "views": len(found), "rows_columns": grid.shape}
+        facts = {"file": str(out), "views": count, "rows_columns": grid.shape}
         facts |= {name: getattr(grid, name) for name in ("corner_px", "step_px", "rotation_rad", "kept")}
         left = 0.0 if weights is None else float((weights == 0).mean())
         print_json(facts | {"black_level": None if dark else level, "pixels_left_out": left})
         return
-    typer.echo(f"{len(found)} views of {grid.described()}")
+    typer.echo(f"{count} views: {grid.described()}")
 
 
 def _lattice_of(white: Path | None, lattice: Path | None, camera: str | None, dark: Path | None) -> FrameLattice:
@@ -299,69 +316,23 @@ def _lattice_of(white: Path | None, lattice: Path | None, camera: str | None, da
 
 
 def _views(
-    light: NDArray[Any],
-    weights: NDArray[Any] | None,
-    fit: FrameLattice,
-    cells: Any,
-    route: str,
-    filter: str | None,
-    *,
-    axes: str,
+    light: NDArray[Any], weights: NDArray[Any] | None, fit: FrameLattice, cells: Any, filter: str | None, *, axes: str
 ) -> tuple[NDArray[Any], NDArray[Any] | None]:
     """Return the views and, from pixels with weights, their deviation; ``cells`` are views along a side, or a mask."""
     from lfcal import multiplex as m
 
     through_mask = isinstance(cells, m.Modulator)
-    if weights is not None:
-        if route == "fourier" or filter not in (None, "linear"):
-            got = f"{route}, {filter or 'linear'}"
-            raise InputError.expected("route with weights", "spatial, linear", got, "leave --route and --filter out")
-        weighted = m.demultiplex_lattice_weighted if through_mask else m.lattice_channels_weighted
-        seen = weighted(light, fit, cells, weights, axes=axes)
-        return _by_rows(seen.samples), _by_rows(seen.deviation)
-    if route == "fourier":
-        return _fourier(light, fit, cells, axes), None
-    alike = m.demultiplex_lattice if through_mask else m.lattice_channels
-    return _by_rows(alike(light, fit, cells, filter=filter or "cubic", axes=axes)), None
-
-
-def _fourier(light: NDArray[Any], fit: FrameLattice, mask: Modulator, axes: str) -> NDArray[Any]:
-    """Return the views by the Fourier route, which takes every pixel alike; what is no number is 0."""
-    import numpy as np
-
-    from lfcal.multiplex import demultiplex_lattice
-
-    return demultiplex_lattice(np.nan_to_num(light, posinf=0.0, neginf=0.0), fit, mask, route="fourier", axes=axes)
-
-
-def _by_rows(channels: NDArray[Any]) -> NDArray[Any]:
-    return channels.reshape(-1, *channels.shape[-2:])
-
-
-def _outputs(out: Path, route: str, deviation: Path | None) -> tuple[Path | None, ...]:
-    return out, _fourier_file(out) if route == "both" else None, deviation
+    if weights is None:
+        alike = m.demultiplex_lattice if through_mask else m.lattice_channels
+        return alike(light, fit, cells, filter=filter or "cubic", axes=axes), None
+    weighted = m.demultiplex_lattice_weighted if through_mask else m.lattice_channels_weighted
+    found = weighted(light, fit, cells, weights, axes=axes)
+    return found.samples, found.deviation
 
 
 def _fourier_file(out: Path) -> Path:
     """Return where the samples of the Fourier route go if both routes are wanted: ``views_fourier.tif``."""
     return out.with_name(f"{out.stem}_fourier{out.suffix}")
-
-
-def _weights(
-    raw: NDArray[Any], level: Any, sensor: Sensor | None, dead: Path | None, **how: Any
-) -> NDArray[Any] | None:
-    """Return the weight of every pixel by the sensor and a map of dead pixels, None where all count alike."""
-    import numpy as np
-
-    from lfcal.frames import read_image
-    from lfcal.multiplex import pixel_weights
-
-    bad = None if dead is None else read_image(dead)
-    if bad is not None and bad.shape != raw.shape:
-        raise InputError.expected("dead pixels", f"{raw.shape} px", bad.shape, "use the frame's own camera's")
-    if sensor is None:
-        return None if bad is None else np.where(bad == 0, 1.0, 0.0)
-    return pixel_weights(raw, sensor, dead=bad, black_level=level, **how)
 
 
 def _without_dark(frame: NDArray[Any], dark: Path) -> NDArray[Any]:
@@ -380,8 +351,8 @@ def _check_recovered(modulator: Modulator) -> None:
         raise InputError.expected(f"pixels of {modulator.name}", "some that measure every sample", got, remedy)
 
 
-def _write_tiff(path: Path, planes: NDArray[Any]) -> None:
-    """Write ``(n, rows, columns)`` as float32 TIFF, one page each, whole or not at all."""
+def _write(path: Path, samples: NDArray[Any]) -> None:
+    """Write the planes of samples as float32 TIFF, one page each."""
     import numpy as np
 
-    write_pages(path, planes.astype(np.float32), metadata=None)
+    write_tiff(path, samples.reshape(-1, *samples.shape[-2:]).astype(np.float32), metadata=None)

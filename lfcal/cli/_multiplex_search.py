@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
 from lfcal.base import InputError
-from lfcal.cli._console import print_json, print_table, report, run_work
+from lfcal.cli._console import print_json, print_result, print_table, print_written, report, run_work
 from lfcal.cli._options import Chi2Option, ForceOption, GainOption, JsonOption, PresetOption, WorkersOption
 from lfcal.cli._usage import refuse
 from lfcal.multiplex import MATRIX_SUFFIXES, is_whole
 from lfcal.tasks import check_output, check_outputs
 
 if TYPE_CHECKING:
-    from lfcal.base import Work
     from lfcal.multiplex import Frontier, SearchProgress
 
 __all__ = ["chi2_of", "design", "figures", "filters", "search"]
@@ -72,29 +72,15 @@ def search(
         return
     if not is_whole(what):
         raise InputError.expected("search", "filters or a mask's size", repr(what), "for example 11")
-    kept: list[SearchProgress] = []
+    kept: deque[SearchProgress] = deque(maxlen=1)
     try:
-        frontier = run_work(_kept(iter_mask_frontier(int(what), ratio, starts=starts), kept), quiet=json)
+        frontier = run_work(iter_mask_frontier(int(what), ratio, starts=starts), quiet=json, seen=kept.append)
     except BaseException:  # stopped: the best so far is what it was run for
-        if kept and kept[-1].done:
-            report(f"stopped after {kept[-1].count} searches; the best found so far:")
-            _show_found(kept[-1].found, out, json=json, stopped=True)
+        if kept and kept[0].done:
+            report(f"stopped after {kept[0].count} searches; the best found so far:")
+            _show_found(kept[0].found, out, json=json, stopped=True)
         raise
     _show_found(frontier, out, json=json)
-
-
-def _kept(work: Work[Frontier], kept: list[SearchProgress]) -> Work[Frontier]:
-    """Pass on a search, and keep its newest record."""
-    try:
-        while True:
-            record: Any = next(work)
-            kept[:] = [record]
-            yield record
-    except StopIteration as end:
-        found: Frontier = end.value
-        return found
-    finally:
-        work.close()
 
 
 def _show_found(found: Frontier, out: Path | None, *, json: bool, stopped: bool = False) -> None:
@@ -110,16 +96,14 @@ def _show_found(found: Frontier, out: Path | None, *, json: bool, stopped: bool 
     keys = ("gain_db", "gain_additive_db", "gain_photon_db")
     gains = np.stack([found.chosen, found.additive, found.photon], axis=1).tolist()
     rows = [(found.modulators[k].name, gains[k]) for k in order]
-    if json:
-        facts = {"reference": found.reference, "chi2": found.chi2, "candidates": len(found.modulators)}
-        facts["frontier"] = [{"name": name} | dict(zip(keys, row, strict=True)) for name, row in rows]
-        print_json({**facts, "best": found.best.matrix, "bound_db": found.bound, "stopped": stopped})
-        return
+    facts = {"reference": found.reference, "chi2": found.chi2, "candidates": len(found.modulators)}
+    facts["frontier"] = [{"name": name} | dict(zip(keys, row, strict=True)) for name, row in rows]
+    facts |= {"best": found.best.matrix, "bound_db": found.bound, "stopped": stopped}
     cells = [[name, *(f"{gain:+.3f}" for gain in row)] for name, row in rows]
     title = f"Gain over {found.reference}: {len(cells)} of {len(found.modulators)} candidates nothing beats"
     headers = ["modulator", f"gain at χ² = {found.chi2:.4g} (dB)", "additive (dB)", "photon (dB)"]
-    print_table(headers, cells, title=title)
-    if found.bound is not None:
+    print_result(facts, headers, cells, title=title, json=json)
+    if found.bound is not None and not json:
         left = found.bound - float(found.chosen[best])
         report(f"no mask of this size gains more than {found.bound:+.3f} dB: at most {left:.3f} dB are left")
 
@@ -168,14 +152,14 @@ def design(
     m = found.modulator
     if out is not None:
         save_modulator(m, out)
-    if json:
-        facts = {"name": m.name, "side": m.side, "chi2": ratio, "gain_db": found.gain_db, "bound_db": found.bound_db}
-        facts |= {"tried": found.tried, "exhaustive": found.exhaustive, "certificate": found.certificate}
-        print_json(facts | {"pattern": m.pattern()})
-        return
+    facts = {"name": m.name, "side": m.side, "chi2": ratio, "gain_db": found.gain_db, "bound_db": found.bound_db}
+    facts |= {"tried": found.tried, "exhaustive": found.exhaustive, "certificate": found.certificate}
+    facts["pattern"] = m.pattern()
     cells = [[m.name, f"{found.gain_db:+.3f}", f"{found.bound_db:+.3f}"]]
-    print_table(["design", "gain (dB)", "no more than (dB)"], cells, title=f"χ² = {ratio:.4g}")
-    report(found.certificate)
+    headers = ["design", "gain (dB)", "no more than (dB)"]
+    print_result(facts, headers, cells, title=f"χ² = {ratio:.4g}", json=json)
+    if not json:
+        report(found.certificate)
 
 
 def filters(
@@ -233,3 +217,5 @@ def figures(
     files = run_work(iter_paper_figures(folder, raw, chi2_of(context, None, camera)[1], seed), quiet=json)
     if json:
         print_json({"files": [str(path) for path in files]})
+    else:
+        print_written(*files)

@@ -9,6 +9,7 @@ import typer
 from lfcal.base import bounded_threads
 
 __all__ = [
+    "MATRICES",
     "CameraArgument",
     "Chi2Option",
     "ExposureOption",
@@ -22,6 +23,10 @@ __all__ = [
     "UncorrectedOption",
     "WorkersOption",
 ]
+
+
+MATRICES = (".h5", ".hdf5", ".mat", ".npy", ".lfc")
+"""Suffixes of H, where a camera or a plan may be named, too."""
 
 
 def _presets(incomplete: str) -> list[str]:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
-from lfcal.base import InputError, LfcalError
-from lfcal.cli._console import KEPT, report, run_work
+from lfcal.base import InputError, LfcalError, bounded_threads
+from lfcal.cli._console import KEPT, print_json, report, run_work
 from lfcal.records import FieldRow, from_flat, rows, value_at
 from lfcal.tasks import RunSettings, Task, TaskSet
 
@@ -58,8 +58,6 @@ def add_task(app: typer.Typer, tasks: TaskSet, show: Show, cls: Any = None) -> N
 
 def do_task(task: Task, run: RunSettings, show: Show, json: bool) -> None:
     """Check what a task would write, do it with a progress bar, and show what was made."""
-    from lfcal.base import bounded_threads
-    from lfcal.cli._console import print_json
     from lfcal.tasks import check_outputs, may_replace
 
     refused = next((row for row in rows(RunSettings) if value_at(run, row) and not task.takes(row.name)), None)

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.base import InputError, check_number
-from lfcal.cli._console import print_json, print_table, report, run_work
-from lfcal.cli._options import ForceOption, JsonOption, MatOrderOption, WorkersOption
+from lfcal.base import InputError, check_number, format_share
+from lfcal.cli._console import print_json, print_result, print_table, report, run_work
+from lfcal.cli._options import MATRICES, ForceOption, JsonOption, MatOrderOption, WorkersOption
 from lfcal.cli._usage import refuse
 from lfcal.records import read_as, read_cutout, read_depths, read_share, read_virtual_depths
 from lfcal.tasks import check_mat_files, check_output, open_matrix
 
 if TYPE_CHECKING:
     from lfcal.accuracy import Curve, Place, Subject
-    from lfcal.base import Work
-
-
-MATRICES = (".h5", ".hdf5", ".mat", ".npy", ".lfc")
-"""Suffixes of H; everything else is a camera or a plan."""
 
 
 def command(
@@ -56,10 +52,7 @@ def command(
         refuse(context, "a camera, plan or H to measure", "list", *measuring)
         heads = ("name", "title", "error", "cost")
         listed = [{head: getattr(one, head) for head in heads} for one in PLACES]
-        if json:
-            print_json(listed)
-        else:
-            print_table(["place", "", "error", "cost"], [list(one.values()) for one in listed])
+        print_result(listed, ["place", "", "error", "cost"], [list(one.values()) for one in listed], json=json)
         return
     share = read_as("--error", read_share, error)
     check_number("--error", share, above=0, at_most=10)
@@ -70,17 +63,9 @@ def command(
     with _subject(subject, (depths, virtual_depths, cutout), workers, mat_order=mat_order, quiet=json) as measured:
         curves, ended = _measured(chosen, measured, seconds, share, quiet=json)
         if json:
-            print_json(
-                {
-                    "subject": measured.name,
-                    "error": share,
-                    "seconds": seconds,
-                    "curves": curves,
-                    "answers": {
-                        curve.place: {"words": curve.answer(share), "rung": curve.cheapest(share)} for curve in curves
-                    },
-                }
-            )
+            answers = {one.place: {"words": one.answer(share), "rung": one.cheapest(share)} for one in curves}
+            facts = {"subject": measured.name, "error": share, "seconds": seconds}
+            print_json(facts | {"curves": curves, "answers": answers})
         if draw is not None and any(curve.rungs for curve in curves):
             draw_curves(curves, draw, f"What accuracy costs: {measured.name}", error=share)
             if not json:
@@ -98,35 +83,22 @@ def _measured(
     from lfcal.accuracy import iter_measure_curve
 
     curves: list[Curve] = []
-    ended: BaseException | None = None
     for number, place in enumerate(places):
-        kept: list[Curve] = []
+        kept: deque[Any] = deque(maxlen=1)
+        ended: BaseException | None = None
         try:
             work = iter_measure_curve(place, subject, seconds, number=number, total=len(places))
-            run_work(_keeping(work, kept), quiet=quiet)
+            curves.append(run_work(work, quiet=quiet, seen=kept.append))
         except Exception:
             raise
         except BaseException as end:  # Ctrl-C and signals: what was measured until then is shown first
             ended = end
-        curves += kept
-        if kept and not quiet:
-            _show(kept[0], share)
+            curves += [record.curve for record in kept]
+        if len(curves) > number and not quiet:
+            _show(curves[number], share)
         if ended is not None:
-            break
-    return curves, ended
-
-
-def _keeping(work: Work[Curve], kept: list[Curve]) -> Work[None]:
-    """Follow ``work``, with its newest curve in ``kept``."""
-    try:
-        while True:
-            record = next(work)
-            kept[:] = [record.curve]  # type: ignore[attr-defined]
-            yield record
-    except StopIteration as end:
-        kept[:] = [end.value]
-    finally:
-        work.close()
+            return curves, ended
+    return curves, None
 
 
 @contextmanager
@@ -158,7 +130,6 @@ def _subject(
 def _show(curve: Curve, share: float) -> None:
     """Print one curve as a table, what it means, and what the error asked for costs."""
     from lfcal.accuracy import format_cost
-    from lfcal.base import format_share
 
     if not curve.rungs:
         typer.echo(f"{curve.title}: not measured: {curve.stopped or 'stopped before the first rung'}\n")

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.base import Judgement, format_bytes, format_seconds, format_share
+from lfcal.cli._console import print_table, show_judgement
 from lfcal.tasks import WITHOUT_READOUT, PlannedSession
 
 if TYPE_CHECKING:
@@ -23,8 +25,6 @@ def show(made: tuple[RecordedSession | PlannedSession]) -> None:
     if isinstance(one, PlannedSession):
         _show_forecast(one)
         return
-    from lfcal.base import Judgement, format_seconds
-    from lfcal.cli._console import show_judgement
 
     outcome, facts = one.outcome, one.facts
     judgement = Judgement.of("recording", one.alarms, "without an alarm")
@@ -53,8 +53,6 @@ def show(made: tuple[RecordedSession | PlannedSession]) -> None:
 
 def show_coverage(facts: Mapping[str, Any]) -> None:
     """Print what a session of a target shows."""
-    from lfcal.base import format_share
-
     shown = ", ".join(format_share(share) for share in facts["coverage_of_planes"])
     typer.echo(
         f"  phases shown, where the target lies as planned: {shown}; {facts['mean_repeats']:.2f} times on average"
@@ -86,9 +84,6 @@ def _show_adapted(found: Adapted) -> None:
 
 
 def _show_forecast(one: PlannedSession) -> None:
-    from lfcal.base import format_bytes, format_seconds
-    from lfcal.cli._console import print_table
-
     found = one.forecast
     unread = f" {WITHOUT_READOUT}" if found.readout_seconds is None else ""
     rows = [

@@ -6,6 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.base import format_bytes, format_seconds
+from lfcal.cli._console import show_judgement
+
 if TYPE_CHECKING:
     from lfcal.tasks import Assembled
 
@@ -27,9 +30,7 @@ def _show_region(one: Assembled) -> None:
 
 
 def _show_one(one: Assembled) -> None:
-    from lfcal.base import format_bytes, format_seconds
     from lfcal.cli._console import report as line
-    from lfcal.cli._console import show_judgement
     from lfcal.judge import judgement_of
     from lfcal.tasks import left_words
 

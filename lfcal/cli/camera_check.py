@@ -9,7 +9,7 @@ import typer
 
 from lfcal.base import InputError
 from lfcal.cli._colour_planes import read_white
-from lfcal.cli._console import print_json, print_table, report
+from lfcal.cli._console import print_json, print_table, report, show_judgement
 from lfcal.cli._options import CameraArgument, ForceOption, JsonOption, OriginOption, WorkersOption
 from lfcal.cli._usage import refuse
 from lfcal.tasks import check_output, load_camera
@@ -90,7 +90,6 @@ def _write(found: CameraCheck, out: Path | None) -> Path | None:
 
 
 def _show(found: CameraCheck, turned: TurnedWhite | None, written: Path | None, json: bool) -> None:
-    from lfcal.cli._console import show_judgement
     from lfcal.judge import judgement_of
 
     if json:

@@ -9,6 +9,7 @@ from pathlib import Path
 import typer
 
 from lfcal.base import InputError
+from lfcal.cli._console import print_json, print_table, run_work
 from lfcal.cli._options import ForceOption, JsonOption, MatOrderOption, WorkersOption
 
 MATRIX = "H file (.h5), another code's file (.mat v7.3, .lfc of napari-LF), or .npy array."
@@ -37,7 +38,6 @@ def command(
 
     Example: `lfcal compare may/H.h5 june/H.h5 --report compared/`
     """
-    from lfcal.cli._console import print_json, print_table, run_work
     from lfcal.judge import iter_compare
     from lfcal.judge.report import (
         COLUMNS,

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.base import draw_image, figure, format_length, format_seconds, read_text, save_figure
+from lfcal.cli._console import print_json, print_table, run_work
 from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 
 if TYPE_CHECKING:
@@ -49,8 +51,6 @@ def command(
 
     Example: `lfcal demo demo_out`
     """
-    from lfcal.base import format_seconds
-    from lfcal.cli._console import print_json, print_table
     from lfcal.judge.report import report_files
     from lfcal.tasks import check_outputs
 
@@ -75,9 +75,7 @@ def command(
 
 def _made(out: Path, steps: _Steps, files: ExitStack, *, quiet: bool) -> dict[str, Any]:
     """Do all steps, and return what the comparisons found; matrices are open until ``files`` are closed."""
-    from lfcal.base import read_text
     from lfcal.camera import ScanPlan
-    from lfcal.cli._console import run_work
     from lfcal.cli.sample import sample_recording, sample_session
     from lfcal.frames import CorrectionRecipe
     from lfcal.judge import compare
@@ -126,8 +124,6 @@ def _made(out: Path, steps: _Steps, files: ExitStack, *, quiet: bool) -> dict[st
 
 
 def _pictures(matrix: PSFMatrix, out: Path, steps: _Steps) -> None:
-    from lfcal.base import draw_image, figure, format_length, save_figure
-
     z, y, x = len(matrix) // 2, matrix.period[0] // 2, matrix.period[1] // 2
     with steps.step("one slice of the transposed matrix, without building it") as made, figure(9, 3.4) as fig:
         left, right = fig.subplots(1, 2)

@@ -13,7 +13,8 @@ from typing import Any
 
 import typer
 
-from lfcal.base import Registry
+from lfcal.base import WORKERS, Registry, format_bytes, processors, total_memory, worker_count
+from lfcal.cli._console import print_json, print_table, report
 from lfcal.cli._options import JsonOption
 
 WINDOW = ("PySide6-Essentials", "pyqtgraph")
@@ -38,8 +39,6 @@ def command(
     """
     from rich.markup import escape
 
-    from lfcal.cli._console import print_json, print_table
-
     if gui:
         _show_window(json)
         return
@@ -58,7 +57,6 @@ def command(
 
 def _show_window(json: bool) -> None:
     """Print whether each library that the window needs is there."""
-    from lfcal.cli._console import print_json, print_table, report
     from lfcal.cli.window_libraries import NEEDED, ON_X11, missing_libraries, without
 
     packages = {name: _version(name) for name in WINDOW}
@@ -84,7 +82,6 @@ def examine() -> dict[str, Any]:
     from dataclasses import asdict
 
     from lfcal import __version__
-    from lfcal.base import WORKERS, format_bytes, processors, total_memory, worker_count
     from lfcal.devices import find_backends
 
     bound = WORKERS if worker_count() != processors() else "every processor this process may use"

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from lfcal.base import format_bytes, format_seconds
+from lfcal.cli._console import report
+
 if TYPE_CHECKING:
     from lfcal.tasks import ExportedFiles
 
 
 def show(made: tuple[ExportedFiles, ...]) -> None:
     """Print what was written, and what its readers should know."""
-    from lfcal.base import format_bytes, format_seconds
-    from lfcal.cli._console import report
-
     for one in made:
         files = one.files
         names = f"{files[0]}" if len(files) == 1 else f"{files[0]} … {files[-1].name} ({len(files)} files)"

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from lfcal.cli._console import print_table, report, show_judgement
+
 if TYPE_CHECKING:
     from lfcal.fit import FieldFit, Fit
     from lfcal.tasks import FitOutcome
@@ -14,7 +16,6 @@ if TYPE_CHECKING:
 
 def show(made: tuple[FitOutcome, ...]) -> None:
     """Print what was fitted."""
-    from lfcal.cli._console import report, show_judgement
     from lfcal.judge import judgement_of
 
     for one in made:
@@ -33,8 +34,6 @@ def show(made: tuple[FitOutcome, ...]) -> None:
 
 
 def _show_parameters(fit: Fit) -> None:
-    from lfcal.cli._console import print_table
-
     rows = [
         [one.name, f"{one.value:.6g}", f"{one.sigma:.2g}", f"{one.start:.6g}", one.unit]
         for one in fit.parameters.values()
@@ -44,7 +43,6 @@ def _show_parameters(fit: Fit) -> None:
 
 def _show_field(field: FieldFit, *, points: bool) -> None:
     """Print the wavefront over the field, and how well each region or part of the field is explained."""
-    from lfcal.cli._console import print_table
     from lfcal.fit import wavefront_table
 
     headers, lines = wavefront_table(field) if not points else ([], [])

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from lfcal.cli._console import print_table, report, show_judgement
+
 if TYPE_CHECKING:
     from lfcal.tasks import CheckedMatrix
 
 
 def show(made: tuple[CheckedMatrix, ...]) -> None:
     """Print what the frames show of H."""
-    from lfcal.cli._console import print_table, report, show_judgement
     from lfcal.judge import judgement_of
 
     for found in (one.check for one in made):

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from lfcal.cli._console import print_table
+
 if TYPE_CHECKING:
     from lfcal.fit import Validation
     from lfcal.tasks import Validated
@@ -24,8 +26,6 @@ def show(made: tuple[Validated, ...]) -> None:
 
 
 def _show_one(found: Validation) -> None:
-    from lfcal.cli._console import print_table
-
     worst = sorted(found.points, key=lambda one: -one.model.error.squared)[:LISTED]
     rows = [
         [

@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from lfcal.base import format_seconds, format_share
+from lfcal.cli._console import print_table, show_judgement
+
 if TYPE_CHECKING:
     from lfcal.judge import Inspection, RegionLoss
     from lfcal.judge.quality import QualityReport
@@ -26,8 +29,6 @@ def show(made: tuple[InspectedMatrix, ...]) -> None:
 
 def _show(one: InspectedMatrix) -> None:
     """Print verdict, metrics, apertures and the comparison."""
-    from lfcal.base import format_seconds
-    from lfcal.cli._console import print_table, show_judgement
     from lfcal.judge.quality import counted_words, merit_word
     from lfcal.judge.report import limits, value_text
 
@@ -72,8 +73,6 @@ def _show(one: InspectedMatrix) -> None:
 
 def _show_faults(found: Inspection) -> None:
     """Print what the comparison with the camera found."""
-    from lfcal.base import format_share
-    from lfcal.cli._console import print_table
     from lfcal.judge import compared_words, cost_words
 
     typer.echo(compared_words(found))
@@ -100,9 +99,6 @@ def _show_f_number(H: PSFMatrix, quality: QualityReport) -> None:
 
 def _show_loss(loss: RegionLoss) -> None:
     """Print it: the number of each region, and the worst."""
-    from lfcal.base import format_share
-    from lfcal.cli._console import print_table
-
     rows = [
         [name, f"{row:g}, {column:g}", format_share(error), f"{shift:.2f}"]
         for name, (row, column), error, shift in zip(

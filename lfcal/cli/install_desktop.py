@@ -12,7 +12,8 @@ from pathlib import Path
 
 import typer
 
-from lfcal.base import InputError, StorageError
+from lfcal.base import InputError, StorageError, replace_whole
+from lfcal.cli._console import print_json
 from lfcal.cli._options import JsonOption
 
 __all__ = ["desktop_files", "window_program"]
@@ -59,8 +60,6 @@ def command(
 
     Example: `lfcal install-desktop`, and to take it out again: `lfcal install-desktop --uninstall`
     """
-    from lfcal.cli._console import print_json
-
     if not sys.platform.startswith("linux"):
         raise InputError.expected("install-desktop", "a Linux desktop", sys.platform, "pin lfcal-gui by hand")
     place = data_home()
@@ -120,8 +119,6 @@ def _quoted(program: str) -> str:
 
 
 def _write(place: Path, files: Mapping[str, bytes]) -> list[Path]:
-    from lfcal.base import replace_whole
-
     for name, content in files.items():
         with replace_whole(place / name) as part:
             part.write_bytes(content)

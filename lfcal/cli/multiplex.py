@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
-from lfcal.base import InputError
-from lfcal.cli._console import print_json, print_table
+from lfcal.cli._console import print_json, print_result, print_written
 from lfcal.cli._multiplex_coding import coding
 from lfcal.cli._multiplex_frames import demosaic, recover, views
 from lfcal.cli._multiplex_search import chi2_of, design, figures, filters, search
@@ -28,12 +27,9 @@ from lfcal.multiplex import GRAMMAR, modulator_of
 from lfcal.tasks import check_output
 
 if TYPE_CHECKING:
-    from lfcal.multiplex import Modulator, ModulatorNumbers, SensorNoise
+    from lfcal.multiplex import Modulator, ModulatorNumbers
 
 __all__ = ["register"]
-
-MOST_ENTRIES = 40_000
-"""Pixels times samples of a modulator up to which its MTF is measured: masks of 13 x 13 px."""
 
 SHOWN_CHI2 = (1e-4, 1e-2, 1.0, 1e2, 1e4)
 
@@ -94,16 +90,12 @@ def compare(
     from lfcal.multiplex import describe, gain_curves, save_gain_curves
 
     check_output(out, camera, force=force)
-    chosen = [modulator_of(name) for name in modulators]
-    base = modulator_of(reference) if reference else chosen[0]
+    chosen, base = _modulators(modulators, reference)
     ratio, marks = chi2_of(context, chi2, camera, gain)
     found = [describe(m, base, ratio) for m in chosen]
     measured = [_measured(m, base, monte_carlo) for m in chosen] if monte_carlo else []
     if out is not None:
         save_gain_curves([("", gain_curves(chosen, base, cameras=marks))], out)
-    if json:
-        print_json({"reference": base.name, "chi2": ratio, "modulators": found, "monte_carlo_gain_db": measured})
-        return
     columns: dict[str, Callable[[ModulatorNumbers], str]] = {
         "modulator": lambda n: n.name,
         "super-pixel (px)": lambda n: f"{n.side[0]} x {n.side[1]}",
@@ -123,7 +115,15 @@ def compare(
     if measured:
         headers += ["measured, additive (dB)", "measured, photon (dB)"]
         rows = [row + [_text(g, "+.3f") for g in pair] for row, pair in zip(rows, measured, strict=True)]
-    print_table(headers, rows, title=f"Gain of SNR over {base.name}; additive χ² = 0, photon χ² = ∞")
+    facts = {"reference": base.name, "chi2": ratio, "modulators": found, "monte_carlo_gain_db": measured}
+    title = f"Gain of SNR over {base.name}; additive χ² = 0, photon χ² = ∞"
+    print_result(facts, headers, rows, title=title, json=json)
+
+
+def _modulators(names: list[str], reference: str | None) -> tuple[list[Modulator], Modulator]:
+    """Return modulators, and the one that gains are over."""
+    chosen = [modulator_of(name) for name in names]
+    return chosen, modulator_of(reference) if reference else chosen[0]
 
 
 def _measured(modulator: Modulator, base: Modulator, trials: int) -> tuple[float | None, ...]:
@@ -162,9 +162,11 @@ def show(
     check_output(out, force=force)
     made = modulator_of(modulator)
     draw_modulator(made, out)
-    if json:
-        facts = {"file": str(out), "modulator": made.name, "side_px": made.side, "samples": made.sample_names}
-        print_json({**facts, "rank": made.rank(), "matrix": made.matrix})
+    if not json:
+        print_written(out)
+        return
+    facts = {"file": str(out), "modulator": made.name, "side_px": made.side, "samples": made.sample_names}
+    print_json({**facts, "rank": made.rank(), "matrix": made.matrix})
 
 
 def merits(
@@ -185,49 +187,18 @@ def merits(
 
     Example: `lfcal multiplex merits Bayer CYMG "RGBW 4x4" --camera r29 --exposure 0.02`
     """
+    from lfcal.multiplex import merits as merits_of
     from lfcal.multiplex import sensor_noise
     from lfcal.tasks import load_camera
 
-    chosen = [modulator_of(name) for name in modulators]
-    base = modulator_of(reference) if reference else chosen[0]
+    chosen, base = _modulators(modulators, reference)
     noise = sensor_noise(load_camera(camera).sensor, gain=gain, exposure_s=exposure, flat_corrected=not uncorrected)
-    found = [_merits(m, name, base, noise, filter) for m, name in zip(chosen, modulators, strict=True)]
-    if json:
-        rows = [{"name": m.name, **dict(zip(MERITS, one, strict=True))} for m, one in zip(chosen, found, strict=True)]
-        print_json({"reference": base.name, "chi2": noise.chi2, "modulators": rows})
-        return
+    found = [merits_of(m, noise, base, pattern=n, filter=filter) for m, n in zip(chosen, modulators, strict=True)]
+    rows = [{"name": m.name, **dict(zip(MERITS, one, strict=True))} for m, one in zip(chosen, found, strict=True)]
     cells = [[m.name, *(_text(value, ".3g") for value in one)] for m, one in zip(chosen, found, strict=True)]
+    facts = {"reference": base.name, "chi2": noise.chi2, "modulators": rows}
     title = f"Over {base.name}, χ² = {noise.chi2:.4g} at full scale"
-    print_table(["modulator", *MERITS.values()], cells, title=title)
-
-
-def _merits(
-    m: Modulator, name: str, base: Modulator, noise: SensorNoise, filter: str | None
-) -> tuple[float | None, ...]:
-    """Return the values of `MERITS`."""
-    from lfcal.multiplex import modulation_transfer, sample_deviation, sensor_gain
-
-    gains = [sensor_gain(m, base, noise, decorrelation=d) for d in ("plain", "optimal")]
-    seen: tuple[float | None, ...] = (None, None, None)
-    # waves over many super-pixels of many samples take minutes and gigabytes
-    if m.count * m.pixels <= MOST_ENTRIES:
-        waves = modulation_transfer(m, [0.1, 0.25], filter=filter)
-        seen = (*waves.transfer.mean(0).tolist(), float(waves.aliased[:, 1].mean()))
-    return (*gains, 100 * float(sample_deviation(m, noise).max()), *seen, *_colour(m, name, noise))
-
-
-def _colour(m: Modulator, name: str, noise: SensorNoise) -> tuple[float | None, float | None]:
-    """Return the colour error of patterns of filters that ship; other modulators have no curves."""
-    from lfcal.multiplex import colour_error, parse_pattern, shipped_spectra
-
-    if m.colours != ("R", "G", "B") or m.views != (1, 1):
-        return None, None
-    try:
-        pattern = "/".join(parse_pattern(name))
-        found = colour_error(pattern, efficiency=shipped_spectra("silicon"), noise=noise)
-    except InputError:  # a matrix of one's own, or emerald
-        return None, None
-    return found.mean, found.noise
+    print_result(facts, ["modulator", *MERITS.values()], cells, title=title, json=json)
 
 
 def map(
@@ -250,10 +221,7 @@ def map(
     if out is not None:
         save_gain_map(gain_map(one, two), out)
     found = gain_map(one, two, SHOWN_CHI2)
-    if json:
-        print_json(found)
-        return
-    rows: list[Any] = list(zip(found.samples, found.gains.tolist(), strict=True))
-    cells = [[name, *(_text(gain, ".3g") for gain in gains)] for name, gains in rows]
-    headers = ["sample", *(f"χ² = {c:g} (dB)" for c in SHOWN_CHI2)]
-    print_table(headers, cells, title=f"Gain of each sample of {found.modulator} over {found.reference}")
+    gains: list[list[float]] = found.gains.tolist()
+    rows = [[name, *(_text(g, ".3g") for g in row)] for name, row in zip(found.samples, gains, strict=True)]
+    title = f"Gain of each sample of {found.modulator} over {found.reference}"
+    print_result(found, ["sample", *(f"χ² = {c:g} (dB)" for c in SHOWN_CHI2)], rows, title=title, json=json)

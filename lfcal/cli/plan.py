@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from lfcal.base import format_bytes, format_length, format_seconds
+from lfcal.cli._console import print_table
 from lfcal.tasks import WITHOUT_READOUT, Planned
 
 if TYPE_CHECKING:
@@ -15,8 +16,6 @@ if TYPE_CHECKING:
 
 def show(made: tuple[Planned]) -> None:
     """Print the plan with its cost."""
-    from lfcal.cli._console import print_table
-
     (one,) = made
     if "regions" in one.facts:
         _show_regions(one)
@@ -27,8 +26,6 @@ def show(made: tuple[Planned]) -> None:
 
 
 def _show_regions(one: Planned) -> None:
-    from lfcal.cli._console import print_table
-
     facts, scan = one.facts, one.plan.scan
     rows = []
     for found in facts["regions"]:

@@ -6,14 +6,15 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from lfcal.base import format_seconds, format_share
+from lfcal.cli._console import print_table, report
+
 if TYPE_CHECKING:
     from lfcal.tasks import PositionsPlanned
 
 
 def show(made: tuple[PositionsPlanned]) -> None:
     """Print the expected error by the number of positions."""
-    from lfcal.base import format_seconds, format_share
-    from lfcal.cli._console import print_table, report
     from lfcal.fit import ERRORS, Fineness
 
     (one,) = made

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from lfcal.base import format_length, format_seconds, format_share
+from lfcal.cli._console import print_table, report
 
 if TYPE_CHECKING:
     from lfcal.tasks import TargetPlanned
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
 
 def show(made: tuple[TargetPlanned]) -> None:
     """Print the frames of the target and of a single point, and the expected error."""
-    from lfcal.cli._console import print_table
     from lfcal.targets import display_words
 
     (one,) = made
@@ -47,8 +47,6 @@ def show(made: tuple[TargetPlanned]) -> None:
 
 
 def _note_what_is_not_shown(one: TargetPlanned) -> None:
-    from lfcal.cli._console import report
-
     planes = one.facts["planes"]
     drawn = planes[0]["coverage_within_pose"]
     if drawn is not None:
@@ -65,8 +63,6 @@ def _note_what_is_not_shown(one: TargetPlanned) -> None:
 
 def _show_regions(found: dict[str, Any]) -> None:
     """Print how many points each region has, and what to do with them."""
-    from lfcal.cli._console import print_table, report
-
     rows = []
     for one in found["regions"]:
         (row, column), points = one["anchor"], one["points"]
@@ -85,8 +81,6 @@ def _show_regions(found: dict[str, Any]) -> None:
 
 def _show_expected(found: dict[str, Any], depth_um: float) -> None:
     """Print phases shown and expected error of a plane after some of its frames."""
-    from lfcal.cli._console import print_table
-
     count = len(found["shown"])
     chosen = sorted({max(1, round(count * share)) for share in (0.25, 0.5, 0.75, 1.0)})
     rows = [[str(n), format_share(found["shown"][n - 1]), format_share(found["error"][n - 1])] for n in chosen if count]

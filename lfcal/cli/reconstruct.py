@@ -6,6 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.base import format_bytes, format_seconds
+from lfcal.cli._console import print_table, report
+
 if TYPE_CHECKING:
     from lfcal.tasks import Reconstructed, ReconstructionForecast
 
@@ -23,9 +26,6 @@ def show(made: tuple[Reconstructed | ReconstructionForecast, ...]) -> None:
 
 
 def _show_volume(result: Any, made: Reconstructed) -> None:
-    from lfcal.base import format_seconds
-    from lfcal.cli._console import report
-
     if result.failed:
         report(f"{result.name}: no volume; {result.failed}")
         return
@@ -40,9 +40,6 @@ def _show_volume(result: Any, made: Reconstructed) -> None:
 
 def _show_forecast(made: ReconstructionForecast) -> None:
     """Print what each way to project costs, and time and memory of the whole run."""
-    from lfcal.base import format_bytes, format_seconds
-    from lfcal.cli._console import print_table
-
     run = made.run
     P, choice = run.projector, run.choice
     found = P.forecast()

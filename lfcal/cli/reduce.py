@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from lfcal.base import format_bytes, format_seconds
+
 if TYPE_CHECKING:
     from lfcal.tasks import ReducedFile
 
 
 def show(made: tuple[ReducedFile, ...]) -> None:
     """Print what was written."""
-    from lfcal.base import format_bytes, format_seconds
-
     for one in made:
         before, after = format_bytes(one.source_bytes), format_bytes(one.bytes)
         entries = 8 * one.bytes / one.matrix.size

@@ -9,6 +9,7 @@ from typing import Any
 import typer
 
 from lfcal.base import InputError
+from lfcal.cli._console import print_json
 from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 
 
@@ -30,7 +31,6 @@ def command(
     """
     from importlib import import_module
 
-    from lfcal.cli._console import print_json
     from lfcal.cli._task_command import do_task
     from lfcal.tasks import command_of, load_job
 

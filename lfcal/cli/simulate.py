@@ -6,13 +6,15 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from lfcal.base import format_seconds
+from lfcal.cli._console import print_table, report
+
 if TYPE_CHECKING:
     from lfcal.tasks import SimulatedRegions, SimulationForecast
 
 
 def show(made: tuple[SimulationForecast | SimulatedRegions, ...]) -> None:
     """Print what was simulated, or what would be."""
-    from lfcal.cli._console import report
     from lfcal.tasks import SimulationForecast
 
     for one in made:
@@ -26,9 +28,6 @@ def show(made: tuple[SimulationForecast | SimulatedRegions, ...]) -> None:
 
 
 def _show_forecast(forecast: SimulationForecast) -> None:
-    from lfcal.base import format_seconds
-    from lfcal.cli._console import print_table
-
     found = forecast.effects
     rows = [["on" if row.on else "off", row.effect.title, row.reason] for row in found.rows]
     title = f"effects for a tolerance of {100 * found.tolerance:g} %, level {found.level}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from lfcal.cli._console import print_json, print_table, report
 from lfcal.cli._options import JsonOption
 
 
@@ -10,7 +11,6 @@ def command(*, json: JsonOption = False) -> None:
 
     Example: `lfcal solvers`
     """
-    from lfcal.cli._console import print_json, print_table, report
     from lfcal.reconstruct import SOLVERS
 
     for reason in SOLVERS.failures().values():

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.cli._console import print_json, print_table
 from lfcal.cli._options import JsonOption
 
 if TYPE_CHECKING:
@@ -28,7 +29,6 @@ def command(
     Example: `lfcal status H.h5`
     """
     from lfcal.acquire import NAME, SessionFile
-    from lfcal.cli._console import print_json
     from lfcal.work import parts_folder, read_run
 
     if (run / NAME).is_file():
@@ -45,7 +45,6 @@ def command(
 
 
 def _show_run(folder: Path, state: RunState) -> None:
-    from lfcal.cli._console import print_table
     from lfcal.work import HEADER, run_table
 
     found = run_table(state)

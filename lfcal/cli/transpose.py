@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from lfcal.base import format_bytes, format_seconds
+
 if TYPE_CHECKING:
     from lfcal.tasks import TransposedFile
 
 
 def show(made: tuple[TransposedFile, ...]) -> None:
     """Print what was written."""
-    from lfcal.base import format_bytes, format_seconds
-
     for one in made:
         done = f"{format_bytes(one.bytes)} transposed ({one.method}) in {format_seconds(one.seconds)}"
         typer.echo(f"{one.out}: {one.made} {one.shape}, {done}")

@@ -7,7 +7,8 @@ from typing import Any
 
 import typer
 
-from lfcal.base import InputError, StorageError, Work, format_count
+from lfcal.base import FileFormatError, InputError, StorageError, Work, format_count, plain
+from lfcal.cli._console import print_json, run_work, show_judgement
 from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 from lfcal.tasks import check_output
 
@@ -48,8 +49,6 @@ def command(
 def _is_whole(path: Path, redo: Path | None, workers: int | None, json: bool) -> bool:
     """Check a session or an H file, print what was found, and list positions to record again."""
     from lfcal.acquire import RedoList, iter_verify
-    from lfcal.base import FileFormatError, plain
-    from lfcal.cli._console import print_json, run_work, show_judgement
     from lfcal.judge import judgement_of
     from lfcal.psf import iter_verify as iter_verify_matrix
 

@@ -25,7 +25,7 @@ from lfcal.multiplex.quality import WAYS, iter_measure_filters
 from lfcal.multiplex.recorded import read_recorded
 from lfcal.multiplex.scenes import colour_edges, filament_light_field, view_edges, zone_plate
 from lfcal.multiplex.search import SearchProgress, iter_mask_frontier
-from lfcal.multiplex.summary import ModulatorNumbers, describe
+from lfcal.multiplex.summary import Merits, ModulatorNumbers, describe, merits
 
 __all__ = [
     "CODES",
@@ -35,6 +35,7 @@ __all__ = [
     "MATRIX_SUFFIXES",
     "SPATIAL_FILTERS",
     "WAYS",
+    "Merits",
     "ModulatorNumbers",
     "PaperFigure",
     "PaperPanel",
@@ -52,6 +53,7 @@ __all__ = [
     "iter_mask_frontier",
     "iter_measure_filters",
     "iter_paper_figures",
+    "merits",
     "paper_figure",
     "parse_pattern",
     "read_recorded",

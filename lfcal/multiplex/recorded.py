@@ -5,10 +5,13 @@ from __future__ import annotations
 import os
 from typing import Any, NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base import InputError
 from lfcal.camera import Sensor
-from lfcal.frames import open_image
+from lfcal.frames import open_image, read_image
+from lfcal.multiplex._sensor_noise import pixel_weights
 
 __all__ = ["RecordedFrame", "read_recorded"]
 
@@ -27,6 +30,21 @@ class RecordedFrame(NamedTuple):
         if self.black_level is not None:
             return self.black_level
         return 0.0 if sensor is None else sensor.black_level
+
+    def weights(
+        self, level: Any, sensor: Sensor | None, dead: str | os.PathLike[str] | None, **how: float
+    ) -> NDArray[Any] | None:
+        """Return the weight of every pixel by a sensor and an image of dead pixels; None where all count alike.
+
+        ``how`` as of `lfcal.multiplex.pixel_weights`.
+        """
+        bad = None if dead is None else read_image(dead)
+        if bad is not None and bad.shape != self.raw.shape:
+            wanted = f"{self.raw.shape} px"
+            raise InputError.expected("dead pixels", wanted, bad.shape, "use the frame's own camera's")
+        if sensor is None:
+            return None if bad is None else np.where(bad == 0, 1.0, 0.0)
+        return pixel_weights(self.raw, sensor, dead=bad, black_level=level, **how)
 
 
 def read_recorded(path: str | os.PathLike[str], page: int = 0) -> RecordedFrame:

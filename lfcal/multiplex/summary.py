@@ -4,11 +4,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
+from lfcal.base import InputError
+from lfcal.multiplex._colour_error import colour_error
+from lfcal.multiplex._sensor_noise import SensorNoise
+from lfcal.multiplex.colour_filters import parse_pattern
 from lfcal.multiplex.modulator import Modulator
-from lfcal.multiplex.noise import amplification, snr_gain, transmission
+from lfcal.multiplex.noise import amplification, sample_deviation, sensor_gain, snr_gain, transmission
+from lfcal.multiplex.quality import modulation_transfer
+from lfcal.multiplex.spectra import shipped_spectra
 
-__all__ = ["ModulatorNumbers", "describe"]
+__all__ = ["Merits", "ModulatorNumbers", "describe", "merits"]
+
+MOST_ENTRIES = 40_000
+"""Pixels times samples of a modulator up to which its MTF is measured: masks of 13 x 13 px."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,3 +91,73 @@ def describe(
         lost,
         *gains,
     )
+
+
+class Merits(NamedTuple):
+    """What a modulator is worth to a sensor; None of what does not apply to it.
+
+    Attributes
+    ----------
+    gain_plain_db, gain_optimal_db
+        Gain over the reference by the sensor's own noise, decorrelated plainly and with least noise (dB).
+    worst_noise_percent
+        Largest deviation of a sample, of full scale.
+    mtf_low, mtf_high, false_detail
+        Mean over samples: what waves of 0.1 and 0.25 cycles per pixel keep, and false detail with the finer one.
+    delta_e, delta_e_noise
+        Colour error (CIEDE2000) of 100 smooth reflectances behind the filters that ship, and what noise adds.
+    """
+
+    gain_plain_db: float | None
+    gain_optimal_db: float | None
+    worst_noise_percent: float
+    mtf_low: float | None
+    mtf_high: float | None
+    false_detail: float | None
+    delta_e: float | None
+    delta_e_noise: float | None
+
+
+def merits(
+    modulator: Modulator,
+    noise: SensorNoise,
+    reference: Modulator | None = None,
+    *,
+    pattern: str = "",
+    filter: str | None = None,
+    most_entries: int = MOST_ENTRIES,
+) -> Merits:
+    """Return what a modulator is worth to a sensor.
+
+    Parameters
+    ----------
+    modulator, reference
+        As in `lfcal.multiplex.sensor_gain`; without a reference there are no gains.
+    noise
+        The sensor's.
+    pattern
+        Colour filters by name or rows, of which there are curves; other modulators have no colour error.
+    filter
+        Of the reconstruction whose MTF is measured; default: that of `lfcal.multiplex.demultiplex`.
+    most_entries
+        Pixels times samples of a modulator up to which the MTF is measured; above, it takes minutes and gigabytes.
+    """
+    ways = ("plain", "optimal")
+    gains = [None if reference is None else sensor_gain(modulator, reference, noise, decorrelation=d) for d in ways]
+    seen: list[float | None] = [None, None, None]
+    if modulator.count * modulator.pixels <= most_entries:
+        waves = modulation_transfer(modulator, [0.1, 0.25], filter=filter)
+        seen = [*waves.transfer.mean(0).tolist(), float(waves.aliased[:, 1].mean())]
+    worst = 100 * float(sample_deviation(modulator, noise).max())
+    return Merits(*gains, worst, *seen, *_colour_errors(modulator, pattern, noise))
+
+
+def _colour_errors(modulator: Modulator, pattern: str, noise: SensorNoise) -> tuple[float | None, float | None]:
+    if not pattern or modulator.colours != ("R", "G", "B") or modulator.views != (1, 1):
+        return None, None
+    try:
+        rows = "/".join(parse_pattern(pattern))
+        found = colour_error(rows, efficiency=shipped_spectra("silicon"), noise=noise)
+    except InputError:  # a matrix of one's own, or filters without curves such as emerald
+        return None, None
+    return found.mean, found.noise

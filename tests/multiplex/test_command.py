@@ -115,7 +115,7 @@ def test_views_of_any_number_and_filter(lfcal, field: Path, tmp_path: Path) -> N
         run = lfcal("multiplex", "views", *files, "--size", size, "--filter", name, "--axes", axes)
         assert run.code == 0, run.err
         wanted = lattice_channels(frame, lattice, size, filter=name, axes=axes)
-        assert f"{size * size} views of {wanted.shape[2]} x {wanted.shape[3]} of" in run.out
+        assert f"{size * size} views: {wanted.shape[2]} x {wanted.shape[3]} of" in run.out
         np.testing.assert_allclose(tifffile.imread(out), wanted.reshape(-1, *wanted.shape[2:]), rtol=1e-6)
 
 

@@ -15,14 +15,10 @@ from lfcal.multiplex import (
     Modulator,
     ModulatorNumbers,
     camera_chi2,
-    colour_error,
     describe,
     gain_curves,
-    modulation_transfer,
-    parse_pattern,
-    sensor_gain,
+    merits,
     sensor_noise,
-    shipped_spectra,
 )
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.pages.multiplex.model_fields import TYPED
@@ -80,30 +76,24 @@ def _merits(
     settings: MultiplexSettings, modulator: Modulator, reference: Modulator, sensor: Sensor
 ) -> tuple[tuple[str, str, str], ...]:
     """Return what the camera's own noise, the finest detail and the eye say of the modulator."""
+    pattern = (settings.pattern if settings.cfa == TYPED else settings.cfa) if settings.family == "cfa" else ""
+    alike = reference if reference.count == modulator.count else None  # unlike samples have no gain
     noise = sensor_noise(sensor, gain=settings.gain)
+    found = merits(modulator, noise, alike, pattern=pattern, most_entries=MAX_SEEN)
     rows = []
-    try:
-        for name, key in (("Gain, own noise", "plain"), ("Gain, least noise", "optimal")):
-            gain = sensor_gain(modulator, reference, noise, decorrelation=key)
+    for name, key, gain in (
+        ("Gain, own noise", "plain", found.gain_plain_db),
+        ("Gain, least noise", "optimal", found.gain_optimal_db),
+    ):
+        if gain is not None:
             tip = f"Over {reference.name}, read, dark, quantisation and shot noise of each pixel; {key} decorrelation"
             rows.append((name, number(gain, "+.2f", "dB"), tip))
-    except InputError:  # unlike samples have no gain
-        pass
-    if modulator.count * modulator.pixels <= MAX_SEEN:
-        seen = modulation_transfer(modulator, [0.1, 0.25])
-        tip = "Mean over samples: what waves of 0.1 and 0.25 cycles per pixel keep, and false detail beside the finer"
-        low, high = seen.transfer.mean(0)
-        rows.append(("MTF", f"{low:.2f}, {high:.2f}; false {seen.aliased[:, 1].mean():.2f}", tip))
-    if settings.family == "cfa":
-        try:
-            pattern = "/".join(parse_pattern(settings.pattern if settings.cfa == TYPED else settings.cfa))
-            found = colour_error(pattern, efficiency=shipped_spectra("silicon"), noise=noise)
-            tip = (
-                "CIEDE2000 of 100 smooth reflectances through the model filters that ship, in D65; and what noise adds"
-            )
-            rows.append(("Colour error", f"{found.mean:.1f} ΔE, noise {number(found.noise, '.1f')}", tip))
-        except InputError:  # filters without curves, such as emerald
-            pass
+    if found.mtf_low is not None:
+        tip = "Mean over samples: what waves of 0.1 and 0.25 cycles per pixel keep, and false detail with the finer"
+        rows.append(("MTF", f"{found.mtf_low:.2f}, {found.mtf_high:.2f}; false {found.false_detail:.2f}", tip))
+    if found.delta_e is not None:
+        tip = "CIEDE2000 of 100 smooth reflectances through the model filters that ship, in D65; and what noise adds"
+        rows.append(("Colour error", f"{found.delta_e:.1f} ΔE, noise {number(found.delta_e_noise, '.1f')}", tip))
     return tuple(rows)
 
 
