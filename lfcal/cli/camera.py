@@ -79,7 +79,6 @@ def save_camera(camera: Camera, out: Path | None, *inputs: Path | str | None, fo
         print_json({**as_json(camera), "written": out})
         return
     print_camera(camera)
-    assumed = assumed_in_words(camera)
-    if assumed:
+    if assumed := assumed_in_words(camera):
         report(f"note: assumed: {assumed}")
     typer.echo("nothing written; add -o camera.json" if out is None else f"written: {out}")

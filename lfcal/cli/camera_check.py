@@ -9,7 +9,7 @@ import typer
 
 from lfcal.base import InputError
 from lfcal.cli._colour_planes import read_white
-from lfcal.cli._console import print_json, print_table, report, show_judgement
+from lfcal.cli._console import print_json, print_table, print_written, report, show_judgement
 from lfcal.cli._options import CameraArgument, ForceOption, JsonOption, OriginOption, WorkersOption
 from lfcal.cli._usage import refuse
 from lfcal.tasks import check_output, load_camera
@@ -116,5 +116,4 @@ def _show(found: CameraCheck, turned: TurnedWhite | None, written: Path | None, 
             else "note: nothing written: camera and white image do not fit, as with another camera, unit or "
             "orientation; correct it, or have the camera as measured written with -o camera.json --anyway"
         )
-    if written is not None:
-        typer.echo(f"written: {written}")
+    print_written(written)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from lfcal.base import InputError
-from lfcal.cli._console import print_json, print_table, report, run_work
+from lfcal.cli._console import print_json, print_table, print_written, report, run_work
 from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 from lfcal.tasks import check_outputs, load_camera
 
@@ -54,24 +54,18 @@ def command(
     if figure is not None:
         save_curve(found, figure)
     written = [] if figure is None else [figure]
-    # doubtful figures are shown before they are refused
-    refusal = _refusal(found, known) if out is not None and known is not None else None
-    if out is not None and known is not None and refusal is None:
-        written.append(write_camera(found.camera(known), out))
+    refusal = None
+    if out is not None and known is not None:
+        try:
+            written.append(write_camera(found.camera(known), out))
+        except InputError as error:  # doubtful figures are shown before they are refused
+            refusal = error
     if json:
         print_json(found.to_dict() | {"written": written})
     else:
         _show(found, known, written)
     if refusal is not None:
         raise refusal
-
-
-def _refusal(found: SensorMeasurement, known: Camera) -> InputError | None:
-    try:
-        found.camera(known)
-    except InputError as error:
-        return error
-    return None
 
 
 def _show(found: SensorMeasurement, known: Camera | None, written: list[Path]) -> None:
@@ -85,5 +79,4 @@ def _show(found: SensorMeasurement, known: Camera | None, written: list[Path]) -
         report(f"note: {note}")
     for word in () if known is None else sensor_differences(found, known.sensor):
         report(f"warning: {word}")
-    for path in written:
-        typer.echo(f"written: {path}")
+    print_written(*written)

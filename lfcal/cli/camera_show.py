@@ -15,7 +15,4 @@ def command(camera: CameraArgument, *, json: JsonOption = False) -> None:
     from lfcal.cli.camera import as_json, print_camera
 
     found = load_camera(camera)
-    if json:
-        print_json(as_json(found))
-        return
-    print_camera(found)
+    print_json(as_json(found)) if json else print_camera(found)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from lfcal.base import format_bytes, format_length, format_seconds
-from lfcal.cli._console import print_table
+from lfcal.cli._console import print_table, print_written
 from lfcal.tasks import WITHOUT_READOUT, Planned
 
 if TYPE_CHECKING:
@@ -21,8 +21,7 @@ def show(made: tuple[Planned]) -> None:
         _show_regions(one)
     else:
         print_table(["scan plan", "value"], _rows(one))
-    for path in one.task.files("out"):
-        typer.echo(f"written: {path}")
+    print_written(*one.task.files("out"))
 
 
 def _show_regions(one: Planned) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from lfcal.base import format_seconds, format_share
-from lfcal.cli._console import print_table, report
+from lfcal.cli._console import print_table, print_written, report
 
 if TYPE_CHECKING:
     from lfcal.tasks import PositionsPlanned
@@ -37,5 +37,4 @@ def show(made: tuple[PositionsPlanned]) -> None:
     if found.curve[-1].error < floor:
         report(f"note: computed patterns have an error of about {format_share(floor)}, which no recording reduces")
     report("note: expected errors assume that the unknowns describe the optics; other errors of the model remain")
-    for path in one.task.files("out"):
-        typer.echo(f"written: {path}")
+    print_written(*one.task.files("out"))

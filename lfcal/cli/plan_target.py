@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from lfcal.base import format_length, format_seconds, format_share
-from lfcal.cli._console import print_table, report
+from lfcal.cli._console import print_table, print_written, report
 
 if TYPE_CHECKING:
     from lfcal.tasks import TargetPlanned
@@ -42,8 +42,7 @@ def show(made: tuple[TargetPlanned]) -> None:
         typer.echo(one.verdict.frames_words)
     if one.task.display is not None:
         typer.echo(display_words(plan, one.task.display))
-    if one.task.out is not None:
-        typer.echo(f"written: {one.task.out}")
+    print_written(one.task.out)
 
 
 def _note_what_is_not_shown(one: TargetPlanned) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.cli._console import print_json, print_table, report
+from lfcal.cli._console import print_result, report
 from lfcal.cli._options import JsonOption
 
 
@@ -15,7 +15,5 @@ def command(*, json: JsonOption = False) -> None:
 
     for reason in SOLVERS.failures().values():
         report(f"left out: {reason}")
-    if json:
-        print_json([{"name": solver.name, "title": solver.title} for solver in SOLVERS])
-        return
-    print_table(["solver", "what it does"], [[solver.name, solver.title] for solver in SOLVERS])
+    found = [{"name": solver.name, "title": solver.title} for solver in SOLVERS]
+    print_result(found, ["solver", "what it does"], [list(one.values()) for one in found], json=json)

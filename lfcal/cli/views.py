@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,14 +13,14 @@ import typer
 from lfcal.base import InputError, check_choice, check_number
 from lfcal.camera import Camera
 from lfcal.cli._colour_planes import CHANNELS, ColourReading, Planes, mean_plane, read_planes
-from lfcal.cli._console import print_json, print_table
+from lfcal.cli._console import print_result, print_written
 from lfcal.cli._options import ForceOption, JsonOption, OriginOption, WorkersOption
 from lfcal.cli._usage import refuse
 from lfcal.records import read_as, read_depths, read_virtual_depths
 from lfcal.tasks import check_outputs, load_camera
 
 if TYPE_CHECKING:
-    from lfcal.lattice import FrameLattice, RenderedPlanes, TypeOf, Views
+    from lfcal.lattice import FrameLattice, TypeOf, Views
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,11 @@ class ViewedFrame:
         if masked:
             table.append(["seen by no lenslet", f"{masked} of {views.mask.size} samples (NaN in views.tif)"])
         return table if "" in self.planes else [*table, ["colours", ", ".join(self.planes)]]
+
+    def read(self) -> Iterator[tuple[Any, dict[str, Any]]]:
+        """Yield the plane of each colour, and how its micro-images are weighed."""
+        for name, plane in self.planes.items():
+            yield plane, {"white": None if self.white is None else self.white[name], "radius_px": self.radius_px}
 
     def to_dict(self, found: dict[str, list[Views]]) -> dict[str, Any]:
         """Return the same as plain values."""
@@ -143,32 +148,6 @@ SLOPES = {"none": "-6:6:2", "together": "2:6:0.5", "each": "2:6:0.5"}
 """Planes of the focal stack by default: lens types see those beyond the lenslets' own plane."""
 
 
-@dataclass(frozen=True)
-class _Wish:
-    """What is wanted: axes, field, lens types and the camera that has them, planes, samples."""
-
-    axes: str
-    full: bool
-    types: str
-    slopes: tuple[float, ...]
-    samples: int
-    workers: int | None
-    camera: Camera | None
-
-    @property
-    def labels(self) -> list[str]:
-        """What the names of files have for each lattice that views are cut on."""
-        return [f"_type{k}" for k in range(3)] if self.types == "each" else [""]
-
-    @property
-    def names(self) -> list[str]:
-        """The files to write."""
-        from lfcal.lattice import TOTAL, stack_names, view_names
-
-        names = [name for label in self.labels for name in (*view_names(label), *stack_names(label, self.slopes))]
-        return names + (list(TOTAL) if self.types == "together" else [])
-
-
 def command(
     context: typer.Context,
     frame: Path = typer.Argument(..., help="Light-field frame: TIFF, PNG, NPY or camera RAW."),
@@ -200,7 +179,7 @@ def command(
     Example: `lfcal views frame.tif --white white.tif --dark dark.tif -o out`
     """
     from lfcal.frames import parse_origin
-    from lfcal.lattice import check_slopes
+    from lfcal.lattice import TOTAL, check_slopes, stack_names, type_lattice, view_names
 
     for what, value, choices in (
         ("axes", axes, ("frame", "lattice")),
@@ -219,22 +198,26 @@ def command(
         raise InputError.expected("lens types", "a --camera with three", camera or "none", "leave --types out")
     check_number("samples per lenslet", samples, at_least=1, at_most=32, integer=True)
     planes = _slopes(slopes or SLOPES[types], depths, described)
-    wish = _Wish(axes, full, types, planes, samples, workers, described)
     if types != "none":
-        check_slopes(wish.slopes)
-    written = [] if out is None else [out / name for name in wish.names]
+        check_slopes(planes)
+    labels = [f"_type{k}" for k in range(3)] if types == "each" else [""]
+    names = [name for label in labels for name in (*view_names(label), *stack_names(label, planes))]
+    names += TOTAL if types == "together" else ()
+    written = [] if out is None else [out / name for name in names]
     check_outputs(written, frame, white, lattice, dark, camera, force=force)
     reading = ColourReading(channel, cfa, dark, parse_origin(origin))
     scene = viewed_frame(frame, GivenLattice(white, lattice, kind, pitch), described, reading)
-    views = {label: _views(scene, part, wish) for label, part in _lattices(scene, wish).items()}
+    lattices = {"": scene.lattice}
+    if types == "each" and scene.type_of is not None:
+        # each type has its own lattice; its samples stay those of all
+        lattices = {label: type_lattice(scene.lattice, scene.type_of, k) for k, label in enumerate(labels)}
+    views = {label: _views(scene, part, axes=axes, full=full, workers=workers) for label, part in lattices.items()}
     if out is not None:
-        _save(scene, views, wish, out)
-    if json:
-        print_json({**scene.to_dict(views), "written": written})
-        return
-    print_table(["light field", frame.name], scene.rows(views))
-    for path in written:
-        typer.echo(f"written: {path}")
+        _save(scene, views, out, planes, types, described, samples=samples, workers=workers)
+    facts = {**scene.to_dict(views), "written": written}
+    print_result(facts, ["light field", frame.name], scene.rows(views), json=json)
+    if not json:
+        print_written(*written)
 
 
 def _slopes(text: str, depths: str, camera: Camera | None) -> tuple[float, ...]:
@@ -247,72 +230,56 @@ def _slopes(text: str, depths: str, camera: Camera | None) -> tuple[float, ...]:
     return tuple(sensor_slope(camera, z) for z in read_as("--depths", read_depths, depths))
 
 
-def _lattices(scene: ViewedFrame, wish: _Wish) -> dict[str, FrameLattice]:
-    """Return the lattices that views are cut on: all lenslets, or those of each type."""
-    from lfcal.lattice import type_lattice
-
-    if wish.types != "each" or scene.type_of is None:
-        return {"": scene.lattice}
-    # each type has its own lattice; its samples stay those of all
-    return {label: type_lattice(scene.lattice, scene.type_of, k) for k, label in enumerate(wish.labels)}
-
-
-def _views(scene: ViewedFrame, lattice: FrameLattice, wish: _Wish) -> list[Views]:
+def _views(scene: ViewedFrame, lattice: FrameLattice, **how: Any) -> list[Views]:
     """Return the views of each colour."""
     from lfcal.lattice import TypeLattice, extract_views
 
+    missing = lattice.among(scene.missing) if isinstance(lattice, TypeLattice) else scene.missing
+    raster = None if lattice is scene.lattice else scene.lattice
     return [
-        extract_views(
-            plane,
-            lattice,
-            white=None if scene.white is None else scene.white[name],
-            radius_px=scene.radius_px,
-            axes=wish.axes,
-            full=wish.full,
-            missing=lattice.among(scene.missing) if isinstance(lattice, TypeLattice) else scene.missing,
-            raster=None if lattice is scene.lattice else scene.lattice,
-            workers=wish.workers,
-        )
-        for name, plane in scene.planes.items()
+        extract_views(plane, lattice, missing=missing, raster=raster, **light, **how) for plane, light in scene.read()
     ]
 
 
-def _save(scene: ViewedFrame, views: dict[str, list[Views]], wish: _Wish, out: Path) -> None:
+def _save(
+    scene: ViewedFrame,
+    views: dict[str, list[Views]],
+    out: Path,
+    slopes: tuple[float, ...],
+    types: str,
+    camera: Camera | None,
+    *,
+    samples: int,
+    workers: int | None,
+) -> None:
     """Write views, focal stacks and, of lens types together, what is in focus all over the field."""
     import numpy as np
 
-    from lfcal.lattice import refocus, save_focal_stack, save_total_focus, save_views, sharpness_shares, total_focus
+    from lfcal.lattice import (
+        refocus,
+        render,
+        save_focal_stack,
+        save_total_focus,
+        save_views,
+        sharpness_shares,
+        total_focus,
+    )
 
     for k, (label, colours) in enumerate(views.items()):
-        save_views(out, label, colours, wish.samples)
-        if wish.types == "none":
-            stack = [refocus(one, wish.slopes, samples=wish.samples) for one in colours]
+        save_views(out, label, colours, samples)
+        if types == "none":
+            stack = [refocus(one, slopes, samples=samples) for one in colours]
         else:
-            assert wish.camera is not None  # lens types are a camera's
-            single, together = np.eye(3)[k], wish.types == "together"
-            shares = [sharpness_shares(wish.camera, slope) if together else single for slope in wish.slopes]
-            planes = _rendered(scene, shares, wish)
-            stack = [one.images for one in planes]
+            assert camera is not None  # lens types are a camera's
+            single, together = np.eye(3)[k], types == "together"
+            how: dict[str, Any] = {
+                "type_of": scene.type_of,
+                "shares": [sharpness_shares(camera, slope) if together else single for slope in slopes],
+                "samples": samples,
+                "workers": workers,
+            }
+            rendered = [render(plane, scene.lattice, slopes, **light, **how) for plane, light in scene.read()]
+            stack = [one.images for one in rendered]
             if together:
-                save_total_focus(out, [total_focus(one) for one in planes])
-        save_focal_stack(out, label, stack, wish.slopes)
-
-
-def _rendered(scene: ViewedFrame, shares: list[Any], wish: _Wish) -> list[RenderedPlanes]:
-    """Return the focal stack of each colour, with the ``shares`` of lens types in its planes."""
-    from lfcal.lattice import render
-
-    return [
-        render(
-            plane,
-            scene.lattice,
-            wish.slopes,
-            type_of=scene.type_of,
-            shares=shares,
-            white=None if scene.white is None else scene.white[name],
-            radius_px=scene.radius_px,
-            samples=wish.samples,
-            workers=wish.workers,
-        )
-        for name, plane in scene.planes.items()
-    ]
+                save_total_focus(out, [total_focus(one) for one in rendered])
+        save_focal_stack(out, label, stack, slopes)

@@ -11,7 +11,7 @@ import typer
 
 from lfcal.base import write_text
 from lfcal.cli._colour_planes import read_white
-from lfcal.cli._console import print_json, print_table
+from lfcal.cli._console import print_result, print_written
 from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 from lfcal.tasks import check_outputs, load_camera
 
@@ -69,13 +69,11 @@ def command(
     if out is not None and described is not None:
         written.append(out / "camera.json")
         write_text(written[-1], described.to_json())
-    if json:
-        facts = {**lattice_dict(fit), "falloff": fall.falloff, "scatter": fall.scatter, "lens_types": found}
-        print_json({**facts, "camera": described and described.to_dict(), "written": written})
-        return
-    print_table(["white image", image.name], _rows(fit, fall, found))
-    for path in written:
-        typer.echo(f"written: {path}")
+    facts = {**lattice_dict(fit), "falloff": fall.falloff, "scatter": fall.scatter, "lens_types": found}
+    facts |= {"camera": described and described.to_dict(), "written": written}
+    print_result(facts, ["white image", image.name], _rows(fit, fall, found), json=json)
+    if not json:
+        print_written(*written)
 
 
 def _rows(fit: LatticeFit, fall: Vignetting, types: LensTypes | None) -> list[list[str]]:
