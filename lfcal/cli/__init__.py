@@ -75,17 +75,17 @@ def _run(command_line: Callable[[], Any] | None, program: str) -> None:
     import typer
 
     from lfcal.base import Cancelled, LfcalError, bounded_threads, notes_to
+    from lfcal.cli._console import report
 
     # where its list of fonts cannot be kept for the next time, on a full disk, nothing of ours is the worse for it
     logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
     # ClickException, of whichever click Typer brings
     usage_error = cast(type[Exception], typer.BadParameter.__mro__[2])
     try:
-        with bounded_threads(), notes_to(_report):
+        with bounded_threads(), notes_to(report):
             from lfcal.cli import _app as app
 
-            parser = (command_line or app.command_line)()
-            code = parser(standalone_mode=False, prog_name=program)
+            code = (command_line or app.command_line)()(standalone_mode=False, prog_name=program)
         sys.exit(code if isinstance(code, int) else 0)
     except usage_error as error:
         from lfcal.cli._usage import usage_line
@@ -104,13 +104,6 @@ def _run(command_line: Callable[[], Any] | None, program: str) -> None:
         if error.filename is None:
             _drop_output()
         _stop(2, _system_words(error))
-
-
-def _report(line: str) -> None:
-    # imported late: the list of commands needs nothing of it.
-    from lfcal.cli._console import report
-
-    report(line)
 
 
 def _drop_output() -> None:
@@ -132,8 +125,10 @@ def _system_words(error: OSError) -> str:
 
 
 def _stop(code: int, message: str) -> None:
+    from lfcal.cli._console import report
+
     if message:
-        _report(message)
+        report(message)
     sys.exit(code)
 
 

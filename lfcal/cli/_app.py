@@ -22,8 +22,6 @@ HEADINGS = {
 }
 """The commands in the order of the data; those not named here come after."""
 
-OTHERS = "Besides"
-
 
 def _version(value: bool) -> None:
     if value:
@@ -41,7 +39,7 @@ class _Commands(LazyGroup):
     def headings(self, names: tuple[str, ...]) -> Iterator[tuple[str, tuple[str, ...]]]:
         """Yield the headings of the list of commands."""
         yield from HEADINGS.items()
-        yield OTHERS, tuple(name for name in names if name not in sum(HEADINGS.values(), ()))
+        yield "Besides", tuple(name for name in names if name not in sum(HEADINGS.values(), ()))
 
 
 def build_app() -> typer.Typer:

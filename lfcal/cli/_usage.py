@@ -47,40 +47,18 @@ RENAMED: dict[tuple[str, str], str] = {
 def refuse(context: typer.Context, wanted: str, got: str, *names: str) -> None:
     """Raise where an option of the parameters ``names`` was given on the command line, but has no effect here.
 
-    Parameters
-    ----------
-    context
-        Of the command.
-    wanted, got
-        What the options apply to, and what there is instead.
-    names
-        The parameters.
-
-    Raises
-    ------
-    InputError
-        With the first of these options.
+    ``wanted`` is what the options apply to, and ``got`` what there is instead.
     """
     for one in context.command.params:
-        if one.name in names and given(context, one.name):
+        source = context.get_parameter_source(str(one.name))
+        if one.name in names and source is not None and source.name == "COMMANDLINE":
             raise InputError.expected(max(one.opts, key=len), wanted, got, "leave it out")
-
-
-def given(context: typer.Context, name: str) -> bool:
-    """Return whether the parameter ``name`` was given on the command line."""
-    source = context.get_parameter_source(name)
-    return source is not None and source.name == "COMMANDLINE"
 
 
 def usage_line(error: Any, words: Sequence[str]) -> str:
     """Return the line for a usage error of the command parser; empty where its help has been printed.
 
-    Parameters
-    ----------
-    error
-        The parser's exception.
-    words
-        The command line as it was typed.
+    ``words`` are the command line as it was typed.
     """
     context = getattr(error, "ctx", None)
     unknown = getattr(error, "option_name", None)
@@ -93,11 +71,7 @@ def usage_line(error: Any, words: Sequence[str]) -> str:
         return f"{unknown}: expected another spelling; type {now}"
     if missing and (meant := nearest_option(str(unknown), words, context.command.params)):
         said += f". Did you mean {meant}?"
-    return (
-        f"{said} See {context.command_path} --help"
-        if said.endswith("?")
-        else f"{said}; see {context.command_path} --help"
-    )
+    return f"{said}{' See' if said.endswith('?') else '; see'} {context.command_path} --help"
 
 
 def nearest_option(unknown: str, words: Sequence[str], parameters: Sequence[Any]) -> str:

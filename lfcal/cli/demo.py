@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,19 +24,17 @@ FILES = ("H.h5", "H_and_HT.png", "depth_sums.png", "truth.h5", "recorded_H.h5", 
 REPORT = "report"
 
 
-@dataclass
-class _Steps:
-    """What was made, and how long each step took."""
+Step = tuple[str, str, float]
+"""Title, what was made, and seconds."""
 
-    rows: list[tuple[str, str, float]] = field(default_factory=list)
 
-    @contextmanager
-    def step(self, title: str) -> Iterator[list[str]]:
-        """Time a step; the block puts what it made into the list it is given."""
-        start = time.perf_counter()
-        made: list[str] = []
-        yield made
-        self.rows.append((title, ", ".join(made), time.perf_counter() - start))
+@contextmanager
+def _step(steps: list[Step], title: str) -> Iterator[list[str]]:
+    """Time a step; the block puts what it made into the list it is given."""
+    start = time.perf_counter()
+    made: list[str] = []
+    yield made
+    steps.append((title, ", ".join(made), time.perf_counter() - start))
 
 
 def command(
@@ -55,17 +52,17 @@ def command(
     from lfcal.tasks import check_outputs
 
     check_outputs([*(out / name for name in FILES), *report_files(out / REPORT)], force=force)
-    steps = _Steps()
+    steps: list[Step] = []
     with ExitStack() as files:
         found = _made(out, steps, files, quiet=json)
     if json:
-        done = [{"step": title, "made": made, "seconds": seconds} for title, made, seconds in steps.rows]
+        done = [{"step": title, "made": made, "seconds": seconds} for title, made, seconds in steps]
         del found["camera"]
         print_json({"out": out, "steps": done, **found})
         return
     print_table(
         ["step", "made", "time"],
-        [[title, made, format_seconds(seconds)] for title, made, seconds in steps.rows],
+        [[title, made, format_seconds(seconds)] for title, made, seconds in steps],
         title=f"H (z, y, x, t, s) = {found['shape']} from {found['camera']}, written to {out}/",
     )
     typer.echo(f"check: {found['words']}")
@@ -73,7 +70,7 @@ def command(
     typer.echo(f"next: open {out / 'report' / 'index.html'} in a browser, or run lfcal-gui --demo")
 
 
-def _made(out: Path, steps: _Steps, files: ExitStack, *, quiet: bool) -> dict[str, Any]:
+def _made(out: Path, steps: list[Step], files: ExitStack, *, quiet: bool) -> dict[str, Any]:
     """Do all steps, and return what the comparisons found; matrices are open until ``files`` are closed."""
     from lfcal.camera import ScanPlan
     from lfcal.cli.sample import sample_recording, sample_session
@@ -93,23 +90,23 @@ def _made(out: Path, steps: _Steps, files: ExitStack, *, quiet: bool) -> dict[st
 
     session = sample_session()
     plan = ScanPlan.from_json(read_text(session / "plan.json"))
-    with steps.step("frames, corrected and cropped with the shifting cutout") as made:
+    with _step(steps, "frames, corrected and cropped with the shifting cutout") as made:
         recipe = CorrectionRecipe(dark=session / "dark", white=session / "white")
         given = {"frames": session / "frames", "plan": session / "plan.json", "corrections": recipe}
         matrix = assembled(out=out / "H.h5", **given)
     _pictures(matrix, out, steps)
-    with steps.step("the same H simulated directly, and compared") as made:
+    with _step(steps, "the same H simulated directly, and compared") as made:
         # the camera of the sample is simulated, so the truth is known.
         truth = files.enter_context(simulate_psf(plan, "auto", tolerance=0.05, out=out / "truth.h5"))
         found = compare(matrix, truth)
         made.append("truth.h5")
-    with steps.step("a recorded session, with the darks it brings") as made:
+    with _step(steps, "a recorded session, with the darks it brings") as made:
         own = assembled(frames=sample_recording(), out=out / "recorded_H.h5")
         recorded = compare(own, PSFMatrix(truth.plane(0)[None], depths=own.depths))
-    with steps.step("quality report") as made:
+    with _step(steps, "quality report") as made:
         run_work(iter_report(matrix, out / REPORT), quiet=quiet)
         made.append("report/index.html")
-    with steps.step("export for the published codes") as made:
+    with _step(steps, "export for the published codes") as made:
         run_work(iter_export(matrix, out / "H.mat"), quiet=quiet)
         made.append("H.mat (H, Ht, Nnum, CAindex, x3objspace)")
     words = f"correlation with the simulated truth {found.correlation:.4f}, largest centroid shift "
@@ -123,9 +120,9 @@ def _made(out: Path, steps: _Steps, files: ExitStack, *, quiet: bool) -> dict[st
     }
 
 
-def _pictures(matrix: PSFMatrix, out: Path, steps: _Steps) -> None:
+def _pictures(matrix: PSFMatrix, out: Path, steps: list[Step]) -> None:
     z, y, x = len(matrix) // 2, matrix.period[0] // 2, matrix.period[1] // 2
-    with steps.step("one slice of the transposed matrix, without building it") as made, figure(9, 3.4) as fig:
+    with _step(steps, "one slice of the transposed matrix, without building it") as made, figure(9, 3.4) as fig:
         left, right = fig.subplots(1, 2)
         where = f"z = {format_length(float(matrix.depths[z]))}, y {y}, x {x}"
         draw_image(left, matrix[z, y, x], title=f"H: a point on the sensor ({where})", unit="counts")
@@ -139,7 +136,7 @@ def _pictures(matrix: PSFMatrix, out: Path, steps: _Steps) -> None:
         )
         save_figure(fig, out / "H_and_HT.png")
         made.append("H_and_HT.png")
-    with steps.step("depth-plane sums: the aperture from every depth") as made, figure(3.2 * len(matrix), 3) as fig:
+    with _step(steps, "depth-plane sums: the aperture from every depth") as made, figure(3.2 * len(matrix), 3) as fig:
         for k, axes in enumerate(fig.subplots(1, len(matrix), squeeze=False)[0]):
             draw_image(axes, matrix.depth_sum(k), title=f"z = {format_length(float(matrix.depths[k]))}", unit="counts")
         save_figure(fig, out / "depth_sums.png")

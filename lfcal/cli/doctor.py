@@ -14,7 +14,7 @@ from typing import Any
 import typer
 
 from lfcal.base import WORKERS, Registry, format_bytes, processors, total_memory, worker_count
-from lfcal.cli._console import print_json, print_table, report
+from lfcal.cli._console import print_json, print_result, print_table, report
 from lfcal.cli._options import JsonOption
 
 WINDOW = ("PySide6-Essentials", "pyqtgraph")
@@ -62,10 +62,9 @@ def _show_window(json: bool) -> None:
     packages = {name: _version(name) for name in WINDOW}
     libraries = {**NEEDED, **ON_X11}
     missing = missing_libraries(libraries)
-    if json:
-        print_json({"libraries": packages, "missing": missing})
-    else:
-        print_table(["library", "version"], [[name, version or "absent"] for name, version in packages.items()])
+    rows = [[name, version or "absent"] for name, version in packages.items()]
+    print_result({"libraries": packages, "missing": missing}, ["library", "version"], rows, json=json)
+    if not json:
         rows = [[name, libraries[name], "missing" if name in missing else "there"] for name in libraries]
         print_table(["system library", "package of Debian, Ubuntu", ""], rows)
     absent = [name for name, version in packages.items() if version is None]

@@ -83,13 +83,7 @@ def data_home(environment: Mapping[str, str] = os.environ) -> Path:
 
 
 def window_program() -> str:
-    """Return the path of ``lfcal-gui``: next to this program, or the one that is found by its name.
-
-    Raises
-    ------
-    InputError
-        Where there is none.
-    """
+    """Return the path of ``lfcal-gui``: next to this program, or the one that is found by its name."""
     beside = Path(sys.executable).with_name("lfcal-gui")
     found = str(beside) if os.access(beside, os.X_OK) and beside.is_file() else shutil.which("lfcal-gui")
     if found is None:
