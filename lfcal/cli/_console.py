@@ -7,14 +7,11 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import typer
 
-from lfcal.base import Progress, Work, drain, plain
-
-if TYPE_CHECKING:
-    from lfcal.base import Judgement
+from lfcal.base import Judgement, Progress, Work, drain, plain
 
 __all__ = [
     "KEPT",

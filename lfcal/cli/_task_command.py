@@ -7,17 +7,14 @@ from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import MISSING
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import typer
 
-from lfcal.base import InputError, LfcalError, bounded_threads
+from lfcal.base import InputError, LfcalError, Work, bounded_threads
 from lfcal.cli._console import KEPT, print_json, report, run_work
 from lfcal.records import FieldRow, from_flat, rows, value_at
 from lfcal.tasks import RunSettings, Task, TaskSet
-
-if TYPE_CHECKING:
-    from lfcal.base import Work
 
 __all__ = ["add_task", "do_task"]
 

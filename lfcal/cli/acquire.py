@@ -9,11 +9,10 @@ import typer
 
 from lfcal.base import Judgement, format_bytes, format_seconds, format_share
 from lfcal.cli._console import print_table, show_judgement
-from lfcal.tasks import WITHOUT_READOUT, PlannedSession
+from lfcal.tasks import WITHOUT_READOUT, PlannedSession, RecordedSession
 
 if TYPE_CHECKING:
     from lfcal.campaign import Adapted
-    from lfcal.tasks import RecordedSession
 
 SHOWN = 10
 """Suspect positions that are printed."""

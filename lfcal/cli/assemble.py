@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 
 from lfcal.base import format_bytes, format_seconds
 from lfcal.cli._console import show_judgement
-
-if TYPE_CHECKING:
-    from lfcal.tasks import Assembled
+from lfcal.tasks import Assembled
 
 LISTED = 20
 """Damaged frames that are listed; all of them are in the JSON output and in the file's provenance."""

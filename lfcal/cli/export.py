@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import typer
 
 from lfcal.base import format_bytes, format_seconds
 from lfcal.cli._console import report
-
-if TYPE_CHECKING:
-    from lfcal.tasks import ExportedFiles
+from lfcal.tasks import ExportedFiles
 
 
 def show(made: tuple[ExportedFiles, ...]) -> None:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import typer
 
 from lfcal.cli._console import print_table, report, show_judgement
+from lfcal.tasks import FitOutcome
 
 if TYPE_CHECKING:
     from lfcal.fit import FieldFit, Fit
-    from lfcal.tasks import FitOutcome
 
 
 def show(made: tuple[FitOutcome, ...]) -> None:

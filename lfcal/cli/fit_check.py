@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from lfcal.cli._console import print_table, report, show_judgement
-
-if TYPE_CHECKING:
-    from lfcal.tasks import CheckedMatrix
+from lfcal.tasks import CheckedMatrix
 
 
 def show(made: tuple[CheckedMatrix, ...]) -> None:

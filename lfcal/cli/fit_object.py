@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import typer
 
-if TYPE_CHECKING:
-    from lfcal.tasks import PredictedObject
+from lfcal.tasks import PredictedObject
 
 
 def show(made: tuple[PredictedObject, ...]) -> None:

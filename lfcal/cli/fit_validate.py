@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 import typer
 
 from lfcal.cli._console import print_table
+from lfcal.tasks import Validated
 
 if TYPE_CHECKING:
     from lfcal.fit import Validation
-    from lfcal.tasks import Validated
-
 
 LISTED = 8
 """Points with the largest errors that are listed; validation.json has all."""

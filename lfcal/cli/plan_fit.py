@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import typer
 
 from lfcal.base import format_seconds, format_share
 from lfcal.cli._console import print_table, print_written, report
-
-if TYPE_CHECKING:
-    from lfcal.tasks import PositionsPlanned
+from lfcal.tasks import PositionsPlanned
 
 
 def show(made: tuple[PositionsPlanned]) -> None:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 
 from lfcal.base import format_length, format_seconds, format_share
 from lfcal.cli._console import print_table, print_written, report
-
-if TYPE_CHECKING:
-    from lfcal.tasks import TargetPlanned
+from lfcal.tasks import TargetPlanned
 
 
 def show(made: tuple[TargetPlanned]) -> None:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 
 from lfcal.base import format_bytes, format_seconds
 from lfcal.cli._console import print_table, report
-
-if TYPE_CHECKING:
-    from lfcal.tasks import Reconstructed, ReconstructionForecast
+from lfcal.tasks import Reconstructed, ReconstructionForecast
 
 
 def show(made: tuple[Reconstructed | ReconstructionForecast, ...]) -> None:

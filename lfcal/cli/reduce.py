@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import typer
 
 from lfcal.base import format_bytes, format_seconds
-
-if TYPE_CHECKING:
-    from lfcal.tasks import ReducedFile
+from lfcal.tasks import ReducedFile
 
 
 def show(made: tuple[ReducedFile, ...]) -> None:

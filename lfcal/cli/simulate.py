@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import typer
 
 from lfcal.base import format_seconds
 from lfcal.cli._console import print_table, report
-
-if TYPE_CHECKING:
-    from lfcal.tasks import SimulatedRegions, SimulationForecast
+from lfcal.tasks import SimulatedRegions, SimulationForecast
 
 
 def show(made: tuple[SimulationForecast | SimulatedRegions, ...]) -> None:
