@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from lfcal.base import Work
+from lfcal.base import Work, sample_session
 from lfcal.camera import ScanPlan
-from lfcal.cli import sample_session
 from lfcal_gui.models import ProjectState
 from lfcal_gui.pages.frames import FrameSettings
 

@@ -65,6 +65,7 @@ from lfcal.base.page import (
 )
 from lfcal.base.progress import WorkAbandoned, abandonable, in_place_of, raise_if_abandoned
 from lfcal.base.registry import Registry
+from lfcal.base.sample import sample_recording, sample_session
 from lfcal.base.system import (
     OPEN_FLAGS,
     free_memory,
@@ -203,6 +204,8 @@ __all__ = [
     "replace_whole",
     "require_space",
     "reserve",
+    "sample_recording",
+    "sample_session",
     "save_figure",
     "storage_words",
     "sweep_scratch",

@@ -10,6 +10,7 @@ from lfcal.camera.lattice import cell_corners
 from lfcal.camera.plan import FORMAT, HalfCell, checked_depths, half_cell
 from lfcal.camera.regions import parse_regions
 from lfcal.camera.shadow import cutout_for, half_extent_px, rms_radius_px
+from lfcal.camera.written import read_camera_value, read_length, read_pitch, read_sensor, read_values
 
 __all__ = [
     "DEPTH",
@@ -28,6 +29,11 @@ __all__ = [
     "nearest_lens",
     "parse_regions",
     "polynomial_powers",
+    "read_camera_value",
+    "read_length",
+    "read_pitch",
+    "read_sensor",
+    "read_values",
     "readout_hours",
     "rms_radius_px",
 ]

@@ -3,23 +3,14 @@
 from __future__ import annotations
 
 import inspect
-import math
-import re
 from collections.abc import Callable
 from typing import Any
 
 import typer
 
-from lfcal.base import InputError
-from lfcal.camera import QUANTITIES
+from lfcal.camera import read_camera_value, read_length, read_pitch, read_sensor, read_values
 
-__all__ = ["parse_pitch", "parse_value", "with_values"]
-
-LENGTHS = {"nm": 1e-3, "um": 1.0, "µm": 1.0, "mm": 1e3, "m": 1e6}
-WHOLE = ("optics.blades", "lattice.type_step", "sensor.bit_depth")
-TEXT = ("lattice.kind", "sensor.cfa")
-SEVERAL = ("lattice.types", "lattice.offset_um", "lattice.focus")
-NUMBER = re.compile(r"\s*([-+]?(?:inf|[0-9.]+(?:[eE][-+]?\d+)?))\s*([a-zµ°]*)\s*")
+__all__ = ["with_values"]
 
 
 def with_values(command: Callable[..., None]) -> Callable[..., None]:
@@ -66,107 +57,21 @@ def stated(
     """
     found: dict[str, Any] = {}
     if sensor:
-        found |= _sensor(sensor)
+        found |= read_sensor(sensor)
     if lens:
         names = ("optics.focal_length_um", "optics.f_number", "optics.working_distance_um")
-        found |= _list(lens, names, ("mm", "", "mm"), "--lens FOCAL,F_NUMBER,DISTANCE", "200,4,1000")
+        found |= read_values(lens, names, ("mm", "", "mm"), "--lens FOCAL,F_NUMBER,DISTANCE", "200,4,1000")
     if objective:
         names = ("optics.magnification", "optics.numerical_aperture", "optics.medium_index")
-        found |= _list(objective, names, ("", "", ""), "--objective MAGNIFICATION,NA,INDEX", "20,0.5,1")
+        found |= read_values(objective, names, ("", "", ""), "--objective MAGNIFICATION,NA,INDEX", "20,0.5,1")
     for path, text in (("lattice.kind", array), ("lattice.gap_um", gap), ("lattice.focus", focus)):
         if text:
-            found[path] = parse_value(path, text)
+            found[path] = read_camera_value(path, text)
     if wavelength:
-        found["wavelength_um"] = _length(wavelength, "nm", "--wavelength")
+        found["wavelength_um"] = read_length(wavelength, "nm", "--wavelength")
     for entry in others or []:
         path, _, text = entry.partition("=")
-        found[path.strip()] = parse_value(path.strip(), text)
+        found[path.strip()] = read_camera_value(path.strip(), text)
     if pitch:
-        found["lattice.pitch_um"] = parse_pitch(pitch, found.get("sensor.pixel_um"))
+        found["lattice.pitch_um"] = read_pitch(pitch, found.get("sensor.pixel_um"))
     return found
-
-
-def parse_value(path: str, text: str) -> Any:
-    """Return the value that ``text`` means for ``path``: lengths in µm or with nm, mm, m; angles in rad or with deg."""
-    known = [quantity.path for quantity in QUANTITIES] + ["lattice.focus"]
-    if path not in known:
-        raise InputError.expected(
-            "value of a camera", "PATH=VALUE, PATH one of " + ", ".join(known), path, "correct it"
-        )
-    text = text.strip()
-    if path in TEXT:
-        return text
-    if path == "sensor.shape":
-        return _sensor(text)["sensor.shape"]
-    convert: Callable[[str], Any] = (
-        (lambda part: _whole(part, path)) if path in WHOLE else lambda part: _one(part, path)
-    )
-    if path in SEVERAL:
-        return tuple(convert(part) for part in text.split(","))
-    return convert(text)
-
-
-def _one(text: str, path: str) -> float:
-    if path.endswith("_um") or path == "lattice.types":
-        return _length(text, "µm", path)
-    value, unit = _number(text, path)
-    if path.endswith("_rad") and unit in ("deg", "°"):
-        return math.radians(value)
-    if unit:
-        raise InputError.expected(path, "a number without a unit", repr(text), "remove the unit")
-    return value
-
-
-def _whole(text: str, path: str) -> int:
-    value, unit = _number(text, path)
-    if unit or not value.is_integer():
-        raise InputError.expected(path, "a whole number", repr(text), "correct it")
-    return int(value)
-
-
-def _number(text: str, what: str) -> tuple[float, str]:
-    match = NUMBER.fullmatch(text)
-    try:
-        if match is None:
-            raise ValueError
-        return float(match[1]), match[2]
-    except ValueError:
-        raise InputError.expected(what, "a number", repr(text), "write it like 5.5 or 5.5um") from None
-
-
-def _length(text: str, usual: str, what: str) -> float:
-    """Return a length in µm; a bare number is in ``usual``."""
-    value, unit = _number(text, what)
-    if (unit or usual) not in LENGTHS:
-        raise InputError.expected(what, f"a length in {usual}, or with nm, um, mm, m", repr(text), "correct the unit")
-    # 12 digits: 0.55 µm stays 0.55 through nanometres
-    return float(f"{value * LENGTHS[unit or usual]:.12g}")
-
-
-def _sensor(text: str) -> dict[str, Any]:
-    match = re.fullmatch(r"\s*(\d{1,6})\s*[x×*]\s*(\d{1,6})\s*(?:,(.+))?", text)
-    if match is None:
-        raise InputError.expected("--sensor", "ROWSxCOLUMNS,PIXEL", repr(text), "for example 4384x6576,5.5")
-    found: dict[str, Any] = {"sensor.shape": (int(match[1]), int(match[2]))}
-    if match[3]:
-        found["sensor.pixel_um"] = _length(match[3], "µm", "--sensor, pixel pitch")
-    return found
-
-
-def _list(text: str, paths: tuple[str, ...], units: tuple[str, ...], shape: str, example: str) -> dict[str, Any]:
-    """Return the values of a list; the last ones may be left out."""
-    parts = text.split(",")
-    if len(parts) > len(paths) or not all(part.strip() for part in parts):
-        raise InputError.expected(shape.split()[0], shape, repr(text), f"for example {example}")
-    given = zip(parts, paths, units, strict=False)
-    return {path: _length(part, unit, path) if unit else _one(part, path) for part, path, unit in given}
-
-
-def parse_pitch(text: str, pixel_um: float | None) -> float:
-    """Return a pitch in µm, given with a unit of length, bare in µm, or in pixels as ``31.7px``."""
-    if not text.strip().endswith("px"):
-        return _length(text, "µm", "--pitch")
-    if pixel_um is None:
-        raise InputError.expected("--pitch", "the pixel pitch beside a pitch in pixels", "none", "add --sensor")
-    value, _ = _number(text.strip()[:-2], "--pitch")
-    return float(f"{value * pixel_um:.12g}")

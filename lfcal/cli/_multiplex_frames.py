@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 import typer
 
 from lfcal.base import InputError, check_choice, map_npy, write_tiff
-from lfcal.cli._colour_planes import dark_level
 from lfcal.cli._console import print_json, print_written, run_work
 from lfcal.cli._options import ExposureOption, ForceOption, GainOption, JsonOption, PageOption, WorkersOption
 from lfcal.cli._usage import refuse
-from lfcal.multiplex import GRAMMAR, modulator_of
+from lfcal.multiplex import GRAMMAR, dark_level, modulator_of
 from lfcal.tasks import check_output, check_outputs
 
 if TYPE_CHECKING:

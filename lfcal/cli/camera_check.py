@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import typer
 
 from lfcal.base import InputError
-from lfcal.cli._colour_planes import read_white
 from lfcal.cli._console import print_json, print_table, print_written, report, show_judgement
 from lfcal.cli._options import CameraArgument, ForceOption, JsonOption, OriginOption, WorkersOption
 from lfcal.cli._usage import refuse
+from lfcal.multiplex import read_white
 from lfcal.tasks import check_output, load_camera
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from typing import Any
 import typer
 
 from lfcal.base import InputError
-from lfcal.camera import PRESETS, Draft, Marks, preset, quantities_of, value_at
-from lfcal.cli._camera_values import parse_pitch, parse_value, with_values
+from lfcal.camera import PRESETS, Draft, Marks, preset, quantities_of, read_camera_value, read_pitch, value_at
+from lfcal.cli._camera_values import with_values
 from lfcal.cli._console import report
 from lfcal.cli._options import ForceOption, JsonOption
 from lfcal.tasks import check_output
@@ -97,7 +97,7 @@ def _ask(draft: Draft, title: str, given: set[str]) -> Draft:
 def _with(draft: Draft, title: str, path: str, answer: str) -> Draft:
     """Return the draft with an answer; raise where it is refused, by itself or beside the other values."""
     pixel = draft.get("sensor.pixel_um")
-    value = parse_pitch(answer, pixel) if path == "lattice.pitch_um" else parse_value(path, answer)
+    value = read_pitch(answer, pixel) if path == "lattice.pitch_um" else read_camera_value(path, answer)
     changed = draft.copy()
     changed.state(path, value)
     changed.camera(title)

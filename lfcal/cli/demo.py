@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.base import draw_image, figure, format_length, format_seconds, read_text, save_figure
+from lfcal.base import (
+    draw_image,
+    figure,
+    format_length,
+    format_seconds,
+    read_text,
+    sample_recording,
+    sample_session,
+    save_figure,
+)
 from lfcal.cli._console import print_json, print_table, run_work
 from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 
@@ -73,7 +82,6 @@ def command(
 def _made(out: Path, steps: list[Step], files: ExitStack, *, quiet: bool) -> dict[str, Any]:
     """Do all steps, and return what the comparisons found; matrices are open until ``files`` are closed."""
     from lfcal.camera import ScanPlan
-    from lfcal.cli.sample import sample_recording, sample_session
     from lfcal.frames import CorrectionRecipe
     from lfcal.judge import compare
     from lfcal.judge.report import iter_report

@@ -12,10 +12,10 @@ import typer
 
 from lfcal.base import InputError, check_choice, check_number
 from lfcal.camera import Camera
-from lfcal.cli._colour_planes import CHANNELS, ColourReading, Planes, mean_plane, read_planes
 from lfcal.cli._console import print_result, print_written
 from lfcal.cli._options import ForceOption, JsonOption, OriginOption, WorkersOption
 from lfcal.cli._usage import refuse
+from lfcal.multiplex import CHANNELS, ColourReading, Planes, mean_plane, read_planes
 from lfcal.records import read_as, read_depths, read_virtual_depths
 from lfcal.tasks import check_outputs, load_camera
 

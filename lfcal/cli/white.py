@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import typer
 
 from lfcal.base import write_text
-from lfcal.cli._colour_planes import read_white
 from lfcal.cli._console import print_result, print_written
 from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
+from lfcal.multiplex import read_white
 from lfcal.tasks import check_outputs, load_camera
 
 if TYPE_CHECKING:

@@ -6,6 +6,15 @@ from lfcal.multiplex._sensor_noise import black_level_map
 from lfcal.multiplex.code_display import code_files, save_code
 from lfcal.multiplex.coding import CODES
 from lfcal.multiplex.colour_filters import FILTERS, parse_pattern
+from lfcal.multiplex.colour_planes import (
+    CHANNELS,
+    ColourReading,
+    Planes,
+    dark_level,
+    mean_plane,
+    read_planes,
+    read_white,
+)
 from lfcal.multiplex.drawing import (
     draw_modulator,
     save_coding,
@@ -25,9 +34,10 @@ from lfcal.multiplex.quality import WAYS, iter_measure_filters
 from lfcal.multiplex.recorded import read_recorded
 from lfcal.multiplex.scenes import colour_edges, filament_light_field, view_edges, zone_plate
 from lfcal.multiplex.search import SearchProgress, iter_mask_frontier
-from lfcal.multiplex.summary import Merits, ModulatorNumbers, describe, merits
+from lfcal.multiplex.summary import ModulatorNumbers, describe, merits
 
 __all__ = [
+    "CHANNELS",
     "CODES",
     "FIGURES",
     "FILTERS",
@@ -35,14 +45,16 @@ __all__ = [
     "MATRIX_SUFFIXES",
     "SPATIAL_FILTERS",
     "WAYS",
-    "Merits",
+    "ColourReading",
     "ModulatorNumbers",
     "PaperFigure",
     "PaperPanel",
+    "Planes",
     "SearchProgress",
     "black_level_map",
     "code_files",
     "colour_edges",
+    "dark_level",
     "describe",
     "draw_modulator",
     "figure_files",
@@ -53,10 +65,13 @@ __all__ = [
     "iter_mask_frontier",
     "iter_measure_filters",
     "iter_paper_figures",
+    "mean_plane",
     "merits",
     "paper_figure",
     "parse_pattern",
+    "read_planes",
     "read_recorded",
+    "read_white",
     "sample_places",
     "save_code",
     "save_coding",

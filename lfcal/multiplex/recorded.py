@@ -32,7 +32,7 @@ class RecordedFrame(NamedTuple):
         return 0.0 if sensor is None else sensor.black_level
 
     def weights(
-        self, level: Any, sensor: Sensor | None, dead: str | os.PathLike[str] | None, **how: float
+        self, level: Any, sensor: Sensor | None, dead: str | os.PathLike[str] | None, **how: Any
     ) -> NDArray[Any] | None:
         """Return the weight of every pixel by a sensor and an image of dead pixels; None where all count alike.
 

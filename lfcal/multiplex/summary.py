@@ -142,14 +142,15 @@ def merits(
     most_entries
         Pixels times samples of a modulator up to which the MTF is measured; above, it takes minutes and gigabytes.
     """
-    ways = ("plain", "optimal")
-    gains = [None if reference is None else sensor_gain(modulator, reference, noise, decorrelation=d) for d in ways]
-    seen: list[float | None] = [None, None, None]
+    plain = optimal = low = high = false = None
+    if reference is not None:
+        plain, optimal = (sensor_gain(modulator, reference, noise, decorrelation=way) for way in ("plain", "optimal"))
     if modulator.count * modulator.pixels <= most_entries:
         waves = modulation_transfer(modulator, [0.1, 0.25], filter=filter)
-        seen = [*waves.transfer.mean(0).tolist(), float(waves.aliased[:, 1].mean())]
+        low, high = waves.transfer.mean(0).tolist()
+        false = float(waves.aliased[:, 1].mean())
     worst = 100 * float(sample_deviation(modulator, noise).max())
-    return Merits(*gains, worst, *seen, *_colour_errors(modulator, pattern, noise))
+    return Merits(plain, optimal, worst, low, high, false, *_colour_errors(modulator, pattern, noise))
 
 
 def _colour_errors(modulator: Modulator, pattern: str, noise: SensorNoise) -> tuple[float | None, float | None]:

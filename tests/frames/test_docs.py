@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from lfcal.cli.sample import sample_session
+from lfcal.base.sample import sample_session
 from lfcal.frames.corrections.recipe import read_average
 from lfcal.psf import PSFMatrix, save_regions
 from tests.distribution import code_of

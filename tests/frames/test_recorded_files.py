@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.recording.source import read_checks
 from lfcal.base.errors import FileFormatError
+from lfcal.base.sample import sample_session
 from lfcal.camera import Camera, ScanPlan
-from lfcal.cli.sample import sample_session
 from lfcal.frames import (
     CorrectionChain,
     CorrectionRecipe,

@@ -11,8 +11,8 @@ from PySide6.QtWidgets import QMessageBox
 from pytestqt.qtbot import QtBot
 
 from lfcal.acquire.session_file import SessionFile
+from lfcal.base.sample import sample_session
 from lfcal.camera import ScanPlan
-from lfcal.cli.sample import sample_session
 from lfcal.psf import open_psf
 from lfcal_gui.jobs import JobState
 from lfcal_gui.pages.acquire.model import AcquireSettings

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from lfcal.cli import sample_session
+from lfcal.base import sample_session
 from lfcal_gui.palette import Palette, doable
 from lfcal_gui.scenes.sample import open_sample
 from lfcal_gui.scenes.stage import Capture, Stage

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
+from lfcal.base import sample_session
 from lfcal.camera import ScanPlan
-from lfcal.cli import sample_session
 from lfcal.devices.simulated import DeviceFault
 from lfcal_gui.scenes.stage import Capture, Stage
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from lfcal.accuracy import PLACES
-from lfcal.cli import sample_session
+from lfcal.base import sample_session
 from lfcal_gui.scenes.stage import Capture, Stage
 
 __all__ = ["camera", "frames", "open_sample", "plan", "psf", "sample"]

@@ -16,7 +16,7 @@ from pytestqt.qtbot import QtBot
 from lfcal.acquire import SessionFile
 from lfcal.base.errors import InputError, StorageError
 from lfcal.base.progress import drain
-from lfcal.cli.sample import sample_recording
+from lfcal.base.sample import sample_recording
 from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal.psf.assembly import AssemblyProgress
 from lfcal.psf.store import PSFWriter

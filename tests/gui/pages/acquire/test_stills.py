@@ -17,8 +17,8 @@ from lfcal.acquire.finish import iter_assemble_session
 from lfcal.acquire.session import iter_record
 from lfcal.base.errors import InputError, StorageError
 from lfcal.base.progress import drain
+from lfcal.base.sample import sample_session
 from lfcal.camera import ScanPlan
-from lfcal.cli.sample import sample_session
 from lfcal_gui.context import Context
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.acquire.model import AcquireSettings

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from lfcal.base.progress import drain
+from lfcal.base.sample import sample_recording
 from lfcal.camera import preset
-from lfcal.cli.sample import sample_recording
 from lfcal.frames.source import Position
 from lfcal_gui.pages.frames._assembly import iter_assembly
 from lfcal_gui.pages.frames.model import FrameSettings, Opened, open_imported, positions_words

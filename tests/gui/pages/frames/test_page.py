@@ -10,7 +10,7 @@ import pytest
 from PySide6.QtWidgets import QComboBox, QLineEdit, QPushButton
 from pytestqt.qtbot import QtBot
 
-from lfcal.cli.sample import sample_recording
+from lfcal.base.sample import sample_recording
 from lfcal.frames.source import Position
 from lfcal.psf import open_psf
 from lfcal.psf.assembly import AssemblyProgress

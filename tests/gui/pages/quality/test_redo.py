@@ -13,8 +13,8 @@ from pytestqt.qtbot import QtBot
 
 from lfcal.acquire import Options, record
 from lfcal.base import drain
+from lfcal.base.sample import sample_session
 from lfcal.camera import ScanPlan
-from lfcal.cli.sample import sample_session
 from lfcal.devices import open_rig
 from lfcal.devices.protocols import Point
 from lfcal.tasks import Assemble

@@ -1,11 +1,10 @@
-"""Where the sample data lie: in a checkout, or inside an installed package."""
+"""Where the sample data are: in a checkout, or inside an installed package."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import lfcal
-from lfcal.base import StorageError
+from lfcal.base.errors import StorageError
 
 __all__ = ["sample_recording", "sample_session"]
 
@@ -21,7 +20,7 @@ def sample_recording() -> Path:
 
 
 def _place(name: str, holds: str) -> Path:
-    package = Path(lfcal.__file__).resolve().parent
+    package = Path(__file__).resolve().parents[1]
     for place in (package.parent / "sample_data" / name, package / f"_sample_{name}"):
         if (place / holds).is_file():
             return place

@@ -1,4 +1,4 @@
-"""Frames that a command reads plane by plane of their colours: grey, RGB, or through a mosaic of filters."""
+"""Frames by the planes of their colours: grey, RGB, or through a mosaic of filters."""
 
 from __future__ import annotations
 
@@ -86,8 +86,9 @@ def _mosaic(path: Path, cfa: str, black: Any, dark: Path | None, names: tuple[st
     import numpy as np
 
     from lfcal.frames.corrections import read_average
-    from lfcal.multiplex import cfa as modulator_of
-    from lfcal.multiplex import demultiplex, without_black_level
+    from lfcal.multiplex._sensor_noise import without_black_level
+    from lfcal.multiplex.colour_filters import cfa as modulator_of
+    from lfcal.multiplex.demultiplexing import demultiplex
 
     frame = read_average(path)
     light = (
