@@ -131,18 +131,15 @@ def _except(having: list[str], lacking: list[str]) -> str:
 
 def _parameter(row: FieldRow, heading: str, only: str = "") -> inspect.Parameter:
     opt, kind = row.opt, inspect.Parameter.KEYWORD_ONLY
-    how: dict[str, Any] = {
-        "help": row.described + only,
-        "rich_help_panel": heading,
-        "show_default": False,
-    }
+    how: dict[str, Any] = {"help": row.described + only, "rich_help_panel": heading, "show_default": False}
     if opt.examples or opt.choices:
         how["autocompletion"] = _completing(row)
     if row.kind is bool:
-        default: Any = typer.Option(
-            None, f"{row.flag}/{row.off}".strip("/"), **{key: how[key] for key in ("help", "rich_help_panel")}
-        )
-        return inspect.Parameter(row.name, kind, default=_bool(row, default), annotation=bool | None)
+        said = {key: how[key] for key in ("help", "rich_help_panel")}
+        default: Any = typer.Option(None, f"{row.flag}/{row.off}".strip("/"), **said)
+        if row.turns_off:
+            default.callback = lambda value: None if value is None else not value
+        return inspect.Parameter(row.name, kind, default=default, annotation=bool | None)
     annotation: Any = list[str] if row.many else str
     # what only some kinds of input must have, the kind asks for
     needed = row.default is MISSING and not only and not opt.chooses
@@ -156,12 +153,6 @@ def _parameter(row: FieldRow, heading: str, only: str = "") -> inspect.Parameter
     how["metavar"] = _metavar(row)
     names = (row.flag, *((opt.short,) if opt.short else ()))
     return inspect.Parameter(row.name, kind, default=typer.Option(start, *names, **how), annotation=annotation)
-
-
-def _bool(row: FieldRow, option: Any) -> Any:
-    if row.turns_off:
-        option.callback = lambda value: None if value is None else not value
-    return option
 
 
 METAVARS = {int: "N", float: "NUMBER", str: "TEXT"}

@@ -15,7 +15,7 @@ from lfcal.cli._console import print_json, print_table, report
 from lfcal.cli._lazy import add_command
 from lfcal.tasks import assumed_in_words, check_output
 
-__all__ = ["as_json", "print_camera", "register", "save_camera", "write_camera"]
+__all__ = ["as_json", "print_camera", "register", "save_camera"]
 
 
 def register(app: typer.Typer) -> None:
@@ -63,18 +63,12 @@ def as_json(camera: Camera) -> dict[str, Any]:
     }
 
 
-def write_camera(camera: Camera, out: Path) -> Path:
-    """Write ``camera`` as JSON; return the file."""
-    write_text(out, camera.to_json())
-    return out
-
-
 def save_camera(camera: Camera, out: Path | None, *inputs: Path | str | None, force: bool, json: bool) -> None:
     """Write ``camera`` where asked, and say what was taken and what is assumed."""
     derived_of(camera)  # what nothing can be calculated with is refused before it is written
     if out is not None:
         check_output(out, *inputs, force=force)
-        write_camera(camera, out)
+        write_text(out, camera.to_json())
     if json:
         print_json({**as_json(camera), "written": out})
         return

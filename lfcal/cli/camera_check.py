@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.base import InputError
+from lfcal.base import InputError, write_text
 from lfcal.cli._console import print_json, print_table, print_written, report, show_judgement
 from lfcal.cli._options import CameraArgument, ForceOption, JsonOption, OriginOption, WorkersOption
 from lfcal.cli._usage import refuse
@@ -72,21 +72,15 @@ def command(
 
 
 def _write(found: CameraCheck, out: Path | None) -> Path | None:
-    from lfcal.cli.camera import write_camera
-
     if out is None:
         return None
     if found.camera is None:
-        line = found.lines[-1]
-        raise InputError.expected(
-            f"{line.label} of the white image",
-            line.expected,
-            line.measured,
-            "correct the camera; where the white image is a part of the sensor state its place with --origin ROW,COLUMN"
-            if line.label == "sensor"
-            else "correct the camera",
-        )
-    return write_camera(found.camera, out)
+        line, remedy = found.lines[-1], "correct the camera"
+        if line.label == "sensor":
+            remedy += "; where the white image is a part of the sensor state its place with --origin ROW,COLUMN"
+        raise InputError.expected(f"{line.label} of the white image", line.expected, line.measured, remedy)
+    write_text(out, found.camera.to_json())
+    return out
 
 
 def _show(found: CameraCheck, turned: TurnedWhite | None, written: Path | None, json: bool) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.base import InputError
+from lfcal.base import InputError, write_text
 from lfcal.cli._console import print_json, print_table, print_written, report, run_work
 from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 from lfcal.tasks import check_outputs, load_camera
@@ -39,7 +39,6 @@ def command(
 
     Example: `lfcal camera sensor flats/ darks/ --camera camera.json -o measured.json --figure ptc.png`
     """
-    from lfcal.cli.camera import write_camera
     from lfcal.frames.photon_transfer import find_frames, iter_measure_sensor, save_curve
 
     if out is not None and not camera:
@@ -57,7 +56,8 @@ def command(
     refusal = None
     if out is not None and known is not None:
         try:
-            written.append(write_camera(found.camera(known), out))
+            write_text(out, found.camera(known).to_json())
+            written.append(out)
         except InputError as error:  # doubtful figures are shown before they are refused
             refusal = error
     if json:
