@@ -75,14 +75,13 @@ def _run(command_line: Callable[[], Any] | None, program: str) -> None:
     import typer
 
     from lfcal.base import Cancelled, LfcalError, bounded_threads, notes_to
-    from lfcal.cli._console import report
 
     # where its list of fonts cannot be kept for the next time, on a full disk, nothing of ours is the worse for it
     logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
     # ClickException, of whichever click Typer brings
     usage_error = cast(type[Exception], typer.BadParameter.__mro__[2])
     try:
-        with bounded_threads(), notes_to(report):
+        with bounded_threads(), notes_to(_report):
             from lfcal.cli import _app as app
 
             code = (command_line or app.command_line)()(standalone_mode=False, prog_name=program)
@@ -125,11 +124,16 @@ def _system_words(error: OSError) -> str:
 
 
 def _stop(code: int, message: str) -> None:
+    if message:
+        _report(message)
+    sys.exit(code)
+
+
+def _report(line: str) -> None:
+    # imported late: the list of commands needs nothing of it, which loads numpy.
     from lfcal.cli._console import report
 
-    if message:
-        report(message)
-    sys.exit(code)
+    report(line)
 
 
 @contextmanager
