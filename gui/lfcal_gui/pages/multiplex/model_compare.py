@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -77,9 +78,12 @@ def _merits(
 ) -> tuple[tuple[str, str, str], ...]:
     """Return what the camera's own noise, the finest detail and the eye say of the modulator."""
     pattern = (settings.pattern if settings.cfa == TYPED else settings.cfa) if settings.family == "cfa" else ""
-    alike = reference if reference.count == modulator.count else None  # unlike samples have no gain
     noise = sensor_noise(sensor, gain=settings.gain)
-    found = merits(modulator, noise, alike, pattern=pattern, most_entries=MAX_SEEN)
+    how: dict[str, Any] = {"pattern": pattern, "most_entries": MAX_SEEN}
+    try:
+        found = merits(modulator, noise, reference, **how)
+    except InputError:  # unlike samples, or some that the reference loses, have no gain
+        found = merits(modulator, noise, **how)
     rows = []
     for name, key, gain in (
         ("Gain, own noise", "plain", found.gain_plain_db),
