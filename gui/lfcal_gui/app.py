@@ -69,7 +69,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _lacking() -> str:
     """Return what no window opens without, and the remedy; empty where all is there."""
-    from lfcal.cli import ON_X11, missing_libraries, shows_on_x11, why_no_window, without
+    from lfcal.base import ON_X11, missing_libraries, shows_on_x11, why_no_window, without
 
     try:
         import PySide6.QtWidgets  # noqa: F401

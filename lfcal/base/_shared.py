@@ -104,6 +104,7 @@ from lfcal.base.units import (
     format_slope,
 )
 from lfcal.base.version import full_version
+from lfcal.base.window_libraries import NEEDED, ON_X11, missing_libraries, shows_on_x11, why_no_window, without
 
 __all__ = [
     "AXES",
@@ -113,6 +114,8 @@ __all__ = [
     "LINES",
     "MAX_EXPANSION",
     "MAX_SAMPLE",
+    "NEEDED",
+    "ON_X11",
     "OPEN_FLAGS",
     "RANK",
     "SUBJECTS",
@@ -180,6 +183,7 @@ __all__ = [
     "lock",
     "map_npy",
     "memory_in_use",
+    "missing_libraries",
     "moved",
     "njit",
     "note",
@@ -207,6 +211,7 @@ __all__ = [
     "sample_recording",
     "sample_session",
     "save_figure",
+    "shows_on_x11",
     "storage_words",
     "sweep_scratch",
     "sync_data",
@@ -215,6 +220,8 @@ __all__ = [
     "total_memory",
     "warn",
     "whole",
+    "why_no_window",
+    "without",
     "worker_count",
     "write_at",
     "write_png",

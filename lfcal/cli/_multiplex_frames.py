@@ -119,14 +119,8 @@ def recover(
     from lfcal.tasks import load_camera
 
     check_choice("route", route, ROUTES)
-    check_outputs(
-        (out, _fourier_file(out) if route == "both" else None, deviation),
-        frame,
-        transmissions,
-        camera,
-        dead,
-        force=force,
-    )
+    outputs = (out, _fourier_file(out) if route == "both" else None, deviation)
+    check_outputs(outputs, frame, transmissions, camera, dead, force=force)
     if (modulator is None) == (transmissions is None):
         got = "neither" if modulator is None else "both"
         raise InputError.expected("modulator", "--modulator or --transmissions", got, "give one of them")
@@ -159,8 +153,12 @@ def recover(
     if json:
         print_json(facts | {"black_level": level})
         return
-    shown = {key: ", ".join(value) if isinstance(value, list) else f"{value:.4g}" for key, value in facts.items()}
-    typer.echo("; ".join(f"{key.replace('_', ' ')} {value}" for key, value in shown.items()))
+    for key, value in facts.items():
+        shown = (
+            ", ".join(value) if isinstance(value, list) else format(value, ".4g" if isinstance(value, float) else "")
+        )
+        typer.echo(f"{key.replace('_', ' ')}: {shown}")
+    print_written(*outputs)
 
 
 def _by_super_pixels(

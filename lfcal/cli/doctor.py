@@ -57,7 +57,7 @@ def command(
 
 def _show_window(json: bool) -> None:
     """Print whether each library that the window needs is there."""
-    from lfcal.cli.window_libraries import NEEDED, ON_X11, missing_libraries, without
+    from lfcal.base import NEEDED, ON_X11, missing_libraries, without
 
     packages = {name: _version(name) for name in WINDOW}
     libraries = {**NEEDED, **ON_X11}

@@ -63,6 +63,7 @@ def test_demosaic_writes_what_the_library_gives(lfcal, tmp_path: Path) -> None: 
     cv2.imwrite(str(tmp_path / "frame.png"), (multiplex(light, cfa("CYMG")) + 50).astype(np.uint16))
     out = tmp_path / "rgb.tif"
     done = lfcal("multiplex", "demosaic", tmp_path / "frame.png", "-o", out, "--pattern", "CYMG", "--dark", 50)
+    assert done.out == f"written: {out}\n"
     assert done.code == 0, done.err
     np.testing.assert_allclose(tifffile.imread(out), light, atol=1e-3)
     bad = lfcal("multiplex", "demosaic", tmp_path / "frame.png", "-o", tmp_path / "no.tif")

@@ -6,10 +6,11 @@ from collections.abc import Callable
 
 import pytest
 
-from lfcal.cli import window_libraries
-from lfcal.cli.window_libraries import NEEDED, ON_X11, missing_libraries, shows_on_x11, why_no_window, without
-from tests.cli.conftest import Run
+from lfcal.base import window_libraries
+from lfcal.base.window_libraries import NEEDED, ON_X11, missing_libraries, shows_on_x11, why_no_window, without
+from tests.cli import conftest
 
+lfcal = conftest.lfcal
 ABSENT = ("libEGL.so.1", "libxcb-cursor.so.0")
 
 
@@ -26,6 +27,7 @@ def two_missing(monkeypatch: pytest.MonkeyPatch) -> None:
         return missing_libraries(names, loaded, "linux")
 
     monkeypatch.setattr(window_libraries, "missing_libraries", missing)
+    monkeypatch.setattr("lfcal.base.missing_libraries", missing)
 
 
 def test_missing_libraries_are_found_on_linux_only() -> None:
@@ -50,7 +52,7 @@ def test_where_windows_are_shown(environment: dict[str, str], x11: bool) -> None
     assert shows_on_x11(environment) == x11
 
 
-def test_the_doctor_names_them(lfcal: Callable[..., Run], two_missing: None) -> None:
+def test_the_doctor_names_them(lfcal: Callable[..., conftest.Run], two_missing: None) -> None:
     run = lfcal("doctor", "--gui")
     assert run.code == 1 and "libxcb-cursor0" in run.out and "sudo apt install libegl1 libxcb-cursor0" in run.err
     found = lfcal("doctor", "--gui", "--json").json
