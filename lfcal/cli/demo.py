@@ -10,16 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.base import (
-    draw_image,
-    figure,
-    format_length,
-    format_seconds,
-    read_text,
-    sample_recording,
-    sample_session,
-    save_figure,
-)
+from lfcal.base import format_length, format_seconds, read_text, sample_recording, sample_session
 from lfcal.cli._console import print_json, print_table, run_work
 from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 
@@ -129,6 +120,8 @@ def _made(out: Path, steps: list[Step], files: ExitStack, *, quiet: bool) -> dic
 
 
 def _pictures(matrix: PSFMatrix, out: Path, steps: list[Step]) -> None:
+    from lfcal.base import draw_image, figure, save_figure
+
     z, y, x = len(matrix) // 2, matrix.period[0] // 2, matrix.period[1] // 2
     with _step(steps, "one slice of the transposed matrix, without building it") as made, figure(9, 3.4) as fig:
         left, right = fig.subplots(1, 2)
