@@ -44,8 +44,10 @@ _OF_PYTHON = (0, 1)
 Mark = tuple[int, int, int, int]
 
 
-def probe(path: Path) -> None:
+def probe(path: Path, only: tuple[str, ...] | None = None) -> None:
     """Raise `FileFormatError` where reading the HDF5 file ``path`` ends or hangs the process that does it.
+
+    With ``only`` no data but of these datasets are read, of large ones the chunk in the middle.
 
     A file that was looked at before, and has not changed since, is not looked at again. Where no child can be started
     (no memory, no permission, libraries that do not load there), or where it ends by a Python exception, the file is
@@ -53,12 +55,12 @@ def probe(path: Path) -> None:
     """
     mark = _mark(path)
     with _CHILD.lock:
-        if mark in _CHILD.known:
+        if not _CHILD.known.isdisjoint({(mark, None), (mark, only)}):
             return
         seconds = CPU_S + mark[2] // BYTES_PER_S
-        finding = _CHILD.ask(path, seconds)
+        finding = _CHILD.ask(path, seconds, only)
         if not finding:
-            _CHILD.known.add(mark)
+            _CHILD.known.add((mark, only))
             return
     raise FileFormatError.expected(str(path), "an intact HDF5 file", finding, "copy the file again from its source")
 
@@ -66,7 +68,7 @@ def probe(path: Path) -> None:
 def trust(path: Path) -> None:
     """Take a file that this process has just written as it is."""
     with _CHILD.lock:
-        _CHILD.known.add(_mark(path))
+        _CHILD.known.add((_mark(path), None))
 
 
 def _mark(path: Path) -> Mark:
@@ -79,12 +81,12 @@ class _Child:
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
-        self.known: set[Mark] = set()
+        self.known: set[tuple[Mark, tuple[str, ...] | None]] = set()
         self._process: subprocess.Popen[str] | None = None
         self._owner = 0
         self._ready = False
 
-    def ask(self, path: Path, seconds: int) -> str:
+    def ask(self, path: Path, seconds: int, only: tuple[str, ...] | None = None) -> str:
         """Return what is wrong with a file, an empty string for nothing."""
         process = self._started()
         if process is None:
@@ -95,7 +97,7 @@ class _Child:
             self.end()
             return ""
         self._ready = True
-        question = json.dumps([os.path.abspath(path), seconds]) + "\n"
+        question = json.dumps([os.path.abspath(path), seconds, only]) + "\n"
         try:
             process.stdin.write(question)
             process.stdin.flush()

@@ -45,6 +45,14 @@ class H5File:
     Names are paths within the file: ``H``, ``regions/corner/H``, empty for the root. Soft and external links are never
     followed. Used as a context manager, or closed with `close`.
 
+    Parameters
+    ----------
+    path
+        The file.
+    only
+        Datasets whose data may be read, of large ones by `H5Data.read_middle` alone; all others are only described.
+        That takes milliseconds, for a file of any size. None: all may be read.
+
     Raises
     ------
     StorageError
@@ -53,14 +61,14 @@ class H5File:
         If it is no HDF5 file, or is damaged.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, only: tuple[str, ...] | None = None) -> None:
         if not path.exists():
             raise StorageError(f"{path}: no such file; check the path")
         check_regular(path)
         with storage_errors(path):
             # a plain open first: h5py's own error does not tell a missing permission from damaged data
             path.open("rb").close()
-        probe(path)
+        probe(path, only)
         import hdf5plugin  # noqa: F401  registers zstd, blosc and lz4 with HDF5
 
         self.path = path
@@ -356,6 +364,13 @@ class H5Data:
             else:
                 values = self.table.read(box)
         return np.asarray(values[key], self.dtype)  # numpy turns single values to the native order
+
+    def read_middle(self) -> NDArray[Any]:
+        """Return the chunk in the middle of the data, or the middle one of the images along the last two axes."""
+        sides = self.chunks or (*(1 for _ in self.shape[:-2]), *self.shape[-2:])
+        grid = tuple(-(-n // side) for n, side in zip(self.shape, sides, strict=True))
+        at = np.unravel_index(int(np.prod(grid)) // 2, grid)
+        return self.read(tuple(slice(int(k) * side, (int(k) + 1) * side) for k, side in zip(at, sides, strict=True)))
 
     def close_file(self) -> None:
         """Close the file it lies in; may be called twice."""

@@ -6,6 +6,7 @@ import os
 import struct
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import h5py
@@ -14,6 +15,7 @@ import pytest
 
 from lfcal.base.errors import FileFormatError
 from lfcal.base.h5 import probe as probing
+from lfcal.base.h5._examine import Examination, examine
 from lfcal.base.h5.probe import probe, trust
 from lfcal.base.h5.reading import H5File
 
@@ -75,7 +77,7 @@ def test_the_end_of_the_child_is_not_ours(tmp_path: Path, monkeypatch: pytest.Mo
 def test_a_file_is_looked_at_once_until_it_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Path] = []
     monkeypatch.setattr(probing, "_CHILD", probing._Child())
-    monkeypatch.setattr(probing._CHILD, "ask", lambda path, seconds: asked.append(path) or "")
+    monkeypatch.setattr(probing._CHILD, "ask", lambda path, seconds, only: asked.append(path) or "")
     path = small_file(tmp_path / "a.h5")
     probe(path)
     probe(path)
@@ -87,6 +89,27 @@ def test_a_file_is_looked_at_once_until_it_changes(tmp_path: Path, monkeypatch: 
     trust(path)
     probe(path)
     assert asked == [path, path]
+
+
+def test_of_what_is_named_the_middle_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, planes = tmp_path / "a.h5", np.arange(3.0).repeat(4).reshape(3, 2, 2)
+    with h5py.File(path, "w") as file:
+        for name in "ab":
+            file.create_dataset(name, data=planes, chunks=(1, 2, 2), compression="gzip")
+    monkeypatch.setattr("lfcal.base.h5._examine.SMALL", 50)
+    read: list[object] = []
+
+    def ask(self: Examination, question: Callable[[], object]) -> object:
+        read.append(question())
+        return read[-1]
+
+    monkeypatch.setattr(Examination, "ask", ask)
+    for only, levels in (([], []), (["a"], [[1]]), (None, [[0], [2], [0], [2]])):
+        read.clear()
+        assert examine(str(path), only) == ""
+        assert [np.unique(one).tolist() for one in read if isinstance(one, np.ndarray)] == levels
+    with H5File(path, only=("a",)) as file:
+        assert (file.dataset("a").read_middle() == 1).all() and file.dataset("b").shape == (3, 2, 2)
 
 
 def test_without_a_child_a_file_is_taken_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
