@@ -14,6 +14,7 @@ Everything that says what is wrong gives a `lfcal.base.Finding`, whatever found 
 - ``checking``, ``expected``, ``new_frames``: whether an old H still holds, from new frames
 - ``known_object``: how well H of a fit predicts the frame of a known object
 - ``trend``, ``dated``: fits and inspections over months
+- ``results``: recordings, H, fits, reports, exports and volumes in a folder
 """
 
 from typing import TYPE_CHECKING

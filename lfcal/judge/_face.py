@@ -11,6 +11,7 @@ from lfcal.judge.fault import FAULTS, Fault, FaultPicture, FoundFault
 from lfcal.judge.inspection import Inspection, iter_inspection
 from lfcal.judge.quality import QualityReport, inspect, iter_inspect
 from lfcal.judge.report import iter_report, report
+from lfcal.judge.results import StoredResult, find_results, iter_find_results, picture_of, read_result
 from lfcal.judge.search import iter_search
 from lfcal.judge.source import FINDING_SOURCES, FindingSource, judgement_of
 
@@ -30,16 +31,21 @@ __all__ = [
     "Inspection",
     "Judgement",
     "QualityReport",
+    "StoredResult",
     "Unlike",
     "check",
     "compare",
+    "find_results",
     "inspect",
     "iter_compare",
     "iter_evidence",
+    "iter_find_results",
     "iter_inspect",
     "iter_inspection",
     "iter_report",
     "iter_search",
     "judgement_of",
+    "picture_of",
+    "read_result",
     "report",
 ]

@@ -187,8 +187,8 @@ class DatedInspection:
     ----------
     label, when, dated
         What it is called, when it was inspected (UTC), and whether that is said or is the file's own time.
-    verdict
-        In a sentence.
+    verdict, merit
+        In a sentence, and in a word.
     values, scales
         Of each metric by its key.
     faults
@@ -205,6 +205,7 @@ class DatedInspection:
     scales: Mapping[str, MetricScale]
     faults: Mapping[str, float] | None
     period: tuple[int, int] | None = None
+    merit: Merit = "unknown"
 
 
 def read_inspection(path: str | os.PathLike[str], label: str) -> DatedInspection:
@@ -255,7 +256,10 @@ def _inspection(
     when = when if when.tzinfo is not None else when.replace(tzinfo=UTC)
     shape = data.get("shape")
     period = (int(shape[1]), int(shape[2])) if isinstance(shape, list | tuple) and len(shape) == 5 else None
-    return DatedInspection(label, when.astimezone(UTC), dated, str(data["verdict"]), values, scales, faults, period)
+    verdict, merit = str(data["verdict"]), data.get("merit", "unknown")
+    if merit not in RANK:
+        raise ValueError(merit)
+    return DatedInspection(label, when.astimezone(UTC), dated, verdict, values, scales, faults, period, merit)
 
 
 def inspections_in(path: Path) -> list[Path]:

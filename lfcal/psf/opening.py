@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,8 +33,10 @@ from lfcal.psf.store import (
 
 __all__ = [
     "FOREIGN",
+    "MatrixHead",
     "depth_sums_of",
     "facts_in",
+    "head_of",
     "mat_order_of",
     "mat_orders_of",
     "open_psf",
@@ -227,6 +229,53 @@ def _matrix_of(file: H5File, group: str) -> PSFMatrix:
         region=attributes.text("region", ""),
         transposed=attributes.text("matrix", "H") == "HT",
         provenance=provenance,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class MatrixHead:
+    """What an H file says of its matrix.
+
+    Attributes
+    ----------
+    shape
+        ``(nz, ny, nx, nt, ns)``.
+    depths
+        Of the planes (µm); not-a-number where none was stated.
+    camera
+        The camera that H belongs to, None: not stated.
+    provenance
+        How it was made, as plain JSON types.
+    transposed
+        Whether it is HT.
+    """
+
+    shape: tuple[int, int, int, int, int]
+    depths: NDArray[np.float64]
+    camera: Camera | None
+    provenance: dict[str, Any]
+    transposed: bool
+
+
+def head_of(file: H5File) -> MatrixHead:
+    """Return what an H file says, of which nothing but ``depths`` is read; see ``only`` of `lfcal.base.h5.H5File`.
+
+    Raises
+    ------
+    FileFormatError
+        If it is no H file, of a newer version, or damaged.
+    """
+    _check_format(file)
+    shape = check_psf_shape(file.dataset_shape("H"))
+    attributes = file.attributes()
+    _check_conventions(file, attributes)
+    camera = attributes.text("camera")
+    return MatrixHead(
+        shape,
+        _depths(file, "", shape[0]),
+        None if camera is None else Camera.from_json(camera),
+        provenance_of(file),
+        attributes.text("matrix", "H") == "HT",
     )
 
 

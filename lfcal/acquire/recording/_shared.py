@@ -6,7 +6,7 @@ from lfcal.acquire.recording._verify import DamagedFrame, SessionReport, iter_re
 from lfcal.acquire.recording.durable import DiskGuard, FolderLock, holder_of
 from lfcal.acquire.recording.opening import open_session
 from lfcal.acquire.recording.recording_file import RecordingFile
-from lfcal.acquire.recording.records import RECORD, Kind, Note, Suspicion, file_name, frame_crc
+from lfcal.acquire.recording.records import RECORD, Kind, Note, Suspicion, file_name, frame_crc, intact
 from lfcal.acquire.recording.source import CheckFrame, RecordingSource, TargetRecording, read_checks
 from lfcal.acquire.recording.store import Store, recording_bytes
 from lfcal.acquire.recording.writer import Acknowledged, Sink, Writer
@@ -31,6 +31,7 @@ __all__ = [
     "file_name",
     "frame_crc",
     "holder_of",
+    "intact",
     "iter_repair",
     "iter_verify",
     "open_session",

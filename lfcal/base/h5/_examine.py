@@ -18,6 +18,7 @@ import hdf5plugin  # noqa: F401  registers zstd, blosc and lz4 with HDF5
 
 OBJECTS = 20_000  # most groups and datasets that are looked at
 SMALL = 1 << 25  # datasets of up to so many bytes are read whole
+FEW = 1 << 20  # the same of chunks where only the middle one of large data is read
 MEMORY = 1 << 33  # bytes of address space that reading may take
 HARMLESS_FILTERS = {1, 2, 3}  # deflate, shuffle, fletcher32: they take damaged bytes without harm
 
@@ -85,7 +86,7 @@ class Examination:
         self.ask(lambda: data.id.chunk_iter(lambda chunk: chunks.append(chunk.chunk_offset)))
         if not wanted:
             return
-        if nbytes <= SMALL:
+        if nbytes <= (SMALL if self.only is None else FEW):
             self.ask(lambda: data[()])
             return
         filters = {self.ask(lambda k=k: plist.get_filter(k)[0]) for k in range(self.ask(plist.get_nfilters) or 0)}

@@ -96,7 +96,8 @@ def test_of_what_is_named_the_middle_is_read(tmp_path: Path, monkeypatch: pytest
     with h5py.File(path, "w") as file:
         for name in "ab":
             file.create_dataset(name, data=planes, chunks=(1, 2, 2), compression="gzip")
-    monkeypatch.setattr("lfcal.base.h5._examine.SMALL", 50)
+    for name in ("SMALL", "FEW"):
+        monkeypatch.setattr(f"lfcal.base.h5._examine.{name}", 50)
     read: list[object] = []
 
     def ask(self: Examination, question: Callable[[], object]) -> object:
