@@ -1,9 +1,7 @@
-"""Quality: a second H chosen beside the first, compared as a job, and looked at position by position."""
+"""Two H compared as a job, and looked at position by position: what page Quality and the gallery of sessions share."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtWidgets import QFileDialog
@@ -11,33 +9,33 @@ from PySide6.QtWidgets import QFileDialog
 from lfcal.base import LfcalError, format_plane
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
-from lfcal_gui.models import CommandStep, Taken, stamp_of, stated_order
-from lfcal_gui.pages.quality.compare_panel import NONE, ComparePanel
-from lfcal_gui.pages.quality.model import QualitySettings, capital
-from lfcal_gui.pages.quality.model_compare import (
+from lfcal_gui.models import (
     Both,
+    CommandStep,
     CompareRequest,
     KeptDifference,
     Place,
+    Taken,
     both_at,
+    capital,
+    compare_step,
     compared_files,
+    compared_numbers,
+    compared_rows,
+    compared_words,
+    differing_most,
     iter_compare,
     iter_compared,
-    numbers_of,
     plane_of_row,
-    table_of,
-    told_of,
-    worst_of,
 )
-from lfcal_gui.pages.quality.step import compared
 from lfcal_gui.saving import may_replace
+from lfcal_gui.widgets import ComparePanel
 
 if TYPE_CHECKING:
     from lfcal.judge import Comparison, Pair
 
-__all__ = ["Comparing"]
+__all__ = ["READY", "Comparing"]
 
-FILES = "H files (*.h5 *.npy *.mat *.lfc);;All files (*)"
 READY = "Press Compare (F5): all positions of both are compared."
 
 
@@ -48,52 +46,48 @@ class Comparing:
     ----------
     panel, context
         What shows it, and the window.
+    page
+        Key of the page.
     """
 
-    def __init__(self, panel: ComparePanel, context: Context) -> None:
-        self._panel, self._context = panel, context
+    def __init__(self, panel: ComparePanel, context: Context, page: str) -> None:
+        self._panel, self._context, self._page = panel, context, page
         self.found: Comparison | None = None
         self._asked: CompareRequest | None = None
         self._pair: Pair | None = None
         self._place: Place = (0, 0, 0)
         self._kept = KeptDifference()
         self._job = 0
-        panel.choose_asked.connect(self.choose)
         panel.compare_asked.connect(self.compare)
         panel.report_asked.connect(self.write_report)
-        panel.pairing_chosen.connect(self._pairing_chosen)
+        panel.pairing_chosen.connect(self.pairing_chosen)
         panel.row_chosen.connect(self._row_chosen)
         panel.place_chosen.connect(self.show_place)
         context.jobs.changed.connect(self._job_changed)
         context.jobs.finished.connect(self._job_finished)
         context.matrices.changed.connect(self._matrix_changed)
-        self.follow()
 
-    # -- project ---------------------------------------------------------------------------------------
-    def _now(self) -> CompareRequest | None:
+    # -- what is compared ------------------------------------------------------------------------------
+    def request(self) -> CompareRequest | None:
         """Return what would be compared now; None where one of the two is missing."""
-        state = self._context.state
-        first, second = stamp_of(state.psf), stamp_of(state.reference)
-        settings = QualitySettings.of(state)
-        orders = stated_order(state, state.psf), stated_order(state, state.reference)
-        return None if first is None or second is None else CompareRequest(first, second, settings.by_number, orders)
+        raise NotImplementedError
+
+    def pairing_chosen(self, by_number: bool) -> None:
+        """Pair planes by their numbers, or by their depths."""
+        raise NotImplementedError
 
     def follow(self) -> None:
-        """Show what belongs to the two H of now."""
-        now, state = self._now(), self._context.state
-        self._panel.show_second(Path(state.reference).name, by_number=QualitySettings.of(state).by_number)
+        """Let go of what belongs to other files than those of now."""
+        now = self.request()
         if now != self._asked:
             self.release()
             self._asked = now
-            gone = f"{Path(state.reference).name} is not there any more." if state.reference and state.psf else NONE
-            self._panel.show_message(gone if now is None else READY)
+            self._panel.show_message(self.missing() if now is None else READY)
         self._show_buttons()
 
-    def let_go(self) -> None:
-        """Forget what was compared in another project."""
-        self.release()
-        self._asked = None
-        self._panel.show_message(NONE)
+    def missing(self) -> str:
+        """Return why nothing can be compared, or what to choose."""
+        raise NotImplementedError
 
     def release(self) -> None:
         """Forget what was compared, and stop what is at work."""
@@ -105,41 +99,6 @@ class Comparing:
     def _show_buttons(self) -> None:
         self._panel.compare_button.setEnabled(self._asked is not None and not self._job)
         self._panel.report_button.setEnabled(self.found is not None and not self._job)
-
-    def choose(self, path: str = "") -> None:
-        """Take a second H, and compare with it."""
-        path = path or QFileDialog.getOpenFileName(self._panel, "Open a second H", "", FILES)[0]
-        if not path:
-            return
-        # known to be good before the project takes it
-        self._panel.show_message(f"Opening {Path(path).name} …")
-
-        begun = self._context.project.begun
-
-        def taken() -> None:
-            if begun != self._context.project.begun:  # the project it was opened for is no longer open
-                if path not in (self._context.state.psf, self._context.state.reference):
-                    self._context.forget(path)
-                return
-            self._context.project.update("second H", reference=path)
-            self.follow()
-            self.compare()
-
-        def refused(words: str) -> None:
-            if begun != self._context.project.begun:
-                return
-            self._asked = None
-            self.follow()
-            old = Path(self._context.state.reference).name
-            self._panel.show_message(f"{words}\nThe second H is {old} as before. {READY}" if old else words)
-
-        self._context.matrices.take(path, taken, refused)
-
-    def _pairing_chosen(self, by_number: bool) -> None:
-        state = self._context.state
-        settings = replace(QualitySettings.of(state), by_number=by_number)
-        self._context.project.update("how planes are paired", settings=settings.into(state))
-        self.follow()
 
     # -- comparing -------------------------------------------------------------------------------------
     def compare(self) -> None:
@@ -153,7 +112,7 @@ class Comparing:
         self._panel.show_message(f"Comparing {' and '.join(asked.names)} …")
         self._job = self._context.jobs.start(
             f"Compare {' and '.join(asked.names)}",
-            "quality",
+            self._page,
             lambda: iter_compare(asked, kept),
             abandon=True,
             leave=True,
@@ -189,7 +148,7 @@ class Comparing:
             return
         self._context.jobs.start(
             f"Report on {' and '.join(asked.names)}",
-            "quality",
+            self._page,
             lambda: iter_compared(asked, found, chosen),
             lambda page: self._context.message.emit(f"report written: {page}"),
             abandon=True,
@@ -202,17 +161,19 @@ class Comparing:
 
         def made() -> CommandStep:
             files = asked.first[0], asked.second[0]
-            return compared(*files, folder, by_number=asked.by_number, mat_order=asked.mat_order)
+            return compare_step(*files, folder, by_number=asked.by_number, mat_order=asked.mat_order)
 
-        return self._context.taken("quality", f"Compare {' and '.join(asked.names)}", step=made)
+        return self._context.taken(self._page, f"Compare {' and '.join(asked.names)}", step=made)
 
     # -- showing ---------------------------------------------------------------------------------------
     def _show(self) -> None:
         found, asked = self.found, self._asked
         if found is None or asked is None:
             return
-        worst = worst_of(found)
-        self._panel.show_numbers(asked.names, told_of(found), table_of(found), numbers_of(found), worst)
+        worst = differing_most(found)
+        self._panel.show_numbers(
+            asked.names, compared_words(found), compared_rows(found), compared_numbers(found), worst
+        )
         for path in (asked.first[0], asked.second[0]):
             self._context.matrices.want(path)
         self.show_place(worst[0][1] if worst else (0, 0, 0))
@@ -246,7 +207,7 @@ class Comparing:
             if self._pair is pair:  # else its files were let go for others
                 self._context.message.emit(words)
 
-        self._context.jobs.compute("quality both", lambda: both_at(pair, place), read, failed)
+        self._context.jobs.compute(f"{self._page} both", lambda: both_at(pair, place), read, failed)
 
     def _opened(self) -> Pair | None:
         """Return both H as they are open in the window, None: not yet."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from PySide6.QtCore import QObject, Signal
+from PySide6.QtCore import QObject, QSettings, Signal
 
 from lfcal.base import LfcalError, Work
 from lfcal.psf import PSFMatrix
@@ -37,6 +37,8 @@ class Context(QObject):
         The project changed (`lfcal_gui.models.project.ProjectState` before and after).
     go(page, payload)
         A page asks for another page by its key, with something to show there, e.g. ``("frames", (z, y, x))``.
+    files_offered(paths)
+        Files are to be opened by whichever page takes them, as if they were dropped.
     help_asked(page, name)
         A page of the manual is wanted, such as ``faults.md``, or its section about ``name``.
     message(text)
@@ -58,6 +60,7 @@ class Context(QObject):
 
     state_changed = Signal(object, object)
     go = Signal(str, object)
+    files_offered = Signal(object)
     help_asked = Signal(str, str)
     message = Signal(str)
     refused = Signal(str)
@@ -72,6 +75,8 @@ class Context(QObject):
         self.project, self.jobs = project, jobs
         self.matrices = Matrices(jobs, lambda path: stated_order(self.state, path), self)
         self.matrices.failed.connect(self.message.emit)
+        self.preferences: QSettings | None = None
+        """What is kept between starts; None: nothing is."""
         self._closers: list[Callable[[], None]] = []
         self._fitted: FittedCamera | None = None
         self.history = History()
@@ -84,6 +89,17 @@ class Context(QObject):
     def state(self) -> ProjectState:
         """The project's state."""
         return self.project.state
+
+    def kept_texts(self, name: str) -> list[str]:
+        """Return texts that `keep_texts` kept, at an earlier start too."""
+        kept = None if self.preferences is None else self.preferences.value(name)
+        texts = kept if isinstance(kept, list) else [kept]  # one text is kept as such
+        return [one for one in texts if isinstance(one, str) and one]
+
+    def keep_texts(self, name: str, texts: Sequence[str]) -> None:
+        """Keep texts for later starts."""
+        if self.preferences is not None:
+            self.preferences.setValue(name, list(texts))
 
     @property
     def fitted(self) -> FittedCamera | None:

@@ -66,6 +66,7 @@ class MainWindow(QMainWindow):
         self.project = project
         self.jobs = Jobs(self)
         self.context = Context(project, self.jobs, self)
+        self.context.preferences = self.settings
         self.files = ProjectFiles(project, self.jobs, folder, self)
         self._attention: set[str] = set()
         self._manual: Manual | None = None
@@ -92,6 +93,7 @@ class MainWindow(QMainWindow):
     def _connect(self) -> None:
         self.context.state_changed.connect(self._state_changed)
         self.context.go.connect(self.go)
+        self.context.files_offered.connect(self.take_files)
         self.context.help_asked.connect(self.show_manual)
         self.context.message.connect(self.log)
         self.context.theme_asked.connect(self._use_theme)

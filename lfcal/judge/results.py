@@ -456,7 +456,9 @@ def _tiff(path: Path, bare: StoredResult) -> StoredResult | None:
             words = f"{stored.ome_metadata or ''}{stored.imagej_metadata or ''}"
             if "lfcal" not in words:
                 return None
-            shape = stored.series[0].shape
+            shape, end = stored.series[0].shape, (stored.series[0].dataoffset or 0) + stored.series[0].nbytes
+            if stored.series[0].dataoffset is not None and end > bare.bytes:
+                raise EOFError(f"{bare.bytes} of {end} bytes")
     except Exception as error:  # tifffile raises many kinds on damaged data
         if not _names_lfcal(path):  # what is not known to be of lfcal is none of its damaged files
             return None

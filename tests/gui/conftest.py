@@ -54,6 +54,14 @@ def _light_again() -> Iterator[None]:
         apply_theme(app, LIGHT)
 
 
+@pytest.fixture(autouse=True)
+def cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return where pictures and verdicts of results are kept."""
+    folder = tmp_path_factory.getbasetemp() / "results"
+    monkeypatch.setattr("lfcal_gui.pages.sessions.model_kept.cache_folder", lambda: folder)
+    return folder
+
+
 @pytest.fixture
 def place(tmp_path: Path) -> Path:
     """Where the window keeps recent projects and autosave."""

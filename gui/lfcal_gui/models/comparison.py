@@ -11,41 +11,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import InputError, Work
-from lfcal_gui.models import Stamp, levels_of
-from lfcal_gui.pages.quality.model import capital
+from lfcal_gui.models.display import levels_of
+from lfcal_gui.models.stamp import Stamp
+from lfcal_gui.models.step import CommandStep, options_of
+from lfcal_gui.models.words import capital
 
 if TYPE_CHECKING:
     from lfcal.judge import Comparison, Pair
     from lfcal.psf import PSFMatrix
 
 __all__ = [
-    "COLUMNS",
-    "MODES",
-    "TIPS",
+    "COMPARED_COLUMNS",
+    "COMPARED_MODES",
+    "COMPARED_TIPS",
     "Both",
     "CompareRequest",
     "KeptDifference",
     "Place",
     "both_at",
+    "compare_step",
     "compared_files",
+    "compared_numbers",
+    "compared_rows",
+    "compared_words",
+    "differing_most",
     "iter_compare",
     "iter_compared",
-    "numbers_of",
     "plane_of_row",
-    "table_of",
-    "told_of",
-    "worst_of",
 ]
 
 F8 = NDArray[np.float64]
 Place = tuple[int, int, int]
 """Number of the pair of planes, and position (y, x) of the first H."""
 
-MODES = (("side", "side by side"), ("blink", "blink"), ("difference", "difference"))
+COMPARED_MODES = (("side", "side by side"), ("blink", "blink"), ("difference", "difference"))
 """How two H are shown."""
 
-COLUMNS = ("Plane, lenslets", "NRMSE (%)", "Scale", "Scaled (%)", "Shift (px)", "Left (%)")
-TIPS = (
+COMPARED_COLUMNS = ("Plane, lenslets", "NRMSE (%)", "Scale", "Scaled (%)", "Shift (px)", "Left (%)")
+COMPARED_TIPS = (
     "Number and depth of the plane, both numbers where they differ; pixels behind the lenslets of one type",
     "|A − B| / |B|, as they are",
     "The number g for which |A − g B| is least",
@@ -150,22 +153,23 @@ def compared_files(folder: str) -> list[Path]:
 
 
 # -- numbers -----------------------------------------------------------------------------------------------
-def told_of(found: Comparison) -> tuple[str, str]:
+def compared_words(found: Comparison) -> tuple[str, str]:
     """Return the verdict, and what was compared and left out."""
-    from lfcal.judge.report import compared_words, verdict
+    from lfcal.judge.report import compared_words as words_of
+    from lfcal.judge.report import verdict
 
-    told = (compared_words(found), *found.notes)
+    told = (words_of(found), *found.notes)
     return verdict(found), " ".join(capital(words if words[-1] == "?" else f"{words}.") for words in told)
 
 
-def table_of(found: Comparison) -> list[tuple[str, ...]]:
+def compared_rows(found: Comparison) -> list[tuple[str, ...]]:
     """Return the rows of the table of numbers; what the correlation says stands in ``scaled``."""
     from lfcal.judge.report import figure_rows
 
     return [(plane if kind == "all" else f"{plane}, {kind}", *rest[:-1]) for plane, kind, *rest in figure_rows(found)]
 
 
-def numbers_of(found: Comparison) -> list[tuple[float, ...]]:
+def compared_numbers(found: Comparison) -> list[tuple[float, ...]]:
     """Return what the rows of the table are sorted by."""
     rows: list[tuple[float, ...]] = []
     for k, (whole, types) in enumerate([(found.all, found.types), *((p.all, p.types) for p in found.planes)]):
@@ -181,7 +185,7 @@ def plane_of_row(found: Comparison, row: int) -> int | None:
     return row // kinds - 1 if row >= kinds else None
 
 
-def worst_of(found: Comparison) -> list[tuple[str, Place]]:
+def differing_most(found: Comparison) -> list[tuple[str, Place]]:
     """Return the positions that differ most, in words and by their numbers, the worst first."""
     return [
         (f"({found.pair.planes[k][0]}, {y}, {x}): {100 * found.error[k, y, x]:.3g} %", (k, y, x))
@@ -222,3 +226,29 @@ def both_at(pair: Pair, place: Place) -> Both:
     # noise below zero would take the dark end of a logarithmic scale
     high = max(levels_of(first)[1], levels_of(second)[1])
     return Both(place, first, second, apart, (0.0, high), levels_of(apart, signed=True))
+
+
+# -- as a command ------------------------------------------------------------------------------------------
+def compare_step(
+    first: str, second: str, out: str = "", *, by_number: bool = False, mat_order: str = ""
+) -> CommandStep:
+    """Return how two H are compared; ``out`` is the folder of a report, if one is written."""
+    pairs = (("--report", out), ("--by-number", by_number), ("--mat-order", mat_order))
+    a, b = (_opened(path, mat_order) for path in (first, second))
+    report = f"    drain(iter_compared_report(found, {out!r}))\n" if out else ""
+    python = f"""
+from lfcal.base.progress import drain
+from lfcal.psf import open_psf
+from lfcal.judge import compare
+from lfcal.judge.report.two import iter_compared_report, verdict
+
+with {a} as a, {b} as b:
+    found = compare(a, b, by_number={by_number!r})
+    print(verdict(found))
+{report}"""
+    return CommandStep(("compare", first, second, *options_of(pairs)), python)
+
+
+def _opened(path: str, mat_order: str) -> str:
+    order = f", mat_order={mat_order!r}" if mat_order and path.lower().endswith(".mat") else ""
+    return f"open_psf({path!r}{order})"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["plane_words", "said_in_window", "typeset", "unbroken"]
+__all__ = ["capital", "plane_words", "said_in_window", "typeset", "unbroken"]
 
 BRACKETS = re.compile(r"\s*\([^()]*--[^()]*\)")
 PLANNING = re.compile(r"[:,] (?:or )?make (?:its|the) plan[^;]*lfcal plan[^;]*")
@@ -16,6 +16,11 @@ TIMES = re.compile(r"(?<=\d) ?x ?(?=\d)")
 ELECTRONS = re.compile(r"(?<=\d )e-(?![\w-])")
 UNITS = re.compile(r"(?<=\d) (?=[a-zA-Zµ%°])")
 NAMES = re.compile(r"(?<=[a-z])_(?=[a-z])")
+
+
+def capital(words: str) -> str:
+    """Return words that begin with a capital."""
+    return words[:1].upper() + words[1:]
 
 
 def typeset(text: str) -> str:

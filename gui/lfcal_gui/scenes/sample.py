@@ -14,7 +14,7 @@ __all__ = ["camera", "frames", "open_sample", "plan", "psf", "sample"]
 def sample(stage: Stage) -> Iterator[Capture]:
     """Go through all pages with the sample session."""
     open_sample(stage)
-    for scene in (camera, plan, frames, psf, simulate, quality, fit, reconstruct, multiplex, accuracy):
+    for scene in (camera, plan, frames, psf, simulate, quality, fit, reconstruct, multiplex, accuracy, sessions):
         yield from scene(stage)
 
 
@@ -107,7 +107,7 @@ def simulate(stage: Stage) -> Iterator[Capture]:
 
 
 def quality(stage: Stage) -> Iterator[Capture]:
-    """Show the inspection, the comparison in its modes, and the trend."""
+    """Show the inspection, and the comparison in its modes."""
     page = stage.page("quality")
     if page.inspection is None:
         page.measure(force=True)
@@ -129,25 +129,27 @@ def quality(stage: Stage) -> Iterator[Capture]:
         stage.turn()
         yield Capture(f"quality_compare_{mode}")
     box.setCurrentIndex(0)
-    yield from _trend(stage)
     page.panel.setCurrentWidget(page.panel.inspect)
 
 
-def _trend(stage: Stage) -> Iterator[Capture]:
-    page = stage.window.page("quality")
-    page.panel.setCurrentWidget(page.panel.trend)  # type: ignore[attr-defined]
-    stage.turn()
-    yield Capture("quality_trend_empty")
-    reports = stage.folder / "reports"
+def sessions(stage: Stage) -> Iterator[Capture]:
+    """Show the gallery of what was made, two H compared, and three reports over time."""
+    reports, quality = stage.folder / "reports", stage.window.page("quality")
     for day in ("2026-03-02", "2026-03-09", "2026-03-16"):
         if not (reports / day).is_dir():
-            page.write_report(str(reports / day))  # type: ignore[attr-defined]
+            quality.write_report(str(reports / day))  # type: ignore[attr-defined]
             stage.done()
-    page.trending.choose(str(reports))  # type: ignore[attr-defined]
-    stage.done()
-    page.panel.trend.table.setCurrentCell(2, 0)  # type: ignore[attr-defined]
+    page = stage.page("sessions")
+    page.choose(str(stage.folder))
+    stage.settle()
     stage.tidy()
-    yield Capture("quality_trend")
+    yield Capture("sessions")
+    page.panel.setCurrentWidget(page.panel.trend)
+    stage.settle()
+    page.panel.trend.table.setCurrentCell(2, 0)
+    stage.tidy()
+    yield Capture("sessions_over_time")
+    page.panel.setCurrentIndex(0)
 
 
 def fit(stage: Stage) -> Iterator[Capture]:

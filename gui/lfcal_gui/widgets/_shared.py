@@ -16,6 +16,7 @@ from lfcal_gui.widgets.cards import (
     told_or_shown,
 )
 from lfcal_gui.widgets.colours import theme_table
+from lfcal_gui.widgets.compare_panel import ComparePanel
 from lfcal_gui.widgets.contrast import SCALINGS, Contrast
 from lfcal_gui.widgets.enlarging import toggle_in, whole_page
 from lfcal_gui.widgets.fitted_text import FittedBrowser, lines_px
@@ -37,6 +38,7 @@ __all__ = [
     "SCALINGS",
     "SPACING",
     "AxisArrows",
+    "ComparePanel",
     "Contrast",
     "DecadeAxis",
     "ElidedLabel",

@@ -1,4 +1,4 @@
-"""Quality: two H beside each other: patterns linked, their numbers, and where they differ."""
+"""Two H side by side: linked patterns, their numbers, and where they differ."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from lfcal_gui.models import SCALES, DisplaySettings, Shot, Symbols
-from lfcal_gui.pages.quality.model_compare import COLUMNS, MODES, TIPS, Both, Place
-from lfcal_gui.widgets import (
-    NOTHING,
-    ElidedLabel,
-    Picture,
-    RowsTable,
-    WrappedLabel,
-    card,
-    choice_box,
-    line,
-    link,
-    share_contrast,
-    told_or_shown,
+from lfcal_gui.models import (
+    COMPARED_COLUMNS,
+    COMPARED_MODES,
+    COMPARED_TIPS,
+    SCALES,
+    Both,
+    DisplaySettings,
+    Place,
+    Shot,
+    Symbols,
 )
+from lfcal_gui.widgets.blank import NOTHING
+from lfcal_gui.widgets.cards import card, choice_box, line, told_or_shown
+from lfcal_gui.widgets.picture import Picture, link, share_contrast
+from lfcal_gui.widgets.rows_table import RowsTable
+from lfcal_gui.widgets.words import ElidedLabel, WrappedLabel
 
 __all__ = ["ComparePanel"]
 
 BLINK_MS = 600
-NONE = "Choose a second H to hold beside this one: of another day, a simulation, or the H of a fit."
 NOT_COMPARED = "Not compared: no position of this plane has light in both."
 MISSING = "#ff5a5f"
 PAIRING = (("depth", "by depth"), ("number", "by number"))
@@ -84,7 +84,7 @@ class ComparePanel(QWidget):
         column.setContentsMargins(0, 8, 0, 0)
         column.setSpacing(8)
         column.addLayout(self._head())
-        self.message, self.stack = told_or_shown(NONE, self._content())
+        self.message, self.stack = told_or_shown("", self._content())
         column.addWidget(self.stack, 1)
 
     # -- building --------------------------------------------------------------------------------------
@@ -141,7 +141,7 @@ class ComparePanel(QWidget):
     def _pictures(self) -> QFrame:
         frame, column = card()
         self.mode = choice_box(
-            MODES, "Blinking shows shifts, the difference shows what is missing, side by side the rest"
+            COMPARED_MODES, "Blinking shows shifts, the difference shows what is missing, side by side the rest"
         )
         self.mode.setAccessibleName("how both are shown")
         self.mode.currentIndexChanged.connect(lambda: self._show_mode())
@@ -178,9 +178,9 @@ class ComparePanel(QWidget):
 
     def _table(self) -> QFrame:
         frame, column = card("Numbers by plane and lens type")
-        self.table = RowsTable(COLUMNS, 0, NUMBERS)
+        self.table = RowsTable(COMPARED_COLUMNS, 0, NUMBERS)
         self.table.setAccessibleName("numbers of the comparison")
-        for k, tip in enumerate(TIPS):
+        for k, tip in enumerate(COMPARED_TIPS):
             title = self.table.horizontalHeaderItem(k)
             if title is not None:
                 title.setToolTip(tip)

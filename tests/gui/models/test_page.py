@@ -36,6 +36,7 @@ OWN = (
     "reconstruct",
     "multiplex",
     "accuracy",
+    "sessions",
 )
 
 
@@ -107,6 +108,7 @@ def test_states_follow_from_the_project(tmp_path: Path) -> None:
         "reconstruct": PageState.NOTHING,
         "multiplex": PageState.READY,
         "accuracy": PageState.NOTHING,
+        "sessions": PageState.NOTHING,
     }
     plan = default_plan(preset("bench"))
     full = ProjectState(plan=plan, psf=str(file), frames=str(tmp_path), reference="R.h5", redo=((0, 0, 0),))

@@ -2,8 +2,8 @@
 
 - ``page``, ``panel``; ``inspect_panel``: verdict, faults, metrics; ``evidence_view``: positions and pictures
 - ``_showing``: which fault or metric is looked at
-- ``compare_panel``, ``_comparing``: a second H beside the first; ``trend_panel``, ``_trending``: reports over time
-- ``model``: settings, rows and words; ``model_run``, ``model_compare``, ``model_trend``: the work of each
+- ``_comparing``: a second H beside the first
+- ``model``: settings, rows and words; ``model_run``: the work
 """
 
 from __future__ import annotations

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lfcal_gui.context import Context
-from lfcal_gui.models import ATLAS
+from lfcal_gui.models import ATLAS, capital
 from lfcal_gui.pages.quality.evidence_view import CONCERNED
 from lfcal_gui.pages.quality.inspect_panel import InspectPanel
 from lfcal_gui.pages.quality.model import (
-    capital,
     concerned,
     fault_words,
     listed_metrics,

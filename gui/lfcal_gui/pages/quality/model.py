@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lfcal.base import InputError
 from lfcal.records import rows
 from lfcal.tasks import Inspect
-from lfcal_gui.models import Field, PageSettings, fields_of
+from lfcal_gui.models import Field, PageSettings, capital, fields_of
 
 if TYPE_CHECKING:
     from lfcal.judge import FoundFault, Inspection
@@ -313,8 +313,3 @@ def camera_choices(settings: QualitySettings) -> tuple[Field, ...]:
         return FIELDS
     saved = ("saved", f"of the fit {Path(settings.fit).name}")
     return tuple(replace(one, choices=(*CAMERAS, saved)) if one.key == "camera" else one for one in FIELDS)
-
-
-def capital(words: str) -> str:
-    """Return words that begin with a capital."""
-    return words[:1].upper() + words[1:]

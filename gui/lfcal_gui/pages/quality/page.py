@@ -11,13 +11,11 @@ from lfcal.base import InputError, format_count
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
-from lfcal_gui.models import PageSpec, ProjectState, Stamp, stamp_of, stated_order, with_found
-from lfcal_gui.pages.quality._comparing import Comparing
+from lfcal_gui.models import PageSpec, ProjectState, Stamp, capital, stamp_of, stated_order, with_found
+from lfcal_gui.pages.quality._comparing import ProjectComparing
 from lfcal_gui.pages.quality._showing import Showing
-from lfcal_gui.pages.quality._trending import Trending
 from lfcal_gui.pages.quality.model import (
     QualitySettings,
-    capital,
     count_words,
     fault_rows,
     metric_rows,
@@ -60,8 +58,7 @@ class Page(BasePage):
         self.panel = QualityPanel()
         inspect = self.panel.inspect
         self.showing = Showing(inspect, context)
-        self.comparing = Comparing(self.panel.compare, context)
-        self.trending = Trending(self.panel.trend, context)
+        self.comparing = ProjectComparing(self.panel.compare, context)
         inspect.form.check = self._check
         inspect.edited.connect(self._edited)
         inspect.folder_asked.connect(self.choose_fit)
@@ -141,29 +138,18 @@ class Page(BasePage):
             self._release()
         self.panel.inspect.show_settings(self.settings)
         self._show_buttons()
-        if stamp is None and not self._over_time:
+        if stamp is None:
             self.show_empty(
                 "No PSF to judge yet.\nAssemble frames, or open an H file on the PSF page.",
                 {
                     "Frames": self.lead("frames", "Make H of recorded frames"),
                     "PSF": self.lead("psf", "Open an H that was assembled, simulated or fitted before"),
-                    "Over time": ("Look at the reports of earlier sessions, which need no H", self.show_trend),
                 },
             )
-        elif stamp is not None and self.inspection is None and not self._job:
+        elif self.inspection is None and not self._job:
             self.show_empty("H has not been inspected yet.", {"Inspect": (INSPECT, self.measure)})
             if self.isVisible():
                 self.measure()
-
-    @property
-    def _over_time(self) -> bool:
-        """Whether reports of several sessions are looked at, which need no H."""
-        return self.panel.currentWidget() is self.panel.trend and self.empty is None
-
-    def show_trend(self) -> None:
-        """Look at reports of several sessions."""
-        self.panel.setCurrentWidget(self.panel.trend)
-        self.show_body()
 
     def _release(self) -> None:
         """Forget what was found of another H, and stop what is at work on it."""
@@ -212,8 +198,6 @@ class Page(BasePage):
         """Inspect H again, or compare it with another, whichever is looked at."""
         if self.panel.currentWidget() is self.panel.compare:
             self.comparing.compare()
-        elif self.panel.currentWidget() is self.panel.trend:
-            self.trending.choose()
         else:
             self.measure(force=True)
 
@@ -311,11 +295,10 @@ class Page(BasePage):
         self._show_buttons()
 
     def _apply_theme(self) -> None:
-        inspect, trend = self.panel.inspect, self.panel.trend.table
-        tables = (inspect.faults, inspect.table, trend)
+        inspect = self.panel.inspect
+        tables = (inspect.faults, inspect.table)
         chosen = [table.chosen() for table in tables]
         self.panel.apply_theme()
-        self.trending.show()
         if not self._job:
             self._show()
         for table, number in zip(tables, chosen, strict=True):

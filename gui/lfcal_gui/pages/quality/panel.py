@@ -1,12 +1,11 @@
-"""Quality: one H inspected, two held beside each other, and many over time."""
+"""Quality: one H inspected, and two compared."""
 
 from __future__ import annotations
 
 from PySide6.QtWidgets import QTabWidget
 
-from lfcal_gui.pages.quality.compare_panel import ComparePanel
 from lfcal_gui.pages.quality.inspect_panel import InspectPanel
-from lfcal_gui.pages.quality.trend_panel import TrendPanel
+from lfcal_gui.widgets import ComparePanel
 
 __all__ = ["QualityPanel"]
 
@@ -14,7 +13,6 @@ __all__ = ["QualityPanel"]
 TIPS = (
     "Is this H good enough, what is wrong with it, and what to do about it",
     "Did it change, or is it as the simulation foretold? Two H position by position",
-    "Does the setup drift? The reports of several sessions in one curve",
 )
 
 
@@ -24,8 +22,8 @@ class QualityPanel(QTabWidget):
     def __init__(self) -> None:
         super().__init__()
         self.setDocumentMode(True)
-        self.inspect, self.compare, self.trend = InspectPanel(), ComparePanel(), TrendPanel()
-        tabs = (self.inspect, "Inspection"), (self.compare, "Beside another H"), (self.trend, "Over time")
+        self.inspect, self.compare = InspectPanel(), ComparePanel()
+        tabs = (self.inspect, "Inspection"), (self.compare, "Beside another H")
         for (tab, title), tip in zip(tabs, TIPS, strict=True):
             self.setTabToolTip(self.addTab(tab, title), tip)
 
@@ -33,4 +31,3 @@ class QualityPanel(QTabWidget):
         """Take the colours of the theme in use."""
         self.inspect.apply_theme()
         self.compare.apply_theme()
-        self.trend.apply_theme()

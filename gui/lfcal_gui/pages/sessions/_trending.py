@@ -1,19 +1,18 @@
-"""Quality: a folder of reports read in the background, and what is chosen of it."""
+"""Sessions: the quality reports of the gallery over time, and what is chosen of them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtWidgets import QFileDialog
-
 from lfcal_gui.context import Context
-from lfcal_gui.pages.quality.model_trend import curve_of, merits_of, rows_of, trend_in, trend_words
-from lfcal_gui.pages.quality.trend_panel import TrendPanel
+from lfcal_gui.pages.sessions.model_trend import curve_of, merits_of, rows_of, trend_of, trend_words
+from lfcal_gui.pages.sessions.trend_panel import TrendPanel
 from lfcal_gui.saving import ask_target
 
 if TYPE_CHECKING:
-    from lfcal.judge import Trend
+    from lfcal.judge import StoredResult, Trend
 
 __all__ = ["Trending"]
 
@@ -21,7 +20,7 @@ PICTURES = "Pictures (*.png *.svg)"
 
 
 class Trending:
-    """What got worse over the sessions whose reports lie in a folder.
+    """What got worse over the reports of the gallery.
 
     Parameters
     ----------
@@ -32,19 +31,19 @@ class Trending:
     def __init__(self, panel: TrendPanel, context: Context) -> None:
         self._panel, self._context = panel, context
         self.found: Trend | None = None
-        panel.choose_asked.connect(self.choose)
+        self._asked: Sequence[StoredResult] | None = None
         panel.picture_asked.connect(self.save_picture)
         panel.row_chosen.connect(self._row_chosen)
 
-    def choose(self, folder: str = "") -> None:
-        """Read a folder of reports; without one it is asked for."""
-        folder = folder or QFileDialog.getExistingDirectory(self._panel, "Folder of reports")
-        if not folder:
+    def show_results(self, reports: Sequence[StoredResult]) -> None:
+        """Read these reports, unless they are shown."""
+        if reports == self._asked:
             return
-        self.found = None
-        self._panel.show_message(f"Reading {folder} …")
-        self._context.jobs.drop("quality trend")
-        self._context.jobs.load("quality trend", lambda: trend_in(Path(folder)), self._read, self._panel.show_message)
+        self.found, self._asked = None, reports
+        folders = [Path(one.path) for one in reports]
+        self._panel.show_message("Reading …")
+        self._context.jobs.drop("sessions trend")
+        self._context.jobs.load("sessions trend", lambda: trend_of(folders), self._read, self._panel.show_message)
 
     def _read(self, found: Trend) -> None:
         self.found = found
@@ -69,7 +68,7 @@ class Trending:
         path = path or ask_target(self._panel, "Save picture", "trend.png", PICTURES)
         if path:  # it appears whole or not at all
             self._context.jobs.compute(
-                "quality trend picture",
+                "sessions trend picture",
                 lambda: draw_trend(found, path),
                 lambda _: self._context.message.emit(f"picture written: {path}"),
             )

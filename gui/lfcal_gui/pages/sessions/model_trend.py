@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,7 +16,7 @@ from lfcal.base import InputError, format_dates, format_number, format_slope
 if TYPE_CHECKING:
     from lfcal.judge import Course, CoursePoint, Trend
 
-__all__ = ["TREND_COLUMNS", "TrendCurve", "courses_of", "curve_of", "merits_of", "rows_of", "trend_in", "trend_words"]
+__all__ = ["TREND_COLUMNS", "TrendCurve", "courses_of", "curve_of", "merits_of", "rows_of", "trend_of", "trend_words"]
 
 TREND_COLUMNS = ("What", "Before", "Newest", "Per month", "")
 
@@ -34,14 +35,15 @@ class TrendCurve:
     bad: float
 
 
-def trend_in(folder: Path) -> Trend:
-    """Read the inspections in a folder of reports; raises `LfcalError` where there are not two to be compared."""
+def trend_of(folders: Sequence[Path]) -> Trend:
+    """Read the quality reports in these folders; raises `LfcalError` where there are not two to be compared."""
     from lfcal.judge import inspections_in, labels_of, read_inspection, trend
 
-    places = inspections_in(folder)
+    places = [place for folder in folders for place in inspections_in(folder)]
     if len(places) < 2:
-        words = "name the folder that holds the folders of the reports"
-        raise InputError.expected(f"inspections in {folder}", "two or more", len(places), words)
+        raise InputError.expected(
+            "quality reports in the gallery", "two or more", len(places), "write them on page Quality: Write report"
+        )
     return trend([read_inspection(place, label) for place, label in zip(places, labels_of(places), strict=True)])
 
 

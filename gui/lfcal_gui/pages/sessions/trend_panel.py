@@ -1,4 +1,4 @@
-"""Quality: inspections of several sessions side by side: a table, and the course of what is chosen in it."""
+"""Sessions: quality reports over time: a table, and the curve of what is chosen in it."""
 
 from __future__ import annotations
 
@@ -8,16 +8,11 @@ import numpy as np
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QSplitter, QVBoxLayout, QWidget
 
-from lfcal_gui.pages.quality.model_trend import TREND_COLUMNS, TrendCurve
+from lfcal_gui.pages.sessions.model_trend import TREND_COLUMNS, TrendCurve
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import LINES, LinePlot, RowsTable, WrappedLabel, card, split, told_or_shown
 
 __all__ = ["TrendPanel"]
-
-NONE = (
-    "Choose a folder that holds the reports of several sessions, each in a folder of its own:\n"
-    "what got worse since when, and which faults are new."
-)
 
 
 class TrendPanel(QWidget):
@@ -25,13 +20,12 @@ class TrendPanel(QWidget):
 
     Signals
     -------
-    choose_asked(), picture_asked()
-        A folder of reports is wanted; a picture of all courses.
+    picture_asked()
+        A picture of all curves is wanted.
     row_chosen(row)
         A row of the table is looked at.
     """
 
-    choose_asked = Signal()
     picture_asked = Signal()
     row_chosen = Signal(int)
 
@@ -41,7 +35,7 @@ class TrendPanel(QWidget):
         column.setContentsMargins(0, 8, 0, 0)
         column.setSpacing(8)
         column.addLayout(self._head())
-        self.message, self.stack = told_or_shown(NONE, self._content())
+        self.message, self.stack = told_or_shown("", self._content())
         column.addWidget(self.stack, 1)
 
     def _head(self) -> QHBoxLayout:
@@ -53,15 +47,12 @@ class TrendPanel(QWidget):
         words.setSpacing(2)
         words.addWidget(self.verdict)
         words.addWidget(self.notes)
-        self.choose_button, self.picture_button = QPushButton("Reports …"), QPushButton("Save picture …")
-        self.choose_button.setToolTip("The folder that holds the folders of the reports")
+        self.picture_button = QPushButton("Save picture …")
         self.picture_button.setToolTip("All that was not good in every session, over time (.png, .svg)")
-        self.choose_button.clicked.connect(lambda: self.choose_asked.emit())
         self.picture_button.clicked.connect(lambda: self.picture_asked.emit())
         self.picture_button.setEnabled(False)
         row = QHBoxLayout()
         row.addLayout(words, 1)
-        row.addWidget(self.choose_button, 0, Qt.AlignmentFlag.AlignTop)
         row.addWidget(self.picture_button, 0, Qt.AlignmentFlag.AlignTop)
         return row
 

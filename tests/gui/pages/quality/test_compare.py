@@ -15,10 +15,10 @@ from lfcal.base.errors import InputError
 from lfcal.base.progress import Work, drain
 from lfcal.judge.pairing import pair
 from lfcal.psf import PSFMatrix, save
+from lfcal_gui.models.comparison import both_at, plane_of_row
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.models.stamp import stamp_of
 from lfcal_gui.pages.quality.model import QualitySettings
-from lfcal_gui.pages.quality.model_compare import both_at, plane_of_row
 from lfcal_gui.pages.quality.model_run import InspectionRequest, InspectionRun, asked_of, iter_judge
 from lfcal_gui.pages.quality.page import Page
 from tests.gui.conftest import OpenPage
@@ -214,7 +214,7 @@ def test_reading_a_file_that_was_let_go_is_no_error(
         gone.wait(GUARD_MS / 1e3)
         raise InputError("its file is closed")
 
-    monkeypatch.setattr("lfcal_gui.pages.quality._comparing.both_at", late)
+    monkeypatch.setattr("lfcal_gui.comparing.both_at", late)
     page.comparing.show_place((0, 0, 0))
     page.context.project.update("second H", reference="")
     gone.set()

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lfcal_gui.pages.quality.model_compare import CompareRequest
 
 from lfcal.base import InputError
 from lfcal.base.progress import drain
@@ -19,7 +20,6 @@ from lfcal_gui.models.opening import OpeningSettings
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.models.stamp import stamp_of
 from lfcal_gui.pages.quality.model import FIELDS, HELD, QualitySettings
-from lfcal_gui.pages.quality.model_compare import CompareRequest
 from lfcal_gui.pages.quality.model_run import InspectionRun, asked_of, iter_judge, iter_write_report
 from lfcal_gui.pages.quality.step import compared, step
 from tests.cli import conftest

@@ -1,4 +1,4 @@
-"""Reports of several sessions in the window: what got worse, and its course."""
+"""The quality reports of the gallery over time: what got worse, and its curve."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from pytestqt.qtbot import QtBot
 
 from lfcal.base._plain import plain
 from lfcal.judge.quality import inspect
-from lfcal_gui.context import Context
-from lfcal_gui.pages.quality.page import Page
+from lfcal_gui.pages.sessions.page import Page
 from tests.cli.test_trend_quality import dated, write
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import idle
@@ -35,17 +34,17 @@ def reports(tmp_path: Path, record: dict[str, Any]) -> Path:
     return tmp_path
 
 
-@pytest.mark.long
-def test_what_got_worse_comes_first_with_its_course(
-    open_page: OpenPage, context: Context, qtbot: QtBot, reports: Path
-) -> None:
-    page: Page = open_page("quality")
-    assert page.empty is not None
-    page.show_trend()
+def looked(page: Page, folder: Path, qtbot: QtBot) -> None:
+    page.choose(str(folder))
+    page.panel.setCurrentWidget(page.panel.trend)
+    idle(page.context.jobs, qtbot)
+
+
+def test_what_got_worse_comes_first_with_its_course(open_page: OpenPage, qtbot: QtBot, reports: Path) -> None:
+    page: Page = open_page("sessions")
     panel, trending = page.panel.trend, page.trending
-    assert page.empty is None and not panel.picture_button.isEnabled()
-    trending.choose(str(reports))
-    idle(context.jobs, qtbot)
+    assert not panel.picture_button.isEnabled()
+    looked(page, reports, qtbot)
     assert panel.verdict.text().startswith("Worse than before: ghost image") and "3 sessions" in panel.notes.text()
     first = [panel.table.item(0, k).text() for k in range(5)]  # type: ignore[union-attr]
     assert first[0].lower().startswith("ghost image") and first[-1] == "worse"
@@ -56,33 +55,33 @@ def test_what_got_worse_comes_first_with_its_course(
     np.testing.assert_allclose(y, [1, 2, 3.5])
     assert "Lamp" in panel.title.text() and {"good", "bad"} <= panel.curve._curves.keys()
     trending.save_picture(str(reports / "trend.png"))
-    idle(context.jobs, qtbot)
+    idle(page.context.jobs, qtbot)
     assert (reports / "trend.png").stat().st_size > 1000
-    page.entered()
-    assert page.empty is None, "reports need no H"
+
+
+def test_the_filter_of_the_gallery_chooses_the_reports(open_page: OpenPage, qtbot: QtBot, reports: Path) -> None:
+    page: Page = open_page("sessions")
+    looked(page, reports, qtbot)
+    page.panel.words.setText("m7")
+    idle(page.context.jobs, qtbot)
+    assert (
+        "expected two or more, got 1" in page.panel.trend.message.text() and page.panel.trend.stack.currentIndex() == 0
+    )
+    page.panel.words.setText("")
+    idle(page.context.jobs, qtbot)
+    assert page.panel.trend.stack.currentIndex() == 1
 
 
 def test_values_of_one_day_have_no_change_per_month(
-    open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path, record: dict[str, Any]
+    open_page: OpenPage, qtbot: QtBot, tmp_path: Path, record: dict[str, Any]
 ) -> None:
     write(tmp_path / "a", record, 5, (1.0, "good"))
     dated(write(tmp_path / "b", record, 5, (None, "fair")), "2026-05-01T00:00:02+00:00")  # type: ignore[arg-type]
     dated(write(tmp_path / "c", record, 5, (3.5, "fair")), "2026-05-01T00:00:04+00:00")
-    page: Page = open_page("quality")
-    page.show_trend()
-    page.trending.choose(str(tmp_path))
-    idle(context.jobs, qtbot)
+    page: Page = open_page("sessions")
+    looked(page, tmp_path, qtbot)
     panel = page.panel.trend
     texts = [[panel.table.item(row, k).text() for k in range(4)] for row in range(panel.table.rowCount())]  # type: ignore[union-attr]
     assert next(row for row in texts if "Lamp" in row[0])[1:] == ["fair", "3.5 fair", "within 4.0 s"]
     assert {row[3] for row in texts if "Lamp" not in row[0]} == {""}, "what did not change"
     assert "3 sessions, 2026-05-01." in panel.notes.text() and "No change per month is told" in panel.notes.text()
-
-
-def test_a_folder_without_reports_is_said(open_page: OpenPage, context: Context, qtbot: QtBot, reports: Path) -> None:
-    page: Page = open_page("quality")
-    page.show_trend()
-    for folder, words in ((reports / "none", "inspections in"), (reports / "m5", "two or more")):
-        page.trending.choose(str(folder))
-        idle(context.jobs, qtbot)
-        assert words in page.panel.trend.message.text() and page.panel.trend.stack.currentIndex() == 0

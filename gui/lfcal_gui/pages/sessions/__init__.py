@@ -1,0 +1,38 @@
+"""Sessions: what was recorded, made and found, in a gallery and over time; any two are compared.
+
+- ``page``, ``panel``; ``_tiles``: the results as tiles; ``_looking``: folders looked through in the background
+- ``_pairing``: two results compared; ``trend_panel``, ``_trending``: reports over time
+- ``model``: which results are shown, in words; ``model_kept``: pictures and verdicts kept by the file's stamp
+- ``model_trend``: rows and curves of reports over time
+"""
+
+from __future__ import annotations
+
+from lfcal_gui.models import PageSpec, PageState, ProjectState, Sketch, nothing
+
+__all__ = ["PAGE"]
+
+
+def state(project: ProjectState) -> PageState:
+    """Return that there is something to look at once the project has a file."""
+    return PageState.READY if project.psf or project.frames or project.recording else PageState.NOTHING
+
+
+def icon(sketch: Sketch) -> None:
+    """Draw four tiles."""
+    for x, y in ((3, 3), (12, 3), (3, 12), (12, 12)):
+        sketch.box(x, y, 7, 7, radius=1.5)
+
+
+PAGE = PageSpec(
+    "sessions",
+    "Sessions",
+    "Find earlier recordings, H, fits and exports, and compare any two",
+    order=100,
+    package=__name__,
+    state=state,
+    needs="lfcal.judge",
+    icon=icon,
+    takes=nothing,
+    keys=(("F5", "look again"), ("Return", "open what is selected"), ("Ctrl+D", "compare the two that are selected")),
+)

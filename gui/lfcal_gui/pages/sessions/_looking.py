@@ -1,0 +1,135 @@
+"""Folders looked through in the background, and the pictures of what is seen of them."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import QObject, Signal
+
+from lfcal.base import LfcalError
+from lfcal_gui.jobs import Jobs
+from lfcal_gui.pages.sessions.model import Verdict, can_judge
+from lfcal_gui.pages.sessions.model_kept import KeptResults
+
+if TYPE_CHECKING:
+    from lfcal.judge import Listing, StoredResult
+
+__all__ = ["Looking"]
+
+AT_ONCE = 4
+"""Pictures that are read before the next ones are asked for: those that are seen then come first."""
+
+Seen = tuple["StoredResult", Verdict | None]
+
+
+class Looking(QObject):
+    """Looks through folders in a thread; a disk that does not answer holds up nothing but that.
+
+    Parameters
+    ----------
+    jobs, kept
+        What runs it, and what keeps pictures and verdicts.
+
+    Signals
+    -------
+    began()
+        Other folders are looked through.
+    found(results, words)
+        What was found since the last time, each with its kept verdict, and where it is looking.
+    ended(listing)
+        All was looked through.
+    failed(words)
+        Why it cannot be.
+    pictured(path, picture)
+        The picture of a result, None: it has none.
+    """
+
+    began = Signal()
+    found = Signal(object, str)
+    ended = Signal(object)
+    failed = Signal(str)
+    pictured = Signal(object, object)
+
+    def __init__(self, jobs: Jobs, kept: KeptResults, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._jobs, self.kept = jobs, kept
+        self._stop = threading.Event()
+        self._wanted: list[StoredResult] = []
+
+    @property
+    def active(self) -> bool:
+        """Whether folders are being looked through."""
+        return self._jobs.loading("sessions list")
+
+    def start(self, folders: Sequence[str]) -> None:
+        """Look through folders, and no longer through those before."""
+        self.stop()
+        self._stop = stop = threading.Event()
+        self._wanted.clear()
+        self._jobs.load(
+            "sessions list",
+            lambda: self._list(folders, stop),
+            lambda listing: None if listing is None else self.ended.emit(listing),
+            self.failed.emit,
+        )
+        self.began.emit()
+
+    def stop(self) -> None:
+        """Look no further; what was found stays."""
+        self._stop.set()
+        self._jobs.drop("sessions list")
+
+    def _list(self, folders: Sequence[str], stop: threading.Event) -> Listing | None:
+        """Look through folders, in a thread; None: it was stopped."""
+        from lfcal.judge import ListingProgress, iter_find_results
+
+        self.kept.sweep()
+        work = iter_find_results(*folders)
+        try:
+            while not stop.is_set():
+                step = next(work)
+                if isinstance(step, ListingProgress):
+                    seen = [(one, self.kept.verdict(one) if can_judge(one) else None) for one in step.found]
+                    self._jobs.hand_over(partial(self._tell, stop, seen, step.stage))
+        except StopIteration as end:
+            listing: Listing = end.value
+            return listing
+        finally:
+            work.close()
+        return None
+
+    def _tell(self, stop: threading.Event, seen: list[Seen], words: str) -> None:
+        if not stop.is_set():
+            self.found.emit(seen, words)
+
+    # -- pictures --------------------------------------------------------------------------------------
+    def want(self, results: Sequence[StoredResult]) -> None:
+        """Read the pictures of these, which are seen, before those that were seen earlier."""
+        self._wanted = [*results, *(one for one in self._wanted if one not in results)][:100]
+        self._next()
+
+    def _next(self) -> None:
+        if self._wanted and not self._jobs.loading("sessions pictures"):
+            now, self._wanted = self._wanted[:AT_ONCE], self._wanted[AT_ONCE:]
+            self._jobs.load("sessions pictures", lambda: self._pictures(now), self._show, lambda _: self._next())
+
+    def _pictures(self, results: Sequence[StoredResult]) -> list[tuple[Path, NDArray[np.uint8] | None]]:
+        found = []
+        for one in results:
+            try:
+                picture = self.kept.picture(one)
+            except (LfcalError, OSError):  # gone or damaged since; its tile says what it was
+                picture = None
+            found.append((one.path, picture))
+        return found
+
+    def _show(self, found: list[tuple[Path, NDArray[np.uint8] | None]]) -> None:
+        for path, picture in found:
+            self.pictured.emit(path, picture)
+        self._next()

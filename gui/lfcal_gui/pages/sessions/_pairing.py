@@ -1,0 +1,97 @@
+"""Two results of the gallery compared: H by what they hold, all others by their facts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lfcal_gui.comparing import Comparing
+from lfcal_gui.context import Context
+from lfcal_gui.models import CompareRequest, stamp_of, stated_order
+from lfcal_gui.pages.sessions.model import Verdict, can_judge, fact_rows, pair_rows
+from lfcal_gui.pages.sessions.panel import SessionsPanel
+
+if TYPE_CHECKING:
+    from lfcal.judge import StoredResult
+
+__all__ = ["Pairing"]
+
+NONE = "One of the two files is not there any more."
+
+
+class Pairing(Comparing):
+    """Compares the two results that were selected.
+
+    Parameters
+    ----------
+    panel, context
+        What shows it, and the window.
+    """
+
+    def __init__(self, panel: SessionsPanel, context: Context) -> None:
+        super().__init__(panel.compare, context, "sessions")
+        self._whole = panel
+        self._files: tuple[str, str] = ("", "")
+        self._by_number = False
+
+    def request(self) -> CompareRequest | None:
+        """Return the two files as they are now."""
+        first, second = (stamp_of(path) for path in self._files)
+        if first is None or second is None:
+            return None
+        state = self._context.state
+        orders = stated_order(state, first[0]), stated_order(state, second[0])
+        return CompareRequest(first, second, self._by_number, orders)
+
+    def missing(self) -> str:
+        """Return what is gone."""
+        return NONE
+
+    def pairing_chosen(self, by_number: bool) -> None:
+        """Pair planes by their numbers, or by their depths."""
+        self._by_number = by_number
+        self.follow()
+
+    def begin(self, first: StoredResult, second: StoredResult, verdicts: dict[Path, Verdict]) -> None:
+        """Compare two results and show it."""
+        if can_judge(first) and can_judge(second):
+            self._forget()
+            self._files = str(first.path), str(second.path)
+            self._whole.compare.show_second(second.name, by_number=self._by_number)
+            self._whole.show_compared()
+            self.follow()
+            self.compare()
+            return
+        names = _names(first.path, second.path)
+
+        def read() -> list[tuple[str, str, str, str]]:
+            from lfcal.judge import detailed
+
+            return pair_rows(*(fact_rows(detailed(one), verdicts) for one in (first, second)))
+
+        def refused(words: str) -> None:
+            self._context.message.emit(words)
+            self._whole.show_pair(names, pair_rows(fact_rows(first, verdicts), fact_rows(second, verdicts)))
+
+        self._context.jobs.drop("sessions pair")
+        self._context.jobs.load("sessions pair", read, lambda rows: self._whole.show_pair(names, rows), refused)
+
+    def let_go(self) -> None:
+        """Forget what was compared, and close its files."""
+        self.release()
+        self._forget()
+        self._files = ("", "")
+
+    def _forget(self) -> None:
+        """Close the files that were compared, but those of the project."""
+        state = self._context.state
+        for path in self._files:
+            if path and path not in (state.psf, state.reference):
+                self._context.forget(path)
+
+
+def _names(first: Path, second: Path) -> tuple[str, str]:
+    """Return what two results are called: with their folders where the names are the same."""
+    if first.name != second.name:
+        return first.name, second.name
+    return f"{first.parent.name}/{first.name}", f"{second.parent.name}/{second.name}"

@@ -1,0 +1,182 @@
+"""Which results are shown, in which order, and in which words. No Qt."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+from lfcal.base import InputError, format_bytes
+from lfcal_gui.models import PageSettings, ProjectState, capital
+
+if TYPE_CHECKING:
+    from lfcal.judge import StoredResult
+
+__all__ = [
+    "KIND_WORDS",
+    "NOT_JUDGED",
+    "ORDERS",
+    "PROJECT",
+    "SessionsSettings",
+    "Verdict",
+    "can_judge",
+    "fact_rows",
+    "how_opened",
+    "kind_word",
+    "own_folders",
+    "pair_rows",
+    "recent_with",
+    "shown",
+    "verdict_words",
+]
+
+Verdict = tuple[str, str]
+"""Merit, and the verdict in a sentence."""
+
+NOT_JUDGED = "Not judged"
+PROJECT = ""
+"""Stands for the folders of the project in place of a folder."""
+
+KIND_WORDS = {
+    "": "All kinds",
+    "recording": "Recordings",
+    "H": "H",
+    "fit": "Fits",
+    "report": "Quality reports",
+    "export": "Exports",
+    "volume": "Volumes",
+    "unreadable": "Unreadable",
+}
+"""Kinds of results as a filter offers them."""
+
+ORDERS = (("newest", "Newest first"), ("oldest", "Oldest first"), ("name", "By name"), ("verdict", "Worst first"))
+
+WORST = ("bad", "fair", "unknown", "good")
+RECENT = 8
+
+
+@dataclass(frozen=True)
+class SessionsSettings(PageSettings):
+    """What the user chose.
+
+    Attributes
+    ----------
+    folder
+        Folder that is looked through; empty: those of the project.
+    kind, order
+        Kind of results that are shown, and their order: one of `KIND_WORDS` and of `ORDERS`.
+    """
+
+    page: ClassVar[str] = "sessions"
+
+    folder: str = PROJECT
+    kind: str = ""
+    order: str = "newest"
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        for name, value, known in (("kind", self.kind, KIND_WORDS), ("order", self.order, dict(ORDERS))):
+            if value not in known:
+                raise InputError.expected(name, " or ".join(known), value, "choose one of these")
+
+
+def own_folders(project: ProjectState, path: Path | None) -> tuple[str, ...]:
+    """Return the folders of the project's file, of its H and of its recording; none is asked for on the disk."""
+    files = (str(path or ""), project.psf, project.reference, project.volume)
+    # a recording is a folder itself, and what is made of it often lies beside it
+    folders = [str(Path(one).parent) for one in (*files, project.recording, project.frames) if one]
+    return tuple(dict.fromkeys(folders))
+
+
+def recent_with(folder: str, recent: Iterable[str]) -> list[str]:
+    """Return the folders that were used last, with the newest one first."""
+    return [folder, *(one for one in recent if one != folder)][:RECENT]
+
+
+def shown(
+    results: Iterable[StoredResult],
+    settings: SessionsSettings,
+    words: str = "",
+    verdicts: Mapping[Path, Verdict] | None = None,
+) -> list[StoredResult]:
+    """Return the results of the chosen kind that have all ``words`` in name, folder, verdict or facts, in order."""
+    wanted = words.lower().split()
+    found = [
+        one
+        for one in results
+        if settings.kind in ("", one.kind) and all(word in _searched(one, verdicts or {}) for word in wanted)
+    ]
+    if settings.order == "name":
+        return sorted(found, key=lambda one: (one.name.lower(), str(one.path)))
+    found.sort(key=lambda one: one.when, reverse=settings.order != "oldest")
+    if settings.order == "verdict":
+        found.sort(key=lambda one: WORST.index(_verdict(one, verdicts or {})[0]))
+    return found
+
+
+def _searched(result: StoredResult, verdicts: Mapping[Path, Verdict]) -> str:
+    facts = " ".join(f"{name} {value}" for name, value in result.facts)
+    return f"{result.path} {result.kind} {verdict_words(result, verdicts)[1]} {facts}".lower()
+
+
+def _verdict(result: StoredResult, verdicts: Mapping[Path, Verdict]) -> Verdict:
+    if result.problem:
+        return "bad", result.problem.removeprefix(f"{result.path}: ")
+    return verdicts.get(result.path) or (result.merit, result.verdict)
+
+
+def verdict_words(result: StoredResult, verdicts: Mapping[Path, Verdict]) -> Verdict:
+    """Return the merit of a result, and what is known of it; of H that was never judged, just that."""
+    merit, words = _verdict(result, verdicts)
+    return merit, words or (NOT_JUDGED if can_judge(result) else "")
+
+
+def kind_word(result: StoredResult) -> str:
+    """Return what a result is, in a word."""
+    return capital(result.kind)
+
+
+def can_judge(result: StoredResult) -> bool:
+    """Return whether a result is an H that can be judged."""
+    return not result.problem and (result.kind == "H" or (result.kind == "export" and _opens(result.path)))
+
+
+def _opens(path: Path) -> bool:
+    """Return whether `lfcal.psf.open_psf` reads an export of this name."""
+    return path.suffix.lower() in (".mat", ".npy")
+
+
+def how_opened(result: StoredResult) -> str:
+    """Return what opens a result: the key of a page, ``"browser"``, or why nothing does, as a sentence."""
+    if result.problem:
+        return "It cannot be read, so it cannot be opened."
+    if result.kind == "export" and not _opens(result.path):
+        return "A TIFF export is for other programs; open the H that it was made of."
+    return {"recording": "acquire", "volume": "reconstruct", "fit": "browser", "report": "browser"}.get(
+        result.kind, "psf"
+    )
+
+
+def fact_rows(result: StoredResult, verdicts: Mapping[Path, Verdict]) -> list[tuple[str, str]]:
+    """Return everything that is known of a result."""
+    when = f"{result.when.astimezone():%Y-%m-%d %H:%M}"
+    rows = [("Kind", kind_word(result))]
+    rows += [("Problem", result.problem)] if result.problem else []
+    words = "" if result.problem else verdict_words(result, verdicts)[1]
+    rows += [("Verdict", words)] if words else []
+    dated = "" if result.dated else " (time of the file)"
+    return [*rows, ("Date", when + dated), ("Folder", str(result.path.parent)), *result.facts, _size(result)]
+
+
+def _size(result: StoredResult) -> tuple[str, str]:
+    return "Size", format_bytes(result.bytes)
+
+
+def pair_rows(first: Sequence[tuple[str, str]], second: Sequence[tuple[str, str]]) -> list[tuple[str, str, str, str]]:
+    """Return facts of two results side by side; the last column says where they differ."""
+    a, b = dict(first), dict(second)
+    names = [*a, *(name for name in b if name not in a)]
+    return [
+        (name, a.get(name, "–"), b.get(name, "–"), "" if a.get(name) == b.get(name) else "differs") for name in names
+    ]

@@ -1,0 +1,170 @@
+"""Sessions: the gallery with its filter and the facts of what is selected, reports over time, and two compared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from PySide6.QtCore import QSignalBlocker, Qt
+from PySide6.QtWidgets import (
+    QComboBox,
+    QLabel,
+    QLineEdit,
+    QPushButton,
+    QStackedWidget,
+    QTabWidget,
+    QVBoxLayout,
+    QWidget,
+)
+
+from lfcal_gui.pages.sessions._tiles import Tiles
+from lfcal_gui.pages.sessions.model import KIND_WORDS, ORDERS, PROJECT, SessionsSettings
+from lfcal_gui.pages.sessions.trend_panel import TrendPanel
+from lfcal_gui.theme import current_theme
+from lfcal_gui.widgets import ComparePanel, ElidedLabel, RowsTable, choice_box, heading, line, split, told_or_shown
+
+__all__ = ["SessionsPanel"]
+
+FACTS = ("What", "Value")
+PAIR = ("What", "First", "Second", "")
+ONE = "Select a result to see what is known of it, or two (Ctrl+click) to compare them."
+NO_PAIR = "Select two results in the gallery, then press Compare (Ctrl+D)."
+TIPS = (
+    "Recordings, H, fits, reports, exports and volumes in a folder",
+    "Does the setup drift? The quality reports of the gallery as curves",
+    "The two results that were selected in the gallery",
+)
+
+
+class SessionsPanel(QTabWidget):
+    """Three views: gallery, over time, two compared."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setDocumentMode(True)
+        self.trend, self.compare = TrendPanel(), ComparePanel()
+        self.compare.choose_button.hide()  # both are chosen in the gallery
+        self.pair_table = RowsTable(PAIR, 0)
+        self.pair_table.setAccessibleName("facts of both")
+        self.pair_stack = self._pair()
+        for (tab, title), tip in zip(
+            ((self._gallery(), "Gallery"), (self.trend, "Over time"), (self.pair_stack, "Compare")), TIPS, strict=True
+        ):
+            self.setTabToolTip(self.addTab(tab, title), tip)
+
+    # -- building --------------------------------------------------------------------------------------
+    def _gallery(self) -> QWidget:
+        inner = QWidget()
+        column = QVBoxLayout(inner)
+        column.setContentsMargins(0, 8, 0, 0)
+        column.setSpacing(8)
+        column.addLayout(self._where())
+        column.addLayout(self._which())
+        self.tiles = Tiles()
+        self.message, self.stack = told_or_shown("", self.tiles)
+        column.addWidget(split(self.stack, self._facts(), sizes=(780, 300)), 1)
+        return inner
+
+    def _where(self) -> QVBoxLayout:
+        self.folder = QComboBox()
+        self.folder.setAccessibleName("folder")
+        self.folder.setToolTip("The folder that is looked through, with the folders in it")
+        self.folder.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.choose_button, self.again_button = QPushButton("Choose …"), QPushButton("Look again")
+        self.choose_button.setToolTip("Look through another folder; it is remembered")
+        self.again_button.setToolTip("Look through the folder again (F5)")
+        self.status = ElidedLabel(" ")
+        self.status.setProperty("role", "hint")
+        column = QVBoxLayout()
+        column.setSpacing(4)
+        column.addLayout(line("Folder", self.folder, self.choose_button, self.again_button, stretch=1))
+        column.addWidget(self.status)
+        return column
+
+    def _which(self) -> QVBoxLayout:
+        self.words = QLineEdit()
+        self.words.setPlaceholderText("Filter by name, verdict, camera …")
+        self.words.setClearButtonEnabled(True)
+        self.words.setToolTip("Show results that have all of these words in their name, folder, verdict or facts")
+        self.words.setAccessibleName("filter")
+        self.kind = choice_box(list(KIND_WORDS.items()), "Show results of one kind")
+        self.kind.setAccessibleName("kind")
+        self.order = choice_box(ORDERS, "Order of the tiles")
+        self.order.setAccessibleName("order")
+        self.count = QLabel(" ")
+        self.count.setProperty("role", "hint")
+        column = QVBoxLayout()
+        column.addLayout(line(self.words, self.kind, self.order, self.count, stretch=0))
+        return column
+
+    def _facts(self) -> QWidget:
+        self.facts = RowsTable(FACTS, 1)
+        self.facts.setAccessibleName("what is known of the selected result")
+        self.facts.setSortingEnabled(False)
+        self.facts_title = ElidedLabel()
+        self.facts_title.setProperty("role", "heading")
+        inner = QWidget()
+        column = QVBoxLayout(inner)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.addWidget(self.facts_title)
+        self.facts_message, self.facts_stack = told_or_shown(ONE, self.facts)
+        column.addWidget(self.facts_stack, 1)
+        return inner
+
+    def _pair(self) -> QStackedWidget:
+        stack = QStackedWidget()
+        none = QLabel(NO_PAIR)
+        none.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        none.setProperty("role", "hint")
+        table = QWidget()
+        column = QVBoxLayout(table)
+        column.setContentsMargins(0, 8, 0, 0)
+        self.pair_title = heading("")
+        column.addWidget(self.pair_title)
+        column.addWidget(self.pair_table, 1)
+        for part in (none, table, self.compare):
+            stack.addWidget(part)
+        return stack
+
+    # -- showing ---------------------------------------------------------------------------------------
+    def show_settings(self, settings: SessionsSettings, folders: Sequence[str]) -> None:
+        """Show what is chosen; ``folders`` were used last."""
+        blockers = [QSignalBlocker(box) for box in (self.folder, self.kind, self.order)]
+        self.folder.clear()
+        self.folder.addItem("Folders of this project", PROJECT)
+        for one in folders:
+            self.folder.addItem(one, one)
+        for box, value in ((self.folder, settings.folder), (self.kind, settings.kind), (self.order, settings.order)):
+            box.setCurrentIndex(max(0, box.findData(value)))
+        for blocker in blockers:
+            blocker.unblock()
+
+    def show_message(self, words: str) -> None:
+        """Show words in place of tiles; empty: the tiles."""
+        self.message.setText(words)
+        self.stack.setCurrentIndex(0 if words else 1)
+
+    def show_facts(self, title: str, rows: Sequence[tuple[str, str]]) -> None:
+        """Show what is known of the selected result; no rows: how to select one."""
+        self.facts_title.setText(title)
+        self.facts.show_rows(rows)
+        self.facts.setSortingEnabled(False)
+        self.facts_stack.setCurrentIndex(int(bool(rows)))
+
+    def show_pair(self, names: tuple[str, str], rows: Sequence[tuple[str, str, str, str]]) -> None:
+        """Show facts of two results side by side."""
+        self.pair_table.setHorizontalHeaderLabels(["What", *names, ""])
+        self.pair_title.setText(f"{names[0]} and {names[1]}")
+        self.pair_table.show_rows(rows, colour=lambda row, column: current_theme().fair if column == 3 else "")
+        self.pair_stack.setCurrentIndex(1)
+        self.setCurrentWidget(self.pair_stack)
+
+    def show_compared(self) -> None:
+        """Show the comparison of two H."""
+        self.pair_stack.setCurrentWidget(self.compare)
+        self.setCurrentWidget(self.pair_stack)
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        self.compare.apply_theme()
+        self.trend.apply_theme()
+        self.tiles.forget_pictures()
