@@ -18,23 +18,22 @@ from lfcal.judge.known_object import ObjectPlace, object_error
 from lfcal.judge.new_frames import new_frame, new_frames
 from lfcal.judge.pairing import Pair, pair
 from lfcal.judge.region_loss import RegionLoss, draw_region_loss, iter_region_loss
-from lfcal.judge.results import KINDS, Listing, ListingProgress, detailed
+from lfcal.judge.results import ListingProgress, ResultList, detailed
 from lfcal.judge.source import Judged
 from lfcal.judge.telling import compared_words, cost_words
 from lfcal.judge.trend import TOO_SHORT, Course, CoursePoint, Trend, draw_trend, trend
 
 __all__ = [
-    "KINDS",
     "TOO_SHORT",
     "Course",
     "CoursePoint",
     "DatedInspection",
     "Judged",
-    "Listing",
     "ListingProgress",
     "ObjectPlace",
     "Pair",
     "RegionLoss",
+    "ResultList",
     "Trend",
     "compared_words",
     "cost_words",

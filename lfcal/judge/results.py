@@ -40,8 +40,8 @@ from lfcal.reconstruct import DATASET, VOLUME_FORMAT, zarr_contents
 
 __all__ = [
     "KINDS",
-    "Listing",
     "ListingProgress",
+    "ResultList",
     "StoredResult",
     "detailed",
     "find_results",
@@ -60,6 +60,8 @@ DEPTH = 4
 MOST_FOLDERS = 20_000
 MOST_IMAGES = 64
 """TIFF and NPY files of a folder that are looked at: a folder with more of them holds frames."""
+
+_IMAGES = (".tif", ".tiff", ".npy")
 
 HEAD = 1 << 14
 """Bytes of a damaged TIFF file in which the name of lfcal is looked for."""
@@ -114,7 +116,7 @@ class StoredResult:
 
 
 @dataclass(frozen=True)
-class Listing:
+class ResultList:
     """The results in some folders.
 
     Attributes
@@ -136,7 +138,7 @@ class ListingProgress(Progress):
     found: tuple[StoredResult, ...] = ()
 
 
-def iter_find_results(*folders: str | os.PathLike[str], depth: int = DEPTH) -> Work[Listing]:
+def iter_find_results(*folders: str | os.PathLike[str], depth: int = DEPTH) -> Work[ResultList]:
     """Find recordings, H, fits, quality reports, exports of H and volumes; no frame and no matrix is read.
 
     What a file is follows from its content. Files of other programs are left out. A file of lfcal that cannot be
@@ -163,7 +165,8 @@ def iter_find_results(*folders: str | os.PathLike[str], depth: int = DEPTH) -> W
     """
     start, told = time.perf_counter(), 0.0
     found: list[StoredResult] = []
-    shown, notes = 0, []
+    notes: list[str] = []
+    shown = 0
     for place, entries in _folders(folders, depth, notes):
         for path in _candidates(place, entries):
             try:
@@ -175,7 +178,7 @@ def iter_find_results(*folders: str | os.PathLike[str], depth: int = DEPTH) -> W
             told, shown = yield from _progress(place, found, shown, start, told)
         told, shown = yield from _progress(place, found, shown, start, told)
     yield ListingProgress(len(found), 0, "done", time.perf_counter() - start, found=tuple(found[shown:]))
-    return Listing(tuple(sorted(found, key=lambda one: one.when, reverse=True)), tuple(dict.fromkeys(notes)))
+    return ResultList(tuple(sorted(found, key=lambda one: one.when, reverse=True)), tuple(dict.fromkeys(notes)))
 
 
 find_results = drained(
@@ -456,8 +459,11 @@ def _tiff(path: Path, bare: StoredResult) -> StoredResult | None:
             words = f"{stored.ome_metadata or ''}{stored.imagej_metadata or ''}"
             if "lfcal" not in words:
                 return None
-            shape, end = stored.series[0].shape, (stored.series[0].dataoffset or 0) + stored.series[0].nbytes
-            if stored.series[0].dataoffset is not None and end > bare.bytes:
+            shape, first = stored.series[0].shape, stored.series[0].keyframe
+            # of images in one piece a file that was cut has the first one alone
+            images = int((stored.imagej_metadata or {}).get("images", 1))
+            end = max(stored.series[0].nbytes, images * first.nbytes) + first.dataoffsets[0]
+            if end > bare.bytes:
                 raise EOFError(f"{bare.bytes} of {end} bytes")
     except Exception as error:  # tifffile raises many kinds on damaged data
         if not _names_lfcal(path):  # what is not known to be of lfcal is none of its damaged files
@@ -511,8 +517,6 @@ _OF_FILES: dict[str, Reader] = {
     ".zarr": _zarr,
 }
 """Who reads a file with this ending."""
-
-_IMAGES = (".tif", ".tiff", ".npy")
 
 
 # -- more of one result ------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from lfcal.psf.light import dark_planes, empty_positions, empty_words
 from lfcal.psf.make import PlaneSource, Reopening, Zeros, iter_make, iter_write
 from lfcal.psf.mat_import import MAT_ORDERS, check_mat_order
 from lfcal.psf.measured_noise import scan_noise
-from lfcal.psf.opening import MatrixHead, head_of, mat_order_of, mat_orders_of, opening_notes
+from lfcal.psf.opening import head_of, mat_order_of, mat_orders_of, opening_notes
 from lfcal.psf.orientation import AS_IS, ORIENTATIONS, FoundOrientation, either_words, find_orientation
 from lfcal.psf.picked import iter_pick
 from lfcal.psf.provenance import OF_FRAMES, light_shares, optics_of, simulated_planes
@@ -40,7 +40,6 @@ __all__ = [
     "Filled",
     "FoundOrientation",
     "Header",
-    "MatrixHead",
     "Origin",
     "Plane",
     "PlaneSource",

@@ -19,8 +19,8 @@ from lfcal.base.progress import drain
 from lfcal.cli.sample import sample_recording
 from lfcal.judge.results import (
     MOST_IMAGES,
-    Listing,
     ListingProgress,
+    ResultList,
     detailed,
     find_results,
     iter_find_results,
@@ -59,7 +59,7 @@ def one_of_each(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def kinds(found: Listing) -> dict[str, str]:
+def kinds(found: ResultList) -> dict[str, str]:
     return {one.path.name: one.kind for one in found.results}
 
 
@@ -145,7 +145,7 @@ def test_files_of_other_programs_are_left_out(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("lfcal")
     (tmp_path / "H.h5.parts").mkdir()
     save(matrix(), tmp_path / "H.h5.parts" / "plane.h5")
-    assert find_results(tmp_path) == Listing(())
+    assert find_results(tmp_path) == ResultList(())
     assert read_result(tmp_path) is None
 
 

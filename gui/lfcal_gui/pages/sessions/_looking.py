@@ -18,7 +18,7 @@ from lfcal_gui.pages.sessions.model import Verdict, can_judge
 from lfcal_gui.pages.sessions.model_kept import KeptResults
 
 if TYPE_CHECKING:
-    from lfcal.judge import Listing, StoredResult
+    from lfcal.judge import ResultList, StoredResult
 
 __all__ = ["Looking"]
 
@@ -85,7 +85,7 @@ class Looking(QObject):
         self._stop.set()
         self._jobs.drop("sessions list")
 
-    def _list(self, folders: Sequence[str], stop: threading.Event) -> Listing | None:
+    def _list(self, folders: Sequence[str], stop: threading.Event) -> ResultList | None:
         """Look through folders, in a thread; None: it was stopped."""
         from lfcal.judge import ListingProgress, iter_find_results
 
@@ -98,7 +98,7 @@ class Looking(QObject):
                     seen = [(one, self.kept.verdict(one) if can_judge(one) else None) for one in step.found]
                     self._jobs.hand_over(partial(self._tell, stop, seen, step.stage))
         except StopIteration as end:
-            listing: Listing = end.value
+            listing: ResultList = end.value
             return listing
         finally:
             work.close()

@@ -19,7 +19,7 @@ from lfcal_gui.widgets import theme_table
 if TYPE_CHECKING:
     from lfcal.judge import StoredResult
 
-__all__ = ["Tiles"]
+__all__ = ["ResultTiles"]
 
 TILE = QSize(180, 208)
 PICTURE = 128
@@ -128,7 +128,7 @@ class TileDelegate(QStyledItemDelegate):
             )
 
 
-class Tiles(QListView):
+class ResultTiles(QListView):
     """The gallery.
 
     Signals

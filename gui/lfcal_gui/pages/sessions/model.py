@@ -18,6 +18,7 @@ __all__ = [
     "NOT_JUDGED",
     "ORDERS",
     "PROJECT",
+    "WORST",
     "SessionsSettings",
     "Verdict",
     "can_judge",
@@ -53,6 +54,8 @@ KIND_WORDS = {
 ORDERS = (("newest", "Newest first"), ("oldest", "Oldest first"), ("name", "By name"), ("verdict", "Worst first"))
 
 WORST = ("bad", "fair", "unknown", "good")
+"""Merits, the worst first."""
+
 RECENT = 8
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import LfcalError, Work, map_npy, npy_header, parse_json, read_text, replace_whole
 from lfcal_gui.models import DisplaySettings, levels_of, stamp_of, to_uint8
-from lfcal_gui.pages.sessions.model import Verdict
+from lfcal_gui.pages.sessions.model import WORST, Verdict
 
 if TYPE_CHECKING:
     from lfcal.judge import StoredResult
@@ -85,8 +85,9 @@ class KeptResults:
         if place is not None:
             with suppress(LfcalError, OSError):
                 found = parse_json(read_text(place), str(place))
-        known = isinstance(found, list) and len(found) == 2 and all(isinstance(one, str) for one in found)
-        return (found[0], found[1]) if known and found[0] in ("good", "fair", "bad", "unknown") else None
+        if not isinstance(found, list) or len(found) != 2 or not all(isinstance(one, str) for one in found):
+            return None
+        return (found[0], found[1]) if found[0] in WORST else None
 
     def keep_verdict(self, result: StoredResult, verdict: Verdict) -> None:
         """Keep what was found of H."""

@@ -32,7 +32,7 @@ from lfcal_gui.pages.sessions.model_kept import JudgedResult, KeptResults, iter_
 from lfcal_gui.pages.sessions.panel import SessionsPanel
 
 if TYPE_CHECKING:
-    from lfcal.judge import Listing, StoredResult
+    from lfcal.judge import ResultList, StoredResult
 
 __all__ = ["Page"]
 
@@ -163,7 +163,7 @@ class Page(BasePage):
         if seen:
             self._show()
 
-    def _ended(self, listing: Listing) -> None:
+    def _ended(self, listing: ResultList) -> None:
         self._notes = listing.notes
         self.panel.status.setText("; ".join(listing.notes) or " ")
         self._show()

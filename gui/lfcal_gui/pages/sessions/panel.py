@@ -16,7 +16,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from lfcal_gui.pages.sessions._tiles import Tiles
+from lfcal_gui.pages.sessions._tiles import ResultTiles
 from lfcal_gui.pages.sessions.model import KIND_WORDS, ORDERS, PROJECT, SessionsSettings
 from lfcal_gui.pages.sessions.trend_panel import TrendPanel
 from lfcal_gui.theme import current_theme
@@ -59,7 +59,7 @@ class SessionsPanel(QTabWidget):
         column.setSpacing(8)
         column.addLayout(self._where())
         column.addLayout(self._which())
-        self.tiles = Tiles()
+        self.tiles = ResultTiles()
         self.message, self.stack = told_or_shown("", self.tiles)
         column.addWidget(split(self.stack, self._facts(), sizes=(780, 300)), 1)
         return inner
@@ -83,7 +83,6 @@ class SessionsPanel(QTabWidget):
     def _which(self) -> QVBoxLayout:
         self.words = QLineEdit()
         self.words.setPlaceholderText("Filter by name, verdict, camera …")
-        self.words.setClearButtonEnabled(True)
         self.words.setToolTip("Show results that have all of these words in their name, folder, verdict or facts")
         self.words.setAccessibleName("filter")
         self.kind = choice_box(list(KIND_WORDS.items()), "Show results of one kind")

@@ -9,19 +9,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lfcal_gui.pages.quality.model_compare import CompareRequest
 
 from lfcal.base import InputError
 from lfcal.base.progress import drain
 from lfcal.psf import PSFMatrix, save
 from lfcal.records import rows
 from lfcal.tasks import Inspect
+from lfcal_gui.models.comparison import CompareRequest, compare_step
 from lfcal_gui.models.opening import OpeningSettings
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.models.stamp import stamp_of
 from lfcal_gui.pages.quality.model import FIELDS, HELD, QualitySettings
 from lfcal_gui.pages.quality.model_run import InspectionRun, asked_of, iter_judge, iter_write_report
-from lfcal_gui.pages.quality.step import compared, step
+from lfcal_gui.pages.quality.step import step
 from tests.cli import conftest
 from tests.cli.test_inspect_units import alike
 from tests.judge.plain_report import undrawn
@@ -104,7 +104,7 @@ def test_a_mat_file_is_inspected_in_the_order_that_was_stated(
 def test_a_comparison_names_the_order_that_holds_for_both() -> None:
     first, second, h = ("a.mat", 0, 0), ("b.mat", 0, 0), ("H.h5", 0, 0)
     one = CompareRequest(first, h, False, ("rows-first", ""))
-    copied = compared("a.mat", "H.h5", mat_order=one.mat_order)
+    copied = compare_step("a.mat", "H.h5", mat_order=one.mat_order)
     assert copied.arguments == ("compare", "a.mat", "H.h5", "--mat-order=rows-first")
     assert "open_psf('a.mat', mat_order='rows-first') as a, open_psf('H.h5') as b" in copied.python
     with pytest.raises(InputError, match=r"expected the same of both \.mat files"):
