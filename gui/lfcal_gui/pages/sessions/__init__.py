@@ -8,7 +8,7 @@
 
 from __future__ import annotations
 
-from lfcal_gui.models import PageSpec, PageState, ProjectState, Sketch, nothing
+from lfcal_gui.models import PageSpec, PageState, ProjectState, nothing
 
 __all__ = ["PAGE"]
 
@@ -16,12 +16,6 @@ __all__ = ["PAGE"]
 def state(project: ProjectState) -> PageState:
     """Return that there is something to look at once the project has a file."""
     return PageState.READY if project.psf or project.frames or project.recording else PageState.NOTHING
-
-
-def icon(sketch: Sketch) -> None:
-    """Draw four tiles."""
-    for x, y in ((3, 3), (12, 3), (3, 12), (12, 12)):
-        sketch.box(x, y, 7, 7, radius=1.5)
 
 
 PAGE = PageSpec(
@@ -32,7 +26,6 @@ PAGE = PageSpec(
     package=__name__,
     state=state,
     needs="lfcal.judge",
-    icon=icon,
     takes=nothing,
     keys=(("F5", "look again"), ("Return", "open what is selected"), ("Ctrl+D", "compare the two that are selected")),
 )
