@@ -16,7 +16,7 @@ import tifffile
 from lfcal.base.errors import StorageError
 from lfcal.base.h5.reading import H5Data
 from lfcal.base.progress import drain
-from lfcal.cli.sample import sample_recording
+from lfcal.base.sample import sample_recording
 from lfcal.judge.results import (
     MOST_IMAGES,
     ListingProgress,

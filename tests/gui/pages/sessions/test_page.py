@@ -19,7 +19,7 @@ from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from lfcal import judge
-from lfcal.cli.sample import sample_recording
+from lfcal.base.sample import sample_recording
 from lfcal.judge.results import find_results
 from lfcal.psf import PSFMatrix, save
 from lfcal_gui.context import Context
