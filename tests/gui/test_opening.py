@@ -164,7 +164,9 @@ def test_damaged_frames_leave_the_good_ones(window: MainWindow, tmp_path: Path, 
     for folder in (tmp_path, tmp_path / "frames"):
         page.open_folder(str(folder))
         idle(window.jobs, qtbot)
-        assert page.notice.isVisible() and page.notice.leave.text() == "Dismiss"
+        assert page.dialog.isVisible() and page.dialog.choice.frames == str(folder)
+        assert not page.dialog.open_button.isEnabled()
+        page.dialog.reject()
         assert window.project.state == before and page.opened is not None and page.loaded is not None
 
 

@@ -10,9 +10,11 @@ from lfcal.tasks import Assemble
 from lfcal_gui.models import check_of, fields_of, shown_of
 from lfcal_gui.pages.frames.model import CORRECTIONS, HELD, WAYS, FrameSettings
 from lfcal_gui.pages.frames.orientation import CHOICES
-from lfcal_gui.widgets import SPACING, Folded, Form, choice_box, heading
+from lfcal_gui.widgets import Folded, Form, choice_box, heading
 
 __all__ = ["FrameChoices"]
+
+TITLE = "How the frames are read"
 
 DARK_TIP, WHITE_TIP = CORRECTIONS[0][2], CORRECTIONS[1][2]
 
@@ -36,19 +38,20 @@ class FrameChoices(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(SPACING)
+        outer = QVBoxLayout(self)
+        outer.setContentsMargins(0, 0, 0, 0)
+        self.fold = Folded(TITLE, "Corrections, positions in names and lists, and all other settings of H")
+        outer.addWidget(self.fold)
+        column = self.fold.column
         column.addWidget(heading("Corrections"))
         column.addLayout(self._corrections())
         column.addWidget(heading("Positions and cutout"))
         column.addLayout(self._reading())
-        more = Folded("More settings of H", "Black level, exposure, cutout, gaps, and how H is stored")
+        column.addWidget(heading("H"))
         self.options = Form(fields_of(Assemble, without=HELD), dense=True)
         self.options.check = check_of(Assemble)
         self.options.edited.connect(self.option_edited.emit)
-        more.column.addWidget(self.options)
-        column.addWidget(more)
+        column.addWidget(self.options)
 
     def _corrections(self) -> QHBoxLayout:
         self.boxes: dict[str, QCheckBox] = {}
@@ -130,6 +133,8 @@ class FrameChoices(QWidget):
         self.orientation.setCurrentIndex(self.orientation.findData(settings.orientation))
         for one in blockers:
             one.unblock()
+        changed = settings.changed
+        self.fold.head.setText(f"{TITLE}: {changed} changed" if changed else TITLE)
         shown = shown_of(Assemble, settings.option_values)
         self.options.set_values({key: shown[key] for key in self.options.fields})
 

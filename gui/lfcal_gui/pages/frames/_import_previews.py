@@ -1,9 +1,9 @@
-"""First, middle and last of the frames that are to be imported, with their cutouts."""
+"""First, middle and last of the frames, with their cutouts."""
 
 from __future__ import annotations
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QStackedLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QStackedWidget, QVBoxLayout, QWidget
 
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.models import Shot, cutout_of
@@ -21,15 +21,19 @@ HEIGHT = 200
 class ImportPreviews(QWidget):
     """Three pictures side by side."""
 
-    def __init__(self, jobs: Jobs) -> None:
+    def __init__(self, jobs: Jobs, *, legend: bool = True) -> None:
         super().__init__()
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         self.views, self.labels, self.stacks = [], [], []
         for title in SHOWN:
-            part, label, view = QVBoxLayout(), heading(title), Picture("sample value (counts)", jobs=jobs)
+            part, label, view = (
+                QVBoxLayout(),
+                heading(title),
+                Picture("sample value (counts)", jobs=jobs, legend=legend),
+            )
             view.setMinimumHeight(HEIGHT)
-            empty, stack = QLabel(NONE), QStackedLayout()
+            empty, stack = QLabel(NONE), QStackedWidget()
             empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
             empty.setProperty("role", "hint")
             stack.addWidget(empty)
@@ -38,7 +42,7 @@ class ImportPreviews(QWidget):
             self.labels.append(label)
             self.stacks.append(stack)
             part.addWidget(label)
-            part.addLayout(stack, 1)
+            part.addWidget(stack, 1)
             row.addLayout(part)
 
     def show_frames(self, shown: tuple[Loaded, ...]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -113,6 +113,13 @@ class FrameSettings(PageSettings):
     def option_values(self) -> dict[str, Any]:
         """The other fields by their names, as the record has them."""
         return options_in(Assemble, dict(self.options))
+
+    @property
+    def changed(self) -> int:
+        """Number of settings that differ from what is found and done by default."""
+        own = [f.name for f in fields(self) if f.name not in ("dark", "white", "options")]
+        default = FrameSettings()
+        return len(self.options) + sum(bool(getattr(self, name) != getattr(default, name)) for name in own)
 
     def usable(self) -> None:
         """Raise `InputError` where the orientation has no name, or the origin is no place."""
@@ -228,6 +235,11 @@ class Opened:
         away = np.abs(places - np.array(wanted))
         z, y, x = places[np.lexsort((away[:, 1] + away[:, 2], away[:, 0]))[0]].tolist()
         return Position(z, y, x)
+
+    @property
+    def missing(self) -> int:
+        """Number of positions that have no frame."""
+        return int(np.count_nonzero(self.frames < 0))
 
     @property
     def left_out(self) -> tuple[str, ...]:

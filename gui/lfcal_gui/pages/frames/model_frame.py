@@ -14,7 +14,7 @@ from lfcal_gui.models import FrameNumbers, frame_numbers
 from lfcal_gui.pages.frames.model import Opened
 from lfcal_gui.pages.frames.orientation import turned
 
-__all__ = ["Loaded", "load_frame"]
+__all__ = ["Loaded", "first_middle_last", "load_frame"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,3 +82,9 @@ def _crop(
         return None
     raw, fixed = (cutout.resample(frame[top:bottom, left:right], window) for frame in frames)
     return raw, fixed
+
+
+def first_middle_last(opened: Opened) -> tuple[Loaded, ...]:
+    """Return the first, the middle and the last frame in scan order; none where there is no frame."""
+    there = [p for p in opened.plan.positions() if opened.frames[p] >= 0]
+    return tuple(load_frame(opened, there[k]) for k in (0, len(there) // 2, -1)) if there else ()

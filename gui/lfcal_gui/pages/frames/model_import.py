@@ -9,7 +9,7 @@ from typing import Any
 
 from lfcal.base import FileFormatError, InputError, LfcalError, StorageError, read_text
 from lfcal.camera import Camera, ScanPlan
-from lfcal.frames import COMPONENTS, Position, colours_of, find_shift, named_orientation
+from lfcal.frames import COMPONENTS, colours_of, find_shift, named_orientation
 from lfcal.frames.lists import (
     TABLE_SUFFIXES,
     Column,
@@ -27,12 +27,11 @@ from lfcal_gui.pages.frames.list_columns import columns_used
 from lfcal_gui.pages.frames.model import (
     FrameSettings,
     ImportedFrames,
-    Opened,
     import_folder,
     open_imported,
     open_source,
 )
-from lfcal_gui.pages.frames.model_frame import Loaded, load_frame
+from lfcal_gui.pages.frames.model_frame import Loaded, first_middle_last
 from lfcal_gui.pages.frames.orientation import other_sensor
 
 __all__ = ["Survey", "open_choice", "survey"]
@@ -178,7 +177,7 @@ def _opened(found: Survey, plan: ScanPlan | None, camera: Camera | None) -> Surv
         if choice.order:
             notes.append(f"order: {choice.order}, {opened.source.info(0).label} is first")
         notes = [*notes, *opened.source.metadata.notes, *_range_notes(found, opened.plan)]
-        shown = tuple(load_frame(opened, position) for position in _three(opened))
+        shown = first_middle_last(opened)
     except BaseException:
         imported.close()
         raise
@@ -240,12 +239,6 @@ def _range_notes(found: Survey, plan: ScanPlan) -> list[str]:
         f"{axis}: from {places.min():.6g} to {places.max():.6g} {listing.unit or 'of no unit'} in the list "
         f"({column.name}), planes from {min(plan.depths_um):.6g} to {max(plan.depths_um):.6g} um in the plan"
     ]
-
-
-def _three(opened: Opened) -> list[Position]:
-    """Return the positions of the first, the middle and the last frame in scan order."""
-    there = [p for p in opened.plan.positions() if opened.frames[p] >= 0]
-    return [there[0], there[len(there) // 2], there[-1]] if there else []
 
 
 def open_choice(survey_: Survey, project: FrameSettings) -> ImportedFrames:

@@ -22,8 +22,9 @@ from lfcal_gui.models import Filling, PageSpec, ProjectState, options_in
 from lfcal_gui.pages.frames._assembly import iter_assembly, notes_of
 from lfcal_gui.pages.frames._import_dialog import ImportDialog
 from lfcal_gui.pages.frames._noticed import Noticed
+from lfcal_gui.pages.frames.found import facts_of, understood
 from lfcal_gui.pages.frames.model import FrameSettings, ImportedFrames, Opened, import_folder, open_imported
-from lfcal_gui.pages.frames.model_frame import Loaded, load_frame
+from lfcal_gui.pages.frames.model_frame import Loaded, first_middle_last, load_frame
 from lfcal_gui.pages.frames.model_import import open_choice
 from lfcal_gui.pages.frames.orientation import refusal
 from lfcal_gui.pages.frames.panel import FramesPanel
@@ -34,13 +35,13 @@ __all__ = ["Page"]
 PLAY_MS = 60
 
 
-OPEN = "A folder of frames with a manifest, or the folder of a recorded session"
-IMPORT = "Frames that others recorded: a folder with a list of stage positions, names with positions, stacks"
+IMPORT = "A recorded session, a folder with a list or with positions in its names; what is unclear is asked"
+FILE = "One file of many frames, or a list that lies elsewhere: a dialog with all that can be said of frames"
 AGAIN = "Open the same folder again, once its files are whole or its disk is back"
 
 
 class Page(BasePage):
-    """Frames on the left, the frame in the middle, what was found on the right."""
+    """The frame with its cutout; what was found, and how frames are read, on the right."""
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
@@ -56,16 +57,8 @@ class Page(BasePage):
         self.filling = Filling()
         """H as it fills while it is assembled."""
         self._assembling = self._opening = False
-        self.tool_button(
-            "Open frames …",
-            OPEN,
-            self.choose_folder,
-        )
-        self.tool_button(
-            "Import …",
-            IMPORT,
-            self.start_import,
-        )
+        self.tool_button("Import any folder …", IMPORT, self.choose_folder)
+        self.tool_button("File or list …", FILE, self.start_import)
         self.assemble_button = self.tool_button(
             "Assemble H", "Correct all frames, and make H of their cutouts", self.assemble, primary=True
         )
@@ -90,6 +83,7 @@ class Page(BasePage):
         panel.choices.option_edited.connect(self._set_option)
         panel.before_toggled.connect(lambda _: self._show_pixels())
         panel.lattice_toggled.connect(lambda _: self._show_overlays())
+        panel.three_toggled.connect(self._show_three)
 
     def _add_shortcuts(self) -> None:
         panel, slider = self.panel, self.panel.plane_slider
@@ -153,7 +147,8 @@ class Page(BasePage):
         def failed(words: str) -> None:
             # the dialog has the choices that frames of others may need
             self.context.message.emit(words)
-            self.notice.offer(words, "Import …", lambda: self.start_import(path), stay="Dismiss")
+            self.notice.clear()
+            self.start_import(path)
 
         name = Path(path).name
         self.load(name, lambda: import_folder(path, settings, plan), self._imported, ImportedFrames.close, failed)
@@ -206,9 +201,9 @@ class Page(BasePage):
         self.assemble_button.setEnabled(False)
         if not state.frames:
             self.show_empty(
-                "No frames yet.\nOpen a folder with a manifest (file, z, y, x), or record a session.\n"
-                "Folders named dark and white beside it, and plan.json, are found.",
-                {"Open frames …": (OPEN, self.choose_folder), "Import …": (IMPORT, self.start_import)},
+                "No frames yet.\nImport a folder of frames that this or another program recorded, or drop one here.\n"
+                "Folders named dark and white in the same place, and plan.json, are found.",
+                {"Import any folder …": (IMPORT, self.choose_folder), "File or list …": (FILE, self.start_import)},
             )
             return
         if state.plan is None:
@@ -242,7 +237,7 @@ class Page(BasePage):
     def _failed(self, words: str) -> None:
         self._opening = False
         self.notice.clear()
-        self.show_empty(words, {"Open frames …": (OPEN, self.choose_folder), "Try again": (AGAIN, self._open)})
+        self.show_empty(words, {"Import any folder …": (IMPORT, self.choose_folder), "Try again": (AGAIN, self._open)})
         self.context.message.emit(words)
 
     def _opened(self, opened: Opened) -> None:
@@ -259,6 +254,8 @@ class Page(BasePage):
         self.panel.choices.show_dark(opened.dark, wanted=opened.chosen.use_dark)
         self.noticed.tell_left_out(opened.left_out)
         self.panel.set_planes(opened.frames.shape[0])
+        self._show_found()
+        self._show_three(self.panel.three_button.isChecked())
         self._show_map()
         self.go_to(self.position)
         self.context.jobs.compute(
@@ -271,7 +268,25 @@ class Page(BasePage):
     def _take_orientation(self, opened: Opened, found: FoundOrientation) -> None:
         if opened is self.opened:
             self.found = found
+            self._show_found()
             self._offer_turn()
+
+    def _show_found(self) -> None:
+        """Say whether the frames are understood, and the facts."""
+        if self.opened is not None:
+            mark, head, words = understood(self.opened, self.found, self.settings.orientation)
+            self.panel.show_found(mark, head, words, facts_of(self.opened))
+
+    def _show_three(self, on: bool) -> None:
+        """Read first, middle and last frame, where they are looked at."""
+        opened = self.opened
+        if on and opened is not None:
+            self.context.jobs.compute(
+                "frames three",
+                lambda: first_middle_last(opened),
+                lambda shown: self.panel.three.show_frames(shown) if opened is self.opened else None,
+                self.context.message.emit,
+            )
 
     def _offer_turn(self, before: str = "") -> None:
         self.noticed.offer_turn(self.opened, self.found, self.settings.orientation, before)

@@ -1,7 +1,10 @@
-"""Frames: positions and corrections on the left, the frame on the right."""
+"""Frames: the frame with its cutout; what was found, position, cutout and settings on the right."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -13,8 +16,8 @@ from PySide6.QtWidgets import (
     QLabel,
     QPushButton,
     QScrollArea,
-    QSizePolicy,
     QSlider,
+    QStackedWidget,
     QVBoxLayout,
     QWidget,
 )
@@ -23,29 +26,24 @@ from lfcal.camera import Camera
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.models import DisplaySettings, FrameNumbers, Shot, cutout_of
 from lfcal_gui.pages.frames._choices import FrameChoices
+from lfcal_gui.pages.frames._import_previews import ImportPreviews
 from lfcal_gui.pages.frames.model_frame import Loaded
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import (
-    SCALINGS,
     Contrast,
     PeriodMap,
     Picture,
     WrappedLabel,
     card,
-    choice_box,
-    heading,
+    column_area,
     line,
     share_contrast,
-    split,
 )
 
 __all__ = ["FramesPanel"]
 
-HEIGHTS = ((136, 230), (110, 290))
-"""Least and most height of map and cutout (px): what is low enough needs no scroll bar."""
-
-LEFT = 320
-"""Least width of the column of positions (px)."""
+INSPECTOR, MAP, CROP = 304, 112, 112
+"""Width of what stands right of the pictures, and heights in it (px)."""
 
 
 class FramesPanel(QWidget):
@@ -59,6 +57,8 @@ class FramesPanel(QWidget):
         Step through the positions, or stop.
     before_toggled(on), lattice_toggled(on)
         Show the frame as it was recorded; show the lattice.
+    three_toggled(on)
+        Show first, middle and last frame in place of one.
     """
 
     plane_asked = Signal(int)
@@ -66,15 +66,18 @@ class FramesPanel(QWidget):
     play_toggled = Signal(bool)
     before_toggled = Signal(bool)
     lattice_toggled = Signal(bool)
+    three_toggled = Signal(bool)
 
     def __init__(self, jobs: Jobs) -> None:
         super().__init__()
         self.choices = FrameChoices()
         self.view = Picture("sample value (counts)", jobs=jobs, legend=False)
         self.contrast = Contrast(self.view)
+        self.contrast.display_asked.connect(lambda _: self.show_display(self.view.display))
         self.view.hovered.connect(self._hovered)
         self.crop = Picture("counts", legend=False)
-        share_contrast(self.view, self.crop)
+        self.three = ImportPreviews(jobs, legend=False)
+        share_contrast(self.view, self.crop, *self.three.views)
         self.crop_words = QLabel(" ")
         self.crop_words.setProperty("role", "hint")
         self.crop_words.setWordWrap(True)
@@ -84,75 +87,79 @@ class FramesPanel(QWidget):
         self.map_words.setProperty("role", "hint")
         self.map_words.setWordWrap(True)
         self.map_words.hide()
-        for picture, (least, most) in zip((self.map, self.crop), HEIGHTS, strict=True):
-            picture.setMinimumHeight(least)
-            picture.setMaximumHeight(most)
-            # what they would like to have makes no scroll bar
-            picture.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Ignored)
+        for picture, height in ((self.map, MAP), (self.crop, CROP)):
+            picture.setFixedHeight(height)
         self.numbers = QLabel()
         self.numbers.setTextFormat(Qt.TextFormat.RichText)
         self._counted: FrameNumbers | None = None
         self.readout = QLabel(" ")
         self.readout.setProperty("role", "hint")
         self._window: tuple[int, int, int, int] | None = None
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
+        self.pictures = QStackedWidget()
+        self.pictures.addWidget(self.view)
+        self.pictures.addWidget(self.three)
         column = QVBoxLayout()
+        column.setSpacing(2)
         column.addLayout(self._bar())
-        column.addWidget(self.view, 1)
+        column.addWidget(self.pictures, 1)
         column.addWidget(self.contrast)
         column.addLayout(line(self.numbers, self.readout, stretch=1))
-        self.split = split(self._left(), column, sizes=(LEFT, 960), fixed=1)
-        row.addWidget(self.split)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(8)
+        row.addLayout(column, 1)
+        row.addWidget(self._inspector())
 
     # -- building --------------------------------------------------------------------------------------
     def _bar(self) -> QHBoxLayout:
         row = QHBoxLayout()
+        self.one_button, self.three_button = QPushButton("One frame"), QPushButton("First, middle, last")
+        self.one_button.setToolTip("The frame of the position that is chosen")
+        self.three_button.setToolTip("Three frames: the image has to lie in the cutout in all of them")
+        for button, three in ((self.one_button, False), (self.three_button, True)):
+            button.setCheckable(True)
+            button.clicked.connect(lambda _=False, three=three: self.show_three(three))
+            row.addWidget(button)
+        self.one_button.setChecked(True)
         self.lattice_box = QCheckBox("Lattice")
         self.lattice_box.setToolTip(
             "Micro-image centres of the described camera, coloured by lens type; they lie on the images if it is right"
         )
-        self.before_box = QCheckBox("Before correction")
+        self.before_box = QCheckBox("As recorded")
         self.before_box.setToolTip("Show the frame as it was recorded, to see what the corrections do")
         self.lattice_box.toggled.connect(self.lattice_toggled.emit)
         self.before_box.toggled.connect(self.before_toggled.emit)
-        self.scale_box = choice_box(SCALINGS, "Gamma and log bring out faint light near the spot (L: log, G: gamma)")
-        self.scale_box.setAccessibleName("scaling of colours")
-        self.scale_box.currentIndexChanged.connect(
-            lambda _: self._set_display(DisplaySettings(scale=self.scale_box.currentData()))
-        )
-        whole, self.follow = QPushButton("Whole frame"), QPushButton("Follow cutout")
+        whole, self.follow = QPushButton("Whole"), QPushButton("Follow")
         whole.setToolTip("See where in the frame the image lies; the cutout is no longer followed")
         self.follow.setCheckable(True)
         self.follow.setToolTip("Zoom to the cutout, and keep it in view as it moves along with the point")
         whole.clicked.connect(self._show_whole)
         self.follow.toggled.connect(lambda _: self._zoom_cutout())
-        for widget in (self.lattice_box, self.before_box, self.scale_box):
+        for widget in (self.lattice_box, self.before_box):
             row.addWidget(widget)
         row.addStretch()
         row.addWidget(whole)
         row.addWidget(self.follow)
         return row
 
-    def _left(self) -> QScrollArea:
-        panel, column = card()
+    def _inspector(self) -> QScrollArea:
+        found, column = card()
+        self._found: tuple[str, str, str, Sequence[tuple[str, str, str]]] = ("", "", "", ())
+        self.found = QLabel()
+        self.found.setTextFormat(Qt.TextFormat.RichText)
+        self.found.setWordWrap(True)
+        column.addWidget(self.found)
+        place, column = card()
         self.position_label = WrappedLabel()
         self.position_label.setProperty("role", "heading")
         column.addWidget(self.position_label)
         column.addLayout(self._plane_line())
-        column.addWidget(self.map, 4)
+        column.addWidget(self.map)
         column.addWidget(self.map_words)
-        column.addWidget(heading("Cutout"))
-        column.addWidget(self.crop, 5)
+        cut, column = card("Cutout")
+        column.addWidget(self.crop)
         column.addWidget(self.crop_words)
-        column.addWidget(self.choices)
-        column.addStretch()
-        area = QScrollArea()
-        area.setWidgetResizable(True)
-        area.setWidget(panel)
-        area.setMinimumWidth(LEFT)
-        area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        return area
+        return column_area(INSPECTOR, found, place, cut, self.choices)
 
     def _plane_line(self) -> QHBoxLayout:
         self.plane_slider = QSlider(Qt.Orientation.Horizontal)
@@ -170,6 +177,18 @@ class FramesPanel(QWidget):
         return row
 
     # -- showing ---------------------------------------------------------------------------------------
+    def show_three(self, on: bool) -> None:
+        """Show first, middle and last frame, or the one of the position."""
+        self.pictures.setCurrentIndex(int(on))
+        self.one_button.setChecked(not on)
+        self.three_button.setChecked(on)
+        self.three_toggled.emit(on)
+
+    def show_found(self, mark: str, head: str, words: str, facts: Sequence[tuple[str, str, str]]) -> None:
+        """Show whether the frames are understood, and rows of name, number and remark about them."""
+        self._found = mark, head, words, facts
+        self.found.setText(_found_words(*self._found))
+
     def set_planes(self, count: int) -> None:
         """Offer so many depth planes."""
         self.plane_slider.setRange(0, count - 1)
@@ -228,9 +247,10 @@ class FramesPanel(QWidget):
         self.crop.set_shot(Shot(crop, name="cutout"))
         self.crop_words.setText(words)
 
-    def _set_display(self, display: DisplaySettings) -> None:
-        self.view.set_display(display)
-        self.crop.set_display(display)
+    def show_display(self, display: DisplaySettings) -> None:
+        """Use scaling and colours for all pictures."""
+        for view in (self.view, self.crop, *self.three.views):
+            view.set_display(display)
 
     def show_overlays(self, camera: Camera, loaded: Loaded | None) -> None:
         """Show lattice, if chosen, and cutout."""
@@ -241,14 +261,15 @@ class FramesPanel(QWidget):
 
     def toggle_scale(self, scale: str) -> None:
         """Change between ``scale`` and linear."""
-        chosen = "linear" if self.scale_box.currentData() == scale else scale
-        self.scale_box.setCurrentIndex(self.scale_box.findData(chosen))
+        display = self.view.display
+        self.show_display(replace(display, scale="linear" if display.scale == scale else scale))
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        for widget in (self.view, self.crop, self.map, self.contrast):
+        for widget in (self.view, self.three, self.crop, self.map, self.contrast):
             widget.apply_theme()
         self._count(self._counted)  # its colours are the theme's
+        self.found.setText(_found_words(*self._found))
 
     def _play(self, on: bool) -> None:
         self.play_button.setText("Stop" if on else "Play")
@@ -265,6 +286,24 @@ class FramesPanel(QWidget):
 
     def _hovered(self, row: int, column: int, value: float) -> None:
         self.readout.setText(" " if row < 0 else f"row {row}, column {column}: {value:.5g} counts")
+
+
+def _found_words(mark: str, head: str, words: str, facts: Sequence[tuple[str, str, str]]) -> str:
+    theme = current_theme()
+    colour = {"good": theme.good, "fair": theme.fair, "bad": theme.bad}.get(mark, theme.text)
+    sign = {"good": "✓ ", "fair": "▲ ", "bad": "▲ "}.get(mark, "")
+    muted = f"style='color:{theme.muted}'"
+    rows = "".join(
+        f"<tr><td {muted}><nobr>{name}&nbsp;&nbsp;</nobr></td>"
+        + (f"<td align='right'><b>{escape(number)}</b>&nbsp;</td><td {muted}><nobr>" if number else "<td colspan='2'>")
+        + f"{escape(remark)}</td></tr>"
+        for name, number, remark in facts
+    )
+    return (
+        f"<p style='color:{colour}; margin-bottom:2px'><b>{sign}{escape(head)}</b></p>"
+        f"<p style='margin-top:2px'>{escape(words)}</p>"
+        f"<table cellspacing='1'>{rows}</table>"
+    )
 
 
 def _number_words(numbers: FrameNumbers) -> str:

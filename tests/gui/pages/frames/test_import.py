@@ -261,17 +261,15 @@ def test_frames_of_another_camera_than_the_plan_s_are_named(
     assert context.state.plan == other and page.opened is not None
 
 
-def test_a_folder_that_does_not_open_is_offered_to_the_import(
+def test_a_folder_that_does_not_open_is_asked_about(
     qtbot: QtBot, context: Context, open_page: Any, tmp_path: Path
 ) -> None:
     place = written(tmp_path, "frames", "tif", coloured)
     page, before = open_page("frames"), context.state
     page.open_folder(str(place))
-    qtbot.waitUntil(lambda: page.notice.isVisible() and "expected grey" in page.notice.label.text(), timeout=GUARD_MS)
-    assert "--" not in page.notice.label.text() and context.state == before
-    assert (page.notice.button.text(), page.notice.leave.text()) == ("Import …", "Dismiss")
-    page.notice.button.click()
-    qtbot.waitUntil(lambda: page.dialog.survey is not None and page.dialog.channel.isEnabled(), timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: page.dialog is not None and page.dialog.channel.isEnabled(), timeout=GUARD_MS)
+    assert "expected grey" in page.dialog.words.text() and "--" not in page.dialog.words.text()
+    assert context.state == before and not page.notice.isVisible()
     page.dialog.channel.setCurrentIndex(page.dialog.channel.findData("G"))
     qtbot.waitUntil(page.dialog.open_button.isEnabled, timeout=GUARD_MS)
     page.dialog.open_button.click()

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,12 +13,13 @@ from pytestqt.qtbot import QtBot
 
 from lfcal.base.sample import sample_recording
 from lfcal.frames.source import Position
-from lfcal.psf import open_psf
+from lfcal.psf import FoundOrientation, open_psf
 from lfcal.psf.assembly import AssemblyProgress
 from lfcal_gui.context import Context
 from lfcal_gui.models import Symbols
 from lfcal_gui.pages.frames import page as frames_page
 from lfcal_gui.pages.frames._assembly import iter_assembly
+from lfcal_gui.pages.frames.found import facts_of, understood
 from lfcal_gui.pages.frames.model import FrameSettings
 from tests.cli.conftest import SHAPE, small_plan, true_frame
 from tests.gui.waiting import GUARD_MS, idle
@@ -136,10 +138,10 @@ def test_the_cutout_is_followed_and_shown_as_it_goes_into_h(scanned: Any, contex
         assert abs(seen.center().x() - column) <= 0.5 and abs(seen.center().y() - row) <= 0.5
     panel.before_box.setChecked(True)
     np.testing.assert_array_equal(panel.crop.values, part)
-    panel.scale_box.setCurrentIndex(panel.scale_box.findData("log"))
+    panel.toggle_scale("log")
     assert panel.crop.display.scale == "log"
     for button in panel.findChildren(QPushButton):
-        if button.text() == "Whole frame":
+        if button.text() == "Whole":
             button.click()
     assert not panel.follow.isChecked() and panel.view.box.viewRect().width() > 40
 
@@ -218,3 +220,37 @@ def test_h_fills_in_the_map_while_it_is_assembled(
             light, seen = H.plane(z).sum((2, 3), dtype=float), np.isfinite(shown[-1][0])
             np.testing.assert_allclose(shown[-1][0][seen], light[seen], rtol=1e-5)
             assert seen.sum() == seen.size - (z == GONE[0]) and "of H holds" in panel.map_words.text()
+
+
+def test_first_middle_and_last_frame_stand_side_by_side(scanned: Any, context: Context, qtbot: QtBot) -> None:
+    page, panel, three = scanned, scanned.panel, scanned.panel.three
+    panel.three_button.click()
+    idle(context.jobs, qtbot)
+    assert [label.text().split(":")[0] for label in three.labels] == ["first frame", "middle frame", "last frame"]
+    np.testing.assert_array_equal(three.views[0].values, true_frame(0, 0, 0))
+    assert three.isVisibleTo(page) and not panel.view.isVisibleTo(page)
+    panel.contrast.set_levels((10.0, 200.0))
+    assert {view.levels for view in (panel.view, *three.views)} == {(10.0, 200.0)}, "they share the contrast"
+    panel.one_button.click()
+    assert panel.view.isVisibleTo(page) and panel.one_button.isChecked() and not panel.three_button.isChecked()
+
+
+def test_it_is_said_whether_the_frames_are_understood(scanned: Any, context: Context, qtbot: QtBot) -> None:
+    page = scanned
+    idle(context.jobs, qtbot)
+    opened, found = page.opened, page.found
+    assert understood(opened, None, "check")[0] == ""
+    assert understood(opened, found, "check")[0] in ("good", "fair")
+    turned = FoundOrientation("transpose", "frames", margin=9.0, residual_px=0.1, frames=12)
+    assert understood(opened, turned, "check")[0] == "bad"
+    gaps = opened.frames.copy()
+    gaps[0, 0, :2] = -1
+    mark, _, words = understood(replace(opened, frames=gaps), found, "check")
+    assert mark == "fair" and words.startswith(f"{np.count_nonzero(gaps < 0)} of {gaps.size}")
+    rows = {name: (number, remark) for name, number, remark in facts_of(opened)}
+    assert rows["Frames"][0] == f"{len(opened.source):,}" and rows["Missing"][0] == f"{opened.missing}"
+    assert "Some positions have no frame" in page.panel.found.text()
+    fold = page.panel.choices.fold
+    assert fold.head.text() == "How the frames are read"
+    page.panel.choices.boxes["use_defects"].setChecked(True)
+    assert fold.head.text() == "How the frames are read: 1 changed"
