@@ -5,7 +5,6 @@ from __future__ import annotations
 from lfcal_gui.widgets.axis_arrows import AxisArrows
 from lfcal_gui.widgets.blank import NOTHING
 from lfcal_gui.widgets.cards import (
-    SPACING,
     card,
     choice_box,
     clear,
@@ -36,7 +35,6 @@ __all__ = [
     "LINES",
     "NOTHING",
     "SCALINGS",
-    "SPACING",
     "AxisArrows",
     "ComparePanel",
     "Contrast",
