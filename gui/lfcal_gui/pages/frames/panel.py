@@ -98,19 +98,22 @@ class FramesPanel(QWidget):
         self.pictures = QStackedWidget()
         self.pictures.addWidget(self.view)
         self.pictures.addWidget(self.three)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(8)
+        row.addLayout(self._pictures(), 1)
+        row.addWidget(self._inspector())
+
+    # -- building --------------------------------------------------------------------------------------
+    def _pictures(self) -> QVBoxLayout:
         column = QVBoxLayout()
         column.setSpacing(2)
         column.addLayout(self._bar())
         column.addWidget(self.pictures, 1)
         column.addWidget(self.contrast)
         column.addLayout(line(self.numbers, self.readout, stretch=1))
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(8)
-        row.addLayout(column, 1)
-        row.addWidget(self._inspector())
+        return column
 
-    # -- building --------------------------------------------------------------------------------------
     def _bar(self) -> QHBoxLayout:
         row = QHBoxLayout()
         self.one_button, self.three_button = QPushButton("One frame"), QPushButton("First, middle, last")
