@@ -18,6 +18,7 @@ from lfcal_gui.models import (
     History,
     Keeping,
     KeptRun,
+    MeasuredCurves,
     Project,
     ProjectState,
     Taken,
@@ -80,6 +81,7 @@ class Context(QObject):
         self._closers: list[Callable[[], None]] = []
         self._fitted: FittedCamera | None = None
         self.history = History()
+        self.curves = MeasuredCurves()
         jobs.finished.connect(self._remember)
         project.listen(lambda old, new: self.matrices.follow_orders())
         project.listen(self.state_changed.emit)

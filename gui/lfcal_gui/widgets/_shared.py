@@ -17,6 +17,7 @@ from lfcal_gui.widgets.cards import (
 from lfcal_gui.widgets.colours import theme_table
 from lfcal_gui.widgets.compare_panel import ComparePanel
 from lfcal_gui.widgets.contrast import SCALINGS, Contrast
+from lfcal_gui.widgets.cost_curve import CostCurve
 from lfcal_gui.widgets.enlarging import toggle_in, whole_page
 from lfcal_gui.widgets.fitted_text import FittedBrowser, lines_px
 from lfcal_gui.widgets.folded import Folded
@@ -38,6 +39,7 @@ __all__ = [
     "AxisArrows",
     "ComparePanel",
     "Contrast",
+    "CostCurve",
     "DecadeAxis",
     "ElidedLabel",
     "FittedBrowser",

@@ -10,8 +10,9 @@ from lfcal.simulate.accuracy._ladder import (
     iter_ladder,
     ladder,
     quick_steps,
+    rung_label,
 )
-from lfcal.simulate.accuracy.cost import correct_rate
+from lfcal.simulate.accuracy.cost import correct_rate, few_seconds
 from lfcal.simulate.accuracy.forecast import cost_scaling, engine_clock, plane_seconds, predict_seconds
 from lfcal.simulate.accuracy.memory import predict_bytes, task_bytes
 from lfcal.simulate.accuracy.planner import EFFECTS_SHARE, EffectSelection, PlannedEffect, plan_effects
@@ -31,6 +32,7 @@ __all__ = [
     "cost_scaling",
     "draw_ladder",
     "engine_clock",
+    "few_seconds",
     "finer",
     "grid_margin",
     "iter_ladder",
@@ -40,6 +42,7 @@ __all__ = [
     "predict_bytes",
     "predict_seconds",
     "quick_steps",
+    "rung_label",
     "settle",
     "step_for",
     "steps_for",

@@ -11,8 +11,8 @@ from lfcal.base import InputError
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState, WindowJob
-from lfcal_gui.models import PageSpec, ProjectState
-from lfcal_gui.pages.accuracy.model import AccuracySettings, MeasuredCurves, iter_measure, key_of, subjects
+from lfcal_gui.models import PageSpec, ProjectState, iter_measure, subject_of
+from lfcal_gui.pages.accuracy.model import AccuracySettings, subjects
 from lfcal_gui.pages.accuracy.model_use import use_of
 from lfcal_gui.pages.accuracy.panel import AccuracyPanel
 
@@ -24,12 +24,11 @@ class Page(BasePage):
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
-        self.kept = MeasuredCurves()
+        self.kept = context.curves
         self._key: object = None
         self._job = 0
         self._used: tuple[str, str] = ("", "")
         self._shown: Curve | None = None
-        self.measure_button = self.tool_button("Measure", "Measure the place chosen (F5)", self.measure, primary=True)
         self.all_button = self.tool_button(
             "Measure all", "Measure every place, one after the other", lambda: self.measure(PLACES.names())
         )
@@ -39,6 +38,9 @@ class Page(BasePage):
         self.panel.form.edited.connect(self._edited)
         self.panel.place_asked.connect(lambda name: self._edited("place", name))
         self.panel.rung_chosen.connect(self.use)
+        self.panel.chart.moved.connect(lambda error: self._edited("error", error))
+        self.panel.chart.measure_asked.connect(self.measure)
+        self.measure_button = self.panel.chart.measure_button
         self.set_panel(self.panel)
         self.shortcut("F5", self.measure)
         self.theme_changed.connect(self._apply_theme)
@@ -56,7 +58,7 @@ class Page(BasePage):
     @property
     def curve(self) -> Curve | None:
         """The curve of the place looked at, as far as it is measured."""
-        return self.kept.curves.get(self.settings.place)
+        return self.kept.of(self._key).get(self.settings.place)
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Follow settings, plan and H."""
@@ -78,8 +80,7 @@ class Page(BasePage):
     # -- showing ---------------------------------------------------------------------------------------
     def _show(self, state: ProjectState) -> None:
         there = subjects(state)
-        for button in (self.measure_button, self.all_button):
-            button.setEnabled(bool(there) and not self._job)
+        self.all_button.setEnabled(bool(there) and not self._job)
         if not there:
             self.show_empty(
                 "Accuracy is measured for a scan plan, or for H.\nMake a plan first, or open an H file.",
@@ -91,10 +92,10 @@ class Page(BasePage):
             return
         self.show_body()
         settings = self.settings
-        key = key_of(state, settings)
+        key = subject_of(state, settings.subject)
         if key != self._key:  # curves of another plan or H say nothing of this one
             self.stop()
-            self._key, self.kept = key, MeasuredCurves()
+            self._key = key
         self.panel.show_settings(settings, there)
         self._show_curve()
 
@@ -103,14 +104,15 @@ class Page(BasePage):
         running = self._running()
         # points are numbered in the curve that is on screen, not in the one that has grown meanwhile
         self._shown = self.curve
-        self.panel.show_measured(dict(self.kept.curves), running)
-        self.panel.show_curve(self._shown, settings, running=running == settings.place)
+        self.panel.show_measured(self.kept.of(self._key), running)
+        took = self.kept.took(self._key, settings.place)
+        self.panel.show_curve(self._shown, settings, took, running=running == settings.place)
         place, words = self._used
         self.panel.show_used(words if place == settings.place else "")
 
     def _running(self) -> str:
         """Return the place that is measured now; the last one begun."""
-        begun = list(self.kept.curves)
+        begun = list(self.kept.of(self._key))
         return (begun[-1] if begun else self.settings.place) if self._job else ""
 
     # -- measuring -------------------------------------------------------------------------------------
@@ -121,14 +123,13 @@ class Page(BasePage):
         if self._job or not subjects(state) or settings.place not in PLACES:
             return
         kept = self.kept
-        for name in chosen:
-            kept.curves.pop(name, None)
+        kept.forget(self._key, chosen)
         self._used = ("", "")
         title = PLACES.get(chosen[0]).title if len(chosen) == 1 else "What accuracy costs"
         self._job = self.context.jobs.start(
             title,
             "accuracy",
-            lambda: iter_measure(state, settings, chosen, kept),
+            lambda: iter_measure(state, settings.subject, settings.seconds, chosen, kept),
             None,
             self._failed,
             abandon=settings.subject == "psf",
@@ -156,12 +157,13 @@ class Page(BasePage):
         rung = curve.rungs[number]
         use = use_of(self.context.state, curve, rung)
         if use.changes is not None:
-            key, kept = self._key, self.kept
+            key = self._key
+            seconds = self.kept.curves[key, curve.place][1]
             if not self.context.project.update(use.label, **use.changes):
                 return
             if self._key != key and curve.place in ("planes", "averaging"):
                 # the plan is the rung's now: the curve that it was chosen from stays
-                self.kept.curves[curve.place] = kept.curves[curve.place]
+                self.kept.put(self._key, curve, seconds)
         self._used = (curve.place, f"{rung.label}. {use.words}")
         self.context.message.emit(self._used[1])
         self._show(self.context.state)

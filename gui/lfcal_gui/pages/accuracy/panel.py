@@ -9,9 +9,9 @@ from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QListWidget, QListWidgetItem, QSizePolicy, QWidget
 
 from lfcal.accuracy import PLACES, Curve
-from lfcal_gui.pages.accuracy._chart import ParetoChart
-from lfcal_gui.pages.accuracy.model import FIELDS, AccuracySettings, axis_labels, points_of, words_of
-from lfcal_gui.widgets import Form, card, column_area
+from lfcal_gui.models import axis_labels, points_of
+from lfcal_gui.pages.accuracy.model import FIELDS, AccuracySettings, words_of
+from lfcal_gui.widgets import CostCurve, Form, card, column_area
 
 __all__ = ["AccuracyPanel"]
 
@@ -71,17 +71,14 @@ class AccuracyPanel(QWidget):
     def _chart_card(self) -> QFrame:
         self.title = QLabel("Error against cost")
         frame, column = card(self.title)
-        self.chart = ParetoChart()
-        self.chart.setToolTip("")
+        self.chart = CostCurve()
         self.chart.chosen.connect(self.rung_chosen.emit)
         self.answer = _label("value")
         self.used = _label("")
         self.how = _label("hint")
-        self.hint = _label("hint")
-        self.hint.setText("Click a point to use its settings; the star is the cheapest within the error asked for.")
         column.addWidget(self.answer)
         column.addWidget(self.chart, 1)
-        for label in (self.hint, self.used, self.how):
+        for label in (self.used, self.how):
             column.addWidget(label)
         return frame
 
@@ -109,18 +106,18 @@ class AccuracyPanel(QWidget):
             mark = "…" if name == running else ("✓" if curve is not None and curve.rungs else " ")
             item.setText(f"{mark}  {PLACES.get(name).title}")
 
-    def show_curve(self, curve: Curve | None, settings: AccuracySettings, *, running: bool) -> None:
-        """Show a curve as far as it is measured, or that there is none yet."""
+    def show_curve(self, curve: Curve | None, settings: AccuracySettings, took: str, *, running: bool) -> None:
+        """Show a curve as far as it is measured, or that there is none yet; ``took``: how long that was."""
         answer, how = words_of(curve, settings.error, running=running)
         self.answer.setText(answer)
         self.how.setText(how)
-        self.hint.setVisible(curve is not None and bool(curve.rungs))
         title = PLACES.get(settings.place).title if settings.place in PLACES else settings.place
         self.title.setText(title)
         if curve is not None:
             self.chart.set_labels(*axis_labels(curve))
-        points = () if curve is None else points_of(curve, settings.error)
-        self.chart.show_points(points, math.log10(100 * settings.error))
+        points = () if curve is None else points_of(curve, curve.cheapest(settings.error))
+        self.chart.show_points(points, math.log10(100 * settings.error), "error")
+        self.chart.show_status(took, "" if running else "Measure again" if took else "Measure")
 
     def show_used(self, words: str) -> None:
         """Show what a rung changed, or nothing."""

@@ -1,45 +1,28 @@
-"""The table of effects, grouped by what they act on; each with setting, verdict, share of the image and time."""
+"""The effects in groups: those that are on, and why the others are off; each with its share of the image."""
 
 from __future__ import annotations
 
 from PySide6.QtCore import QSize, Qt, Signal
-from PySide6.QtGui import QColor, QFont, QKeyEvent, QWheelEvent
-from PySide6.QtWidgets import QComboBox, QHeaderView, QTreeWidget, QTreeWidgetItem
+from PySide6.QtGui import QColor, QFont, QKeyEvent
+from PySide6.QtWidgets import QHeaderView, QTreeWidget, QTreeWidgetItem
 
 from lfcal_gui.pages.simulate._share_bar import ON, SHARE, ShareBar
 from lfcal_gui.pages.simulate.model import CHOICES
-from lfcal_gui.pages.simulate.model_effects import FRAMES_ONLY, EffectRow, EffectsVerdict
+from lfcal_gui.pages.simulate.model_effects import GROUPS, EffectRow, EffectsVerdict, group_title
 from lfcal_gui.theme import current_theme
 
 __all__ = ["EffectsTable"]
 
-COLUMNS = ("Effect", "Setting", "Verdict", "Share", "Time")
-EFFECT, SETTING, VERDICT, SHARES, SECONDS = range(5)
-ROW = 24
-"""Height of a row (px): room for the list of choices."""
+EFFECT, SHARES, SETTING = range(3)
+SETTING_PX = 44
+ROW = 22
+"""Height of a row (px)."""
 
 NAME = Qt.ItemDataRole.UserRole
 
 
-class SettingBox(QComboBox):
-    """Auto, on or off; the wheel scrolls the table instead of changing it."""
-
-    def __init__(self, name: str, title: str) -> None:
-        super().__init__()
-        self.name = name
-        for choice in CHOICES:
-            self.addItem(choice, choice)
-        self.setAccessibleName(f"setting of {title}")
-        self.setStyleSheet("QComboBox { min-height: 18px; max-height: 18px; padding: 0 4px; }")
-        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)  # Tab leaves the table; Space changes the selected row
-
-    def wheelEvent(self, event: QWheelEvent) -> None:
-        """Leave the wheel to the table."""
-        event.ignore()
-
-
 class EffectsTable(QTreeWidget):
-    """One row an effect.
+    """One row an effect, the largest first; a click on its setting, or Space, goes from auto to on to off.
 
     Signals
     -------
@@ -60,92 +43,85 @@ class EffectsTable(QTreeWidget):
         self._items: dict[str, QTreeWidgetItem] = {}
         self._rows: dict[str, EffectRow] = {}
         self._bar = ShareBar(self)
-        self.setColumnCount(len(COLUMNS))
-        self.setHeaderLabels(COLUMNS)
+        self.setColumnCount(3)
+        self.setHeaderHidden(True)
         self.setItemDelegateForColumn(SHARES, self._bar)
-        self.setRootIsDecorated(False)
-        self.setIndentation(10)
+        self.setIndentation(9)
         self.setUniformRowHeights(True)
         self.setAllColumnsShowFocus(True)
+        self.setMinimumHeight(8 * ROW)
         self.setAccessibleName("effects")
-        self.setToolTip("Space: auto, on, off. Enter: edit the magnitudes.")
+        self.setToolTip("Click the setting, or Space: auto, on, off. Enter: edit the magnitudes.")
         header = self.header()
         header.setStretchLastSection(False)
-        for k in range(len(COLUMNS)):
-            mode = QHeaderView.ResizeMode.Stretch if k == VERDICT else QHeaderView.ResizeMode.Interactive
-            header.setSectionResizeMode(k, mode)
-        for column, width in ((EFFECT, 166), (SETTING, 72), (SHARES, 118), (SECONDS, 60)):
-            header.resizeSection(column, width)
+        header.setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
+        header.setSectionResizeMode(EFFECT, QHeaderView.ResizeMode.Stretch)
+        header.resizeSection(SHARES, self._bar.width)
+        header.resizeSection(SETTING, SETTING_PX)
+        self.groups: dict[str, QTreeWidgetItem] = {group: QTreeWidgetItem(self) for group in GROUPS}
+        bold = QFont()
+        bold.setBold(True)
+        for group, item in self.groups.items():
+            item.setFlags(Qt.ItemFlag.ItemIsEnabled)
+            item.setFont(EFFECT, bold)
+            item.setSizeHint(EFFECT, QSize(0, ROW))
+            item.setFirstColumnSpanned(True)
+            item.setExpanded(group == "on")
+            item.setHidden(True)
         self.currentItemChanged.connect(lambda item, _: self._selected(item))
         self.itemActivated.connect(lambda *_: self.edit_asked.emit())
+        self.itemClicked.connect(self._clicked)
 
     # -- content ---------------------------------------------------------------------------------------
     def show_verdict(self, verdict: EffectsVerdict) -> None:
-        """Show every row; selection, focus and scroll position stay."""
-        if list(self._items) != [row.name for row in verdict.rows]:
-            self._build(verdict)
+        """Show every row; selection, open groups and scroll position stay."""
         self._bar.tolerance = verdict.settings.tolerance
-        for row in verdict.rows:
-            self._rows[row.name] = row
+        before = {group: self._names(item) for group, item in self.groups.items()}
+        rows = sorted(verdict.rows, key=lambda row: -row.share)
+        found = {group: [row for row in rows if row.group == group] for group in GROUPS}
+        self._rows = {row.name: row for row in rows}
+        if before != {group: [row.name for row in found[group]] for group in GROUPS}:
+            self._build(found)
+        for group, item in self.groups.items():
+            item.setText(EFFECT, group_title(group, found[group], verdict.settings.tolerance))
+        for row in rows:
             self._fill(self._items[row.name], row)
-        self._fit_names()
         self.viewport().update()
 
-    def _fit_names(self) -> None:
-        """Make the first column as wide as its longest name; verdicts are short, and whole in their tips."""
-        metrics, indent = self.fontMetrics(), 2 * self.indentation() + 12
-        widest = max((metrics.horizontalAdvance(item.text(EFFECT)) for item in self._items.values()), default=0)
-        self.header().resizeSection(EFFECT, max(166, widest + indent))
+    @staticmethod
+    def _names(group: QTreeWidgetItem) -> list[str]:
+        return [str(group.child(k).data(EFFECT, NAME)) for k in range(group.childCount())]
 
-    def _build(self, verdict: EffectsVerdict) -> None:
-        self.clear()
+    def _build(self, found: dict[str, list[EffectRow]]) -> None:
+        selected, place = self.selected, self.verticalScrollBar().value()
+        blocked = self.blockSignals(True)
         self._items = {}
-        groups: dict[str, QTreeWidgetItem] = {}
-        bold = QFont()
-        bold.setBold(True)
-        for row in verdict.rows:
-            if row.group not in groups:
-                note = "" if row.enters_h else f": {FRAMES_ONLY}"
-                item = QTreeWidgetItem([f"{row.group[:1].upper()}{row.group[1:]}{note}"])
-                item.setFlags(Qt.ItemFlag.ItemIsEnabled)
-                item.setFont(EFFECT, bold)
+        for group, parent in self.groups.items():
+            parent.takeChildren()
+            parent.setHidden(not found[group])
+            for row in found[group]:
+                item = QTreeWidgetItem(parent)
+                item.setData(EFFECT, NAME, row.name)
                 item.setSizeHint(EFFECT, QSize(0, ROW))
-                self.addTopLevelItem(item)
-                item.setFirstColumnSpanned(True)
-                item.setExpanded(True)
-                groups[row.group] = item
-            item = QTreeWidgetItem(groups[row.group])
-            item.setData(EFFECT, NAME, row.name)
-            item.setSizeHint(EFFECT, QSize(0, ROW))
-            box = SettingBox(row.name, row.title)
-            box.activated.connect(lambda _=0, box=box: self.choice_asked.emit(box.name, box.currentData()))
-            self.setItemWidget(item, SETTING, box)
-            self._items[row.name] = item
+                item.setTextAlignment(SETTING, Qt.AlignmentFlag.AlignCenter)
+                self._items[row.name] = item
+        if selected in self._items:
+            self.select(selected)
+        self.blockSignals(blocked)
+        self.verticalScrollBar().setValue(place)
 
     def _fill(self, item: QTreeWidgetItem, row: EffectRow) -> None:
         theme = current_theme()
-        texts = {
-            EFFECT: f"{row.title}{' •' if row.given else ''}",
-            VERDICT: row.brief_text(),
-            SHARES: row.share_text(),
-            SECONDS: row.seconds_text(),
-        }
-        tips = {EFFECT: f"{row.name}\n{row.size}", SHARES: f"{self._bar.tip()}\n{row.formula}"}
-        colour = QColor(theme.text if row.on and row.enters_h else theme.muted)
-        for column, text in texts.items():
+        cost = f"{row.title}: {row.verdict_text()}\nProcessor time: {row.seconds_text()}"
+        tips = (f"{cost}\n{row.name}, {row.size}", f"{self._bar.tip()}\n{row.formula}", "Click: auto, on, off (Space)")
+        texts = (f"{row.title}{' •' if row.given else ''}", row.share_text(), row.setting)
+        for column, (text, tip) in enumerate(zip(texts, tips, strict=True)):
+            strong = row.setting != "auto" if column == SETTING else row.on
             item.setText(column, text)
-            item.setForeground(column, colour)
-            item.setToolTip(column, tips.get(column, f"{row.title}: {row.verdict_text()}"))
-        item.setTextAlignment(SECONDS, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+            item.setToolTip(column, tip)
+            item.setForeground(column, QColor(theme.text if strong else theme.muted))
         item.setData(SHARES, SHARE, row.share)
         item.setData(SHARES, ON, row.on)
-        self.setting_box(row.name).setCurrentIndex(CHOICES.index(row.setting))
-
-    def setting_box(self, name: str) -> QComboBox:
-        """Return the list of choices of an effect."""
-        box = self.itemWidget(self._items[name], SETTING)
-        assert isinstance(box, QComboBox)
-        return box
 
     # -- selection -------------------------------------------------------------------------------------
     @property
@@ -155,19 +131,33 @@ class EffectsTable(QTreeWidget):
         return str(item.data(EFFECT, NAME) or "") if item is not None else ""
 
     def select(self, name: str) -> None:
-        """Select an effect and scroll to it."""
-        self.setCurrentItem(self._items[name])
+        """Select an effect, open its group and scroll to it."""
+        item = self._items[name]
+        item.parent().setExpanded(True)
+        self.setCurrentItem(item)
 
     def _selected(self, item: QTreeWidgetItem | None) -> None:
         name = str(item.data(EFFECT, NAME) or "") if item is not None else ""
         if name:
             self.chosen.emit(name)
 
+    def _clicked(self, item: QTreeWidgetItem, column: int) -> None:
+        name = str(item.data(EFFECT, NAME) or "")
+        if not name:
+            item.setExpanded(not item.isExpanded())
+        elif column == SETTING:
+            self.ask_next(name)
+        else:  # of the selected one, too: another picture may be looked at
+            self.chosen.emit(name)
+
+    def ask_next(self, name: str) -> None:
+        """Ask for the next setting of an effect: auto, on, off."""
+        row = self._rows[name]
+        self.choice_asked.emit(name, CHOICES[(CHOICES.index(row.setting) + 1) % len(CHOICES)])
+
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """Change the setting of the selected effect with Space; the tree knows the other keys."""
-        row = self._rows.get(self.selected)
-        if event.key() == Qt.Key.Key_Space and row is not None:
-            choice = CHOICES[(CHOICES.index(row.setting) + 1) % len(CHOICES)]
-            self.choice_asked.emit(row.name, choice)
+        if event.key() == Qt.Key.Key_Space and self.selected in self._rows:
+            self.ask_next(self.selected)
             return
         super().keyPressEvent(event)

@@ -31,7 +31,7 @@ class FramePanel(QWidget):
         super().__init__()
         self.frame: SimulatedFrame | None = None
         self.make_button = QPushButton("Make a frame")
-        self.make_button.setToolTip("A sensor frame of the position under Effect, with every effect on for frames")
+        self.make_button.setToolTip("A sensor frame of the position below, with every effect on for frames")
         self.make_button.clicked.connect(lambda _=False: self.frame_asked.emit())
         self.save_button = QPushButton("Save …")
         self.save_button.setToolTip("Save the samples as TIFF or PNG")

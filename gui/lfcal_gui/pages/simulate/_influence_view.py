@@ -1,9 +1,9 @@
-"""Three pictures side by side: a position without an effect, with it, and the difference."""
+"""Three pictures and words: a position without an effect, with it, and the difference."""
 
 from __future__ import annotations
 
 import numpy as np
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
 
 from lfcal_gui.models import Shot, levels_of
 from lfcal_gui.pages.simulate.model_influence import InfluencePictures
@@ -19,22 +19,23 @@ class InfluenceView(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
+        grid = QGridLayout(self)
+        grid.setContentsMargins(0, 0, 0, 0)
+        grid.setSpacing(4)
         self.pictures = tuple(Picture() for _ in TITLES)
         link(*self.pictures)
         share_contrast(*self.pictures[:2])
-        row = QHBoxLayout()
-        row.setSpacing(4)
-        for picture, title in zip(self.pictures, TITLES, strict=True):
+        for k, (picture, title) in enumerate(zip(self.pictures, TITLES, strict=True)):
             picture.setAccessibleName(f"pattern of a position: {title}")
-            row.addWidget(picture, 1)
+            grid.addWidget(picture, k // 2, k % 2)
         self.words = QLabel()
         self.words.setWordWrap(True)
         self.words.setProperty("role", "hint")
         self.influence: InfluencePictures | None = None
-        column.addLayout(row, 1)
-        column.addWidget(self.words)
+        grid.addWidget(self.words, 1, 1)
+        for k in range(2):
+            grid.setRowStretch(k, 1)
+            grid.setColumnStretch(k, 1)
 
     def show_influence(self, influence: InfluencePictures | None, words: str = "") -> None:
         """Show the pictures of one position; None clears them and says why."""

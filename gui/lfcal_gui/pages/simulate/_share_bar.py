@@ -19,14 +19,15 @@ SHARE = Qt.ItemDataRole.UserRole + 1
 ON = Qt.ItemDataRole.UserRole + 2
 """Role of whether the effect is on."""
 
-TEXT = 70
-"""Room for the number (px)."""
+TEXT, BAR = 62, 34
+"""Room for the number and for the bar (px)."""
 
 
 class ShareBar(QStyledItemDelegate):
     """Draws the bar left of the number; ``tolerance`` is where the line stands."""
 
     tolerance = 0.05
+    width = TEXT + BAR
 
     def tip(self) -> str:
         """Return what the bar means."""
@@ -37,7 +38,7 @@ class ShareBar(QStyledItemDelegate):
 
     def sizeHint(self, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex) -> QSize:
         """Return room for bar and number."""
-        return QSize(TEXT + 70, super().sizeHint(option, index).height())
+        return QSize(self.width, super().sizeHint(option, index).height())
 
     def paint(
         self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
@@ -53,7 +54,7 @@ class ShareBar(QStyledItemDelegate):
         painter.save()
         if selected:
             painter.fillRect(style.rect, QColor(theme.accent))
-        area = QRectF(style.rect).adjusted(4, 6, -TEXT - 6, -6)
+        area = QRectF(style.rect).adjusted(2, 7, -TEXT - 2, -7)
         painter.fillRect(area, QColor(theme.line if selected else theme.raised))
         shown = index.data(Qt.ItemDataRole.ForegroundRole)
         colour = shown.color() if shown is not None else QColor(theme.text)

@@ -11,30 +11,34 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, format_length
-from lfcal.camera import Camera, ScanPlan, checked_depths
+from lfcal.base import InputError, format_seconds, format_share
+from lfcal.camera import ScanPlan
 from lfcal.records import from_flat, rows
 from lfcal.tasks import SimulateFrames, SimulateH, SimulatePasses
-from lfcal_gui.models import PLAN_FILE, Field, PageSettings, fields_of, text_in_form
+from lfcal_gui.models import PLAN_FILE, Field, PageSettings, fields_of, plane_words, text_in_form
 
 if TYPE_CHECKING:
+    from lfcal.accuracy import Curve, Rung
     from lfcal.simulate import EffectSelection
     from lfcal.simulate.effects import Effect, Entry
 
 __all__ = [
+    "CHOICES",
     "FIELDS",
+    "GIVEN",
     "HELD",
     "KINDS",
-    "Z_STEPS",
+    "Pattern",
     "SimulateSettings",
-    "depth_of",
+    "better_words",
     "frames_task",
     "kept_pass",
     "matrix_task",
-    "preview",
-    "preview_words",
-    "tolerance_of",
-    "tolerance_step",
+    "numbers_of",
+    "pattern_of",
+    "refusal",
+    "shown",
+    "used_rung",
 ]
 
 T = TypeVar("T")
@@ -48,24 +52,28 @@ HELD = frozenset({"camera", "depths", "virtual_depths", "cutout", "effects", "ou
 ROWS = {row.name: row for kind in KINDS for row in rows(kind) if row.name not in HELD}
 
 
-def _fields(*, more: bool) -> tuple[Field, ...]:
-    found = {one.key: one for kind in KINDS for one in fields_of(kind, without=HELD, more=more)}
-    return tuple(found.values())
+OF_FRAMES = ("seed", "peak")
 
 
-FIELDS = (_fields(more=False), _fields(more=True))
-"""Entries of the form: those in view, and those that are folded."""
+def _fields() -> tuple[tuple[Field, ...], ...]:
+    found = {
+        one.key: one for kind in KINDS for more in (False, True) for one in fields_of(kind, without=HELD, more=more)
+    }
+    frames = tuple(found.pop(key) for key in OF_FRAMES)
+    return (found.pop("tolerance"),), tuple(found.values()), frames
 
-Z_STEPS = 200
-"""Steps of the preview's depth."""
+
+FIELDS = _fields()
+"""Entries of the forms: the one in view, and those that are folded: of H, and of frames."""
+
+WORTH = 0.85
+"""Share of the time at which another setting is worth a word: seconds are measured no better."""
 
 CHOICES = ("auto", "on", "off")
 
 GIVEN = ("stated", "measured")
 """How a magnitude that the user gave is known; as in `lfcal.simulate.effects.magnitudes`."""
 
-STEPS = 60
-LOW, HIGH = 0.001, 0.5
 _lock = threading.Lock()
 
 
@@ -227,55 +235,58 @@ def kept_pass(path: str) -> str:
         return f"whole within {100 * max(float(error) for error in matrix.facts.known()['error']):.2g} %"
 
 
-def tolerance_of(step: int) -> float:
-    """Return the tolerance of a slider step: logarithmic from 0.1 % to 50 %."""
-    value = LOW * (HIGH / LOW) ** (step / STEPS)
-    return float(f"{value:.2g}")
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """The pattern of one position ``(nt, ns)``, and in words which one it is and how it was computed."""
+
+    values: NDArray[np.float32]
+    words: str
 
 
-def tolerance_step(tolerance: float) -> int:
-    """Return the slider step of a tolerance: inverse of `tolerance_of`."""
-    return round(STEPS * float(np.log(tolerance / LOW) / np.log(HIGH / LOW)))
+def pattern_of(
+    plan: ScanPlan,
+    place: tuple[int, int, int],
+    effects: EffectSelection | tuple[Effect, ...],
+    level: str,
+    tolerance: float,
+) -> Pattern:
+    """Return the pattern of position ``place`` (z, y, x), as H has it; one is computed at a time."""
+    from lfcal.simulate import PlaneResponse, budgeted
+    from lfcal.simulate.accuracy import rung_label
 
-
-def preview(
-    plan: ScanPlan, z_um: float, effects: EffectSelection | tuple[Effect, ...], level: str, tolerance: float
-) -> NDArray[np.float32]:
-    """Return the pattern of the middle position at depth ``z_um``, ``(nt, ns)``; one preview is computed at a time."""
-    from lfcal.simulate import simulate_psf
-
-    ny, nx = plan.period
-    middle = (plan.anchor[0] + ny // 2, plan.anchor[1] + nx // 2)
-    one = replace(plan, depths_um=(z_um,), exposure_s=plan.exposures[0], period=(1, 1), anchor=middle, resample=False)
+    z, y, x = place
+    chosen, share = budgeted(effects, plan, tolerance).at(plan.depths_um[z])
     with _lock:
-        matrix = simulate_psf(one, effects, level, tolerance=tolerance, workers=1)
-    pattern: NDArray[np.float32] = matrix[0, 0, 0]
-    return pattern
+        response = PlaneResponse(plan, z, chosen, level=level, tolerance=share)
+        values = response.rows([y], [x], workers=1)[0, 0]
+    how = rung_label(response.level, None if response.level == "geometric" else response.settled)
+    return Pattern(values, f"{plane_words(z, plan.shape[0])}, y {y}, x {x}: {how}")
 
 
-def depth_of(plan: ScanPlan, step: int) -> float:
-    """Return the depth (µm) of a step of the preview: from the nearest to the farthest plane, or about the only one.
+def used_rung(curve: Curve | None, settings: SimulateSettings) -> Rung | None:
+    """Return the measured setting that is in force: the coarsest whose tolerance is at most that of the settings.
 
-    There it goes no farther than the camera sees.
+    Curves are measured at level auto with the planner's effects: for other choices there is none.
     """
-    low, high = min(plan.depths_um), max(plan.depths_um)
-    if low == high:
-        reach = abs(low or 100) / 2
-        while not all(_sees(plan.camera, low + side * reach) for side in (-1, 1)):
-            reach /= 2
-        low, high = low - reach, high + reach
-    return low + (high - low) * step / Z_STEPS
+    if curve is None or settings.level != "auto" or settings.overrides or settings.magnitudes:
+        return None
+    good = [rung for rung in curve.rungs if rung.settings["tolerance"] <= settings.tolerance * (1 + 1e-9)]
+    return max(good, key=lambda rung: float(rung.settings["tolerance"]), default=None)
 
 
-def _sees(camera: Camera, z_um: float) -> bool:
-    try:
-        checked_depths(camera, (z_um,))
-    except InputError:
-        return False
-    return True
+def numbers_of(rung: Rung | None, settings: SimulateSettings, forecast: str) -> tuple[str, str, str, str]:
+    """Return time and error of H, each with what it is: as measured, else the time as ``forecast``."""
+    if rung is not None:
+        return format_seconds(rung.cost), "for the whole H", format_share(rung.error), "error, measured"
+    return forecast or "…", "for H, forecast", format_share(settings.tolerance), "error asked for"
 
 
-def preview_words(plan: ScanPlan, z_um: float, level: str) -> str:
-    """Return the title of a preview; the level is empty while only rays are shown."""
-    words = f"level {level}" if level else "rays …"
-    return f"Preview at z = {format_length(z_um)}, v = {plan.camera.virtual_depth(z_um):.2f}: {words}"
+def better_words(curve: Curve | None, rung: Rung | None) -> str:
+    """Return which measured setting is at once faster and more exact than ``rung``; empty: none is."""
+    if curve is None or rung is None:
+        return ""
+    better = min((one for one in curve.front if one.error <= rung.error), key=lambda one: one.cost)
+    if better.cost > WORTH * rung.cost:
+        return ""
+    asked = f"Tolerance {100 * better.settings['tolerance']:g} %"
+    return f"{asked} is faster and no less exact: {format_seconds(better.cost)}, {format_share(better.error)} off."

@@ -1,4 +1,4 @@
-"""Every effect as a row: what it acts on, what the planner says, and its magnitudes. No Qt."""
+"""Every effect as a row: what the planner says, its share of the image, and its magnitudes. No Qt."""
 
 from __future__ import annotations
 
@@ -17,18 +17,23 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FRAMES_ONLY",
+    "GROUPS",
     "LEAST",
     "EffectRow",
     "EffectsVerdict",
     "bar_share",
+    "group_title",
     "read_terms",
     "refused",
-    "summary_of",
+    "unknown_words",
     "verdict_of",
 ]
 
 LEAST = 1e-5
 """Share of the image at the left end of a bar; the right end is 1."""
+
+NAMED = 3
+"""Effects that are named of those that are not described."""
 
 FRAMES_ONLY = "acts on sensor frames, not on H"
 
@@ -42,11 +47,11 @@ class EffectRow:
     effect, name, title
         The effect with its magnitudes; what files and people call it.
     group
-        What it acts on.
+        One of `GROUPS`.
     enters_h
         Whether H shows it; else frames alone do, and the verdict is theirs.
-    on, setting, reason, brief
-        What the planner decided, what the user chose, and why: in a sentence, and in a word or two.
+    on, setting, reason
+        What the planner decided, what the user chose, and why.
     share, upper_bound, size, formula
         Estimated share of the image that is wrong without it, whether that is at most so; size with unit; how both
         were found.
@@ -64,7 +69,6 @@ class EffectRow:
     on: bool
     setting: str
     reason: str
-    brief: str
     share: float
     upper_bound: bool
     size: str
@@ -87,10 +91,6 @@ class EffectRow:
         """Return the cost in words."""
         return format_seconds(self.seconds) if self.seconds > 0 else "free"
 
-    def brief_text(self) -> str:
-        """Return the verdict in a few words; the numbers stand in other columns and in `verdict_text`."""
-        return f"{'on' if self.on else 'off'}: {self.brief}"
-
     def verdict_text(self) -> str:
         """Return the verdict and its reason in words."""
         where = "" if self.enters_h else " in frames"
@@ -103,6 +103,8 @@ class EffectsVerdict:
 
     Attributes
     ----------
+    unknown
+        What the camera's description lacks, the largest first; empty: nothing.
     found, frames
         For H, and for the frames of a session.
     """
@@ -110,7 +112,7 @@ class EffectsVerdict:
     plan: ScanPlan
     settings: SimulateSettings
     rows: tuple[EffectRow, ...]
-    summary: str
+    unknown: str
     found: EffectSelection
     frames: EffectSelection
 
@@ -131,7 +133,7 @@ def verdict_of(plan: ScanPlan, settings: SimulateSettings) -> EffectsVerdict:
     rows = tuple(
         _row(row if row.effect.acts_on.enters_h else frames.row(row.name), plan, settings) for row in found.rows
     )
-    return EffectsVerdict(plan, settings, rows, summary_of(found, settings), found, frames)
+    return EffectsVerdict(plan, settings, rows, unknown_words(rows, settings), found, frames)
 
 
 def _row(planned: PlannedEffect, plan: ScanPlan, settings: SimulateSettings) -> EffectRow:
@@ -140,19 +142,18 @@ def _row(planned: PlannedEffect, plan: ScanPlan, settings: SimulateSettings) -> 
     effect, estimate = planned.effect, planned.estimate
     marks = {field: mark for field, (_, mark) in settings.given(effect.name).items()}
     magnitudes = magnitudes_of(effect, plan.camera, marks)
-    reason, brief = planned.reason, planned.brief
+    reason = planned.reason
     if planned.setting == "on" and any(one.kind == "terms" and not one.counts for one in magnitudes):
-        reason, brief = "asked for, but it needs terms: add at least one", "needs terms"
+        reason = "asked for, but it needs terms: add at least one"
     return EffectRow(
         effect,
         effect.name,
         effect.title,
-        effect.acts_on.value,
+        _group(planned),
         effect.acts_on.enters_h,
         planned.on,
         planned.setting,
         reason,
-        brief,
         estimate.error,
         estimate.upper_bound,
         f"{estimate.size:.3g} {estimate.unit}".strip(),
@@ -162,16 +163,43 @@ def _row(planned: PlannedEffect, plan: ScanPlan, settings: SimulateSettings) -> 
     )
 
 
-def summary_of(found: EffectSelection, settings: SimulateSettings) -> str:
-    """Return what the whole simulation will cost, in a line; effects that are not installed are named."""
-    known = [row for row in found.rows if row.effect.acts_on.enters_h]
-    missing = settings.missing()
-    words = (
-        f"{sum(row.on for row in known)} of {len(known)} effects on H are on, level {found.level}: about "
-        f"{format_seconds(found.seconds)} of processor time for the whole H (ideal camera: "
-        f"{format_seconds(found.ideal_seconds)})"
+def _group(planned: PlannedEffect) -> str:
+    if not planned.effect.acts_on.enters_h:
+        return "frames"
+    if planned.on:
+        return "on"
+    if planned.setting == "off":
+        return "switched"
+    return "unknown" if planned.effect.deviation else "small"
+
+
+def unknown_words(rows: Sequence[EffectRow], settings: SimulateSettings) -> str:
+    """Return what the camera's description lacks, and which effects of the settings are not installed."""
+    undescribed = sorted(
+        (row for row in rows if row.group == "unknown" and row.share >= LEAST), key=lambda row: -row.share
     )
-    return words + (f". Not installed, and left out: {', '.join(missing)}" if missing else "")
+    named = "; ".join(f"{row.title}, up to {format_share(row.share)}" for row in undescribed[:NAMED])
+    words = f"Not described: {named} of the image" if named else ""
+    missing = settings.missing()
+    absent = f"Not installed, and left out: {', '.join(missing)}" if missing else ""
+    return ". ".join(filter(None, (words, absent)))
+
+
+GROUPS = {
+    "on": "On",
+    "switched": "Switched off",
+    "small": "Off, below {tolerance}",
+    "unknown": "Off, not described by the camera",
+    "frames": "On frames, not on H",
+}
+"""Groups of effects, in the order of the table."""
+
+
+def group_title(group: str, rows: Sequence[EffectRow], tolerance: float) -> str:
+    """Return the title of a group with the number of its effects."""
+    title = GROUPS[group].format(tolerance=format_share(tolerance))
+    count = f"{sum(row.on for row in rows)} of {len(rows)} on" if group == "frames" else f"{len(rows)}"
+    return f"{title}: {count}"
 
 
 def refused(effect: str, magnitude: Magnitude, text: str) -> tuple[Any, str]:

@@ -8,25 +8,23 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from PySide6.QtWidgets import QFileDialog
 
-from lfcal.base import LfcalError
+from lfcal.accuracy import Curve
+from lfcal.base import LfcalError, format_seconds
 from lfcal.camera import ScanPlan
 from lfcal.tasks import RunSettings, SimulatedH
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState, WindowJob
-from lfcal_gui.models import PageSpec, ProjectState
+from lfcal_gui.models import PageSpec, ProjectState, asked_seconds, iter_measure, subject_of
 from lfcal_gui.pages.simulate.model import (
+    Pattern,
     SimulateSettings,
-    depth_of,
     frames_task,
     kept_pass,
     matrix_task,
-    preview,
-    preview_words,
+    pattern_of,
 )
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict, verdict_of
 from lfcal_gui.pages.simulate.model_files import read_settings, settings_text
@@ -36,6 +34,12 @@ from lfcal_gui.pages.simulate.panel import SimulatePanel
 from lfcal_gui.saving import ask_target, write_file
 
 __all__ = ["Page"]
+
+PLACE, SECONDS = "simulation", 10.0
+"""What is measured, and about how long that may take (s)."""
+
+LONG = 30.0
+"""Seconds from which a measurement begins only when it is asked for again."""
 
 RESUMED = RunSettings(resume=True)
 """How the window does units: in its process, from where an earlier run of the same was stopped."""
@@ -52,36 +56,38 @@ class Page(BasePage):
         self._stop = threading.Event()
         self._computing = False
         self._measuring = 0
-        self._ladder: Any = None
+        self._curve: Curve | None = None
+        self._warned: ScanPlan | None = None
+        self._seconds = ""
         self._asked: tuple[Any, ...] = (None, None)
         """Plan and settings of the frame that is shown, or being made."""
-        self.tool_button("Measure accuracy", "Time and error of every level and sampling for this camera", self.ladder)
-        self.tool_button(
-            "Simulate frames …", "Write the frames of the whole plan to a folder, as a job", self.simulate_frames
-        )
         self.tool_button("Simulate H …", "Compute the whole H of the plan as a job", self.simulate, primary=True)
         self.panel = SimulatePanel(context.jobs)
         self._connect()
         self.set_panel(self.panel)
         self.theme_changed.connect(self._apply_theme)
-        context.jobs.changed.connect(self._measured)
+        context.jobs.changed.connect(lambda job: self._show_curve() if job.number == self._measuring else None)
+        context.jobs.finished.connect(self._measured)
+        self.shortcut("F5", self.measure)
         self._show(context.state)
 
     def _connect(self) -> None:
         panel, effect = self.panel, self.panel.effect
         panel.edited.connect(self._set)
-        panel.choice_asked.connect(self._set_choice)
-        panel.depth_moved.connect(lambda: self._preview(fine=False))
+        panel.table.choice_asked.connect(self._set_choice)
+        panel.table.chosen.connect(self._choose)
+        panel.curve.moved.connect(lambda error: self._set("tolerance", error))
+        panel.curve.chosen.connect(self.use)
+        panel.curve.measure_asked.connect(self.measure)
+        panel.place.changed.connect(self._moved)
+        panel.frames_asked.connect(lambda: self.simulate_frames())
         panel.import_asked.connect(lambda: self.import_magnitudes())
         panel.export_asked.connect(lambda: self.export_magnitudes())
         panel.reset_asked.connect(self._reset)
-        panel.table.chosen.connect(self._choose)
         panel.tabs.currentChanged.connect(lambda _: self._look())
         panel.frame.frame_asked.connect(self.make_frame)
         effect.given.connect(self._give)
-        effect.place_changed.connect(self._influence)
         effect.stop_asked.connect(self._stop_waiting)
-        effect.frame_asked.connect(self.make_frame)
 
     # -- project ---------------------------------------------------------------------------------------
     @property
@@ -93,20 +99,12 @@ class Page(BasePage):
         """Ask the planner again if plan or settings changed, or where the camera's values come from."""
         marks = old.camera.marks != new.camera.marks
         if old.plan != new.plan:
-            self._forget_ladder()
-        elif SimulateSettings.of(old).tolerance != SimulateSettings.of(new).tolerance:
-            self._show_ladder()
+            number, self._measuring = self._measuring, 0
+            self.context.jobs.cancel(number)
         if (new.plan, SimulateSettings.of(new)) != self._asked:
             self._forget_frame()
         if old.plan != new.plan or marks or SimulateSettings.of(old) != SimulateSettings.of(new):
             self._show(new)
-
-    def _forget_ladder(self) -> None:
-        """Take away what was measured of another plan, and stop measuring it."""
-        number, self._measuring = self._measuring, 0
-        self.context.jobs.cancel(number)
-        self._ladder = None
-        self.panel.show_no_ladder()
 
     def _forget_frame(self) -> None:
         """Take away a frame that was made for another plan, or with other choices."""
@@ -124,6 +122,8 @@ class Page(BasePage):
         self.show_body()
         settings, plan = self.settings, state.plan
         self.panel.show_settings(settings)
+        self._seconds = ""
+        self._show_curve()
         self.context.jobs.compute(
             "simulate plan", lambda: verdict_of(plan, settings), self._planned, self.context.message.emit
         )
@@ -155,7 +155,26 @@ class Page(BasePage):
     def _planned(self, verdict: EffectsVerdict) -> None:
         self.verdict = verdict
         self.panel.show_verdict(verdict)
+        self._forecast(verdict)
         self._look()
+
+    def _forecast(self, verdict: EffectsVerdict) -> None:
+        """Show how long H takes; of a level that is asked for by a short run of it."""
+        if verdict.settings.level == "auto":
+            self._forecasted(verdict, verdict.found.seconds)
+            return
+        task = matrix_task(verdict.settings, "")
+        self.context.jobs.compute(
+            "simulate seconds",
+            lambda: task.timed(verdict.plan, verdict.found).seconds,
+            lambda seconds: self._forecasted(verdict, seconds),
+            self.context.message.emit,
+        )
+
+    def _forecasted(self, verdict: EffectsVerdict, seconds: float) -> None:
+        if verdict is self._answer():
+            self._seconds = format_seconds(seconds)
+            self._show_curve()
 
     def _look(self) -> None:
         """Compute what is looked at, and nothing else."""
@@ -167,29 +186,31 @@ class Page(BasePage):
         fits = self.verdict is not None and self.verdict.fits(self.context.state.plan, self.settings)
         return self.verdict if fits else None
 
+    def _moved(self) -> None:
+        self._preview(fine=False)
+        self._influence()
+
     def _preview(self, *, fine: bool) -> None:
         """Show rays at once; when nothing newer came, the chosen level with the effects the planner has on."""
-        plan, verdict, settings = self.context.state.plan, self._answer(), self.settings
-        if plan is None or (fine and verdict is None):  # the planner's answer brings the fine preview
+        plan, verdict, settings, place = self.context.state.plan, self._answer(), self.settings, self.panel.place.place
+        if plan is None or (fine and verdict is None):  # the planner's answer brings the fine one
             return
-        if not self.panel.preview_shown:  # the tab brings it
+        if not self.panel.pattern_shown:  # the tab brings it
             return
-        z = depth_of(plan, self.panel.z_slider.value())
         level = settings.level if fine else "geometric"
         # the selection and not its effects: what it leaves out uses its part of the tolerance
         effects = verdict.found if fine and verdict is not None else ()
-        self.panel.preview_label.setText(preview_words(plan, z, settings.level if fine else ""))
         self.context.jobs.compute(
             "simulate preview",
-            lambda: preview(plan, z, effects, level, settings.tolerance),
-            lambda image: self._previewed(image, plan, settings, fine),
-            self.panel.preview_label.setText,
+            lambda: pattern_of(plan, place, effects, level, settings.tolerance),
+            lambda pattern: self._previewed(pattern, plan, settings, fine),
+            self.context.message.emit,
         )
 
-    def _previewed(self, image: NDArray[np.float32], plan: ScanPlan, settings: SimulateSettings, fine: bool) -> None:
+    def _previewed(self, pattern: Pattern, plan: ScanPlan, settings: SimulateSettings, fine: bool) -> None:
         if (plan, settings) != (self.context.state.plan, self.settings):
             return  # of an earlier question; the planner's answer brings the next
-        self.panel.show_preview(image)
+        self.panel.show_pattern(pattern)
         if not fine:
             self._preview(fine=True)
 
@@ -214,7 +235,7 @@ class Page(BasePage):
         row = None if verdict is None else verdict.row(panel.table.selected)
         if verdict is None or row is None or panel.tabs.currentWidget() is not panel.effect:
             return
-        asked = influence_question(verdict, row, panel.effect.place)
+        asked = influence_question(verdict, row, panel.place.place)
         known = self.influences.known(asked)
         if known is not None:
             panel.effect.show_influence(known)
@@ -242,7 +263,7 @@ class Page(BasePage):
         verdict, panel = self._answer(), self.panel
         if verdict is None:
             return
-        asked = frame_question(verdict, panel.effect.place)
+        asked = frame_question(verdict, panel.place.place)
         panel.show_frame_tab()
         panel.frame.show_waiting()
         self._asked = question = (self.context.state.plan, self.settings)
@@ -342,33 +363,48 @@ class Page(BasePage):
             keeping=KeptFrames(folder),
         )
 
-    def ladder(self) -> None:
-        """Measure time and error of every level, as a job."""
-        from lfcal.simulate import iter_ladder
-
-        plan = self._plan()
-        if plan is not None:
-            tolerance = self.settings.tolerance
-            self.panel.show_accuracy_tab()
-            self._measuring = self.context.jobs.start(
-                "Accuracy against time", "simulate", lambda: iter_ladder(plan, tolerance), leave=True
-            )
+    # -- what accuracy costs -----------------------------------------------------------------------------
+    def measure(self) -> None:
+        """Measure error and time of every tolerance, as a job; ask before one that takes long."""
+        plan, state, curves = self._plan(), self.context.state, self.context.curves
+        if plan is None or self._measuring:
+            return
+        expected = asked_seconds(plan)
+        if expected > LONG and plan != self._warned:
+            self._warned = plan
+            self.panel.curve.show_status(f"This takes about {format_seconds(expected)}.", "Measure all the same")
+            return
+        curves.forget(subject_of(state, "plan"), (PLACE,))
+        self._measuring = self.context.jobs.start(
+            "What accuracy costs",
+            "simulate",
+            lambda: iter_measure(state, "plan", SECONDS, (PLACE,), curves),
+            leave=True,
+        )
+        self._show_curve()
 
     def _measured(self, job: WindowJob) -> None:
-        """Show the rungs as they come; those of a measurement that is stopped stay."""
-        if job.number != self._measuring:
-            return
-        from lfcal.simulate import LadderProgress
+        """Show curves of this plan, whichever page measured them."""
+        if job.number == self._measuring:
+            self._measuring = 0
+        if self.context.state.plan is not None:
+            self._show_curve()
 
-        found = job.progress.ladder if isinstance(job.progress, LadderProgress) else None
-        if found is not None and found.rungs and found is not self._ladder:
-            self._ladder = found
-            self._show_ladder()
+    def _show_curve(self) -> None:
+        """Show what is measured, which of it is in force, and how long H takes."""
+        key, curves = subject_of(self.context.state, "plan"), self.context.curves
+        # points are numbered in the curve that is on screen, not in the one that has grown meanwhile
+        self._curve = curves.of(key).get(PLACE)
+        self.panel.show_cost(self._curve, self.settings, self._seconds)
+        took = curves.took(key, PLACE)
+        button = "" if self._measuring else "Measure again" if took else "Measure"
+        self.panel.curve.show_status(took, button)
 
-    def _show_ladder(self) -> None:
-        """Show the rungs, and which of them the tolerance picks that is asked for now."""
-        if self._ladder is not None:
-            self.panel.show_ladder(replace(self._ladder, tolerance=self.settings.tolerance))
+    def use(self, number: int) -> None:
+        """Take the tolerance of a measured point."""
+        if self._curve is not None:
+            tolerance = float(self._curve.rungs[number].settings["tolerance"])
+            self._change("measured tolerance", lambda: replace(self.settings, tolerance=tolerance, level="auto"))
 
     def _apply_theme(self) -> None:
         self.panel.apply_theme()

@@ -1,52 +1,42 @@
-"""Simulate: effects on the left; the selected one, the response, a frame, and accuracy on the right."""
+"""Simulate: what accuracy costs, pictures of one position, and the settings and effects at the right."""
 
 from __future__ import annotations
 
-from typing import Any
+import math
 
-import numpy as np
-from numpy.typing import NDArray
-from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import (
-    QFrame,
-    QHBoxLayout,
-    QLabel,
-    QPushButton,
-    QSlider,
-    QTabWidget,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QPushButton, QScrollArea, QTabWidget, QVBoxLayout, QWidget
 
-from lfcal.base import format_seconds
+from lfcal.accuracy import Curve
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.models import Shot
+from lfcal_gui.models import Shot, axis_labels, points_of
 from lfcal_gui.pages.simulate._effect_panel import EffectPanel
 from lfcal_gui.pages.simulate._effects_table import EffectsTable
 from lfcal_gui.pages.simulate._frame_panel import FramePanel
+from lfcal_gui.pages.simulate._place_line import PlaceLine
 from lfcal_gui.pages.simulate.model import (
     FIELDS,
-    STEPS,
-    Z_STEPS,
+    Pattern,
     SimulateSettings,
+    better_words,
+    numbers_of,
     refusal,
     shown,
-    tolerance_of,
-    tolerance_step,
+    used_rung,
 )
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict
-from lfcal_gui.widgets import Folded, Form, LinePlot, Picture, card, heading, line, split
+from lfcal_gui.widgets import CostCurve, Folded, Form, Picture, card, heading, line, scrolling, split
 
 __all__ = ["SimulatePanel"]
 
+INSPECTOR = 304
+"""Least width of the settings (px)."""
 
 TAB_TIPS = (
-    "The effect chosen on the left: its magnitudes, and what it does to H",
-    "One pattern of H as it is computed now, while settings are changed",
+    "One pattern of H as it is computed with the settings of now",
+    "The effect chosen in the list: its magnitudes, and what it does to H",
     "A whole sensor frame with noise, as the camera would record it",
-    "Time and error of every way to compute: which one is worth its time",
 )
-NOT_MEASURED = "Measure accuracy to see time and error of every level for this camera."
 
 
 class SimulatePanel(QWidget):
@@ -56,68 +46,89 @@ class SimulatePanel(QWidget):
     -------
     edited(name, value)
         A field of the tasks; see `lfcal_gui.pages.simulate.model.FIELDS`.
-    choice_asked(effect, choice)
-        ``"auto"``, ``"on"`` or ``"off"`` for an effect.
-    depth_moved()
-        The preview's depth is dragged.
-    import_asked(), export_asked(), reset_asked()
-        Magnitudes and settings from a file, to a file, or taken back.
+    frames_asked(), import_asked(), export_asked(), reset_asked()
+        Write the frames of the plan; magnitudes and settings from a file, to a file, or taken back.
     """
 
     edited = Signal(str, object)
-    choice_asked = Signal(str, str)
-    depth_moved = Signal()
+    frames_asked = Signal()
     import_asked = Signal()
     export_asked = Signal()
     reset_asked = Signal()
 
     def __init__(self, jobs: Jobs) -> None:
         super().__init__()
-        self.effect, self.frame = EffectPanel(), FramePanel(jobs)
-        self.tabs = QTabWidget()
-        self.tabs.setDocumentMode(True)
-        self.tabs.tabBar().setDrawBase(False)
-        self._response = self._preview()
-        titles = ((self.effect, "Effect"), (self._response, "Response"), (self.frame, "Frame"))
-        for (content, title), tip in zip((*titles, (self._curve(), "Accuracy")), TAB_TIPS, strict=True):
-            self.tabs.setTabToolTip(self.tabs.addTab(content, title), tip)
-        right, column = card()
-        column.addWidget(self.tabs)
-        both = split(self._effects_card(), right, sizes=(640, 435))
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.addWidget(both)
-
-    # -- building --------------------------------------------------------------------------------------
-    def _effects_card(self) -> QFrame:
-        frame, column = card("Effects")
-        self.tolerance_slider = QSlider(Qt.Orientation.Horizontal)
-        self.tolerance_slider.setRange(0, STEPS)
-        self.tolerance_slider.setAccessibleName("tolerance by slider")
-        self.tolerance_slider.setToolTip("Tolerance from 0.1 % (slow) to 50 % (fast)")
-        self.tolerance_slider.valueChanged.connect(lambda step: self.edited.emit("tolerance", tolerance_of(step)))
+        self.curve = CostCurve()
+        self.view = Picture("share of the light")
+        self.effect, self.frame, self.place = EffectPanel(), FramePanel(jobs), PlaceLine()
+        self.table = EffectsTable()
+        self.table.edit_asked.connect(self.show_effect)
+        self.table.chosen.connect(lambda _: self.tabs.setCurrentWidget(self.effect))
         self.forms = tuple(Form(fields, dense=True) for fields in FIELDS)
         for form in self.forms:
             form.check = refusal
             form.edited.connect(self.edited.emit)
-        more = Folded("More settings", "Loss in the file of H; seed and brightness of simulated frames")
-        more.column.addWidget(self.forms[1])
-        row = QHBoxLayout()
-        row.addWidget(self.forms[0], 1)
-        row.addWidget(self.tolerance_slider, 1, Qt.AlignmentFlag.AlignTop)
-        self.table = EffectsTable()
-        self.table.choice_asked.connect(self.choice_asked.emit)
-        self.table.edit_asked.connect(self.show_effect)
-        self.summary = QLabel()
-        self.summary.setWordWrap(True)
-        column.addLayout(row)
-        column.addWidget(more)
-        column.addWidget(self.table, 1)
-        column.addWidget(self.summary)
-        column.addLayout(self._magnitude_buttons())
+        left, column = card("What accuracy costs")
+        column.addWidget(self.curve)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(split(left, self._pictures(), self._inspector(), sizes=(40, 34, 28)))
+
+    # -- building --------------------------------------------------------------------------------------
+    def _pictures(self) -> QFrame:
+        self.tabs = QTabWidget()
+        self.tabs.setDocumentMode(True)
+        self.tabs.tabBar().setDrawBase(False)
+        titles = ((self.view, "Pattern"), (self.effect, "Effect"), (self.frame, "Frame"))
+        for (content, title), tip in zip(titles, TAB_TIPS, strict=True):
+            self.tabs.setTabToolTip(self.tabs.addTab(content, title), tip)
+        frame, column = card()
+        column.addWidget(self.tabs, 1)
+        column.addWidget(self.place)
         return frame
 
-    def _magnitude_buttons(self) -> QHBoxLayout:
+    def _inspector(self) -> QScrollArea:
+        self.better = _hint()
+        self.unknown = _hint()
+        more = Folded("More settings", "Level, passes, and the loss in the file of H")
+        more.column.addWidget(self.forms[1])
+        inner = QWidget()
+        column = QVBoxLayout(inner)
+        column.setContentsMargins(4, 0, 4, 0)
+        column.setSpacing(6)
+        column.addLayout(self._numbers())
+        for widget in (self.better, self.forms[0], heading("Effects that this H needs")):
+            column.addWidget(widget)
+        column.addWidget(self.table, 1)
+        for widget in (self.unknown, more, self._frames(), self._files()):
+            column.addWidget(widget)
+        area = scrolling(inner)
+        area.setMinimumWidth(INSPECTOR)
+        return area
+
+    def _numbers(self) -> QGridLayout:
+        self.seconds, self.error = QLabel(), QLabel()
+        self.seconds_words, self.error_words = _hint(), _hint()
+        grid = QGridLayout()
+        grid.setVerticalSpacing(0)
+        for k, (number, words) in enumerate(((self.seconds, self.seconds_words), (self.error, self.error_words))):
+            number.setProperty("role", "big")
+            grid.addWidget(number, 0, k)
+            grid.addWidget(words, 1, k)
+            grid.setColumnStretch(k, 1)
+        return grid
+
+    def _frames(self) -> Folded:
+        fold = Folded("Frames instead of H", "Sensor frames with noise, as a camera would record them on this plan")
+        button = QPushButton("Simulate frames …")
+        button.setToolTip("Write the frames of the whole plan to a folder, as a job")
+        button.clicked.connect(lambda _=False: self.frames_asked.emit())
+        fold.column.addWidget(self.forms[2])
+        fold.column.addLayout(line(button))
+        return fold
+
+    def _files(self) -> Folded:
+        fold = Folded("Magnitudes in a file", "Magnitudes and settings of effects, for other projects and commands")
         self.import_button, self.export_button = QPushButton("Import …"), QPushButton("Export …")
         self.reset_button = QPushButton("Reset all")
         tips = (
@@ -126,43 +137,12 @@ class SimulatePanel(QWidget):
             "Take back every magnitude and setting",
         )
         buttons = (self.import_button, self.export_button, self.reset_button)
-        for button, tip, signal in zip(
-            buttons, tips, (self.import_asked, self.export_asked, self.reset_asked), strict=True
-        ):
+        signals = (self.import_asked, self.export_asked, self.reset_asked)
+        for button, tip, signal in zip(buttons, tips, signals, strict=True):
             button.setToolTip(tip)
             button.clicked.connect(lambda _=False, signal=signal: signal.emit())
-        return line("Magnitudes", *buttons)
-
-    def _preview(self) -> QWidget:
-        inner = QWidget()
-        column = QVBoxLayout(inner)
-        column.setContentsMargins(0, 6, 0, 0)
-        self.preview_label = heading("")
-        self.view = Picture("share of the light")
-        self.z_slider = QSlider(Qt.Orientation.Horizontal)
-        self.z_slider.setRange(0, Z_STEPS)
-        self.z_slider.setToolTip("Depth of the preview: rays while you drag, the chosen level when you stop")
-        self.z_slider.valueChanged.connect(lambda _: self.depth_moved.emit())
-        column.addWidget(self.preview_label)
-        column.addWidget(self.view, 1)
-        row = QHBoxLayout()
-        row.addWidget(QLabel("z"))
-        row.addWidget(self.z_slider, 1)
-        column.addLayout(row)
-        return inner
-
-    def _curve(self) -> QWidget:
-        inner = QWidget()
-        column = QVBoxLayout(inner)
-        column.setContentsMargins(0, 6, 0, 0)
-        self.curve = LinePlot("processor time for the whole H (s)", "relative L1 error (%)", legend=True)
-        self.curve.set_decades(x=True, y=True)
-        self.curve_hint = QLabel(NOT_MEASURED)
-        self.curve_hint.setProperty("role", "hint")
-        self.curve_hint.setWordWrap(True)
-        column.addWidget(self.curve, 1)
-        column.addWidget(self.curve_hint)
-        return inner
+        fold.column.addLayout(line(*buttons))
+        return fold
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_settings(self, settings: SimulateSettings) -> None:
@@ -170,46 +150,31 @@ class SimulatePanel(QWidget):
         for form in self.forms:
             form.set_values({key: shown(key, settings) for key in form.fields})
         self.forms[1].set_enabled("store_tolerance", not settings.progressive, "H in passes is stored in full")
-        blocker = QSignalBlocker(self.tolerance_slider)
-        self.tolerance_slider.setValue(tolerance_step(settings.tolerance))
-        blocker.unblock()
 
     def show_verdict(self, verdict: EffectsVerdict) -> None:
         """Show the planner's answer: a row for each effect."""
-        self.summary.setText(verdict.summary)
         self.table.show_verdict(verdict)
-        self.effect.show_plan(verdict.plan)
+        self.unknown.setText(verdict.unknown)
+        self.unknown.setVisible(bool(verdict.unknown))
+        self.place.show_plan(verdict.plan)
         self.effect.show_row(verdict.row(self.table.selected))
 
-    def show_preview(self, image: NDArray[np.float32]) -> None:
-        """Show the pattern of a position ``(nt, ns)``."""
-        self.view.set_shot(Shot(image, name="preview"))
+    def show_cost(self, curve: Curve | None, settings: SimulateSettings, forecast: str) -> None:
+        """Show the curve as far as it is measured, and time and error of the settings; ``forecast``: of the time."""
+        rung = used_rung(curve, settings)
+        if curve is not None:
+            self.curve.set_labels(*axis_labels(curve))
+        points = () if curve is None else points_of(curve, rung)
+        self.curve.show_points(points, math.log10(100 * settings.tolerance))
+        labels = (self.seconds, self.seconds_words, self.error, self.error_words)
+        for label, text in zip(labels, numbers_of(rung, settings, forecast), strict=True):
+            label.setText(text)
+        self.better.setText(better_words(curve, rung))
+        self.better.setVisible(bool(self.better.text()))
 
-    def show_ladder(self, ladder: Any) -> None:
-        """Show measured time and error of every level, and the one that the tolerance picks.
-
-        Rungs are of different engines: no line leads from one to the next.
-        """
-        self.curve.clear()
-        rungs = [rung for rung in ladder.rungs if rung.error > 0]  # the axes are logarithmic
-        seconds = [rung.whole_seconds for rung in rungs]
-        errors = [100 * rung.error for rung in rungs]
-        self.curve.set_curve("measured", seconds, errors, symbol="o", line=False)
-        chosen = ladder.chosen
-        if chosen is not None and chosen.error > 0:
-            x, y = [chosen.whole_seconds], [100 * chosen.error]
-            self.curve.set_curve("chosen by the tolerance", x, y, symbol="star", line=False)
-        self.curve.plot.autoRange(padding=0.1)
-        if chosen is not None:
-            self.curve_hint.setText(
-                f"{chosen.label}: {100 * chosen.error:.2g} % error, about {format_seconds(chosen.whole_seconds)} "
-                "for H. On the page Accuracy every point has its name, and a click uses it."
-            )
-
-    def show_no_ladder(self) -> None:
-        """Take away what was measured: it is of another plan."""
-        self.curve.clear()
-        self.curve_hint.setText(NOT_MEASURED)
+    def show_pattern(self, pattern: Pattern) -> None:
+        """Show the pattern of a position."""
+        self.view.set_shot(Shot(pattern.values, pattern.words, name="pattern"))
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
@@ -217,9 +182,9 @@ class SimulatePanel(QWidget):
             widget.apply_theme()
 
     @property
-    def preview_shown(self) -> bool:
-        """Whether the response is looked at."""
-        return self.tabs.currentWidget() is self._response
+    def pattern_shown(self) -> bool:
+        """Whether the pattern is looked at."""
+        return self.tabs.currentWidget() is self.view
 
     def show_effect(self) -> None:
         """Look at the selected effect, with the keyboard in its magnitudes."""
@@ -230,6 +195,9 @@ class SimulatePanel(QWidget):
         """Look at the sensor frame."""
         self.tabs.setCurrentWidget(self.frame)
 
-    def show_accuracy_tab(self) -> None:
-        """Look at error against time."""
-        self.tabs.setCurrentIndex(self.tabs.count() - 1)
+
+def _hint() -> QLabel:
+    label = QLabel()
+    label.setProperty("role", "hint")
+    label.setWordWrap(True)
+    return label

@@ -13,18 +13,10 @@ from lfcal.accuracy import PLACES, Curve, Rung, Subject, measure_curve
 from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
 from lfcal.psf import PSFMatrix, save
+from lfcal_gui.models.cost import MeasuredCurves, axis_labels, iter_measure, points_of, rung_words, subject_of
 from lfcal_gui.models.opening import OpeningSettings
 from lfcal_gui.models.project import ProjectState
-from lfcal_gui.pages.accuracy.model import (
-    AccuracySettings,
-    MeasuredCurves,
-    axis_labels,
-    iter_measure,
-    points_of,
-    rung_words,
-    subjects,
-    words_of,
-)
+from lfcal_gui.pages.accuracy.model import AccuracySettings, subjects, words_of
 from lfcal_gui.pages.accuracy.model_use import NO_USE, use_of
 from lfcal_gui.pages.accuracy.step import step
 from lfcal_gui.pages.frames.model import FrameSettings
@@ -52,7 +44,7 @@ def rung(error: float, cost: float, **settings: Any) -> Rung:
 
 def test_points_are_logarithms_with_the_front_and_the_pick() -> None:
     made = curve(rung(0.1, 1.0), rung(0.001, 100.0), rung(0.5, 10.0), rung(0.0, 1000.0))
-    points = points_of(made, 0.05)
+    points = points_of(made, made.cheapest(0.05))
     assert [(p.x, p.y) for p in points[:3]] == [pytest.approx(v) for v in ((0, 1), (1, np.log10(50)), (2, -1))]
     assert [p.efficient for p in points] == [True, False, True, True]
     assert [p.picked for p in points] == [False, False, True, False]
@@ -88,18 +80,20 @@ def test_what_can_be_measured(tmp_path: Path) -> None:
 def test_h_is_measured_and_closed(tmp_path: Path) -> None:
     save(PSFMatrix(np.random.default_rng(0).random((1, 2, 2, 3, 3)).astype(np.float32)), tmp_path / "H.h5")
     state, kept = replace(ProjectState(), psf=str(tmp_path / "H.h5")), MeasuredCurves()
-    drain(iter_measure(state, AccuracySettings(subject="psf"), ("storage", "lattice"), kept))
-    assert len(kept.curves["storage"].rungs) == 10
-    assert "H of an unknown camera" in kept.curves["lattice"].stopped
+    drain(iter_measure(state, "psf", 10.0, ("storage", "lattice"), kept))
+    curves = kept.of(subject_of(state, "psf"))
+    assert len(curves["storage"].rungs) == 10 and list(curves) == ["storage", "lattice"]
+    assert "H of an unknown camera" in curves["lattice"].stopped
 
 
 def test_closed_at_any_record_it_keeps_what_it_has() -> None:
     state, kept = replace(ProjectState(), plan=PLAN), MeasuredCurves()
-    work = iter_measure(state, AccuracySettings(), ("bases",), kept)
-    while len(kept.curves.get("bases", curve()).rungs) < 2:
+    work, key = iter_measure(state, "plan", 10.0, ("bases",), kept), subject_of(state, "plan")
+    while len(kept.of(key).get("bases", curve()).rungs) < 2:
         next(work)
     work.close()
-    assert len(kept.curves["bases"].rungs) == 2
+    assert len(kept.of(key)["bases"].rungs) == 2 and kept.took(key, "bases").startswith("measured in ")
+    assert not kept.of(subject_of(replace(state, plan=small_plan(planes=1)), "plan"))
 
 
 def used(state: ProjectState, place: str, **settings: Any) -> tuple[ProjectState, Any]:
@@ -148,7 +142,7 @@ def test_types_that_the_window_does_not_export_say_so(dtype: str, compression: s
 def test_sizes_are_shown_in_megabytes() -> None:
     sizes = Curve("storage", "Title", "error", "size of the file", "bytes")
     sizes = sizes.with_rung(Rung("a", {}, 0.1, 2.5e7, "bytes"))
-    assert axis_labels(sizes)[0] == "size of the file (MB)" and points_of(sizes, 1.0)[0].x == pytest.approx(
+    assert axis_labels(sizes)[0] == "size of the file (MB)" and points_of(sizes, None)[0].x == pytest.approx(
         np.log10(25)
     )
     frames = Curve("planes", "Title", "error", "frames of the scan", "frames")

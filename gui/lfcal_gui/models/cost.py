@@ -1,0 +1,167 @@
+"""Measured curves of error against cost: kept for each plan or H, and as points of a chart. No Qt."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lfcal.base import InputError, Work, format_seconds, format_share
+from lfcal_gui.models.opening import stated_order
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models.words import typeset
+
+if TYPE_CHECKING:
+    from lfcal.accuracy import Curve, Rung, Subject
+    from lfcal.camera import ScanPlan
+
+__all__ = [
+    "CostPoint",
+    "MeasuredCurves",
+    "asked_seconds",
+    "axis_labels",
+    "iter_measure",
+    "points_of",
+    "rung_words",
+    "subject_of",
+]
+
+KEPT = 64
+"""Curves that are kept, the newest."""
+
+FLOOR = 1e-9
+"""An error or a cost of zero is drawn here: a logarithm has no zero."""
+
+REFERENCE, OTHERS_S = 20.0, 3.0
+"""Factor of the estimate for a position of the reference, and seconds of all else, fitted to the presets."""
+
+
+@dataclass
+class MeasuredCurves:
+    """The curves of a session of the window by subject (plan or H) and place, with the seconds they took.
+
+    A measurement in a thread adds to them while the window reads: each change replaces one whole curve.
+    """
+
+    curves: dict[tuple[object, str], tuple[Curve, float]] = field(default_factory=dict)
+
+    def of(self, subject: object) -> Mapping[str, Curve]:
+        """Return the curves of a subject by place, in the order of measuring."""
+        return {place: curve for (key, place), (curve, _) in list(self.curves.items()) if key == subject}
+
+    def took(self, subject: object, place: str) -> str:
+        """Return how long a measurement took, in words; empty: there is none."""
+        found = self.curves.get((subject, place))
+        return "" if found is None else f"measured in {format_seconds(found[1])}"
+
+    def put(self, subject: object, curve: Curve, seconds: float) -> None:
+        """Keep a curve as the newest."""
+        self.curves.pop((subject, curve.place), None)
+        self.curves[subject, curve.place] = curve, seconds
+        for old in list(self.curves)[:-KEPT]:
+            del self.curves[old]
+
+    def forget(self, subject: object, places: Iterable[str]) -> None:
+        """Drop curves that are measured again."""
+        for place in places:
+            self.curves.pop((subject, place), None)
+
+
+def asked_seconds(plan: ScanPlan) -> float:
+    """Return about how long a curve of the simulation takes (s), within a factor of 3 on a machine of today."""
+    from lfcal.simulate import outlook_of
+    from lfcal.simulate.accuracy import few_seconds
+
+    outlook = outlook_of(plan, plan.shape[0] // 2)
+    return OTHERS_S + REFERENCE * few_seconds(outlook, "reference", 0.005, 1)
+
+
+def subject_of(project: ProjectState, kind: str) -> object:
+    """Return what curves of a ``kind`` of subject belong to: ``"plan"`` or ``"psf"``."""
+    return (kind, project.plan if kind == "plan" else project.psf)
+
+
+def iter_measure(
+    project: ProjectState, kind: str, seconds: float, places: Iterable[str], kept: MeasuredCurves
+) -> Work[None]:
+    """Measure place after place, each for about ``seconds``; every rung is in ``kept`` at once."""
+    from lfcal.accuracy import PLACES, iter_measure_curve
+
+    chosen, key = [PLACES.get(name) for name in places], subject_of(project, kind)
+    with ExitStack() as stack:
+        subject = _subject(project, kind, stack)
+        for number, place in enumerate(chosen):
+            work = iter_measure_curve(place, subject, seconds, number=number, total=len(chosen))
+            stack.callback(work.close)
+            for record in work:
+                kept.put(key, record.curve, record.seconds)  # type: ignore[attr-defined]
+                yield record
+
+
+def _subject(project: ProjectState, kind: str, stack: ExitStack) -> Subject:
+    from lfcal.accuracy import Subject
+    from lfcal.psf import open_psf
+
+    if kind == "psf":
+        # opened again: other pages read other planes of theirs
+        matrix = open_psf(project.psf, mat_order=stated_order(project, project.psf))
+        return Subject.of_matrix(stack.enter_context(matrix), Path(project.psf).name)
+    if project.plan is None:
+        raise InputError.expected("accuracy", "a scan plan", "none", "make one on the Plan page")
+    return Subject(project.plan.camera.name, project.plan)
+
+
+# -- showing -----------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class CostPoint:
+    """A rung in the chart: decimal logarithms of its cost, as the axis has it, and of its error in per cent."""
+
+    x: float
+    y: float
+    efficient: bool
+    picked: bool
+    name: str
+    words: str
+
+
+def points_of(curve: Curve, picked: Rung | None) -> tuple[CostPoint, ...]:
+    """Return the rungs as points, in their order."""
+    from lfcal.accuracy import cost_axis
+
+    _, scale = cost_axis(curve)
+    return tuple(
+        CostPoint(
+            math.log10(max(rung.cost / scale, FLOOR)),
+            math.log10(100 * max(rung.error, FLOOR)),
+            rung.efficient,
+            rung is picked,
+            _name_of(rung),
+            rung_words(rung),
+        )
+        for rung in curve.rungs
+    )
+
+
+def _name_of(rung: Rung) -> str:
+    """Return the first words of a label, which fit beside a point."""
+    words = ", ".join(rung.label.split(", ")[:2])
+    return typeset(words.removeprefix("tolerance "))
+
+
+def axis_labels(curve: Curve) -> tuple[str, str]:
+    """Return the labels of cost and error with their units."""
+    from lfcal.accuracy import cost_axis
+
+    return cost_axis(curve)[0], f"{curve.error.split(',')[0]} (%)"
+
+
+def rung_words(rung: Rung) -> str:
+    """Return one rung in a few lines."""
+    from lfcal.accuracy import format_cost
+
+    lines = [typeset(rung.label), f"error {format_share(rung.error)}, costs {format_cost(rung.cost, rung.unit)}"]
+    lines += [f"{name}: {value:.4g}" for name, value in rung.others.items()]
+    return "\n".join(filter(None, (*lines, rung.note)))
