@@ -165,46 +165,27 @@ def simulated(window: MainWindow, qtbot: QtBot) -> tuple[ScanPlan, Any]:
 
 
 @pytest.mark.long
-def test_a_frame_of_other_choices(window: MainWindow, qtbot: QtBot) -> None:
+def test_a_frame_of_other_choices_or_another_plan(window: MainWindow, qtbot: QtBot) -> None:
     """It stayed without a word."""
-    _, page = simulated(window, qtbot)
-    page.make_frame()
-    idle(window.jobs, qtbot)
-    frame = page.panel.frame
-    assert frame.view.values is not None
-    page._set_tolerance(0.3)
-    idle(window.jobs, qtbot)
-    assert frame.view.values is None and "changed since" in frame.words.text()
-
-
-@pytest.mark.long
-def test_charts_and_frames_of_another_plan(window: MainWindow, qtbot: QtBot) -> None:
-    """The ladder of the plan before, and a frame made with other choices, stayed without a word."""
     plan, page = simulated(window, qtbot)
-    page.ladder()
-    page.make_frame()
-    idle(window.jobs, qtbot)
-    curve, frame = page.panel.curve, page.panel.frame
-    assert curve._curves and frame.view.values is not None
-    star = curve._curves["chosen by the tolerance"].getData()[0]
-    page._set_tolerance(max(rung.error for rung in page._ladder.rungs) * 1.01)
-    idle(window.jobs, qtbot)
-    fastest = min(page._ladder.rungs, key=lambda rung: rung.whole_seconds)
-    now = curve._curves["chosen by the tolerance"].getData()[0]
-    assert 10 ** now[0] == pytest.approx(fastest.whole_seconds) or now[0] == pytest.approx(fastest.whole_seconds), star
-    assert frame.view.values is None and "changed since" in frame.words.text()
-    assert not frame.save_button.isEnabled() and frame.make_button.isEnabled()
-    window.project.update("planes", plan=replace(plan, depths_um=plan.depths_um[:1], exposure_s=0.02))
-    idle(window.jobs, qtbot)
-    assert not curve._curves and page._ladder is None and "Measure accuracy" in page.panel.curve_hint.text()
+    frame = page.panel.frame
+    one = replace(plan, depths_um=plan.depths_um[:1], exposure_s=0.02)
+    for change in (lambda: page._set("tolerance", 0.3), lambda: window.project.update("planes", plan=one)):
+        page.make_frame()
+        idle(window.jobs, qtbot)
+        assert frame.view.values is not None
+        change()
+        idle(window.jobs, qtbot)
+        assert frame.view.values is None and "changed since" in frame.words.text()
+        assert not frame.save_button.isEnabled() and frame.make_button.isEnabled()
 
 
 def test_measuring_a_plan_that_is_no_more_is_stopped(window: MainWindow, qtbot: QtBot) -> None:
     plan, page = simulated(window, qtbot)
-    page.ladder()
+    page.measure()
     number = page._measuring
     window.project.update("planes", plan=replace(plan, depths_um=plan.depths_um[:1], exposure_s=0.02))
     job = next(job for job in window.jobs.jobs() if job.number == number)
     assert job.stopping or not job.active
     idle(window.jobs, qtbot)
-    assert page._ladder is None and not page.panel.curve._curves
+    assert page._curve is None and not len(page.panel.curve.scatter.data)

@@ -76,22 +76,18 @@ def psf(stage: Stage) -> Iterator[Capture]:
 
 
 def simulate(stage: Stage) -> Iterator[Capture]:
-    """Show an effect, the response, a frame, and accuracy; then hold H against the simulation."""
+    """Show what accuracy costs, an effect and a frame; then compare H with the simulation."""
     page = stage.page("simulate")
-    page.panel.table.select("vignetting")
-    stage.settle()
+    page.measure()
+    stage.done()
     stage.tidy()
     yield Capture("simulate")
-    page.panel.tabs.setCurrentIndex(1)
+    page.panel.table.select("vignetting")
     stage.settle()
-    yield Capture("simulate_response")
+    yield Capture("simulate_effect")
     page.make_frame()
     stage.settle()
     yield Capture("simulate_frame")
-    page.ladder()
-    stage.done()
-    stage.tidy()
-    yield Capture("simulate_accuracy")
     simulated = stage.folder / "simulated.h5"
     if simulated.is_file():
         stage.window.project.update("reference", reference=str(simulated))

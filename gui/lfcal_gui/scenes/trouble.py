@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator
 
+from lfcal.accuracy import PLACES
 from lfcal_gui.jobs import JobState
 from lfcal_gui.scenes.sample import open_sample
 from lfcal_gui.scenes.stage import Capture, Stage
@@ -56,9 +57,9 @@ def _jobs(stage: Stage) -> Iterator[Capture]:
     page.export("/proc/none/exported.mat")
     stage.settle()
     page = stage.page("accuracy")
-    for _ in range(3):
-        page = stage.window.page("simulate")
-        page.ladder()
+    page.measure(PLACES.names())
+    stage.window.page("simulate").measure()
+    stage.window.page("simulate").simulate(str(stage.folder / "queued.h5"))
     stage.turn(100)
     window.job_line.toggle()
     stage.turn()

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from lfcal_gui.pages.accuracy._chart import ParetoChart
 from pytestqt.qtbot import QtBot
 
 from lfcal_gui.models.shot import Shot
-from lfcal_gui.pages.accuracy._chart import ParetoChart
 from lfcal_gui.pages.acquire._error_view import ErrorView
 from lfcal_gui.pages.fit.rounds_view import DecadePlot
 from lfcal_gui.widgets.blank import NOTHING

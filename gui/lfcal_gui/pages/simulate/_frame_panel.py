@@ -72,7 +72,7 @@ class FramePanel(QWidget):
         self.make_button.setEnabled(True)
         self.save_button.setEnabled(False)
         self.view.set_shot(None)
-        self.words.setText("Plan or choices changed since a frame was made: make one anew.")
+        self.words.setText("Plan or choices changed since a frame was made: make another one.")
 
     def save(self, path: str = "") -> None:
         """Write the samples of the frame."""

@@ -44,7 +44,7 @@ class PlaceLine(QWidget):
 
     def show_plan(self, plan: ScanPlan) -> None:
         """Offer planes and positions of a plan; the middle ones where the plan is another."""
-        planes = [f"{z + 1}: {format_length(depth)}" for z, depth in enumerate(plan.depths_um)]
+        planes = [f"{z}: {format_length(depth)}" for z, depth in enumerate(plan.depths_um)]
         ny, nx = plan.period
         before = [self.plane_box.itemText(k) for k in range(self.plane_box.count())]
         if before == planes and (self.row_box.maximum(), self.column_box.maximum()) == (ny - 1, nx - 1):

@@ -19,7 +19,7 @@ SHARE = Qt.ItemDataRole.UserRole + 1
 ON = Qt.ItemDataRole.UserRole + 2
 """Role of whether the effect is on."""
 
-TEXT, BAR = 62, 34
+TEXT, BAR = 70, 30
 """Room for the number and for the bar (px)."""
 
 

@@ -35,7 +35,7 @@ from lfcal_gui.saving import ask_target, write_file
 
 __all__ = ["Page"]
 
-PLACE, SECONDS = "simulation", 10.0
+PLACE, SECONDS = "simulation", 20.0
 """What is measured, and about how long that may take (s)."""
 
 LONG = 30.0
@@ -216,9 +216,14 @@ class Page(BasePage):
 
     # -- one effect, one frame ---------------------------------------------------------------------------
     def _choose(self, name: str) -> None:
-        if self.verdict is not None:
-            self.panel.effect.show_row(self.verdict.row(name))
+        if self.verdict is None:
+            return
+        panel = self.panel
+        panel.effect.show_row(self.verdict.row(name))
+        if panel.tabs.currentWidget() is panel.effect:
             self._influence()
+        else:
+            panel.tabs.setCurrentWidget(panel.effect)  # which looks
 
     def _stop_influence(self) -> None:
         self._stop.set()
@@ -226,7 +231,7 @@ class Page(BasePage):
 
     def _stop_waiting(self) -> None:
         self._stop.set()
-        self.panel.effect.show_influence(None, "Stopped. Choose the effect, plane or position anew to go on.")
+        self.panel.effect.show_influence(None, "Stopped. Choose the effect, plane or position again to continue.")
 
     def _influence(self) -> None:
         """Show what the selected effect does to the position, if that is looked at."""

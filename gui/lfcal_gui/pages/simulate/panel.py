@@ -63,7 +63,6 @@ class SimulatePanel(QWidget):
         self.effect, self.frame, self.place = EffectPanel(), FramePanel(jobs), PlaceLine()
         self.table = EffectsTable()
         self.table.edit_asked.connect(self.show_effect)
-        self.table.chosen.connect(lambda _: self.tabs.setCurrentWidget(self.effect))
         self.forms = tuple(Form(fields, dense=True) for fields in FIELDS)
         for form in self.forms:
             form.check = refusal

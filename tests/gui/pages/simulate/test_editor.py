@@ -73,15 +73,16 @@ def type_into(edit: QLineEdit, text: str, qtbot: QtBot) -> None:
 def test_coma_of_0_3_waves_at_40_degrees(page: Any, qtbot: QtBot, tmp_path: Path) -> None:
     context, table = page.context, page.panel.table
     editors = choose(page, "coma", qtbot)
-    assert not page.verdict.row("coma").on and table._items["coma"].text(2).startswith("off: not known")
+    assert not page.verdict.row("coma").on and table._items["coma"].parent() is table.groups["unknown"]
     assert editors["waves"].source.currentText() == "typical" and editors["waves"].edit.text() == "0.25"
     type_into(editors["waves"].edit, "0.3", qtbot)
     type_into(editors["angle_rad"].edit, "40", qtbot)
     idle(context.jobs, qtbot)
     assert given(page).effects() == (Coma(0.3, math.radians(40)),)
     row = page.verdict.row("coma")
-    assert row.on and row.verdict_text().startswith("on: 0.3 waves") and table._items["coma"].text(2) == "on: needed"
-    assert row.verdict_text() in table._items["coma"].toolTip(2)
+    assert row.on and row.verdict_text().startswith("on: 0.3 waves")
+    assert table._items["coma"].parent() is table.groups["on"] and table.selected == "coma"
+    assert row.verdict_text() in table._items["coma"].toolTip(0)
     assert editors["waves"].source.currentData() == "stated" and editors["angle_rad"].edit.text() == "40"
     source = editors["waves"].source
     source.setCurrentIndex(source.findData("measured"))
@@ -119,7 +120,7 @@ def test_a_bad_value_is_refused_beside_its_field(page: Any, qtbot: QtBot) -> Non
         type_into(editor.edit, text, qtbot)
         assert words in editor.error.text() and editor.error.isVisible() and "\n" not in editor.error.text()
         assert editor.edit.property("invalid") and given(page).magnitudes == ()
-        page.panel.tolerance_slider.setValue(page.panel.tolerance_slider.value() - 1)
+        page._set("tolerance", given(page).tolerance * 0.9)
         idle(page.context.jobs, qtbot)
         assert editor.edit.text() == text and editor.error.isVisible(), "what is being mended stays"
         source = editor.source
@@ -146,9 +147,7 @@ def test_values_of_the_camera_bear_its_marks(page: Any, context: Context, qtbot:
 def test_a_measured_wavefront_is_a_table_of_terms(page: Any, qtbot: QtBot) -> None:
     table = choose(page, "zernike", qtbot)["terms"].table
     editor = page.panel.effect.form.editors["terms"]
-    box = page.panel.table.setting_box("zernike")
-    box.setCurrentIndex(box.findData("on"))
-    box.activated.emit(box.currentIndex())
+    page.panel.table.ask_next("zernike")
     idle(page.context.jobs, qtbot)
     assert "needs terms" in page.panel.effect.why.text() and not page.verdict.row("zernike").on
     table.add_button.click()
@@ -171,7 +170,7 @@ def test_a_measured_wavefront_is_a_table_of_terms(page: Any, qtbot: QtBot) -> No
 def test_the_influence_of_an_effect_on_h(page: Any, qtbot: QtBot) -> None:
     page.panel.edited.emit("level", "wave")  # rays know no aberration
     choose(page, "coma", qtbot)
-    view, effect = page.panel.effect.influence, page.panel.effect
+    view = page.panel.effect.influence
     plan = page.context.state.plan
     typical = view.influence
     assert typical is not None and typical.without.shape == plan.cutout
@@ -180,11 +179,11 @@ def test_the_influence_of_an_effect_on_h(page: Any, qtbot: QtBot) -> None:
     assert changed > 0.02 and f"{100 * changed:.2g} % of the light differs" in view.words.text()
     assert typical.with_it.sum() == pytest.approx(typical.without.sum(), rel=0.05)
     assert "column s" in view.pictures[0].toolTip()
-    effect.row_box.setValue(0)
+    page.panel.place.row_box.setValue(0)
     idle(page.context.jobs, qtbot)
     moved = view.influence
     assert moved is not typical and "position (0, 1)" in view.words.text()
-    effect.row_box.setValue(1)
+    page.panel.place.row_box.setValue(1)
     assert view.influence is typical, "what was computed is kept"
     choose(page, "crosstalk", qtbot)
     light = view.influence
@@ -241,12 +240,13 @@ def test_waiting_for_the_influence_can_be_stopped(page: Any, qtbot: QtBot, monke
 def test_effects_on_frames_say_so_and_make_frames(page: Any, qtbot: QtBot, tmp_path: Path) -> None:
     choose(page, "read_noise", qtbot)
     effect, panel = page.panel.effect, page.panel
-    assert "acts on sensor frames, not on H" in effect.title.text() and effect.frame_button.isVisible()
+    assert "acts on sensor frames, not on H" in effect.title.text()
     assert "samples differ" in effect.influence.words.text()
     assert "sensor column" in effect.influence.pictures[0].toolTip()
     noisy = effect.influence.influence
     assert noisy.difference.std() > 0
-    effect.frame_button.click()
+    panel.show_frame_tab()
+    panel.frame.make_button.click()
     idle(page.context.jobs, qtbot)
     frame = panel.frame.frame
     assert panel.tabs.currentWidget() is panel.frame and frame is not None
@@ -257,8 +257,6 @@ def test_effects_on_frames_say_so_and_make_frames(page: Any, qtbot: QtBot, tmp_p
         read = cv2.imread(str(tmp_path / name), cv2.IMREAD_UNCHANGED)
         assert np.array_equal(read, frame.samples)
     assert "not rounded" not in panel.frame.words.text()
-    choose(page, "coma", qtbot)
-    assert effect.frame_button.isHidden()
 
 
 def test_frames_of_the_whole_plan(page: Any, qtbot: QtBot, tmp_path: Path) -> None:
@@ -278,7 +276,7 @@ def test_frames_of_the_whole_plan(page: Any, qtbot: QtBot, tmp_path: Path) -> No
 def test_magnitudes_go_to_a_file_and_come_back(page: Any, qtbot: QtBot, tmp_path: Path) -> None:
     path = tmp_path / "effects.json"
     type_into(choose(page, "coma", qtbot)["waves"].edit, "0.3", qtbot)
-    page.panel.choice_asked.emit("bandwidth", "off")
+    page.panel.table.choice_asked.emit("bandwidth", "off")
     page.export_magnitudes(str(path))
     before = given(page)
     page.panel.reset_button.click()
@@ -301,10 +299,10 @@ def test_the_keyboard_suffices(page: Any, qtbot: QtBot) -> None:
         qtbot.keyClick(table, Qt.Key.Key_Space)
         assert dict(given(page).overrides).get("coma", "auto") == choice
         idle(page.context.jobs, qtbot)
-        assert table.selected == "coma" and table.setting_box("coma").currentData() == choice
-    for below in ("zernike", "field_aberrations", "chromatic_focus"):
-        qtbot.keyClick(table, Qt.Key.Key_Down)
-        assert table.selected == below
+        assert table.selected == "coma" and table._items["coma"].text(2) == choice
+    qtbot.keyClick(table, Qt.Key.Key_Down)
+    assert table._items[table.selected] is table.itemBelow(table._items["coma"])
+    table.select("chromatic_focus")
     qtbot.keyClick(table, Qt.Key.Key_Return)
     editor = page.panel.effect.form.editors["rate"]
     assert page.focusWidget() is editor.edit
@@ -339,7 +337,7 @@ def test_a_simulation_in_passes_that_is_stopped_keeps_the_last_whole_h(
     context.message.connect(said.append)
     settings = SimulateSettings(0.05)
     context.project.update("settings", settings=settings.into(context.state))
-    page.panel.forms[0].editor("progressive").click()
+    page.panel.forms[1].editor("progressive").click()
     assert given(page).progressive and not page.panel.forms[1].editor("store_tolerance").isEnabled()
     idle(context.jobs, qtbot)
     out = tmp_path / "H.h5"

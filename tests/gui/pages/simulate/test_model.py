@@ -11,23 +11,13 @@ import pytest
 from lfcal.base.errors import FileFormatError, InputError
 from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan, preset
-from lfcal.camera.plan import checked_depths
 from lfcal.simulate import simulate_psf
 from lfcal.simulate.effects import Bandwidth, Coma
 from lfcal.simulate.effects.described import parse_effects
 from lfcal.tasks import RunSettings
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.plan.model import default_plan
-from lfcal_gui.pages.simulate.model import (
-    Z_STEPS,
-    SimulateSettings,
-    depth_of,
-    matrix_task,
-    preview,
-    preview_words,
-    tolerance_of,
-    tolerance_step,
-)
+from lfcal_gui.pages.simulate.model import SimulateSettings, matrix_task, pattern_of
 from lfcal_gui.pages.simulate.model_effects import bar_share, read_terms, refused, verdict_of
 from lfcal_gui.pages.simulate.model_files import read_settings, settings_text
 
@@ -49,29 +39,12 @@ def test_settings_that_cannot_be(changes: dict[str, object]) -> None:
         SimulateSettings(**changes)  # type: ignore[arg-type]
 
 
-def test_tolerance_steps_and_previews() -> None:
-    for step in (0, 17, 60):
-        assert tolerance_step(tolerance_of(step)) == step
+def test_a_pattern_of_rays() -> None:
     plan = default_plan(preset("bench"))
-    for z in (plan.depths_um[0], plan.depths_um[-1], -plan.depths_um[0]):
-        image = preview(plan, z, (), "geometric", 0.05)
-        assert image.shape == plan.cutout and np.isfinite(image).all()
-
-
-def test_the_previews_depth_goes_from_plane_to_plane() -> None:
-    plan = small_plan()
-    low, high = sorted(plan.depths_um)
-    assert depth_of(plan, 0) == low and depth_of(plan, Z_STEPS) == pytest.approx(high)
-    one = replace(plan, depths_um=plan.depths_um[:1], exposure_s=plan.exposures[0])
-    assert depth_of(one, Z_STEPS // 2) == pytest.approx(plan.depths_um[0])
-
-
-@pytest.mark.parametrize(("name", "nearest"), [("r29", -799.9e3), ("lfm_20x05", -4e3)])
-def test_the_only_planes_preview_stays_where_the_camera_sees(name: str, nearest: float) -> None:
-    plan = ScanPlan.for_camera(preset(name), depths_um=[nearest], cutout=31)
-    ends = depth_of(plan, 0), depth_of(plan, Z_STEPS)
-    assert ends[0] < nearest < ends[1] and checked_depths(plan.camera, ends) == ends
-    assert all("v = " in preview_words(plan, z, "") for z in ends)
+    for z in (0, len(plan.depths_um) - 1):
+        found = pattern_of(plan, (z, 1, 2), (), "geometric", 0.05)
+        assert found.values.shape == plan.cutout and np.isfinite(found.values).all()
+        assert found.words.endswith("y 1, x 2: geometric")
 
 
 def test_a_verdict_is_the_answer_to_one_question() -> None:
@@ -152,7 +125,7 @@ def test_effects_that_are_not_installed_are_kept_and_named() -> None:
     settings = SimulateSettings.from_dict(data)
     assert settings.effects() == (Coma(0.3),)
     assert settings.to_dict()["magnitudes"] == data["magnitudes"]
-    assert "Not installed, and left out: halo, glare" in verdict_of(small_plan(), settings).summary
+    assert "Not installed, and left out: halo, glare" in verdict_of(small_plan(), settings).unknown
 
 
 def test_a_measured_wavefront_without_terms_says_so() -> None:

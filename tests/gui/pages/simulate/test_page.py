@@ -7,18 +7,22 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QApplication, QScrollArea
 from pytestqt.qtbot import QtBot
 
 import lfcal_gui.pages.simulate.page as simulate_page
-from lfcal.base.progress import Progress
+from lfcal.accuracy import PLACES, AccuracyStep, Rung, Truth
 from lfcal.camera import ScanPlan
 from lfcal.psf import open_psf
-from lfcal.simulate.accuracy._ladder import Ladder, LadderProgress, LadderRung
+from lfcal.simulate import simulate_psf
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState
+from lfcal_gui.pages.simulate._effects_table import SETTING
 from lfcal_gui.pages.simulate._share_bar import TEXT
-from lfcal_gui.pages.simulate.model import SimulateSettings, preview, tolerance_of
+from lfcal_gui.pages.simulate.model import SimulateSettings, pattern_of
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict, verdict_of
 from lfcal_gui.window import MainWindow
 from tests.gui.pages.simulate.test_model import small_plan
@@ -31,29 +35,22 @@ def test_simulate_both_ways(window: MainWindow, qtbot: QtBot, tmp_path: Path) ->
     window.go("simulate")
     page: Any = window.page("simulate")
     idle(window.jobs, qtbot)
-    table = page.panel.table
-    assert sum(table.topLevelItem(k).childCount() for k in range(table.topLevelItemCount())) == len(page.verdict.rows)
-    assert len(page.verdict.rows) > 20
-    assert page.panel.view.values is None, "nobody looks at the response"
-    page.panel.tabs.setCurrentIndex(1)
-    idle(window.jobs, qtbot)
-    assert page.panel.view.values is not None and page.panel.view.values.shape == (41, 41)
-    box = table.setting_box("bandwidth")
-    box.setCurrentIndex(box.findData("on"))
-    box.activated.emit(box.currentIndex())
+    panel, table = page.panel, page.panel.table
+    assert sum(group.childCount() for group in table.groups.values()) == len(page.verdict.rows) > 20
+    assert panel.view.values is not None and panel.view.values.shape == (41, 41)
+    click(table, "bandwidth", qtbot)
     assert dict(SimulateSettings.of(window.project.state).overrides)["bandwidth"] == "on"
     idle(window.jobs, qtbot)
-    assert page.verdict.row("bandwidth").on and table.setting_box("bandwidth") is box and box.currentData() == "on"
+    assert page.verdict.row("bandwidth").on and table._items["bandwidth"].parent() is table.groups["on"]
     table.select("bandwidth")
-    assert page.panel.effect.title.text() == "bandwidth" and "asked for" in page.panel.effect.why.text()
+    assert panel.tabs.currentWidget() is panel.effect
+    assert panel.effect.title.text() == "bandwidth" and "asked for" in panel.effect.why.text()
     window.project.undo()
     idle(window.jobs, qtbot)
-    assert not page.verdict.row("bandwidth").on
-    page.panel.tolerance_slider.setValue(page.panel.tolerance_slider.minimum())
-    assert SimulateSettings.of(window.project.state).tolerance == tolerance_of(0)
-    page.panel.tolerance_slider.setValue(page.panel.tolerance_slider.maximum())
+    assert not page.verdict.row("bandwidth").on and table.selected == "bandwidth"
+    page._set("tolerance", 0.5)
     idle(window.jobs, qtbot)
-    level = page.panel.forms[0].editor("level")
+    level = panel.forms[1].editor("level")
     level.setCurrentIndex(level.findData("geometric"))
     idle(window.jobs, qtbot)
     with qtbot.waitSignal(window.jobs.finished, timeout=GUARD_MS) as end:
@@ -62,6 +59,16 @@ def test_simulate_both_ways(window: MainWindow, qtbot: QtBot, tmp_path: Path) ->
     assert window.project.state.psf == str(tmp_path / "sim.h5")
     with open_psf(tmp_path / "sim.h5") as H:
         assert H.shape == small.shape
+
+
+def click(table: Any, name: str, qtbot: QtBot) -> None:
+    """Click with the mouse on the setting of an effect."""
+    item = table._items[name]
+    item.parent().setExpanded(True)
+    table.scrollToItem(item)
+    at = table.visualItemRect(item).center()
+    at.setX(table.columnViewportPosition(SETTING) + 10)
+    qtbot.mouseClick(table.viewport(), Qt.MouseButton.LeftButton, pos=at)
 
 
 @pytest.fixture
@@ -78,9 +85,8 @@ def test_before_the_planner_answers_nothing_uses_its_last_answer(
     window.project.update("plan", plan=replace(small_plan(), resample=False))
     window.go("simulate")
     page: Any = window.page("simulate")
-    level = page.panel.forms[0].editor("level")
+    level = page.panel.forms[1].editor("level")
     level.setCurrentIndex(level.findData("geometric"))
-    page.panel.tabs.setCurrentIndex(1)
     idle(window.jobs, qtbot)
     asked: list[tuple[tuple[str, ...], str]] = []
 
@@ -88,20 +94,20 @@ def test_before_the_planner_answers_nothing_uses_its_last_answer(
         answer.wait()
         return verdict_of(plan, settings)
 
-    def watched(plan: ScanPlan, z: float, effects: tuple[Any, ...], level: str, tolerance: float) -> Any:
+    def watched(plan: ScanPlan, place: Any, effects: tuple[Any, ...], level: str, tolerance: float) -> Any:
         asked.append((tuple(e.name for e in effects), level))
-        return preview(plan, z, effects, level, tolerance)
+        return pattern_of(plan, place, effects, level, tolerance)
 
     monkeypatch.setattr(simulate_page, "verdict_of", slow_planner)
-    monkeypatch.setattr(simulate_page, "preview", watched)
+    monkeypatch.setattr(simulate_page, "pattern_of", watched)
     assert "vignetting" not in {e.name for e in page.verdict.found}
-    page.panel.choice_asked.emit("vignetting", "on")
+    page.panel.table.choice_asked.emit("vignetting", "on")
     with qtbot.waitSignal(window.jobs.finished, timeout=GUARD_MS) as end:
         page.simulate(str(tmp_path / "sim.h5"))
     assert end.args[0].state is JobState.DONE, end.args[0].error
     with open_psf(tmp_path / "sim.h5") as H:
         assert "vignetting" in {effect["name"] for effect in H.provenance["simulated"]["effects"]}
-    page.panel.z_slider.setValue(30)
+    page.panel.place.column_box.setValue(0)
     qtbot.waitUntil(lambda: bool(asked), timeout=GUARD_MS)
     answer.set()
     idle(window.jobs, qtbot)
@@ -111,76 +117,135 @@ def test_before_the_planner_answers_nothing_uses_its_last_answer(
 
 def test_without_a_plan_no_button_is_dead(open_page: Any, context: Context) -> None:
     page = open_page("simulate")
-    for press in (page.simulate, page.simulate_frames, page.ladder):
+    for press in (page.simulate, page.simulate_frames, page.measure):
         page.notice.clear()
         press()
         assert "no scan plan" in page.notice.label.text()
 
 
-def test_the_curve_of_accuracy_has_points_and_no_line_between_engines(open_page: Any, context: Context) -> None:
+RUNGS = ((0.3, "wave", 0.15, 1.0), (0.1, "wave", 0.05, 2.0), (0.03, "grid", 0.01, 1.5), (0.01, "grid", 0.004, 3.0))
+"""Tolerance, level, error and seconds as a measurement finds them."""
+
+
+def course(go_on: threading.Event | None = None) -> Iterator[Any]:
+    """Yield what measuring the simulation yields; half of it before the event."""
+    yield Truth("the reference")
+    for k, (tolerance, level, error, seconds) in enumerate(RUNGS):
+        if k == 2 and go_on is not None:
+            yield AccuracyStep("next", 0.0)
+            go_on.wait(GUARD_MS / 1e3)
+        label = f"tolerance {100 * tolerance:g} %, {level}, 6 effects"
+        yield Rung(label, {"tolerance": tolerance, "level": level}, error, seconds, "seconds")
+
+
+def measured_by(monkeypatch: pytest.MonkeyPatch, course: Any) -> None:
+    told = replace(PLACES.get("simulation"), measure=lambda subject, seconds: course())
+    monkeypatch.setattr("lfcal.accuracy.PLACES", SimpleNamespace(get=lambda name: told))
+
+
+@pytest.fixture
+def page(open_page: Any, context: Context, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> Any:
+    measured_by(monkeypatch, course)
     context.project.update("plan", plan=small_plan())
-    page = open_page("simulate")
-    rung = SimpleNamespace(label="wave, 2 nodes", whole_seconds=4.0, error=0.02)
-    others = [SimpleNamespace(label="rays", whole_seconds=0.2, error=0.4), SimpleNamespace(whole_seconds=9.0, error=0)]
-    page.panel.show_ladder(SimpleNamespace(rungs=[rung, *others], chosen=rung))
-    curve = page.panel.curve
-    assert all(item.opts["pen"] is None for item in curve._curves.values()) and len(curve._curves) == 2
-    x, y = curve._curves["measured"].getOriginalDataset()
-    assert x.tolist() == [4.0, 0.2] and y.tolist() == [2.0, 40.0]
-    axis = curve.plot.getAxis("bottom")
-    (_, ticks), *_ = axis.tickValues(-1.0, 1.0, 300)
-    assert "0.1" in axis.tickStrings(ticks, 1.0, 1.0) and "page Accuracy" in page.panel.curve_hint.text()
+    made = open_page("simulate", 640)
+    idle(context.jobs, qtbot)
+    return made
 
 
-def test_rungs_that_were_measured_stay_when_measuring_is_stopped(
-    open_page: Any, context: Context, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+def test_the_curve_says_what_the_tolerance_in_force_costs(page: Any, context: Context, qtbot: QtBot) -> None:
+    panel = page.panel
+    assert panel.seconds_words.text() == "for H, forecast" and panel.error.text() == "3 %"
+    panel.curve.measure_button.click()
+    assert not panel.curve.measure_button.isEnabled()
+    idle(context.jobs, qtbot)
+    assert len(panel.curve.scatter.data) == len(RUNGS) and panel.curve.status.text().startswith("measured in ")
+    assert (panel.seconds.text(), panel.error.text(), panel.error_words.text()) == ("1.5 s", "1 %", "error, measured")
+    panel.curve.moved.emit(0.2)
+    assert SimulateSettings.of(context.state).tolerance == 0.2
+    assert (panel.seconds.text(), panel.error.text()) == ("2.0 s", "5 %"), "of the tolerance that was measured below it"
+    assert panel.better.text() == "Tolerance 3 % is faster and no less exact: 1.5 s, 1 % off."
+    page._set("level", "wave")
+    idle(context.jobs, qtbot)
+    assert panel.error_words.text() == "error asked for", "it was measured at level auto"
+    panel.curve.chosen.emit(next(k for k, rung in enumerate(page._curve.rungs) if rung.error == 0.15))
+    settings = SimulateSettings.of(context.state)
+    assert (settings.tolerance, settings.level, panel.seconds.text()) == (0.3, "auto", "1.0 s")
+    context.project.undo()
+    assert SimulateSettings.of(context.state).level == "wave"
+
+
+def test_a_curve_is_kept_for_its_plan(page: Any, context: Context, qtbot: QtBot) -> None:
+    """Undo brought no curve back: it had to be measured again."""
+    page.measure()
+    idle(context.jobs, qtbot)
+    context.project.update("planes", plan=replace(small_plan(), depths_um=small_plan().depths_um[:1], exposure_s=0.01))
+    idle(context.jobs, qtbot)
+    assert not len(page.panel.curve.scatter.data) and page.panel.curve.measure_button.text() == "Measure"
+    context.project.undo()
+    idle(context.jobs, qtbot)
+    assert len(page.panel.curve.scatter.data) == len(RUNGS)
+    assert page.panel.curve.measure_button.text() == "Measure again"
+
+
+def test_points_that_were_measured_stay_when_measuring_is_stopped(
+    page: Any, context: Context, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The curve was empty until all were done, and those that were done were lost."""
-    plan = small_plan()
-    rung = LadderRung("geometric", None, "geometric", 0.4, 0.0, 0.1, 0.2)
-    found = Ladder((rung,), (), 0.05, "reference", 10.0, 4.0, 1)
     go_on = threading.Event()
-
-    def measuring(*_: Any) -> Any:
-        yield Progress(0, 3, "reference")
-        yield LadderProgress(1, 3, "geometric", 1.0, ladder=replace(found, rungs=()))
-        yield LadderProgress(2, 3, "wave", 2.0, ladder=found)
-        go_on.wait(GUARD_MS / 1e3)
-        yield LadderProgress(3, 3, "wave", 3.0, ladder=found)
-
-    monkeypatch.setattr("lfcal.simulate.iter_ladder", measuring)
-    context.project.update("plan", plan=plan)
-    page = open_page("simulate")
-    page.ladder()
-    curve = page.panel.curve
-    qtbot.waitUntil(lambda: "measured" in curve._curves, timeout=GUARD_MS)
+    measured_by(monkeypatch, lambda: course(go_on))
+    page.measure()
+    qtbot.waitUntil(lambda: len(page.panel.curve.scatter.data) == 2, timeout=GUARD_MS)
     number = context.jobs.jobs()[0].number
     context.jobs.cancel(number)
-    assert context.jobs.jobs()[0].state is JobState.CANCELLED, "it writes nothing: no rung is waited for"
-    qtbot.waitUntil(lambda: not context.jobs.busy, timeout=GUARD_MS)
+    assert context.jobs.jobs()[0].state is JobState.CANCELLED, "it writes nothing: no point is waited for"
     go_on.set()
-    assert curve._curves["measured"].getOriginalDataset()[0].tolist() == [0.2]
-    assert "geometric: 40 % error" in page.panel.curve_hint.text()
+    idle(context.jobs, qtbot)
+    assert len(page.panel.curve.scatter.data) == 2 and page.panel.curve.measure_button.isEnabled()
 
 
-def test_nothing_is_cut_in_the_table_of_effects_in_a_small_window(window: MainWindow, qtbot: QtBot) -> None:
-    """Verdicts ended in an ellipsis: they repeated the column beside them."""
-    window.resize(1280, 800)
-    window.project.update("plan", plan=small_plan())
-    window.go("simulate")
-    page: Any = window.page("simulate")
-    idle(window.jobs, qtbot)
-    table = page.panel.table
-    metrics, header = table.fontMetrics(), table.header()
-    for name in (row.name for row in page.verdict.rows):
-        item = table._items[name]
-        for column in (0, 2, 4):
-            indent = 2 * table.indentation() if column == 0 else 0
-            assert metrics.horizontalAdvance(item.text(column)) + indent + 6 <= table.columnWidth(column), item.text(
-                column
-            )
-        assert metrics.horizontalAdvance(item.text(3)) <= TEXT
-    for column in range(table.columnCount()):
-        assert header.sectionSizeHint(column) <= header.sectionSize(column), table.headerItem().text(column)
-    longest = max((row.brief_text() for row in page.verdict.rows), key=len)
-    assert len(longest) < 20 and "%" not in longest
+def test_a_long_measurement_is_asked_for_twice(page: Any, context: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simulate_page, "asked_seconds", lambda plan: 100.0)
+    page.measure()
+    assert not context.jobs.busy and page.panel.curve.status.text() == "This takes about 1 min 40 s."
+    page.panel.curve.measure_button.click()
+    assert context.jobs.busy
+
+
+def test_the_pattern_says_which_engine_computed_it(page: Any, context: Context, qtbot: QtBot) -> None:
+    """The page said "level wave" where the grid engine ran."""
+    page._set("tolerance", 0.02)
+    idle(context.jobs, qtbot)
+    z, y, x = page.panel.place.place
+    found = pattern_of(small_plan(), (z, y, x), page.verdict.found, "auto", 0.02)
+    assert page.panel.view.shot.caption == found.words and f"y {y}, x {x}: grid, 5 samples/px" in found.words
+    whole = simulate_psf(small_plan(), page.verdict.found, tolerance=0.02)
+    np.testing.assert_allclose(page.panel.view.values, whole[z, y, x], atol=1e-7)
+    assert whole.provenance["simulated"]["planes"][z]["engine"] == "grid"
+
+
+def test_the_largest_effects_that_are_not_described_are_named(page: Any) -> None:
+    """Six effects of 30 are on: an unknown cover glass could change more than all of them."""
+    rows = sorted((row for row in page.verdict.rows if row.group == "unknown"), key=lambda row: -row.share)
+    text = page.panel.unknown.text()
+    assert text.startswith(f"Not described: {rows[0].title}, up to {rows[0].share_text()}; {rows[1].title}, up to ")
+    assert page.panel.table.groups["unknown"].text(0) == f"Off, not described by the camera: {len(rows)}"
+
+
+@pytest.mark.parametrize("size", [(915, 505), (1190, 690)])
+def test_it_fits_the_least_window(page: Any, qtbot: QtBot, size: tuple[int, int]) -> None:
+    """Nothing is cut; in the least window the settings alone may scroll."""
+    page.measure()
+    idle(page.context.jobs, qtbot)
+    panel = page.panel
+    panel.setParent(None)
+    qtbot.addWidget(panel)
+    panel.resize(*size)
+    panel.show()
+    QApplication.processEvents()
+    assert (panel.width(), panel.height()) == size
+    table = panel.table
+    assert table.columnWidth(SETTING) >= table.fontMetrics().horizontalAdvance("auto") + 6
+    assert max(table.fontMetrics().horizontalAdvance(row.share_text()) for row in page.verdict.rows) <= TEXT - 4
+    assert table.horizontalScrollBar().maximum() == 0 and min(panel.curve.width(), panel.view.width()) > 200
+    (area,) = [one for one in panel.findChildren(QScrollArea) if one.isAncestorOf(table)]
+    assert area.horizontalScrollBar().maximum() == 0
+    assert size[0] == 915 or area.verticalScrollBar().maximum() == 0

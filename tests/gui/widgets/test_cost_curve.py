@@ -1,0 +1,96 @@
+"""The curve of what accuracy costs: by mouse, by keyboard, and with names that can be read."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QPointF, Qt
+from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
+
+from lfcal_gui.models.cost import CostPoint
+from lfcal_gui.widgets.cost_curve import CostCurve
+
+POINTS = tuple(
+    CostPoint(float(np.log10(cost)), float(np.log10(error)), efficient, picked, f"{name}, wave", f"{name}\nmore")
+    for cost, error, efficient, picked, name in (
+        (1.0, 15.0, True, False, "30 %"),
+        (1.5, 1.1, True, True, "3 %"),
+        (1.55, 4.5, False, False, "10 %"),
+        (3.0, 0.5, True, False, "2 %"),
+    )
+)
+
+
+@pytest.fixture
+def curve(qapp: QApplication, qtbot: QtBot) -> CostCurve:
+    made = CostCurve()
+    qtbot.addWidget(made)
+    made.resize(400, 400)
+    made.show()
+    qtbot.waitExposed(made)
+    made.show_points(POINTS, float(np.log10(3.0)))
+    QApplication.processEvents()
+    return made
+
+
+def at(curve: CostCurve, x: float, y: float) -> Any:
+    return curve.graphics.mapFromScene(curve.plot.vb.mapViewToScene(QPointF(x, y)))
+
+
+def test_the_line_is_dragged_to_another_error(curve: CostCurve, qtbot: QtBot) -> None:
+    asked: list[float] = []
+    curve.moved.connect(asked.append)
+    view, start = curve.graphics.viewport(), at(curve, 0.4, np.log10(3.0))
+    qtbot.mousePress(view, Qt.MouseButton.LeftButton, pos=start)
+    for step in (10, 20, 40):
+        place = start + QPointF(0, -step).toPoint()
+        qtbot.mouseMove(view, place)
+        QApplication.processEvents()
+    qtbot.mouseRelease(view, Qt.MouseButton.LeftButton, pos=start + QPointF(0, -40).toPoint())
+    assert asked and asked == sorted(asked) and asked[-1] > 0.03
+    assert curve.limit.value() == pytest.approx(np.log10(100 * asked[-1]), abs=0.02)
+    curve._move(5.0)
+    assert asked[-1] == 1.0, "no error above 100 % is asked for"
+
+
+def test_the_keyboard_suffices(curve: CostCurve, qtbot: QtBot) -> None:
+    used: list[int] = []
+    asked: list[float] = []
+    curve.chosen.connect(used.append)
+    curve.moved.connect(asked.append)
+    qtbot.keyClick(curve, Qt.Key.Key_Return)
+    assert not used, "no point was reached"
+    qtbot.keyClick(curve, Qt.Key.Key_Right)
+    assert curve.status.text() == "10 %; more"
+    qtbot.keyClick(curve, Qt.Key.Key_Left)
+    qtbot.keyClick(curve, Qt.Key.Key_Left)
+    qtbot.keyClick(curve, Qt.Key.Key_Left)
+    qtbot.keyClick(curve, Qt.Key.Key_Return)
+    assert used == [0], "there is none before the first"
+    qtbot.keyClick(curve, Qt.Key.Key_Up)
+    qtbot.keyClick(curve, Qt.Key.Key_Down)
+    assert asked == [pytest.approx(0.034), pytest.approx(0.027)]
+
+
+@pytest.mark.parametrize("size", [(400, 400), (230, 260)])
+def test_names_cover_neither_points_nor_each_other(curve: CostCurve, size: tuple[int, int]) -> None:
+    curve.resize(*size)
+    QApplication.processEvents()
+    areas = [item.mapRectToScene(item.boundingRect()) for item in curve.names]
+    assert not any(one.intersects(other) for one, other in combinations(areas, 2))
+    spots = [curve.plot.vb.mapViewToScene(QPointF(point.x, point.y)) for point in POINTS]
+    assert not any(area.contains(spot) for area in areas for spot in spots)
+    names = [item.toPlainText() for item in curve.names]
+    assert names[0] == "3 %, wave" and len(names) >= (4 if size[0] == 400 else 2)
+
+
+def test_without_points_it_says_what_to_do(curve: CostCurve) -> None:
+    curve.show_points((), 0.0)
+    assert curve.blank.isVisible() and "Measure" in curve.blank.text() and not curve.names
+    assert not curve.limit.isVisible()
+    curve.show_status("", "")
+    assert not curve.measure_button.isEnabled() and curve.measure_button.text() == "Measuring …"
