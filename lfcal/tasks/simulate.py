@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -93,6 +94,13 @@ class SimulatedH(SimulationForecast):
         return tuple(float(error) for error in self.matrix.facts.known()["error"])
 
     @property
+    def planes(self) -> tuple[dict[str, Any] | None, ...]:
+        """Engine, sampling and seconds of each plane; None where they are not known."""
+        from lfcal.psf import simulated_planes
+
+        return tuple(simulated_planes(self.matrix.provenance, len(self.plan.depths_um)))
+
+    @property
     def limit(self) -> float:
         """What the errors were asked to stay below."""
         return self.effects.tolerance + (self.stored or 0)
@@ -104,8 +112,12 @@ class SimulatedH(SimulationForecast):
         error = f"{highest:.2g} %" if highest < 1.1 * lowest else f"{lowest:.2g} to {highest:.2g} %"
         what = "with that of storage" if self.stored is not None else "of what is left out and of the computation"
         least, most = 100 * min(self.light), 100 * max(self.light)
+        engines = Counter(plane["engine"] for plane in self.planes if plane is not None)
+        count = len(self.errors)
+        computed = ", ".join(f"{name} ({n} of {count} planes)" for name, n in engines.items())
         return (
             f"error {what}: {error} ({100 * self.limit:.3g} % asked for)",
+            *((f"computed by {computed}",) if computed else ()),
             f"light in the cutout: {least:.3g}" + ("" if most - least < 0.1 else f" to {most:.3g}") + " %",
         )
 
@@ -121,6 +133,7 @@ class SimulatedH(SimulationForecast):
             shape=self.matrix.shape,
             level=self.effects.level,
             tolerance=self.effects.tolerance,
+            planes=self.planes,
             error=self.errors,
             light_in_cutout=self.light,
             predicted_seconds=self.effects.seconds,

@@ -152,6 +152,17 @@ def test_h_states_how_magnitudes_are_known(plan: Path, tmp_path: Path) -> None:
         assert matrix.provenance["effect_sources"] == {"coma": {"waves": "measured", "angle_rad": "stated"}}
 
 
+def test_the_result_names_the_engine_of_every_plane(plan: Path, tmp_path: Path) -> None:
+    """It said the wave level where the grid engine computed."""
+    (made,) = SimulateH(camera=str(plan), tolerance=0.01, out=tmp_path / "H.h5").run()
+    told = made.to_dict()
+    made.close()
+    (plane,) = told["planes"]
+    assert told["level"] == "wave" and plane["engine"] == "grid" and plane["seconds"] > 0
+    assert plane["sampling"]["samples_per_px"] >= 4
+    assert "computed by grid (1 of 1 planes)" in made.reached
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_job_keeps_every_value(kind: type[Task], plan: Path, tmp_path: Path) -> None:
     task = made_by(kind, plan, tmp_path / "made")
