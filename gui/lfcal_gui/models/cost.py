@@ -87,7 +87,7 @@ def subject_of(project: ProjectState, kind: str) -> object:
 def iter_measure(
     project: ProjectState, kind: str, seconds: float, places: Iterable[str], kept: MeasuredCurves
 ) -> Work[None]:
-    """Measure place after place, each for about ``seconds``; every rung is in ``kept`` at once."""
+    """Measure place after place, each for about ``seconds``; every rung is in ``kept`` as soon as it is measured."""
     from lfcal.accuracy import PLACES, iter_measure_curve
 
     chosen, key = [PLACES.get(name) for name in places], subject_of(project, kind)
@@ -146,7 +146,7 @@ def points_of(curve: Curve, picked: Rung | None) -> tuple[CostPoint, ...]:
 
 
 def _name_of(rung: Rung) -> str:
-    """Return the first words of a label, which fit beside a point."""
+    """Return the first words of a label, which fit next to a point."""
     words = ", ".join(rung.label.split(", ")[:2])
     return typeset(words.removeprefix("tolerance "))
 

@@ -282,7 +282,7 @@ def numbers_of(rung: Rung | None, settings: SimulateSettings, forecast: str) -> 
 
 
 def better_words(curve: Curve | None, rung: Rung | None) -> str:
-    """Return which measured setting is at once faster and more exact than ``rung``; empty: none is."""
+    """Return which measured setting is faster and no less exact than ``rung``; empty: none is."""
     if curve is None or rung is None:
         return ""
     better = min((one for one in curve.front if one.error <= rung.error), key=lambda one: one.cost)
