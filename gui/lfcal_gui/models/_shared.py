@@ -28,7 +28,6 @@ from lfcal_gui.models.cost import (
     axis_labels,
     iter_measure,
     points_of,
-    rung_words,
     subject_of,
 )
 from lfcal_gui.models.display import (
@@ -175,7 +174,6 @@ __all__ = [
     "read_project",
     "region_numbers",
     "render_tile",
-    "rung_words",
     "safe_words",
     "said_in_window",
     "sampled",

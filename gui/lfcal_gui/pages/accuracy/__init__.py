@@ -1,6 +1,6 @@
 """Accuracy: what it costs, place by place, and the rung that is put to use.
 
-- ``page``, ``panel``; ``_chart``: error against cost with a point for each rung
+- ``page``, ``panel``: the places, and the curve of one
 - ``model``: settings, measurements, words; ``model_use``: what a rung changes in the project
 """
 

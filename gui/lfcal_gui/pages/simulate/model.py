@@ -8,14 +8,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from lfcal.base import InputError, format_seconds, format_share
 from lfcal.camera import ScanPlan
 from lfcal.records import from_flat, rows
 from lfcal.tasks import SimulateFrames, SimulateH, SimulatePasses
-from lfcal_gui.models import PLAN_FILE, Field, PageSettings, fields_of, plane_words, text_in_form
+from lfcal_gui.models import PLAN_FILE, Field, PageSettings, Shot, fields_of, plane_words, text_in_form
 
 if TYPE_CHECKING:
     from lfcal.accuracy import Curve, Rung
@@ -28,7 +25,6 @@ __all__ = [
     "GIVEN",
     "HELD",
     "KINDS",
-    "Pattern",
     "SimulateSettings",
     "better_words",
     "frames_task",
@@ -235,22 +231,14 @@ def kept_pass(path: str) -> str:
         return f"whole within {100 * max(float(error) for error in matrix.facts.known()['error']):.2g} %"
 
 
-@dataclass(frozen=True, eq=False)
-class Pattern:
-    """The pattern of one position ``(nt, ns)``, and in words which one it is and how it was computed."""
-
-    values: NDArray[np.float32]
-    words: str
-
-
 def pattern_of(
     plan: ScanPlan,
     place: tuple[int, int, int],
     effects: EffectSelection | tuple[Effect, ...],
     level: str,
     tolerance: float,
-) -> Pattern:
-    """Return the pattern of position ``place`` (z, y, x), as H has it; one is computed at a time."""
+) -> Shot:
+    """Return the pattern of position ``place`` (z, y, x) as H has it, and how it is computed; one is at a time."""
     from lfcal.simulate import PlaneResponse, budgeted
     from lfcal.simulate.accuracy import rung_label
 
@@ -260,7 +248,7 @@ def pattern_of(
         response = PlaneResponse(plan, z, chosen, level=level, tolerance=share)
         values = response.rows([y], [x], workers=1)[0, 0]
     how = rung_label(response.level, None if response.level == "geometric" else response.settled)
-    return Pattern(values, f"{plane_words(z, plan.shape[0])}, y {y}, x {x}: {how}")
+    return Shot(values, f"{plane_words(z, plan.shape[0])}, y {y}, x {x}: {how}", name="pattern")
 
 
 def used_rung(curve: Curve | None, settings: SimulateSettings) -> Rung | None:

@@ -17,9 +17,8 @@ from lfcal.tasks import RunSettings, SimulatedH
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState, WindowJob
-from lfcal_gui.models import PageSpec, ProjectState, asked_seconds, iter_measure, subject_of
+from lfcal_gui.models import PageSpec, ProjectState, Shot, asked_seconds, iter_measure, subject_of
 from lfcal_gui.pages.simulate.model import (
-    Pattern,
     SimulateSettings,
     frames_task,
     kept_pass,
@@ -203,14 +202,14 @@ class Page(BasePage):
         self.context.jobs.compute(
             "simulate preview",
             lambda: pattern_of(plan, place, effects, level, settings.tolerance),
-            lambda pattern: self._previewed(pattern, plan, settings, fine),
+            lambda shot: self._previewed(shot, plan, settings, fine),
             self.context.message.emit,
         )
 
-    def _previewed(self, pattern: Pattern, plan: ScanPlan, settings: SimulateSettings, fine: bool) -> None:
+    def _previewed(self, shot: Shot, plan: ScanPlan, settings: SimulateSettings, fine: bool) -> None:
         if (plan, settings) != (self.context.state.plan, self.settings):
             return  # of an earlier question; the planner's answer brings the next
-        self.panel.show_pattern(pattern)
+        self.panel.view.set_shot(shot)
         if not fine:
             self._preview(fine=True)
 

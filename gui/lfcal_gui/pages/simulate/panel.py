@@ -9,14 +9,13 @@ from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QPushButton, QScrollA
 
 from lfcal.accuracy import Curve
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.models import Shot, axis_labels, points_of
+from lfcal_gui.models import axis_labels, points_of
 from lfcal_gui.pages.simulate._effect_panel import EffectPanel
 from lfcal_gui.pages.simulate._effects_table import EffectsTable
 from lfcal_gui.pages.simulate._frame_panel import FramePanel
 from lfcal_gui.pages.simulate._place_line import PlaceLine
 from lfcal_gui.pages.simulate.model import (
     FIELDS,
-    Pattern,
     SimulateSettings,
     better_words,
     numbers_of,
@@ -170,10 +169,6 @@ class SimulatePanel(QWidget):
             label.setText(text)
         self.better.setText(better_words(curve, rung))
         self.better.setVisible(bool(self.better.text()))
-
-    def show_pattern(self, pattern: Pattern) -> None:
-        """Show the pattern of a position."""
-        self.view.set_shot(Shot(pattern.values, pattern.words, name="pattern"))
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""

@@ -43,8 +43,8 @@ def test_a_pattern_of_rays() -> None:
     plan = default_plan(preset("bench"))
     for z in (0, len(plan.depths_um) - 1):
         found = pattern_of(plan, (z, 1, 2), (), "geometric", 0.05)
-        assert found.values.shape == plan.cutout and np.isfinite(found.values).all()
-        assert found.words.endswith("y 1, x 2: geometric")
+        assert found.shape == plan.cutout and found.values is not None and np.isfinite(found.values).all()
+        assert found.caption.endswith("y 1, x 2: geometric")
 
 
 def test_a_verdict_is_the_answer_to_one_question() -> None:
