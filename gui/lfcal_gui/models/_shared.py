@@ -21,6 +21,7 @@ from lfcal_gui.models.comparison import (
     iter_compare,
     iter_compared,
     plane_of_row,
+)
 from lfcal_gui.models.cost import (
     CostPoint,
     MeasuredCurves,
@@ -129,9 +130,9 @@ __all__ = [
     "WindowJob",
     "asked_seconds",
     "available_pages",
+    "axis_labels",
     "both_at",
     "capital",
-    "axis_labels",
     "check_of",
     "colour_table",
     "compare_step",
@@ -169,8 +170,8 @@ __all__ = [
     "place_words",
     "plane_of_row",
     "plane_words",
-    "project_solid",
     "points_of",
+    "project_solid",
     "read_project",
     "region_numbers",
     "render_tile",
