@@ -58,7 +58,6 @@ def test_from_the_camera_to_the_volume(
     window.project.update("folder", recording=str(session))
     acquire.setup.connect_devices()
     qtbot.waitUntil(lambda: acquire.setup.station is not None, timeout=GUARD_MS)
-    acquire.panel.setup.live.setChecked(False)
     done(window, qtbot)
     for kind in ("white", "dark"):
         acquire.setup.measuring.take_stills(kind)

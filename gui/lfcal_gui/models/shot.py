@@ -111,6 +111,8 @@ class Shot:
         Colours of the pixels; None: those of their values.
     whole
         First row and column, height and width of what it is a part of, in its units; None: it is all there is.
+    readout
+        Lines of numbers, written in the upper right corner.
     """
 
     values: NDArray[Any] | None = None
@@ -126,6 +128,7 @@ class Shot:
     pixel_um: float | None = None
     tint: Tint | None = None
     whole: tuple[float, float, float, float] | None = None
+    readout: str = ""
 
     @property
     def coloured(self) -> bool:

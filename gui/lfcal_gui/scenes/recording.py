@@ -44,13 +44,11 @@ def _set_up(stage: Stage, page: Any) -> Iterator[Capture]:
     yield Capture("acquire_setup_unconnected")
     page.setup.connect_devices()
     stage.until(lambda: page.setup.station is not None, "the simulator")
-    setup.live.setChecked(True)
-    stage.until(lambda: not setup._waiting, "the first live frame")
-    setup.lattice.setChecked(True)
+    stage.until(lambda: setup.view.values is not None, "the first live frame")
+    setup.overlays["lattice"].setChecked(True)
     stage.turn(40)
     stage.tidy()
     yield Capture("acquire_setup_live")
-    setup.live.setChecked(False)
     stage.settle()
     for key in ("stage", "axis", "exposure", "white", "dark"):
         page.setup.measuring.find(key)
@@ -58,11 +56,13 @@ def _set_up(stage: Stage, page: Any) -> Iterator[Capture]:
         stage.settle()
     stage.tidy()
     yield Capture("acquire_setup_found")
+    page.panel.devices.open()
     setup.devices.more.setChecked(True)
     setup.faults.fold.open()
     stage.turn()
     yield Capture("acquire_setup_options")
     setup.devices.more.setChecked(False)
+    page.panel.devices.head.setChecked(False)
 
 
 def _record(stage: Stage, page: Any) -> Iterator[Capture]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import count, repeat
 from typing import Any
@@ -101,6 +101,8 @@ class Picture(QWidget):
         The pointer is held on a pixel, the nearest one where it is outside.
     changed()
         Another picture is on the screen, or none.
+    readout_clicked()
+        The numbers in the upper right corner were clicked.
     moved()
         The user panned, zoomed or asked for the whole picture.
     """
@@ -110,6 +112,7 @@ class Picture(QWidget):
     steered_to = Signal(int, int)
     changed = Signal()
     moved = Signal()
+    readout_clicked = Signal()
 
     def __init__(
         self,
@@ -131,6 +134,8 @@ class Picture(QWidget):
         self._name = "picture"
         self._levels: Levels = (0.0, 1.0)
         self._later: tuple[Overlay, ...] = ()
+        self._note = ("", "")
+        self._readout_at = QRectF()
         self._camera: Camera | None = None
         self._lattice_at: tuple[int, int] = (0, 0)
         self._lattice: tuple[Symbols, ...] = ()
@@ -233,6 +238,17 @@ class Picture(QWidget):
         """Draw ``overlays`` over the picture besides those that come with it, until others are set."""
         self._later = overlays
         self.graphics.viewport().update()
+
+    def set_note(self, words: str, colour: str = "") -> None:
+        """Write a line below the readout, which does not belong to the picture but to the moment."""
+        if (words, colour) != self._note:
+            self._note = words, colour
+            self.graphics.viewport().update()
+
+    @property
+    def note(self) -> tuple[str, str]:
+        """The line below the readout, and its colour; empty: as the readout."""
+        return self._note
 
     def set_lattice(self, camera: Camera | None, origin: tuple[int, int] = (0, 0)) -> None:
         """Draw the micro-image centres of ``camera`` over a frame whose first pixel is ``origin``; None: none."""
@@ -411,7 +427,9 @@ class Picture(QWidget):
             _paint_cross(painter, shot, to_screen)
         area = QRectF(inside)
         if shot.caption:
-            _paint_words(painter, shot.caption, area)
+            _paint_lines(painter, [(shot.caption, "")], area)
+        lines = [(words, "") for words in shot.readout.splitlines()] + [self._note] * bool(self._note[0])
+        self._readout_at = _paint_lines(painter, lines, area, right=True) if lines else QRectF()
         if shot.pixel_um is not None:
             self._paint_scale(painter, area, shot.pixel_um / shot.step)
         if shot.tint is not None and self._tinted:
@@ -488,6 +506,9 @@ class Picture(QWidget):
             return
         if event.double():
             self.show_all()
+            return
+        if self._readout_at.contains(self.graphics.mapFromScene(event.scenePos()).toPointF()):
+            self.readout_clicked.emit()
             return
         pixel = self.pixel_at(event.scenePos())
         if pixel is not None:
@@ -708,15 +729,20 @@ def _paint_pill(painter: QPainter, area: QRectF) -> None:
     painter.setFont(font)
 
 
-def _paint_words(painter: QPainter, words: str, area: QRectF) -> None:
-    """Write words in the upper left corner, as far as there is room."""
+def _paint_lines(painter: QPainter, lines: Sequence[tuple[str, str]], area: QRectF, *, right: bool = False) -> QRectF:
+    """Write words with their colours in an upper corner, as far as there is room; return where."""
     _paint_pill(painter, QRectF())
-    metrics = painter.fontMetrics()
-    shown = metrics.elidedText(words, Qt.TextElideMode.ElideRight, round(area.width() - 4 * GAP))
-    wide = metrics.horizontalAdvance(shown) + 2 * GAP
-    pill = QRectF(area.left() + GAP, area.top() + GAP, wide, LINE + 8)
+    metrics, room = painter.fontMetrics(), round(area.width() - 4 * GAP)
+    shown = [(metrics.elidedText(words, Qt.TextElideMode.ElideRight, room), colour) for words, colour in lines]
+    wide = max(metrics.horizontalAdvance(words) for words, _ in shown) + 2 * GAP
+    left = area.right() - GAP - wide if right else area.left() + GAP
+    pill = QRectF(left, area.top() + GAP, wide, LINE * len(shown) + 8)
     _paint_pill(painter, pill)
-    painter.drawText(pill, Qt.AlignmentFlag.AlignCenter, shown)
+    for k, (words, colour) in enumerate(shown):
+        painter.setPen(_tone(colour) if colour else _ink())
+        place = QRectF(pill.left() + GAP, pill.top() + 4 + k * LINE, wide, LINE)
+        painter.drawText(place, Qt.AlignmentFlag.AlignVCenter, words)
+    return pill
 
 
 def _paint_tints(painter: QPainter, ends: tuple[str, str], area: QRectF) -> None:

@@ -1,16 +1,14 @@
 """Acquire: set the devices up, record a session, see at once whether it is good.
 
-- ``page``: two tabs over one set of devices
-- ``setup_tab``, ``record_tab``: what each tab does; ``_moves``: of the stage; ``_measuring``: what
-  a few moves tell; ``_after``: what is made of a session
+- ``panel``: the picture and what stands next to it; ``setup_panel``: the live view, ``record_panel``: the session
+- ``page``, ``setup_tab``, ``record_tab``: what they do; ``_moves``: of the stage; ``_measuring``: by a few moves;
+  ``_after``: what is made of a session
 - ``_folder_choice``, ``_target_choice``: where it is recorded, and what is shown to the camera
-- ``panel``, ``setup_panel``, ``record_panel``, ``_record_pictures``, ``_error_view``, ``_device_panel``,
-  ``stage_panel``: their widgets
+- ``_record_pictures``, ``_error_view``, ``_device_panel``, ``stage_panel``: widgets of the panels
 - ``_lab``, ``_lab_panel``, ``model_lab``: large buttons for a dark lab
-- ``model``: settings; ``model_live``: the live view; ``model_findings``: what a few moves tell;
-  ``model_stills``: white and dark frames;
-  ``model_station``: the devices; ``model_recorder``: a recording as it grows; ``model_earlier``: what earlier runs
-  recorded; ``model_until``: one that ends when H is known
+- ``model``: settings; ``model_live``: frames and their numbers; ``model_findings``: what a few moves find;
+  ``model_stills``: white and dark frames; ``model_station``: the devices; ``model_recorder``: a recording as it grows;
+  ``model_earlier``: what earlier runs recorded; ``model_until``: one that ends when H is known
 """
 
 from __future__ import annotations
@@ -58,7 +56,6 @@ PAGE = PageSpec(
         ("Ctrl+← → ↑ ↓", "move the stage by a step in x, y"),
         ("Ctrl+Shift+↑ ↓", "move the stage by a step in z"),
         ("Esc", "stop the stage"),
-        ("F5", "live view on, off"),
         ("F11", "dark lab: large buttons, red on black; in it"),
         ("F9 F6 F7 F8", "next step, start, pause, stop"),
         ("Shift+F8", "abort"),

@@ -87,7 +87,6 @@ class Lab(QObject):
 
     def _pressed(self, name: str) -> None:
         if name != "next":
-            self._look_at_recording(name)
             self.tabs.record.buttons[name].click()
             return
         plan = self.context.state.plan
@@ -104,12 +103,6 @@ class Lab(QObject):
             "redo": lambda: record.start(redo=True),
             "assemble": record.after.assemble,
         }
-        self._look_at_recording(key)
         if key in actions:
             actions[key]()
         self.show()
-
-    def _look_at_recording(self, key: str) -> None:
-        """Show the tab in which something is about to happen."""
-        recording = key in ("start", "pause", "stop", "abort", "redo", "assemble")
-        self.tabs.setCurrentWidget(self.tabs.record if recording else self.tabs.setup)

@@ -17,7 +17,7 @@ __all__ = ["StageMoves"]
 
 Point = tuple[float, float, float]
 POLL_MS = 200
-WAITS, MOVES = "waiting for the frame under way …", "moving …"
+WAITS, MOVES, REST, USED = "waiting for the frame under way …", "moving …", "at rest", "in use"
 
 
 class StageMoves(QObject):
@@ -50,7 +50,7 @@ class StageMoves(QObject):
         super().__init__(parent)
         self._context, self._panel, self._station = context, panel, station
         self._moves: list[Callable[[], Any]] = []
-        self._moving = False
+        self._moving, self._free = False, True
         self.poll_timer = QTimer(self)
         self.poll_timer.setInterval(POLL_MS)
         self.poll_timer.timeout.connect(self._poll)
@@ -59,8 +59,9 @@ class StageMoves(QObject):
         panel.plane_asked.connect(self.go_plane)
         panel.stop_asked.connect(self.stop)
 
-    def follow(self, on: bool) -> None:
-        """Read the position several times a second, or not."""
+    def follow(self, on: bool, *, free: bool = True) -> None:
+        """Read the position several times a second, or not; ``free``: nothing but the live view uses the stage."""
+        self._free = free
         if on and not self.poll_timer.isActive():
             self.poll_timer.start()
         elif not on:
@@ -74,10 +75,18 @@ class StageMoves(QObject):
 
     def _placed(self, found: tuple[Point | None, bool]) -> None:
         stage_um, under_way = found
-        self._panel.show_motion(MOVES if under_way else WAITS if self._moving else "")
+        moving = under_way or self._moving
+        self._panel.show_motion(
+            MOVES if under_way else WAITS if self._moving else REST if self._free else USED, moving=moving
+        )
         if stage_um is not None:
             self._panel.set_position(stage_um)
             self.placed.emit(stage_um)
+
+    @property
+    def moving(self) -> bool:
+        """Whether a move is under way, or waits."""
+        return self._moving
 
     def jog(self, axis: int, by_um: float) -> None:
         """Move one axis by a step; steps asked for in a hurry are all made, one after the other."""
@@ -120,7 +129,7 @@ class StageMoves(QObject):
 
     def _next(self) -> None:
         self._moving = bool(self._moves)
-        self._panel.show_motion(WAITS if self._moving else "")
+        self._panel.show_motion(WAITS if self._moving else REST, moving=self._moving)
         if self._moves:
             self._context.jobs.compute("acquire move", self._moves.pop(0), self._moved, self._failed)
 
@@ -132,7 +141,7 @@ class StageMoves(QObject):
     def _failed(self, words: str) -> None:
         self._moves.clear()
         self._moving = False
-        self._panel.show_motion("")
+        self._panel.show_motion(REST)
         self._refuse(words)
 
     def _refuse(self, words: str) -> None:

@@ -1,4 +1,4 @@
-"""A session as it grows: positions of a plane, the frame just recorded, the plane's sum, and curves in scan order."""
+"""A session as it grows: positions of a plane, the plane's sum, and curves in scan order."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtWidgets import QGridLayout, QLabel, QStackedWidget, QWidget
 
-from lfcal.acquire import LiveFrame
-from lfcal_gui.jobs import Jobs
-from lfcal_gui.models import CUTOUT, Overlay, Shot, Symbols, cutout_of
+from lfcal_gui.models import Shot
 from lfcal_gui.pages.acquire._error_view import TITLE, ErrorView
 from lfcal_gui.pages.acquire.model_recorder import RecordPicture
 from lfcal_gui.pages.acquire.model_until import ErrorCurve
@@ -39,20 +37,17 @@ FLOORS = {"energy": 1.0, "residual": 0.1, "saturated": 1.0}
 
 
 class RecordPictures(QWidget):
-    """Three pictures above three curves."""
+    """Two pictures above three curves."""
 
-    def __init__(self, jobs: Jobs) -> None:
+    def __init__(self) -> None:
         super().__init__()
         self._picture: RecordPicture | None = None
         self._light: NDArray[np.float64] | None = None
         self.map = PeriodMap()
         self.map.setToolTip("Positions of one period in this plane; empty: not recorded")
         self.map.pointed = False
-        self.frame = Picture("counts", jobs=jobs)
         self.depth_sum = Picture("10³ counts")
         self.depth_sum.blank.words = NOTHING
-        self.frame.setToolTip("The frame just recorded, in pixels of the region that is read")
-        self.frame.blank.words = "The frame just recorded is shown here."
         self.depth_sum.setToolTip("Sum of the plane's cutouts so far: it becomes the shape of the aperture")
         self.third = QStackedWidget()
         self.third.addWidget(self.depth_sum)
@@ -72,24 +67,23 @@ class RecordPictures(QWidget):
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setSpacing(8)
-        titles = [QLabel(title) for title in (MAP, "Current frame", SUM)]
-        self.map_title, _, self.third_title = titles
-        for picture in (self.map, self.frame, self.depth_sum):
+        self.map_title, self.third_title = QLabel(MAP), QLabel(SUM)
+        for picture in (self.map, self.depth_sum):
             picture.graphics.setMinimumSize(120, 90)
-        for k, (title, view) in enumerate(zip(titles, (self.map, self.frame, self.third), strict=True)):
+        for k, (title, view) in enumerate(((self.map_title, self.map), (self.third_title, self.third))):
             panel, column = card(title)
             column.addWidget(view, 1)
-            grid.addWidget(panel, 0, k)
+            grid.addWidget(panel, 0, 3 * k, 1, 3)
         for k, (key, plot) in enumerate(self.curves.items()):
             panel, column = card(ElidedLabel(f"{CURVES[key]} by frame"))
             plot.graphics.setMinimumSize(120, LOW)
             for side in ("left", "bottom"):  # in a low window names beside the axes would be cut
                 plot.plot.getAxis(side).showLabel(False)
             column.addWidget(plot)
-            grid.addWidget(panel, 1, k)
+            grid.addWidget(panel, 1, 2 * k, 1, 2)
         grid.setRowStretch(0, 5)
         grid.setRowStretch(1, 3)
-        for k in range(3):
+        for k in range(6):
             grid.setColumnStretch(k, 1)
 
     @cached_property
@@ -150,33 +144,9 @@ class RecordPictures(QWidget):
         else:
             self.third_title.setText(f"{SUM}: {reading}" if reading else SUM)
 
-    def show_frame(
-        self, frame: LiveFrame, point: tuple[float, float] | None, target: NDArray[np.float64] | None = None
-    ) -> None:
-        """Show the frame just recorded, with its cutout, or the places ``(n, 2)`` of a target's images as planned.
-
-        Cutout and title change with the picture, which is drawn in the background.
-        """
-        where = frame.position
-        place = "" if where is None else f", z {where.z}, y {where.y}, x {where.x}"
-        caption = f"{frame.what}{place}"
-        overlays: tuple[Overlay, ...] = ()
-        if target is not None:
-            caption = f"frame {0 if where is None else where.x + 1}: {len(target)} points as planned"
-            overlays = (Symbols(target, "o", CUTOUT, 11),)
-        elif frame.cutout is not None:
-            row, column = frame.cutout.row - frame.roi.row, frame.cutout.column - frame.roi.column
-            image = (0.0, 0.0) if point is None else (point[0] - frame.roi.row, point[1] - frame.roi.column)
-            overlays = cutout_of(row, column, frame.cutout.shape, image)
-        self.frame.set_shot(Shot(frame.data, caption, name="frame", overlays=overlays))
-
-    def clear_frame(self) -> None:
-        """Show no frame."""
-        self.frame.set_shot(None)
-
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        for view in (self.map, self.frame, self.depth_sum, *self.curves.values()):
+        for view in (self.map, self.depth_sum, *self.curves.values()):
             view.apply_theme()
         if "error" in vars(self):
             self.error.apply_theme()

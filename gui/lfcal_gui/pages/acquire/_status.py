@@ -85,4 +85,4 @@ def advice_words(folder: FolderState, *, recording: bool, backend: str, measured
     if backend:
         name = "the simulator" if backend == "sim" else backend
         return f"Start connects {name} and asks for a folder if there is none."
-    return "" if measured else "The direction of the stage axes is not measured yet: Set up measures it in seconds."
+    return "" if measured else "The stage axes are not measured yet: Adjust the rig does it in seconds."

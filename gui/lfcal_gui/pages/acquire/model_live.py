@@ -4,28 +4,39 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import LfcalError, format_length, format_seconds
+from lfcal.acquire import LiveFrame
+from lfcal.base import LfcalError, format_seconds
 from lfcal.camera import ScanPlan, StageAxes
 from lfcal.psf import Cutout, PSFMatrix
 from lfcal_gui.pages.acquire.model_station import Look, cut
+from lfcal_gui.pages.acquire.model_target import places_px
+
+if TYPE_CHECKING:
+    from lfcal.targets import TargetPlan
 
 __all__ = [
     "LivePicture",
+    "Pace",
     "age_words",
     "expected_words",
     "live_picture",
     "plane_at",
+    "plane_to_go",
     "predicted_pattern",
+    "recorded_picture",
     "stage_arrows",
 ]
 
-BINS = 256
+LATE_S, LATE = 1.0, 3.0
+"""A frame is late after a second, or three intervals of frames, beyond its exposure."""
+
 SAME_UM = 1.0
 """Read-backs of one place differ by less (um)."""
 
@@ -38,12 +49,10 @@ class LivePicture:
     ----------
     frame
         ``(rows, columns)``; None where none came.
-    edges, counts
-        True histogram of all pixels (counts).
     numbers, spot
         Lines for people: levels; place and sharpness of the light.
-    saturated
-        Pixels at the maximum, counted one by one.
+    stage_um
+        Where the stage was read (µm).
     window, point
         First pixel and shape of the predicted cutout, and the predicted image (row, column).
     seen, predicted
@@ -55,14 +64,17 @@ class LivePicture:
         Pixel (row, column) of the sensor that is the frame's first.
     taken_s
         When the frame was read, by `time.monotonic` (s).
+    due_s
+        Age (s) at which another frame should have come.
+    caption, readout
+        Words over the picture: what it is; rate, exposure, peak and saturated pixels.
+    target
+        ``(n, 2)`` places of the images of a target, as planned.
     """
 
     frame: NDArray[Any] | None
-    edges: NDArray[np.float64]
-    counts: NDArray[np.float64]
     numbers: str
     spot: str
-    saturated: int
     stage_um: tuple[float, float, float]
     window: tuple[int, int, int, int] | None = None
     point: tuple[float, float] | None = None
@@ -71,25 +83,104 @@ class LivePicture:
     correlation: float = math.nan
     first: tuple[int, int] = (0, 0)
     taken_s: float = 0.0
+    due_s: float = math.inf
+    caption: str = ""
+    readout: str = ""
+    target: NDArray[np.float64] | None = None
 
 
-def live_picture(look: Look, plan: ScanPlan, reference: PSFMatrix | None) -> LivePicture:
+class Pace:
+    """Rate of frames, measured over the last of them."""
+
+    def __init__(self) -> None:
+        self._times: deque[float] = deque(maxlen=16)
+
+    def add(self, now_s: float) -> None:
+        """Count a frame; after a break the rate begins again."""
+        if self._times and now_s - self._times[-1] > 5.0:
+            self._times.clear()
+        self._times.append(now_s)
+
+    @property
+    def rate(self) -> float:
+        """Frames per second; NaN before the second frame."""
+        times = tuple(self._times)
+        span = times[-1] - times[0] if len(times) > 1 else 0.0
+        return (len(times) - 1) / span if span > 0 else math.nan
+
+    def due_s(self, exposure_s: float) -> float:
+        """Return the age (s) at which a frame should have been followed by another."""
+        return exposure_s + max(LATE_S, LATE / self.rate if self.rate > 0 else 0.0)
+
+
+def readout_words(rate: float, exposure_s: float, maximum: int, saturated: int, pixels: int, plan: ScanPlan) -> str:
+    """Return two lines of numbers of a frame."""
+    sensor = plan.camera.sensor
+    peak = (maximum - sensor.black_level) / (sensor.max_value - sensor.black_level)
+    pace = f"{rate:.1f} frames/s   " if rate > 0 else ""
+    share = 100 * saturated / pixels
+    over = "0 saturated" if not saturated else f"{max(share, 0.001):.2g} % saturated"
+    return f"{pace}{format_seconds(exposure_s)}\npeak {100 * max(peak, 0.0):.0f} % of range   {over}"
+
+
+def live_picture(look: Look, plan: ScanPlan, reference: PSFMatrix | None, exposure_s: float, pace: Pace) -> LivePicture:
     """Return what to draw of a live frame; ``reference`` is an H that says what a cutout should look like."""
     state, now = look.state, time.monotonic()
     if look.frame is None or state.levels is None:
-        return LivePicture(None, np.zeros(1), np.zeros(0), state.trouble or "no frame", "", 0, state.stage_um)
-    frame = look.frame.data
-    histogram = state.levels.histogram
-    step = max(1, -(-len(histogram) // BINS))
-    padded = np.pad(histogram, (0, -len(histogram) % step))
-    counts = padded.reshape(-1, step).sum(axis=1).astype(float)
-    edges = np.arange(len(counts) + 1, dtype=np.float64) * step
-    levels = state.levels
-    mean = float((histogram * np.arange(len(histogram))).sum()) / frame.size
-    numbers = f"maximum <b>{levels.maximum}</b>, median <b>{levels.quantile(0.5)}</b>, mean <b>{mean:.1f}</b> counts"
-    spot, first = _spot_words(look), (look.frame.roi.row, look.frame.roi.column)
-    made = LivePicture(frame, edges, counts, numbers, spot, levels.saturated, state.stage_um, first=first, taken_s=now)
+        return LivePicture(None, state.trouble or "no frame", "", state.stage_um)
+    frame, levels = look.frame.data, state.levels
+    pace.add(now)
+    mean = float((levels.histogram * np.arange(len(levels.histogram))).sum()) / frame.size
+    made = LivePicture(
+        frame,
+        f"median <b>{levels.quantile(0.5)}</b>, mean <b>{mean:.1f}</b> counts",
+        _spot_words(look),
+        state.stage_um,
+        first=(look.frame.roi.row, look.frame.roi.column),
+        taken_s=now,
+        due_s=pace.due_s(exposure_s),
+        caption="Live",
+        readout=readout_words(pace.rate, exposure_s, levels.maximum, levels.saturated, frame.size, plan),
+    )
     return made if state.expected_px is None else _with_cutout(made, state.expected_px, plan, reference)
+
+
+def recorded_picture(
+    frame: LiveFrame, recorded: ScanPlan | TargetPlan, reference: PSFMatrix | None, pace: Pace
+) -> LivePicture:
+    """Return what to draw of a frame of a recording: all of it belongs to this frame."""
+    plan, where, now = recorded.scan, frame.position, time.monotonic()
+    pace.add(now)
+    point, target = places_px(recorded, where) if frame.what == "position" else (None, None)
+    exposure_s = plan.exposures[0 if where is None else where.z]
+    caption, stage_um = f"{frame.what} frame", (math.nan, math.nan, math.nan)
+    if target is not None and where is not None:
+        caption = f"frame {where.x + 1}: {len(target)} points as planned"
+    elif point is not None and where is not None:
+        caption = f"plane {where.z}, position y {where.y}, x {where.x}"
+    if point is not None and where is not None:
+        x, y, z = plan.stage_um(np.array(where)).tolist()
+        stage_um = (x, y, z)
+    maximum = int(frame.data.max())
+    made = LivePicture(
+        frame.data,
+        f"maximum <b>{maximum}</b> counts",
+        "–",
+        stage_um,
+        first=(frame.roi.row, frame.roi.column),
+        taken_s=now,
+        due_s=pace.due_s(exposure_s),
+        caption=caption,
+        readout=readout_words(pace.rate, exposure_s, maximum, frame.saturated, frame.data.size, plan),
+        target=target,
+    )
+    if frame.cutout is None or target is not None:
+        return made
+    made = replace(made, window=(frame.cutout.row, frame.cutout.column, *frame.cutout.shape), point=point)
+    # rays of every position would take the time that it is recorded in
+    if point is None or reference is None or reference.shape != plan.shape:
+        return _compared(made, None)
+    return _compared(made, predicted_pattern(plan, reference, stage_um, point))
 
 
 def stage_arrows(axes: StageAxes) -> tuple[tuple[str, float, float], ...]:
@@ -123,17 +214,22 @@ def _with_cutout(
 ) -> LivePicture:
     nt, ns = Cutout.for_plan(plan).reach
     row, column = math.ceil(point[0] - 0.5) - nt // 2, math.ceil(point[1] - 0.5) - ns // 2
-    window = (row, column, nt, ns)
-    assert made.frame is not None
-    seen = cut(made.frame, row, column, (nt, ns)).astype(np.float32)
+    made = replace(made, window=(row, column, nt, ns), point=point)
+    return _compared(made, predicted_pattern(plan, reference, made.stage_um, point))
+
+
+def _compared(made: LivePicture, predicted: NDArray[Any] | None) -> LivePicture:
+    """Return a picture with what is seen in its window, and how well that agrees with what is ``predicted``."""
+    assert made.frame is not None and made.window is not None
+    (top, left), (row, column, nt, ns) = made.first, made.window
+    seen = cut(made.frame, row - top, column - left, (nt, ns)).astype(np.float32)
     border = np.concatenate([seen[0], seen[-1], seen[:, 0], seen[:, -1]])
     seen -= np.median(border)
-    predicted = predicted_pattern(plan, reference, made.stage_um, point)
     correlation = math.nan
     if predicted is not None and predicted.shape == seen.shape:
         power = float(np.linalg.norm(seen)) * float(np.linalg.norm(predicted))
         correlation = float((seen * predicted).sum()) / power if power > 0 else math.nan
-    return replace(made, window=window, point=point, seen=seen, predicted=predicted, correlation=correlation)
+    return replace(made, seen=seen, predicted=predicted, correlation=correlation)
 
 
 def age_words(
@@ -141,7 +237,7 @@ def age_words(
 ) -> tuple[str, bool]:
     """Return how old a frame is (s), and whether the stage (um) has left the place that the frame shows."""
     age = f"{seconds:.1f} s old" if seconds < 10 else f"{format_seconds(seconds)} old"
-    if max(abs(a - b) for a, b in zip(frame_um, stage_um, strict=True)) <= SAME_UM:
+    if not max(abs(a - b) for a, b in zip(frame_um, stage_um, strict=True)) > SAME_UM:
         return age, False
     x, y, z = (f"{value:,.1f}".replace(",", "\N{THIN SPACE}") for value in frame_um)
     return f"{age}, from x {x}, y {y}, z {z} µm", True
@@ -167,12 +263,17 @@ def plane_at(plan: ScanPlan, depth_um: float) -> int | None:
 def expected_words(picture: LivePicture, plan: ScanPlan) -> str:
     """Return how well a cutout agrees with what is expected, or why nothing is expected there."""
     if not math.isnan(picture.correlation):
-        return f"correlation {picture.correlation:.2f}"
+        return f"agree to {100 * max(picture.correlation, 0.0):.1f} %"
+    near = plane_to_go(picture, plan) is None
+    return "" if near else "No plane of the plan is near this depth."
+
+
+def plane_to_go(picture: LivePicture, plan: ScanPlan) -> int | None:
+    """Return the nearest plane of the plan where a frame is of none of them, else None."""
     depth = float(plan.stage.to_object(np.array(picture.stage_um))[2])
-    if plane_at(plan, depth) is not None or not math.isfinite(depth):
-        return "correlation –"
-    z = int(np.argmin(np.abs(np.array(plan.depths_um) - depth)))
-    return f"nothing is expected at this depth: go to plane {z} at {format_length(plan.depths_um[z])}"
+    if not math.isfinite(depth) or plane_at(plan, depth) is not None:
+        return None
+    return int(np.argmin(np.abs(np.array(plan.depths_um) - depth)))
 
 
 _last: list[tuple[Any, NDArray[Any] | None]] = []

@@ -6,8 +6,9 @@ import math
 import re
 import threading
 import time
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -109,13 +110,23 @@ class Station:
                 self._stop_live()
                 self._live = iter_live(self.rig, self._preview, Control(), exposure_s, plan=plan)
                 self._plan, self._exposure = plan, exposure_s
-                state = next(self._live)
+                ask: Callable[[], LiveState]
+                ask = self._live.__next__
             else:
                 changed = exposure_s if exposure_s != self._exposure else None
                 self._exposure = exposure_s
-                state = self._live.send(changed)
+                ask = partial(self._live.send, changed)
+            try:
+                state = ask()
+            except BaseException:
+                self._stop_live()  # the next look begins again
+                raise
             self._seen = state.stage_um
             return Look(self._preview.latest(), state)
+
+    def note(self, stage_um: Point) -> None:
+        """Note where the stage was for a frame of the session that uses it (µm)."""
+        self._seen = stage_um
 
     @property
     def seen(self) -> Point | None:

@@ -33,7 +33,7 @@ FOLLOWED = ("plan", "camera", "recording", "redo")
 
 
 class Page(BasePage):
-    """Two tabs over one set of devices."""
+    """One set of devices, what they see, and the session that is recorded with them."""
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
@@ -88,14 +88,12 @@ class Page(BasePage):
         for keys, axis, sign in JOGS:
             self.shortcut(keys, lambda axis=axis, sign=sign: stage.press(axis, sign))
         self.shortcut("Ctrl+G", self._type_target)
-        self.shortcut("Esc", stage.stop.click)
-        self.shortcut("F5", self.panel.setup.live.click)
+        self.shortcut("Esc", stage.stop_asked.emit)
         self.shortcut("F11", self.lab.toggle.click)
         for key, shortcut in KEYS:
             self.shortcut(shortcut, lambda key=key: self.lab.panel.press(key))
 
     def _type_target(self) -> None:
-        self.panel.setCurrentWidget(self.panel.setup)
         self.panel.setup.stage.type_target()
 
     def entered(self) -> None:
@@ -117,7 +115,6 @@ class Page(BasePage):
         state, count = self.context.state, len(self.context.state.redo)
         if not count or state.plan is None:
             return False
-        self.panel.setCurrentWidget(self.panel.record)
         if not state.recording:
             self.refuse("Choose the folder of the session that H was made of, then record the positions again.")
         elif self.record.recording or not self.setup.free:

@@ -27,13 +27,11 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from lfcal.acquire import LiveFrame
-from lfcal_gui.jobs import Jobs
 from lfcal_gui.pages.acquire._record_pictures import RecordPictures
 from lfcal_gui.pages.acquire.model import EXTENTS, FIELDS, MORE, UNTIL
 from lfcal_gui.pages.acquire.model_recorder import QUANTITIES, RecordPicture
 from lfcal_gui.pages.acquire.model_until import ErrorCurve
-from lfcal_gui.widgets import ElidedLabel, Folded, Form, card, choice_box, column_area, heading, line, name_controls
+from lfcal_gui.widgets import ElidedLabel, Folded, Form, card, choice_box, line, name_controls, set_role
 
 __all__ = ["BUTTONS", "RecordPanel"]
 
@@ -71,7 +69,7 @@ EXTENT_TIP = (
 
 
 class RecordPanel(QWidget):
-    """The tab of the session.
+    """The session as it grows; ``status_card`` and ``how`` are placed next to it.
 
     Signals
     -------
@@ -100,27 +98,23 @@ class RecordPanel(QWidget):
     target_asked = Signal()
     told = Signal()
 
-    def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
+    def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.form, self.more, self.until = self.forms = [Form(one, dense=True) for one in (FIELDS, MORE, UNTIL)]
-        self._jobs = jobs
         self._picture: RecordPicture | None = None
         self._curve: ErrorCurve | None = None
         self._last_curve: ErrorCurve | None = None
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 6, 0, 0)
-        row.setSpacing(8)
-        row.addWidget(column_area(306, self._session_card(), self._how_card(), dense=True))
-        self._seen = QVBoxLayout()
-        self._seen.setSpacing(8)
-        self._seen.addWidget(self._progress_card())
-        row.addLayout(self._seen, 1)
+        self.status_card, self.how = self._status_card(), self._how()
+        self._seen = QVBoxLayout(self)
+        self._seen.setContentsMargins(0, 0, 0, 0)
+        self._seen.setSpacing(4)
+        self.tools = self._tools()
         self.say_of_folder("")
 
     @cached_property
     def pictures(self) -> RecordPictures:
-        """The session as it grows; made when it is first looked at, for six plots are most of what the page takes."""
-        made = RecordPictures(self._jobs)
+        """The session as it grows; made when it is first looked at, for five plots are most of what the page takes."""
+        made = RecordPictures()
         name_controls(made)
         self._seen.addWidget(made, 1)
         if self._picture is not None:
@@ -144,54 +138,79 @@ class RecordPanel(QWidget):
         self.folder_words.setVisible(bool(words))
 
     # -- building --------------------------------------------------------------------------------------
-    def _session_head(self) -> QHBoxLayout:
-        self.source, self.choose_target = ElidedLabel(SINGLE), QPushButton("Target …")
-        self.source.setProperty("role", "hint")
-        self.choose_target.clicked.connect(lambda: self.target_asked.emit())
-        self.show_target("")
-        return line(heading("Session"), self.source, self.choose_target, stretch=1)
-
-    def _session_card(self) -> QWidget:
+    def _status_card(self) -> QWidget:
+        """Make what is seen first: how far the session is, where it goes, and the buttons that can be pressed."""
         frame, column = card()
         column.setSpacing(4)
-        column.addLayout(self._session_head())
+        self.status = QLabel("Not recording.")
+        self.status.setProperty("role", "heading")
+        self.detail, self.why, self.folder_words, self.alarms = (QLabel("") for _ in range(4))
+        self.bar = QProgressBar()
+        self.bar.setTextVisible(False)
+        self.alarms.setProperty("role", "error")
+        for label in (self.detail, self.why, self.folder_words):
+            label.setProperty("role", "hint")
+        for label in (self.status, self.detail, self.why, self.folder_words, self.alarms):
+            label.setWordWrap(True)
+            # long words go on in the next line, and never make the window wider
+            label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.alarms.hide()
         self.folder = QLineEdit()
         self.folder.setPlaceholderText("folder of the session")
         self.folder.setToolTip("A new or empty folder, or that of an interrupted session to resume it")
         self.folder.editingFinished.connect(lambda: self.folder_edited.emit(self.folder.text().strip()))
-        browse = QPushButton("…")
-        browse.setToolTip("Choose a folder")
-        browse.clicked.connect(lambda: self.folder_asked.emit())
-        column.addLayout(line(self.folder, browse, stretch=0))
-        self.folder_words = QLabel("")
-        self.folder_words.setProperty("role", "hint")
-        self.folder_words.setWordWrap(True)
-        column.addWidget(self.folder_words)
+        browse = self.folder.addAction(
+            self.style().standardIcon(QStyle.StandardPixmap.SP_DirOpenIcon), QLineEdit.ActionPosition.TrailingPosition
+        )
+        browse.setText("Choose a folder")
+        browse.setToolTip("A new folder, or that of a session to continue")
+        browse.triggered.connect(lambda: self.folder_asked.emit())
+        for widget in (self.status, self.bar, self.detail, self.alarms, self.folder, self.folder_words):
+            column.addWidget(widget)
+        column.addLayout(self._button_grid())
+        column.addWidget(self.why)
+        return frame
+
+    def _button_grid(self) -> QGridLayout:
+        grid = QGridLayout()
+        grid.setSpacing(5)
+        self.connect_button = QPushButton("Connect")
+        self.connect_button.setToolTip("Connect camera and stage as chosen under Devices; nothing moves yet")
+        grid.addWidget(self.connect_button, 0, 0)
+        self.buttons: dict[str, QPushButton] = {}
+        places = {"start": (0, 1), "pause": (0, 1), "stop": (0, 2), "abort": (0, 3), "redo": (1, 0), "assemble": (1, 1)}
+        for key, title, tip in BUTTONS:
+            button = QPushButton(title)
+            button.setToolTip(tip)
+            button.clicked.connect(lambda _=False, key=key: self.pressed.emit(key))
+            self.buttons[key] = button
+            grid.addWidget(button, *places.get(key, (1, 2 if key == "fit" else 3)))
+        return grid
+
+    def show_buttons(self, *, connected: bool) -> None:
+        """Show the buttons that can be pressed now; Start always, unless a session is being recorded."""
+        recording = self.buttons["stop"].isEnabled() or self.buttons["pause"].isEnabled()
+        self.connect_button.setVisible(not connected)
+        for key, button in self.buttons.items():
+            button.setVisible(button.isEnabled() or (key == "start" and not recording))
+        set_role(self.connect_button, "" if connected else "primary")
+        set_role(self.buttons["start"], "primary" if connected else "")
+
+    def _how(self) -> QWidget:
+        widget = QWidget()
+        column = QVBoxLayout(widget)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(4)
+        self.source, self.choose_target = ElidedLabel(SINGLE), QPushButton("Target …")
+        self.source.setProperty("role", "hint")
+        self.choose_target.clicked.connect(lambda: self.target_asked.emit())
+        self.show_target("")
+        column.addLayout(line(self.source, self.choose_target, stretch=0))
         self.extent = choice_box(EXTENTS, EXTENT_TIP)
         self.extent.setAccessibleName("positions to record")
         self.extent.currentIndexChanged.connect(lambda _: self.extent_asked.emit(self.extent.currentData()))
         column.addWidget(self.extent)
         column.addWidget(self.until)
-        grid = QGridLayout()
-        grid.setSpacing(5)
-        self.buttons: dict[str, QPushButton] = {}
-        for k, (key, title, tip) in enumerate(BUTTONS):
-            button = QPushButton(title)
-            button.setToolTip(tip)
-            button.clicked.connect(lambda _=False, key=key: self.pressed.emit(key))
-            self.buttons[key] = button
-            button.setMinimumWidth(60)
-            grid.addWidget(button, k // 2, k % 2)
-        self.buttons["start"].setProperty("role", "primary")
-        column.addLayout(grid)
-        self.why = QLabel("")
-        self.why.setProperty("role", "hint")
-        self.why.setWordWrap(True)
-        column.addWidget(self.why)
-        return frame
-
-    def _how_card(self) -> QWidget:
-        frame, column = card("How it records")
         more = Folded("More settings of a recording", "Exposures, faults, holds, stage and drift")
         for form in (self.form, self.more):
             for key in form.fields:
@@ -206,7 +225,7 @@ class RecordPanel(QWidget):
         browse.setToolTip("Choose the file of the list")
         browse.triggered.connect(lambda: self._choose_list(positions))
         column.addWidget(more)
-        return frame
+        return widget
 
     def _choose_list(self, editor: QLineEdit) -> None:
         path = QFileDialog.getOpenFileName(self, "List of positions", "", "Lists (*.json)")[0]
@@ -214,32 +233,19 @@ class RecordPanel(QWidget):
             editor.setText(path)
             editor.textEdited.emit(path)
 
-    def _progress_card(self) -> QWidget:
-        frame, column = card()
-        self.bar = QProgressBar()
-        self.bar.setTextVisible(False)
-        self.status = QLabel("Not recording.")
-        self.status.setProperty("role", "heading")
-        self.detail = QLabel("")
-        self.detail.setProperty("role", "hint")
-        # long words go on in the next line, and never make the window wider
-        self.detail.setWordWrap(True)
-        self.detail.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        column.addLayout(line(self.status, self.detail, stretch=1))
-        column.addWidget(self.bar)
-        self.alarms = QLabel("")
-        self.alarms.setWordWrap(True)
-        self.alarms.setProperty("role", "error")
-        self.alarms.hide()
-        column.addWidget(self.alarms)
+    def _tools(self) -> QWidget:
+        """Make what stands next to the buttons that choose the view."""
+        bar = QWidget()
         self.plane = QSlider(Qt.Orientation.Horizontal)
         self.plane.setToolTip("Depth plane of the map and the sum")
         self.plane.valueChanged.connect(self._plane_moved)
-        self.plane_label = QLabel("")
+        self.plane_label = ElidedLabel()
         self.follow = QCheckBox("Follow")
         self.follow.setChecked(True)
         self.follow.setToolTip("Show the plane that is being recorded")
         self.quantity = QComboBox()
+        self.quantity.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.quantity.setMinimumContentsLength(10)
         for key, title in QUANTITIES:
             self.quantity.addItem(title, key)
         self.quantity.setToolTip("What the map shows of each position")
@@ -249,8 +255,11 @@ class RecordPanel(QWidget):
             "Assemble this plane, which is complete, and show its H and HT while recording continues"
         )
         self.open_plane.clicked.connect(lambda: self.plane_asked.emit(self.plane.value()))
-        column.addLayout(line(self.plane_label, self.plane, self.follow, self.quantity, self.open_plane, stretch=1))
-        return frame
+        row = QHBoxLayout(bar)
+        row.setContentsMargins(0, 0, 0, 0)
+        for widget in (self.plane_label, self.plane, self.follow, self.quantity, self.open_plane):
+            row.addWidget(widget, int(widget in (self.plane, self.plane_label)))
+        return bar
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_target(self, name: str) -> None:
@@ -289,6 +298,7 @@ class RecordPanel(QWidget):
         """Show how far the session is; None: not known."""
         self.status.setText(words)
         self.detail.setText(detail)
+        self.detail.setVisible(bool(detail))
         self.bar.setRange(0, 0 if fraction is None else 1000)
         if fraction is not None:
             self.bar.setValue(round(1000 * fraction))
@@ -320,17 +330,6 @@ class RecordPanel(QWidget):
     def error_curve(self) -> ErrorCurve | None:
         """Return the error of H that was shown last."""
         return self._last_curve
-
-    def show_frame(
-        self, frame: LiveFrame, point: tuple[float, float] | None, target: NDArray[np.float64] | None = None
-    ) -> None:
-        """Show the frame just recorded, with its cutout, or the places of a target's images."""
-        self.pictures.show_frame(frame, point, target)
-
-    def clear_frame(self) -> None:
-        """Show no frame."""
-        if self._drawn is not None:
-            self._drawn.clear_frame()
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""

@@ -24,7 +24,7 @@ from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.pages.acquire.model_earlier import EarlierFrames
 from lfcal_gui.pages.acquire.model_recorder import FolderState, Recorder, RecordPicture, folder_state
 from lfcal_gui.pages.acquire.model_station import Station
-from lfcal_gui.pages.acquire.model_target import picture_of, places_px
+from lfcal_gui.pages.acquire.model_target import picture_of
 from lfcal_gui.pages.acquire.model_until import check_goal, error_curve
 from lfcal_gui.pages.acquire.record_panel import RecordPanel
 from lfcal_gui.pages.acquire.setup_tab import SetupTab
@@ -32,7 +32,8 @@ from lfcal_gui.pages.acquire.step import REDO_FILE, step
 
 __all__ = ["RecordTab"]
 
-POLL_MS, READ_MS = 120, 250
+POLL_MS, HIDDEN_MS, READ_MS, FRAME_MS = 120, 1000, 250, 80
+"""Between two looks at the quality, while the session is not looked at, at what is read, and at frames (ms)."""
 EARLIER = "acquire earlier frames"
 HELD = "a session is being recorded: camera, plan and devices stay as they are until it ends"
 
@@ -71,6 +72,9 @@ class RecordTab(QObject):
         self.poll_timer = QTimer(self)
         self.poll_timer.setInterval(POLL_MS)
         self.poll_timer.timeout.connect(self._poll)
+        self.frame_timer = QTimer(self)
+        self.frame_timer.setInterval(FRAME_MS)
+        self.frame_timer.timeout.connect(self._poll_frame)
         self.read_timer = QTimer(self)
         self.read_timer.setInterval(READ_MS)
         self.read_timer.timeout.connect(self._refresh_picture)
@@ -84,6 +88,7 @@ class RecordTab(QObject):
         panel.view_changed.connect(self._refresh_picture)
         panel.plane_asked.connect(self.after.open_plane)
         panel.pressed.connect(self._pressed)
+        panel.connect_button.clicked.connect(lambda: setup.connect_devices())
         setup.changed.connect(self.show_controls)
         context.jobs.changed.connect(self._job_changed)
         context.jobs.finished.connect(self._job_finished)
@@ -123,7 +128,6 @@ class RecordTab(QObject):
         self.context.jobs.drop(EARLIER)
         self.recorder, self._opened, self.folder, self._lamp = None, None, FolderState(), ""
         self.panel.show_status("Not recording.", "", 0.0)
-        self.panel.clear_frame()
         self.context.attention.emit("acquire", False)
 
     def _check_field(self, key: str, value: Any) -> str:
@@ -182,6 +186,8 @@ class RecordTab(QObject):
             buttons[key].setEnabled(there and not recording and not (many and key == "fit"))
         buttons["pack"].setEnabled(complete and not recording)
         panel = self.panel
+        panel.show_buttons(connected=self.setup.station is not None)
+        panel.connect_button.setEnabled(not self.setup.connecting)
         for widget in (panel.choose_target, *panel.forms, panel.extent, panel.folder):
             widget.setEnabled(not recording)
         station, settings = self.setup.station, AcquireSettings.of(state)
@@ -260,6 +266,7 @@ class RecordTab(QObject):
         self._under_way = next((job for job in self.context.jobs.jobs() if job.number == self._job), None)
         self._show_progress()
         self.poll_timer.start()
+        self.frame_timer.start()
 
     def _recorder(self, now: FolderState, station: Station, *, redo: bool) -> Recorder:
         """Return what records into the folder; raises `LfcalError` where that is refused."""
@@ -309,18 +316,26 @@ class RecordTab(QObject):
             self._show_progress()
 
     def _poll(self) -> None:
-        """Show the newest frame and the quality; the recording thread never waits for this."""
+        """Show the newest frame and the quality; the thread of the recording never waits for this."""
+        if self.recorder is None:
+            return
+        self.poll_timer.setInterval(POLL_MS if self.panel.isVisible() else HIDDEN_MS)
+        self._poll_frame()
+        self._show_error()
+        self._refresh_picture()
+
+    def _poll_frame(self) -> None:
+        """Show the newest frame, unless an earlier one is still being drawn."""
         if self.recorder is None:
             return
         self._show_asked(self.recorder.cover.asked)
+        if self.setup.drawing:
+            return
         frame = self.recorder.preview.latest()
         if frame is not None:
             if frame.position is not None and self.panel.follow.isChecked():
                 self.panel.set_plane(frame.position.z)
-            self.panel.show_frame(frame, *places_px(self.recorder.recorded, frame.position))
-            self.context.frame_seen.emit(frame.data, (frame.roi.row, frame.roi.column))
-        self._show_error()
-        self._refresh_picture()
+            self.setup.show_recorded(frame, self.recorder.recorded)
 
     def _show_asked(self, words: str) -> None:
         """Ask for what the recording waits for."""
@@ -440,6 +455,7 @@ class RecordTab(QObject):
         self._under_way = None
         self._show_asked("")
         self.poll_timer.stop()
+        self.frame_timer.stop()
         if self.recorder is not None and self.recorder.folder != Path(self.context.state.recording):
             self._forget()  # another project was begun meanwhile
             self.ended.emit()

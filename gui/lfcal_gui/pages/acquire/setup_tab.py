@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QObject, QTimer, Signal
 
-from lfcal.acquire import optics_of
+from lfcal.acquire import LiveFrame, optics_of
 from lfcal.base import LfcalError
+from lfcal.camera import ScanPlan
 from lfcal.devices.simulated import DeviceFault
 from lfcal.psf import PSFMatrix
 from lfcal_gui.context import Context
@@ -19,14 +21,18 @@ from lfcal_gui.pages.acquire._measuring import SetupMeasuring
 from lfcal_gui.pages.acquire._moves import StageMoves
 from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.pages.acquire.model_faults import fault_words
-from lfcal_gui.pages.acquire.model_live import LivePicture, live_picture, stage_arrows
+from lfcal_gui.pages.acquire.model_live import LivePicture, Pace, live_picture, recorded_picture, stage_arrows
 from lfcal_gui.pages.acquire.model_station import Station, open_station
 from lfcal_gui.pages.acquire.setup_panel import SetupPanel
 from lfcal_gui.workers import start_thread, wait_for
 
+if TYPE_CHECKING:
+    from lfcal.targets import TargetPlan
+
 __all__ = ["SetupTab"]
 
-LIVE_MS = 30
+LIVE_MS, HIDDEN_MS, AGAIN_MS = 30, 1000, 1000
+"""Between two live frames, while other pages are looked at, and after one that failed (ms)."""
 RELEASE_S = 5.0
 """How long closing the window waits for devices to be released (s)."""
 QUICK = "the simulator's quick pattern has no lenslets: set optics=auto under Options"
@@ -52,17 +58,20 @@ class SetupTab(QObject):
         self.connecting = False
         self._looked_for = False
         self._then: Callable[[], object] | None = None
+        self.pace = Pace()
+        self.drawing = False
+        """Whether a frame of a recording is being drawn; those that come meanwhile are dropped."""
+        self._trouble = ""
         self.live_timer = QTimer(self)
         self.live_timer.setSingleShot(True)
-        self.live_timer.setInterval(LIVE_MS)
         self.live_timer.timeout.connect(self._look)
         panel.devices.edited.connect(self._devices_edited)
         panel.faults.edited.connect(self._faults_edited)
         panel.faults.injected.connect(self._inject)
         panel.devices.connect_asked.connect(self.connect_devices)
         panel.devices.disconnect_asked.connect(self.disconnect_devices)
-        panel.live_toggled.connect(self._live_toggled)
         self.moves = StageMoves(context, panel.stage, lambda: self.station, self)
+        panel.plane_asked.connect(self.moves.go_plane)
         self.moves.refused.connect(self._refused)
         self.moves.plane_reached.connect(self._plane_reached)
         self.moves.placed.connect(self._placed)
@@ -120,7 +129,7 @@ class SetupTab(QObject):
         self._check_station()
         connected = self.station is not None
         self.panel.set_connected(connected, free=self.free)
-        self.moves.follow(connected and self.free)
+        self.moves.follow(connected, free=self.free)
         self.panel.faults.set_connected(connected, busy=self.connecting)
         if connected:
             self.panel.devices.set_free(self.free)
@@ -151,7 +160,7 @@ class SetupTab(QObject):
         self.show_state(self.context.state)
 
     def connect_devices(self, then: Callable[[], object] | None = None) -> None:
-        """Open the chosen devices in the background, then do ``then`` or switch the live view on."""
+        """Open the chosen devices in the background, show what they see, and do ``then``."""
         plan, chosen = self.context.state.plan, AcquireSettings.of(self.context.state)
         if plan is None or self.station is not None or self.connecting:
             return
@@ -178,13 +187,11 @@ class SetupTab(QObject):
             return
         if then is not None:
             then()
-        else:
-            self.panel.live.setChecked(True)
 
     def _not_connected(self, words: str) -> None:
         self.connecting, self._then = False, None
         self.panel.devices.set_connected(words, connected=False)
-        self.context.message.emit(words)
+        self.context.refused.emit(words)
         self._changed()
 
     def disconnect_devices(self) -> None:
@@ -194,6 +201,7 @@ class SetupTab(QObject):
             # in a thread of its own: it is done, also where the window closes next
             group = f"acquire release {id(station)}"
             self.context.jobs.load(group, station.close, lambda _: None, self.context.message.emit)
+        self.panel.show_nothing()
         self.panel.devices.set_connected("", connected=False)
         self.panel.stage.set_limits(None)
         self._changed()
@@ -205,21 +213,39 @@ class SetupTab(QObject):
             self.station = None
 
     # -- live view -------------------------------------------------------------------------------------
-    def _live_toggled(self, on: bool) -> None:
-        self.panel.show_waiting(on)
-        if on:
-            self._look()
-
     def _look(self) -> None:
+        """Grab frames while nothing records; fewer while other pages are looked at."""
         station, plan = self.station, self.context.state.plan
-        if station is None or plan is None or not self.free or not self.panel.live.isChecked():
+        if station is None or plan is None or not self.free:
             return
-        exposure, reference = self.panel.exposure.value() / 1e3, self._reference()
+        if self.moves.moving:  # a look would wait for the move
+            self.live_timer.start(LIVE_MS)
+            return
+        exposure, reference, pace = self.panel.exposure.value() / 1e3, self._reference(), self.pace
         self.context.jobs.compute(
             "acquire live",
-            lambda: live_picture(station.look(exposure, plan), plan, reference),
+            lambda: live_picture(station.look(exposure, plan), plan, reference, exposure, pace),
             self._looked,
             self._live_failed,
+        )
+
+    def show_recorded(self, frame: LiveFrame, recorded: ScanPlan | TargetPlan) -> None:
+        """Show a frame of a recording."""
+        reference, pace = self._reference(), self.pace
+        self.drawing = True
+
+        def made(picture: LivePicture) -> None:
+            self.drawing = False
+            if self.station is not None and not math.isnan(picture.stage_um[0]):
+                self.station.note(picture.stage_um)
+            self._show(picture, recorded.scan)
+
+        def failed(words: str) -> None:
+            self.drawing = False
+            self.context.jobs.trouble.emit(words)
+
+        self.context.jobs.compute(
+            "acquire frame", lambda: recorded_picture(frame, recorded, reference, pace), made, failed
         )
 
     def _reference(self) -> PSFMatrix | None:
@@ -231,8 +257,13 @@ class SetupTab(QObject):
 
     def _looked(self, picture: LivePicture) -> None:
         plan = self.context.state.plan
-        if plan is None:
+        if plan is None or self.station is None or not self.free:
             return
+        self._trouble = ""
+        self._show(picture, plan)
+        self.live_timer.start(LIVE_MS if self.panel.isVisible() else HIDDEN_MS)
+
+    def _show(self, picture: LivePicture, plan: ScanPlan) -> None:
         quick = self.station is not None and optics_of(self.station.rig) == "pattern"
         self.panel.show_live(picture, plan, QUICK if quick else "")
         seen = picture.stage_um if self.station is None else self.station.seen or picture.stage_um
@@ -240,11 +271,9 @@ class SetupTab(QObject):
         self._placed(seen)
         if picture.frame is not None:
             self.context.frame_seen.emit(picture.frame, picture.first)
-        if self.panel.live.isChecked() and self.free:
-            self.live_timer.start()
 
     def _placed(self, stage_um: tuple[float, float, float]) -> None:
-        """Show how old the frame is, and whether the stage has moved since."""
+        """Show how old the frame is, which counts up where none comes, and whether the stage has moved since."""
         self.panel.show_age(time.monotonic(), stage_um)
 
     def _refused(self, words: str) -> None:
@@ -258,8 +287,10 @@ class SetupTab(QObject):
     def _live_failed(self, words: str) -> None:
         if self.station is None:  # the devices were released while a frame was under way
             return
-        self.panel.live.setChecked(False)
-        self._refused(words)
+        if words != self._trouble:
+            self._trouble = words
+            self._refused(words)
+        self.live_timer.start(AGAIN_MS)
 
     def _changed(self) -> None:
         self.show_controls()

@@ -1,30 +1,90 @@
-"""Where the stage is, jogging it, and going to a plane."""
+"""Where the stage is, and moves of it: by steps, to a typed place, to a depth plane."""
 
 from __future__ import annotations
 
 from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QFocusEvent, QKeyEvent, QWheelEvent
 from PySide6.QtWidgets import (
     QComboBox,
     QDoubleSpinBox,
     QGridLayout,
-    QHBoxLayout,
     QLabel,
-    QLineEdit,
     QPushButton,
     QVBoxLayout,
     QWidget,
 )
 
 from lfcal.base import format_length
-from lfcal_gui.widgets import card, heading, line
+from lfcal_gui.widgets import heading, line
 
 __all__ = ["StagePanel"]
 
 Limits = tuple[tuple[float, float], ...]
+FARTHEST_UM = 1e9
+"""What can be typed (µm); limits of the stage are checked when it is asked to move."""
+
+
+class _AxisField(QDoubleSpinBox):
+    """Position of one axis (µm): arrows move by a step, Return goes to what is typed.
+
+    Signals
+    -------
+    stepped(steps), asked(um)
+        Move by so many steps; go there.
+    """
+
+    stepped = Signal(int)
+    asked = Signal(float)
+
+    def __init__(self, name: str) -> None:
+        super().__init__()
+        self._typed, self._um = False, 0.0
+        self.setRange(-FARTHEST_UM, FARTHEST_UM)
+        self.setSuffix(" µm")
+        self.setMinimumWidth(90)
+        self.setAccessibleName(f"position {name} of the stage (µm)")
+        self.lineEdit().textEdited.connect(self._edited)
+
+    def _edited(self) -> None:
+        self._typed = True
+
+    def show_position(self, um: float) -> None:
+        """Show where the axis is, unless another place is being typed."""
+        self._um = um
+        if not self._typed:
+            self.setValue(um)
+
+    def stepBy(self, steps: int) -> None:
+        """Move by steps of the stage, not of the last digit."""
+        self.stepped.emit(steps)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Go to what is typed (Return), or forget it (Esc)."""
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
+            self.interpretText()
+            self._typed = False
+            self.asked.emit(self.value())
+            return
+        if event.key() == Qt.Key.Key_Escape:
+            self._forget()
+        super().keyPressEvent(event)
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        """Forget what was typed and not asked for: a stage never moves because of a click elsewhere."""
+        super().focusOutEvent(event)
+        self._forget()
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        """Leave the stage where it is."""
+        event.ignore()
+
+    def _forget(self) -> None:
+        self._typed = False
+        self.setValue(self._um)
 
 
 class StagePanel(QWidget):
-    """Position, limits and jog buttons.
+    """Position, limits, and moves.
 
     Signals
     -------
@@ -45,96 +105,63 @@ class StagePanel(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.values: list[QLabel] = []
-        self.buttons: list[QPushButton] = []
-        frame, column = card()
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(4)
         self.motion = QLabel("")
         self.motion.setProperty("role", "hint")
         self.motion.setToolTip("Whether the stage moves; its position is read several times a second")
-        column.addLayout(line(heading("Stage"), self.motion))
-        column.addLayout(self._jog_grid())
-        column.addLayout(self._step_line())
-        column.addLayout(self._target_line())
-        column.addLayout(self._plane_line())
+        self.stop = QPushButton("Stop")
+        self.stop.setToolTip("Halt the stage now, where it is (Esc)")
+        self.stop.clicked.connect(lambda: self.stop_asked.emit())
+        self.stop.hide()
+        head = line(heading("Stage"), self.stop, self.motion, stretch=0)
+        head.addStrut(26)
+        column.addLayout(head)
+        column.addLayout(self._axes())
         self.refusal = QLabel("")
         self.refusal.setProperty("role", "error")
         self.refusal.setWordWrap(True)
         self.refusal.hide()
         column.addWidget(self.refusal)
-        self.limits = QLabel("")
-        self.limits.setProperty("role", "hint")
-        self.limits.setWordWrap(True)
-        self.limits.setToolTip("Soft limits: checked before anything moves")
-        self.limits.hide()
-        column.addWidget(self.limits)
-        outer = QVBoxLayout(self)
-        outer.setContentsMargins(0, 0, 0, 0)
-        outer.addWidget(frame)
+        self.set_limits(None)
 
     # -- building --------------------------------------------------------------------------------------
-    def _jog_grid(self) -> QGridLayout:
+    def _axes(self) -> QGridLayout:
         grid = QGridLayout()
-        grid.setHorizontalSpacing(4)
         grid.setVerticalSpacing(4)
+        self.fields: list[_AxisField] = []
         for axis, name in enumerate("xyz"):
-            value = QLabel("–")
-            value.setProperty("role", "value")
-            self.values.append(value)
+            field = _AxisField(name)
+            field.stepped.connect(lambda steps, axis=axis: self.jogged.emit(axis, steps * self.step.value()))
+            field.asked.connect(
+                lambda um, axis=axis: self.target_asked.emit(", " * axis + f"{um!r}" + ", " * (2 - axis))
+            )
+            self.fields.append(field)
             grid.addWidget(QLabel(name), axis, 0)
-            grid.addWidget(value, axis, 1)
-            for sign, text, place in ((-1, "−", 2), (1, "+", 3)):
-                button = QPushButton(f"{text}{name}")
-                button.setFixedWidth(44)
-                button.setToolTip(f"Move {name} by one step in the {'negative' if sign < 0 else 'positive'} sense")
-                button.setAutoRepeat(False)
-                button.clicked.connect(lambda _=False, a=axis, s=sign: self.jogged.emit(a, s * self.step.value()))
-                self.buttons.append(button)
-                grid.addWidget(button, axis, place)
+            grid.addWidget(field, axis, 1)
         grid.setColumnStretch(1, 1)
+        self._add_step(grid)
         return grid
 
-    def _step_line(self) -> QHBoxLayout:
+    def _add_step(self, grid: QGridLayout) -> None:
         self.step = QDoubleSpinBox()
         self.step.setRange(0.01, 1e6)
-        self.step.setDecimals(2)
         self.step.setValue(100.0)
         self.step.setMinimumWidth(60)
         self.step.setSuffix(" µm")
         self.step.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
         self.step.setAccessibleName("step of the stage")
-        self.step.setToolTip("How far a press of − or + moves the stage: large to find the image, small to centre it")
-        self.stop = QPushButton("Stop")
-        self.stop.setToolTip("Halt the stage now, where it is (Esc)")
-        self.stop.clicked.connect(lambda: self.stop_asked.emit())
-        return line("Step", self.step, self.stop, stretch=1)
-
-    def _target_line(self) -> QHBoxLayout:
-        self.target = QLineEdit()
-        self.target.setPlaceholderText("x, y, z")
-        self.target.setAccessibleName("position to go to (µm)")
-        self.target.setToolTip(
-            "Position in µm, such as 100, -20, 1500; an axis left empty stays, as in , , 1500 (Ctrl+G, then Enter)"
-        )
-        self.target.setMinimumWidth(60)
-        self.target.returnPressed.connect(self._go_to)
-        self.move = QPushButton("Move")
-        self.move.setToolTip("Go to this position; the limits are checked before anything moves")
-        self.move.clicked.connect(self._go_to)
-        return line("To (µm)", self.target, self.move, stretch=1)
-
-    def _go_to(self) -> None:
-        if self.move.isEnabled():
-            self.target_asked.emit(self.target.text())
-
-    def _plane_line(self) -> QHBoxLayout:
+        self.step.setToolTip("How far an arrow moves the stage: large to find the image, small to centre it")
         self.plane = QComboBox()
         self.plane.setAccessibleName("depth plane to go to")
-        self.plane.setToolTip("A depth plane of the plan: Go leads to the middle of its representative cell")
+        self.plane.setToolTip("Go to the middle of a plane's representative cell, to compare image and cutout")
         self.plane.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-        self.go = QPushButton("Go")
-        self.go.setToolTip("Move there, to see whether image and cutout are where the plan expects them")
-        self.go.clicked.connect(lambda: self.plane_asked.emit(self.plane.currentIndex()))
-        return line("Plane", self.plane, self.go, stretch=1)
+        self.plane.activated.connect(self.plane_asked.emit)
+        grid.addWidget(QLabel("step"), 3, 0)
+        grid.addWidget(self.step, 3, 1)
+        grid.addWidget(QLabel("plane"), 4, 0)
+        grid.addWidget(self.plane, 4, 1)
 
     # -- showing ---------------------------------------------------------------------------------------
     def set_planes(self, depths_um: tuple[float, ...]) -> None:
@@ -146,22 +173,20 @@ class StagePanel(QWidget):
         self.plane.setCurrentIndex(min(max(chosen, 0), self.plane.count() - 1))
 
     def set_limits(self, limits: Limits | None) -> None:
-        """Show the travel of each axis (µm)."""
-        self.limits.setVisible(limits is not None)
-        if limits is None:
-            self.limits.setText("")
-            return
-        words = [f"{name} {_travel(*ends)}" for name, ends in zip("xyz", limits, strict=True)]
-        self.limits.setText(f"Limits {', '.join(words)}")
+        """Say the travel of each axis (µm); None: not known."""
+        for k, (name, field) in enumerate(zip("xyz", self.fields, strict=True)):
+            travel = "" if limits is None else f", {format_length(limits[k][0])} to {format_length(limits[k][1])}"
+            field.setToolTip(f"Position {name}{travel}. Type a place and press Return, or move by a step with ↑ and ↓")
 
     def set_position(self, stage_um: tuple[float, float, float]) -> None:
         """Show where the stage is (µm)."""
-        for label, value in zip(self.values, stage_um, strict=True):
-            label.setText(f"{value:,.2f} µm".replace(",", "\N{THIN SPACE}"))
+        for field, value in zip(self.fields, stage_um, strict=True):
+            field.show_position(value)
 
-    def show_motion(self, words: str) -> None:
-        """Show what the stage does, in a place that is kept for it."""
+    def show_motion(self, words: str, *, moving: bool = False) -> None:
+        """Show what the stage does; while it moves it can be stopped."""
         self.motion.setText(words)
+        self.stop.setVisible(moving)
 
     def say(self, words: str) -> None:
         """Say why the stage does not go where it was to; empty: it does."""
@@ -169,21 +194,16 @@ class StagePanel(QWidget):
         self.refusal.setVisible(bool(words))
 
     def press(self, axis: int, sign: int) -> None:
-        """Move an axis by one step, as its button does."""
-        self.buttons[2 * axis + (sign > 0)].click()
+        """Move an axis by one step, as its arrows do."""
+        if self.fields[axis].isEnabled():
+            self.fields[axis].stepBy(sign)
 
     def type_target(self) -> None:
         """Take the keyboard for a position to go to."""
-        self.target.setFocus(Qt.FocusReason.ShortcutFocusReason)
-        self.target.selectAll()
+        self.fields[0].setFocus(Qt.FocusReason.ShortcutFocusReason)
+        self.fields[0].selectAll()
 
     def set_free(self, free: bool) -> None:
         """Allow moving, or not."""
-        for button in (*self.buttons, self.go, self.move):
-            button.setEnabled(free)
-
-
-def _travel(low: float, high: float) -> str:
-    """Return how far an axis goes, its unit once, so that three of them are two lines."""
-    (first, unit), (last, other) = (format_length(end).split(" ") for end in (low, high))
-    return f"{first} … {last} {unit}" if unit == other else f"{first} {unit} … {last} {other}"
+        for widget in (*self.fields, self.plane):
+            widget.setEnabled(free)

@@ -69,7 +69,6 @@ def test_a_fault_strikes_the_simulator_that_is_connected(page: Page, context: Co
     faults = page.panel.setup.faults
     page.setup.connect_devices()
     qtbot.waitUntil(lambda: page.setup.station is not None, timeout=GUARD_MS)
-    page.panel.setup.live.setChecked(False)
     idle(context.jobs, qtbot)
     station = page.setup.station
     assert station is not None

@@ -102,9 +102,10 @@ def test_every_field_changes_one_thing() -> None:
 
 def test_a_live_picture_counts_every_pixel_and_predicts_the_cutout(station: Station) -> None:
     station.move(target_of(PLAN, 1))
-    picture = model_live.live_picture(station.look(PLAN.exposures[1], PLAN), PLAN, None)
-    assert picture.frame is not None and picture.counts.sum() == picture.frame.size
-    assert picture.saturated == int((picture.frame >= 4095).sum()) == 0
+    pace = model_live.Pace()
+    picture = model_live.live_picture(station.look(PLAN.exposures[1], PLAN), PLAN, None, PLAN.exposures[1], pace)
+    assert picture.frame is not None and picture.readout.endswith("0 saturated") and picture.caption == "Live"
+    assert int((picture.frame >= 4095).sum()) == 0
     assert picture.window is not None and picture.seen is not None and picture.point is not None
     nt, ns = PLAN.cutout
     assert picture.seen.shape == (nt, ns)
@@ -116,8 +117,12 @@ def test_a_live_picture_counts_every_pixel_and_predicts_the_cutout(station: Stat
         cut(picture.frame, row, column, (nt, ns)) * 1.0 - cut(picture.frame, row, column, (nt, ns)).min(),
     )
     assert "centroid" in picture.spot and picture.predicted is not None and -1 <= picture.correlation <= 1
-    bright = model_live.live_picture(station.look(10.0, PLAN), PLAN, None)
-    assert bright.frame is not None and bright.saturated == int((bright.frame >= 4095).sum()) > 0
+    bright = model_live.live_picture(station.look(10.0, PLAN), PLAN, None, 10.0, pace)
+    assert bright.frame is not None
+    share = 100 * (bright.frame >= 4095).sum() / bright.frame.size
+    rate, exposure, *_ = bright.readout.replace("\n", "   ").split("   ")
+    assert bright.readout.endswith(f"{share:.2g} % saturated") and "peak 100 % of range" in bright.readout
+    assert rate.endswith(" frames/s") and exposure == "10 s"
 
 
 def test_the_prediction_is_the_nearest_position_of_the_reference(station: Station) -> None:
@@ -142,9 +147,10 @@ def test_nothing_is_expected_between_the_planes(station: Station) -> None:
         there = (x, y, depth + off * step)
         for known in (reference, None):
             assert (model_live.predicted_pattern(PLAN, known, there, point) is not None) is expected
-    picture = model_live.LivePicture(None, np.zeros(1), np.zeros(0), "", "", 0, (x, y, depth + 40 * step))
-    words = model_live.expected_words(picture, PLAN)
-    assert words.startswith("nothing is expected at this depth: go to plane ")
+    picture = model_live.LivePicture(None, "", "", (x, y, depth + 40 * step))
+    assert model_live.expected_words(picture, PLAN) == "No plane of the plan is near this depth."
+    assert model_live.plane_to_go(picture, PLAN) == 1, "the last one"
+    assert model_live.plane_to_go(replace(picture, stage_um=(x, y, depth)), PLAN) is None
     single = replace(PLAN, depths_um=PLAN.depths_um[:1], exposure_s=0.01)
     assert model_live.plane_at(single, single.depths_um[0]) == 0 and model_live.plane_at(single, 0.0) is None
 

@@ -39,7 +39,6 @@ def page(open_page: OpenPage, qtbot: QtBot) -> Page:
 def connect(page: Page, qtbot: QtBot) -> None:
     page.setup.connect_devices()
     qtbot.waitUntil(lambda: page.setup.station is not None, timeout=GUARD_MS)
-    page.panel.setup.live.setChecked(False)
 
 
 def find(page: Page, qtbot: QtBot, key: str) -> None:
@@ -55,7 +54,6 @@ def test_a_simulator_of_another_camera_is_let_go(page: Page, context: Context, q
     station = page.setup.station
     context.project.update("exposure", plan=replace(PLAN, exposure_s=0.03, order="raster"))
     assert page.setup.station is station, "what is set and not described"
-    page.panel.setup.live.setChecked(True)
     qtbot.waitUntil(lambda: page.panel.setup.view.values is not None, timeout=GUARD_MS)
     camera = replace(PLAN.camera, optics=replace(optics, f_number=11.0))
     context.project.update("f-number", camera=camera, plan=replace(PLAN, camera=camera))

@@ -48,8 +48,7 @@ def page(open_page: OpenPage, qtbot: QtBot) -> Page:
 
 
 def connect(page: Page, qtbot: QtBot) -> None:
-    button = page.panel.setup.devices.button
-    qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
+    qtbot.mouseClick(page.panel.record.connect_button, Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: page.setup.station is not None, timeout=GUARD_MS)
 
 
@@ -98,29 +97,29 @@ def test_a_wrong_option_is_said_in_words(page: Page, context: Context, qtbot: Qt
 
 def test_live_view_moves_and_numbers(page: Page, qtbot: QtBot, context: Context) -> None:
     panel = page.panel.setup
-    assert not panel.live.isEnabled()
+    assert "No camera connected" in panel.view.blank.text()
     connect(page, qtbot)
-    qtbot.waitUntil(lambda: "maximum" in panel.numbers.text(), timeout=GUARD_MS)
-    assert panel.live.isChecked(), "the live view starts by itself"
-    assert "saturated pixels" in panel.saturated.text() and "centroid" in panel.spot.text()
+    panel.exposure.setValue(1.0)
+    qtbot.waitUntil(lambda: "median" in panel.numbers.text(), timeout=GUARD_MS)  # the live view starts by itself
+    qtbot.waitUntil(lambda: "frames/s   1 ms" in panel.view.shot.readout, timeout=GUARD_MS)
+    assert "% of range   0 saturated" in panel.view.shot.readout and "centroid" in panel.spot.text()
     assert "Waiting" not in panel.predicted.blank.text(), "a frame is there, with a pattern to expect or without"
-    before = panel.stage.values[0].text()
+    before = panel.stage.fields[0].text()
     panel.stage.step.setValue(50.0)
     for _ in range(3):
-        qtbot.mouseClick(panel.stage.buttons[1], Qt.MouseButton.LeftButton)
+        qtbot.keyClick(panel.stage.fields[0], Qt.Key.Key_Up)
     station = page.setup.station
     assert station is not None
     qtbot.waitUntil(lambda: abs(station.position()[0] - 150) < 0.5, timeout=GUARD_MS)
-    qtbot.waitUntil(lambda: panel.stage.values[0].text() != before, timeout=GUARD_MS)
-    panel.lattice.setChecked(True)
+    qtbot.waitUntil(lambda: panel.stage.fields[0].text() != before, timeout=GUARD_MS)
     panel.exposure.setValue(5000.0)
-    qtbot.waitUntil(
-        lambda: "<b style" in panel.saturated.text() and ">0<" not in panel.saturated.text(), timeout=GUARD_MS
-    )
-    panel.cutout.setChecked(False)
-    panel.live.setChecked(False)
+    qtbot.waitUntil(lambda: "% saturated" in panel.view.shot.readout, timeout=GUARD_MS)
+    assert "5.0 s" in panel.view.shot.readout
+    panel.view.readout_clicked.emit()
+    assert panel.exposure.hasFocus()
+    page.panel.devices.open()
     qtbot.mouseClick(panel.devices.button, Qt.MouseButton.LeftButton)
-    assert page.setup.station is None and not panel.live.isEnabled()
+    assert page.setup.station is None and panel.view.values is None and panel.view.note == ("", "")
 
 
 class Slow:
@@ -151,66 +150,72 @@ def test_a_move_is_followed_and_a_frame_of_the_old_place_says_so(page: Page, qtb
     """Coordinates stood still and then jumped, over a frame of the old depth."""
     panel = page.panel.setup
     connect(page, qtbot)
-    qtbot.waitUntil(lambda: panel.age.text().endswith("s old"), timeout=GUARD_MS)
-    panel.live.setChecked(False)
+    qtbot.waitUntil(lambda: panel.view.note[0].endswith("s old"), timeout=GUARD_MS)
     station = page.setup.station
     assert station is not None
-    qtbot.waitUntil(lambda: not context.jobs.computing, timeout=GUARD_MS)
-    station.rig = replace(station.rig, stage=Slow(station.rig.stage))
-    panel.stage.target.setText("0, 0, 50")
-    panel.stage.move.click()
+    with station._lock:  # between two frames
+        station._stop_live()
+        station.rig = replace(station.rig, stage=Slow(station.rig.stage))
+    page.setup.moves.go_to(", , 50")
     assert panel.stage.motion.text() == "waiting for the frame under way …"
     qtbot.waitUntil(lambda: panel.stage.motion.text() == "moving …", timeout=GUARD_MS)
     seen: set[str] = set()
 
     def several() -> bool:
-        seen.add(panel.stage.values[2].text())
+        seen.add(panel.stage.fields[2].text())
         return len(seen) > 2
 
     qtbot.waitUntil(several, timeout=GUARD_MS)
-    qtbot.waitUntil(lambda: LIGHT.bad in panel.age.text(), timeout=GUARD_MS)
-    panel.stage.stop.click()
-    qtbot.waitUntil(lambda: panel.stage.motion.text() == "", timeout=GUARD_MS)
-    assert panel.stage.values[2].text() == "50.00 µm" and "from x 0.0, y 0.0, z 0.0 µm" in panel.age.text()
-    station.rig = replace(station.rig, stage=station.rig.stage._stage)
-    panel.live.setChecked(True)
-    qtbot.waitUntil(lambda: LIGHT.bad not in panel.age.text(), timeout=GUARD_MS)
-    panel.live.setChecked(False)
+    qtbot.waitUntil(lambda: panel.view.note[1] == LIGHT.fair, timeout=GUARD_MS)
+    assert "from x 0.0, y 0.0, z " in panel.view.note[0]
+    qtbot.mouseClick(panel.stage.stop, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: panel.stage.motion.text() == "at rest" and panel.stage.stop.isHidden(), timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: panel.view.note[1] == "" and panel.stage.fields[2].value() == 50.0, timeout=GUARD_MS)
 
 
 def test_overlays_are_switched_without_another_frame(page: Page, qtbot: QtBot, context: Context) -> None:
     panel = page.panel.setup
     connect(page, qtbot)
-    qtbot.waitUntil(lambda: not panel._waiting, timeout=GUARD_MS)
-    panel.live.setChecked(False)
+    qtbot.waitUntil(lambda: panel.view.values is not None, timeout=GUARD_MS)
+    page.setup.reserved = True  # no further frame
     idle(context.jobs, qtbot)
     assert len(panel.view.overlays) == 2
-    panel.cutout.setChecked(False)
-    assert not panel.view.overlays
-    panel.lattice.setChecked(True)
+    panel.overlays["cutout"].setChecked(False)
+    assert not panel.view.overlays and panel.arrows.isHidden()
+    panel.overlays["axes"].setChecked(True)
+    assert panel.arrows.isVisible()
+    panel.overlays["lattice"].setChecked(True)
     qtbot.waitUntil(lambda: any(isinstance(one, Symbols) and len(one.points) for one in panel.view.overlays))
 
 
 def test_the_stage_goes_to_a_typed_position(page: Page, qtbot: QtBot, context: Context) -> None:
     """There were steps and planes only."""
     stage = page.panel.setup.stage
-    assert not stage.move.isEnabled()
+    assert not stage.fields[0].isEnabled()
     connect(page, qtbot)
-    page.panel.setup.live.setChecked(False)
     station = page.setup.station
     assert station is not None
     page.panel.setCurrentWidget(page.panel.record)
     qtbot.keyClick(page, Qt.Key.Key_G, Qt.KeyboardModifier.ControlModifier)
-    assert stage.target.hasFocus()
-    qtbot.keyClicks(stage.target, "120, -80,")
-    qtbot.keyClick(stage.target, Qt.Key.Key_Return)
-    qtbot.waitUntil(lambda: np.allclose(station.position(), (120, -80, 0), atol=0.5), timeout=GUARD_MS)
-    stage.target.setText("1e9, 0, 0")
-    stage.move.click()
+    assert stage.fields[0].hasFocus()
+
+    def go(axis: int, words: str) -> None:
+        stage.fields[axis].setFocus()
+        stage.fields[axis].selectAll()
+        qtbot.keyClicks(stage.fields[axis], words)
+
+    go(0, "120")
+    go(1, "-80")
+    assert stage.fields[0].value() == 0.0, "what is not asked for by Return is forgotten"
+    qtbot.keyClick(stage.fields[1], Qt.Key.Key_Return)
+    qtbot.waitUntil(lambda: np.allclose(station.position(), (0, -80, 0), atol=0.5), timeout=GUARD_MS)
+    go(0, "900000000")
+    qtbot.keyClick(stage.fields[0], Qt.Key.Key_Return)
     assert stage.refusal.isVisible() and "nothing was moved" in stage.refusal.text()
     assert "stage axis x: expected" in page.panel.setup.readout.text()
-    stage.target.setText("10, 20, 30")
-    stage.move.click()
+    for axis, words in enumerate(("10", "20", "30")):
+        go(axis, words)
+        qtbot.keyClick(stage.fields[axis], Qt.Key.Key_Return)
     assert not stage.refusal.isVisible()
     qtbot.waitUntil(lambda: np.allclose(station.position(), (10, 20, 30), atol=0.5), timeout=GUARD_MS)
     page.setFocus()
@@ -226,19 +231,18 @@ def test_the_stage_goes_to_a_typed_position(page: Page, qtbot: QtBot, context: C
 def test_a_wrong_sign_is_caught_in_red_and_corrected(page: Page, qtbot: QtBot, context: Context) -> None:
     page.setup._devices_edited("sim", (("optics", "pattern"), ("axes", "-x,+y,+z")), "")
     connect(page, qtbot)
-    page.panel.setup.live.setChecked(False)
     seen: list[tuple[str, bool]] = []
     context.attention.connect(lambda key, flag: seen.append((key, flag)))
 
     def measure() -> str:
         page.setup.measuring.find("stage")
-        assert not page.panel.setup.live.isEnabled(), "the devices are at work"
+        assert not page.panel.setup.find_buttons["stage"].isEnabled(), "the devices are at work"
         qtbot.waitUntil(lambda: page.setup.free, timeout=GUARD_MS)
         return page.panel.setup.results["stage"].text()
 
     words = measure()
     assert LIGHT.bad in words and "wrong way" in words and seen[-1] == ("acquire", True)
-    qtbot.mouseClick(page.panel.setup.use_buttons["stage"], Qt.MouseButton.LeftButton)
+    page.panel.setup.use_buttons["stage"].click()
     plan = context.state.plan
     assert plan is not None and (plan.stage.right, plan.stage.down) == ("-x", "+y")
     words = measure()
@@ -247,7 +251,6 @@ def test_a_wrong_sign_is_caught_in_red_and_corrected(page: Page, qtbot: QtBot, c
 
 def test_exposures_are_found_and_used(page: Page, qtbot: QtBot, context: Context) -> None:
     connect(page, qtbot)
-    page.panel.setup.live.setChecked(False)
     page.setup.measuring.find("exposure")
     qtbot.waitUntil(lambda: page.setup.free, timeout=GUARD_MS)
     page.setup.measuring.use("exposure")
@@ -337,7 +340,6 @@ def test_a_fault_stops_safely_and_is_said(page: Page, context: Context, qtbot: Q
     page.setup._devices_edited("sim", (("faults", "vanishes@42"),), "")
     connect(page, qtbot)
     context.project.update("folder", recording=str(tmp_path / "s"))
-    page.panel.setup.live.setChecked(False)
     page.record.start()
     qtbot.waitUntil(lambda: "fault" in page.panel.record.status.text(), timeout=GUARD_MS)
     qtbot.waitUntil(lambda: page.record.folder.there is not None, timeout=GUARD_MS)
@@ -355,7 +357,6 @@ def test_a_camera_that_stays_automatic_is_named_and_recorded_once_that_is_allowe
     named = "The camera changes frames automatically: GainAuto = Continuous"
     assert named in page.panel.setup.devices.reason.text()
     context.project.update("folder", recording=str(tmp_path / "s"))
-    page.panel.setup.live.setChecked(False)
     record = page.panel.record
     assert record.why.text().startswith(named) and "tick Allow automatic" in record.why.text()
     page.record.start()
@@ -557,5 +558,5 @@ def test_another_project_shows_nothing_of_the_recording_before(
     qtbot.waitUntil(lambda: not context.jobs.busy, timeout=GUARD_MS)
     assert panel.status.text() == "Not recording." and panel.detail.text() == "" and panel.folder_words.text() == ""
     assert panel.buttons["start"].text() == "Start" and not panel.buttons["assemble"].isEnabled()
-    assert panel.pictures.frame.item.image is None and np.ptp(np.nan_to_num(panel.pictures.map.item.image)) == 0
+    assert page.panel.setup.view.item.image is None and np.ptp(np.nan_to_num(panel.pictures.map.item.image)) == 0
     assert seen[-1] == ("acquire", False)

@@ -111,7 +111,6 @@ def test_they_are_taken_on_the_page(open_page: OpenPage, context: Context, qtbot
     context.project.update("folder", recording=str(tmp_path / "session"))
     page.setup.connect_devices()
     qtbot.waitUntil(lambda: page.setup.station is not None, timeout=GUARD_MS)
-    page.panel.setup.live.setChecked(False)
     for kind in ("white", "dark"):
         buttons[kind].click()
         assert not buttons["white"].isEnabled()

@@ -74,7 +74,9 @@ def test_a_target_is_recorded_while_its_phases_fill_the_map(
     idle(context.jobs, qtbot)
     assert crossed_out(panel.pictures.map) == 252, "nothing is covered yet"
     seen: list[int] = []
-    frame = panel.pictures.frame
+    frame = page.panel.setup.view
+    captions: set[str] = set()
+    frame.changed.connect(lambda: captions.add(frame.shot.caption))
     frame.changed.connect(lambda: seen.extend(len(marks.points) for marks in frame.overlays))
     qtbot.mouseClick(panel.buttons["start"], Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: page.record.recording, timeout=GUARD_MS)
@@ -82,7 +84,7 @@ def test_a_target_is_recorded_while_its_phases_fill_the_map(
     qtbot.waitUntil(lambda: page.record.folder.complete, timeout=GUARD_MS)
     idle(context.jobs, qtbot)
     assert "5 of 5 frames" in panel.status.text() and "5 of 5 frames of a target" in panel.folder_words.text()
-    assert max(seen) == len(plan.points(0, 4)) and "points as planned" in frame.shot.caption
+    assert max(seen) == len(plan.points(0, 4)) and f"frame 5: {max(seen)} points as planned" in captions
     assert crossed_out(panel.pictures.map) == int((plan.shown(0) == 0).sum())
     assert panel.pictures.map_title.text() == "Phases covered"
     assert len(panel.pictures.curves["energy"].plot.listDataItems()) == 1
@@ -109,7 +111,6 @@ def test_what_does_not_go_together_is_refused_in_a_line(
     page: Page, context: Context, qtbot: QtBot, tmp_path: Path
 ) -> None:
     context.project.update("plan", plan=replace(SCAN, exposure_s=0.5), recording=str(tmp_path / "s"))
-    page.panel.setup.live.setChecked(False)
     start = page.panel.record.buttons["start"]
     qtbot.waitUntil(start.isEnabled, timeout=GUARD_MS)  # a live frame may be under way
     qtbot.mouseClick(start, Qt.MouseButton.LeftButton)

@@ -197,6 +197,7 @@ def test_a_whole_scan_is_not_gone_on_with_by_chance(page: Page, context: Context
 
 def test_the_choice_shows_what_it_needs_and_is_undone(page: Page, context: Context) -> None:
     panel = page.panel.record
+    page.panel.recording.open()
     assert panel.until.isVisible()
     panel.extent.setCurrentIndex(0)
     assert AcquireSettings.of(context.state).extent == "whole" and not panel.until.isVisible()
