@@ -38,9 +38,9 @@ class AxisArrows(QWidget):
         return QSize(WIDTH, HEIGHT)
 
     def eventFilter(self, parent: QObject, event: QEvent) -> bool:
-        """Stay in the upper right corner."""
+        """Stay in the lower right corner: numbers are written in the upper one."""
         if event.type() == QEvent.Type.Resize and isinstance(parent, QWidget):
-            self.move(parent.width() - WIDTH - MARGIN, MARGIN)
+            self.move(parent.width() - WIDTH - MARGIN, parent.height() - HEIGHT - MARGIN)
         return False
 
     def set_arrows(self, arrows: tuple[tuple[str, float, float], ...]) -> None:

@@ -255,7 +255,7 @@ class SetupPanel(QWidget):
             self._zoom()
 
     def show_age(self, now_s: float, stage_um: tuple[float, float, float]) -> None:
-        """Show how old the frame is, and in red that it is late, or that the stage has left its place."""
+        """Show how old the frame is; in the colour of a warning where it is late, or the stage has left its place."""
         if self._last is None:
             self.view.set_note("")
             return
