@@ -12,7 +12,7 @@ from lfcal.camera import ScanPlan
 from lfcal.devices.simulated import DeviceFault
 from lfcal_gui.scenes.stage import Capture, Stage
 
-__all__ = ["recording"]
+__all__ = ["recording", "settle_live"]
 
 
 def recording(stage: Stage) -> Iterator[Capture]:
@@ -37,6 +37,13 @@ def _begin(stage: Stage) -> Any:
     return page
 
 
+def settle_live(stage: Stage, page: Any) -> None:
+    """Wait as `Stage.settle` does, with a camera whose live view never ends."""
+    stage.until(lambda: not stage.window.jobs.busy, "a live frame")
+    page.setup.live_timer.stop()
+    stage.settle()
+
+
 def _set_up(stage: Stage, page: Any) -> Iterator[Capture]:
     setup = page.panel.setup
     page.panel.setCurrentWidget(setup)
@@ -49,11 +56,11 @@ def _set_up(stage: Stage, page: Any) -> Iterator[Capture]:
     stage.turn(40)
     stage.tidy()
     yield Capture("acquire_setup_live")
-    stage.settle()
+    settle_live(stage, page)
     for key in ("stage", "axis", "exposure", "white", "dark"):
         page.setup.measuring.find(key)
         stage.until(lambda: page.setup.free, key)
-        stage.settle()
+        settle_live(stage, page)
     stage.tidy()
     yield Capture("acquire_setup_found")
     page.panel.devices.open()
@@ -69,7 +76,7 @@ def _record(stage: Stage, page: Any) -> Iterator[Capture]:
     """Record, let the camera fail on the way, go on, and assemble."""
     tab, panel = page.record, page.panel.record
     page.panel.setCurrentWidget(panel)
-    stage.settle()
+    settle_live(stage, page)
     stage.tidy()
     yield Capture("acquire_record_ready")
     tab.start()
@@ -81,22 +88,22 @@ def _record(stage: Stage, page: Any) -> Iterator[Capture]:
     page.setup.station.inject(DeviceFault("vanishes", 40, 1))
     tab.pause()
     stage.until(lambda: not tab.recording, "the camera to be unplugged")
-    stage.settle()
+    settle_live(stage, page)
     yield Capture("acquire_record_failed")
     page.setup.disconnect_devices()
-    stage.settle()
+    settle_live(stage, page)
     tab.start()
     stage.until(lambda: tab.recording, "the recording to go on")
     stage.until(lambda: not tab.recording, "the end of the recording")
-    stage.settle()
+    settle_live(stage, page)
     stage.tidy()
     yield Capture("acquire_record_complete")
     panel.extent.setCurrentIndex(panel.extent.findData("error"))
     panel.extent_asked.emit("error")
-    stage.settle()
+    settle_live(stage, page)
     yield Capture("acquire_record_error")
     tab.after.assemble(str(stage.folder / "session" / "H.h5"))
-    stage.settle()
+    settle_live(stage, page)
     stage.tidy()
     yield Capture("psf_recorded")
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from lfcal.camera import preset
 from lfcal_gui.models import ProjectState
+from lfcal_gui.scenes.recording import settle_live
 from lfcal_gui.scenes.stage import Capture, Stage
 
 __all__ = ["target"]
@@ -55,7 +56,7 @@ def _recorded(stage: Stage, plan: Any) -> Iterator[Capture]:
     page.record.start()
     stage.until(lambda: page.record.recording, "the recording to begin")
     stage.until(lambda: not page.record.recording, "the recording to end")
-    stage.settle()
+    settle_live(stage, page)
     stage.tidy()
     yield Capture("acquire_target_complete")
 
