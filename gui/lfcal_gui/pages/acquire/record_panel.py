@@ -78,7 +78,7 @@ class RecordPanel(QWidget):
     folder_edited(path), folder_asked()
         Another session folder; the dialog to choose one.
     view_changed()
-        Another plane or quantity is to be shown.
+        Show another plane or quantity.
     plane_asked(z)
         Open the H of a complete plane.
     extent_asked(key)
@@ -86,7 +86,7 @@ class RecordPanel(QWidget):
     target_asked()
         Another source is wanted: a target of many points, or a single point again.
     told()
-        Status, detail or alarms are others.
+        Status, detail or alarms changed.
     """
 
     pressed = Signal(str)
@@ -152,7 +152,7 @@ class RecordPanel(QWidget):
             label.setProperty("role", "hint")
         for label in (self.status, self.detail, self.why, self.folder_words, self.alarms):
             label.setWordWrap(True)
-            # long words go on in the next line, and never make the window wider
+            # long words never make the window wider
             label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self.alarms.hide()
         self.folder = QLineEdit()
@@ -187,12 +187,11 @@ class RecordPanel(QWidget):
             grid.addWidget(button, *places.get(key, (1, 2 if key == "fit" else 3)))
         return grid
 
-    def show_buttons(self, *, connected: bool) -> None:
-        """Show the buttons that can be pressed now; Start always, unless a session is being recorded."""
-        recording = self.buttons["stop"].isEnabled() or self.buttons["pause"].isEnabled()
+    def show_buttons(self, *, connected: bool, startable: bool) -> None:
+        """Show the buttons that can be pressed now, and Start also where it only waits for the devices."""
         self.connect_button.setVisible(not connected)
         for key, button in self.buttons.items():
-            button.setVisible(button.isEnabled() or (key == "start" and not recording))
+            button.setVisible(button.isEnabled() or (key == "start" and startable))
         set_role(self.connect_button, "" if connected else "primary")
         set_role(self.buttons["start"], "primary" if connected else "")
 

@@ -186,7 +186,7 @@ class RecordTab(QObject):
             buttons[key].setEnabled(there and not recording and not (many and key == "fit"))
         buttons["pack"].setEnabled(complete and not recording)
         panel = self.panel
-        panel.show_buttons(connected=self.setup.station is not None)
+        panel.show_buttons(connected=self.setup.station is not None, startable=more and not recording)
         panel.connect_button.setEnabled(not self.setup.connecting)
         for widget in (panel.choose_target, *panel.forms, panel.extent, panel.folder):
             widget.setEnabled(not recording)
