@@ -170,6 +170,19 @@ def page(open_page: OpenPage, context: Context, qtbot: QtBot, files: tuple[str, 
     return made
 
 
+def test_what_another_page_sent_is_shown_once_h_and_its_reference_are_open(
+    page: Any, context: Context, qtbot: QtBot, files: tuple[str, str, str]
+) -> None:
+    context.project.update("neither", psf="", reference="")
+    page.receive({"place": (0, 2, 1), "show": "difference"})
+    context.project.update("H alone", psf=files[0])
+    idle(context.jobs, qtbot)
+    assert page.intent.show == "measured"
+    context.project.update("both", reference=files[1])
+    idle(context.jobs, qtbot)
+    assert (page.intent.z, page.intent.y, page.intent.x, page.intent.show) == (0, 2, 1, "difference")
+
+
 def test_the_readout_follows_the_picture(page: Any, context: Context, qtbot: QtBot) -> None:
     panel = page.panel
     panel.main_view.hovered.emit(2, 3, 0.0)
