@@ -73,7 +73,7 @@ class Tools(QObject):
         return dialog
 
     def _chosen(self, key: str) -> None:
-        actions = {"sample": self.sample, "new": lambda: self._window.go("camera"), "open": self._window.files.open}
+        actions = {"sample": self.sample, "new": lambda: self._window.go("setup"), "open": self._window.files.open}
         actions[key]()
 
     def sample(self) -> None:

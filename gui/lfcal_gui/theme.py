@@ -30,8 +30,9 @@ QLabel[role="title"] {{ font-size: 15pt; font-weight: 600; }}
 QLabel[role="heading"] {{ font-weight: 600; color: {text}; }}
 QLabel[role="hint"] {{ color: {muted}; }}
 QLabel[role="error"] {{ color: {bad}; }}
+QLabel[mark] {{ font-size: 8pt; }}
 QLabel[mark="assumed"] {{ color: {fair}; }}
-QLabel[mark="measured"] {{ color: {good}; }}
+QLabel[mark="measured"], QLabel[mark="stated"] {{ color: {good}; }}
 QLabel[mark="derived"] {{ color: {muted}; }}
 QLabel[role="value"] {{ font-weight: 600; }}
 QFrame[role="card"] {{ background: {panel}; border: 1px solid {line}; border-radius: 6px; }}
@@ -74,6 +75,7 @@ QCheckBox::indicator:disabled {{ border-color: {line}; }}
 QComboBox {{ min-height: 22px; }}
 QWidget[dense="true"] QLineEdit {{ padding: 1px 6px; }}
 QWidget[dense="true"] QPushButton {{ padding: 3px 10px; }}
+QWidget[dense="true"] QPushButton[role="tight"] {{ padding: 3px 6px; }}
 QWidget[dense="true"] QComboBox {{ min-height: 17px; max-height: 17px; }}
 QLineEdit[invalid="true"] {{ border: 1px solid {bad}; }}
 QComboBox QAbstractItemView {{ background: {panel}; border: 1px solid {line}; selection-background-color: {accent};

@@ -100,7 +100,7 @@ class MainWindow(QMainWindow):
         self.context.attention.connect(self._set_attention)
         self.files.message.connect(self.log)
         self.files.saved.connect(self._refresh)
-        self.files.begun.connect(lambda: self.go("camera"))
+        self.files.begun.connect(lambda: self.go("setup"))
         self.jobs.changed.connect(self._job_changed)
         self.jobs.trouble.connect(self.log)
 

@@ -14,11 +14,11 @@ from lfcal_gui.base_page import BasePage
 from lfcal_gui.jobs import JobState
 from lfcal_gui.models.form import parse, text_of
 from lfcal_gui.models.page import PLACES, PageState
-from lfcal_gui.pages.camera.model import values_of as values_of_camera
-from lfcal_gui.pages.plan.model import values_of as values_of_plan
-from lfcal_gui.pages.plan.model_target import PlanSettings
 from lfcal_gui.pages.psf.model import shown_unit
 from lfcal_gui.pages.quality.model import listed_metrics
+from lfcal_gui.pages.setup.model import values_of as values_of_camera
+from lfcal_gui.pages.setup.model_scan import values_of as values_of_plan
+from lfcal_gui.pages.setup.model_target import PlanSettings
 from lfcal_gui.widgets.form import Form
 from lfcal_gui.window import MainWindow
 
@@ -129,7 +129,7 @@ def _form(form: Form, values: dict[str, Any]) -> None:
     """Hold fields that are not refused against what the project holds."""
     for key, field in form.fields.items():
         editor = form.editor(key)
-        if editor.property("invalid"):
+        if editor.isHidden() or editor.property("invalid"):
             continue  # it shows what was refused, and why
         if isinstance(editor, QLineEdit):
             told = f"{key}: {editor.text()} is shown of {values[key]}"
@@ -148,23 +148,14 @@ def _as_shown(field: Any, value: Any) -> Any:
     return parse(field, text_of(field, value))
 
 
-def _camera(window: MainWindow, page: Any) -> None:
+def _setup(window: MainWindow, page: Any) -> None:
     values = values_of_camera(window.context.state.camera)
-    forms = page.panel.forms
-    for name, form in forms.items():
-        if name in ("MainLens", "Microscope"):
-            assert form.isHidden() == (name != values["optics.kind"]), f"{name} of a {values['optics.kind']}"
-        if not form.isHidden():
-            _form(form, values)
-
-
-def _plan(window: MainWindow, page: Any) -> None:
-    plan = window.context.state.plan
-    assert _body(page) == (plan is not None)
+    inspector, plan = page.panel.inspector, window.context.state.plan
     if plan is not None:
-        values = {**PlanSettings.of(window.context.state).shown(), **values_of_plan(plan)}
-        for form in (page.panel.form, page.panel.more):
-            _form(form, values)
+        values |= {**PlanSettings.of(window.context.state).shown(), **values_of_plan(plan)}
+    assert inspector.scan.isHidden() == (plan is None) == (not inspector.no_plan.isHidden())
+    for form in set(inspector.forms.values()):
+        _form(form, values)
 
 
 def _quality(window: MainWindow, page: Any) -> None:
@@ -241,8 +232,7 @@ def _simulate(window: MainWindow, page: Any) -> None:
 
 
 CHECKS = {
-    "camera": _camera,
-    "plan": _plan,
+    "setup": _setup,
     "simulate": _simulate,
     "psf": _psf,
     "quality": _quality,

@@ -79,13 +79,13 @@ def test_a_second_h_that_is_still_opening(
 def test_a_camera_that_is_still_read(
     window: MainWindow, tmp_path: Path, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import lfcal_gui.pages.camera.page as module
+    import lfcal_gui.pages.setup.page as module
 
     held = Held(module.import_camera)
     monkeypatch.setattr(module, "import_camera", held)
     (tmp_path / "r29.json").write_text(preset("r29").to_json())
-    window.go("camera")
-    window.page("camera").import_file(str(tmp_path / "r29.json"))  # type: ignore[attr-defined]
+    window.go("setup")
+    window.page("setup").import_file(str(tmp_path / "r29.json"))  # type: ignore[attr-defined]
     assert held.after(window, qtbot).camera == preset("bench")
 
 

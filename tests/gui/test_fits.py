@@ -37,29 +37,23 @@ def settle() -> None:
         QApplication.processEvents()
 
 
-@pytest.mark.parametrize("height", [1040, 1080])
-def test_the_forms_of_the_camera_are_whole(window: MainWindow, height: int) -> None:
-    window.resize(1920, height)
-    window.go("camera")
+@pytest.mark.parametrize(("width", "wide"), [(1280, 304), (1920, 368)])
+def test_values_and_scan_are_whole_beside_the_picture(window: MainWindow, width: int, wide: int) -> None:
+    plan = ScanPlan.for_camera(preset("bench"), depths_um=(-20034.587, -26017.775))
+    window.files.start_with(ProjectState(camera=plan.camera, plan=plan))
+    window.resize(width, 800)
+    window.go("setup")
     settle()
-    page: Any = window.page("camera")
-    assert scrolled(page) == []
-    below = page.panel.split.sizes()[1]
-    assert below > 300, "and what follows has room"
-    window.resize(1280, 800)
+    page: Any = window.page("setup")
+    assert scrolled(page) == [] and page.panel.area.width() == wide
+    inspector = page.panel.inspector
+    for fold in (inspector.values, inspector.more):
+        fold.open()
     settle()
-    assert page.panel.split.sizes()[1] >= 240
-
-
-def test_the_splitter_stays_where_the_user_put_it(window: MainWindow) -> None:
-    window.go("camera")
-    page: Any = window.page("camera")
-    page.panel.split.setSizes([200, 500])
-    page.panel.split.splitterMoved.emit(200, 1)
-    before = page.panel.split.sizes()
-    window.resize(window.width(), window.height() + 40)
-    settle()
-    assert page.panel.split.sizes()[0] < before[0] + 41
+    assert inspector.minimumSizeHint().width() <= page.panel.area.viewport().width(), "nothing is cut at the right"
+    for key in ("virtual_depths", "depths"):
+        field = inspector.scan.editor(key)
+        assert field.fontMetrics().horizontalAdvance(field.text()) + 20 < field.width()
 
 
 def test_the_column_of_the_frames_is_whole(window: MainWindow, qtbot: QtBot) -> None:
@@ -163,28 +157,22 @@ def test_the_settings_of_a_recording_are_whole(window: MainWindow) -> None:
 
 
 @pytest.mark.long
-def test_the_plan_and_its_target_are_whole(window: MainWindow, qtbot: QtBot) -> None:
-    """Two depths needed 158 px, and their field had 108."""
-    plan = ScanPlan.for_camera(preset("bench"), depths_um=(-20034.587, -26017.775))
+def test_the_target_is_whole(window: MainWindow, qtbot: QtBot) -> None:
+    plan = ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0, 4.0))
     window.files.start_with(ProjectState(camera=plan.camera, plan=plan))
-    window.resize(1280, 800)
-    window.go("plan")
-    page: Any = window.page("plan")
-    idle(window.jobs, qtbot)
-    settle()
-    for key in ("virtual_depths", "depths"):
-        field = page.panel.form.editor(key)
-        assert field.fontMetrics().horizontalAdvance(field.text()) + 20 < field.width()
-    page.panel.tabs.setCurrentIndex(1)
-    type_in = page.panel.target.form.editor("source")
+    window.go("setup")
+    page: Any = window.page("setup")
+    page.panel.inspector.buttons["target"].click()
+    dialog = page.target
+    type_in = dialog.panel.form.editor("source")
     type_in.setText("array")
     type_in.textEdited.emit("array")
-    page.plan_target()
+    dialog.plan_target()
     idle(window.jobs, qtbot)
     settle()
-    assert page.panel.target.found is not None and moving(page) == []
-    for shown in (page.panel.target.graphics, page.panel.target.map, page.panel.target.save_button):
-        assert whole(shown, page)
+    assert dialog.panel.found is not None and moving(dialog) == []
+    for shown in (dialog.panel.graphics, dialog.panel.map, dialog.panel.save_button):
+        assert whole(shown, dialog)
 
 
 def test_nothing_scrolls_beside_the_live_view(window: MainWindow, qtbot: QtBot) -> None:

@@ -13,7 +13,7 @@ from pytestqt.qtbot import QtBot
 from lfcal.camera import Marks, ScanPlan, preset
 from lfcal_gui.context import Context
 from lfcal_gui.models.project import Hold, Project, ProjectState
-from lfcal_gui.pages.camera.model_marks import confirmed
+from lfcal_gui.pages.setup.model_marks import confirmed
 from lfcal_gui.window import MainWindow
 from tests.gui.recorded import write_recorded
 from tests.gui.waiting import idle
@@ -39,12 +39,12 @@ def test_every_way_to_another_camera_or_plan_is_refused_where_one_looks(
     (tmp_path / "plan.json").write_text(ScanPlan.for_camera(preset("r29"), virtual_depths=(3.0,)).to_json())
     frames = write_recorded(tmp_path / "recorded")
     before = held.project.state
-    pages: dict[str, Any] = {key: held.page(key) for key in ("camera", "plan", "frames")}
+    pages: dict[str, Any] = {key: held.page(key) for key in ("setup", "frames")}
     ways: tuple[tuple[str, Callable[[], object]], ...] = (
-        ("camera", lambda: pages["camera"].import_file(str(tmp_path / "camera.json"))),
-        ("camera", lambda: pages["camera"].presets.chosen.emit("r29")),
-        ("plan", lambda: pages["plan"].open_file(str(tmp_path / "plan.json"))),
-        ("plan", lambda: held.take_files([str(tmp_path / "plan.json")])),
+        ("setup", lambda: pages["setup"].import_file(str(tmp_path / "camera.json"))),
+        ("setup", lambda: pages["setup"].panel.inspector.presets.chosen.emit("r29")),
+        ("setup", lambda: pages["setup"].open_plan(str(tmp_path / "plan.json"))),
+        ("setup", lambda: held.take_files([str(tmp_path / "plan.json")])),
         ("frames", lambda: pages["frames"].open_folder(str(frames))),
     )
     for key, way in ways:
@@ -81,8 +81,8 @@ def test_what_is_refused_is_not_called_done(held: MainWindow, qtbot: QtBot) -> N
     setup.show_controls()
     assert not setup.panel.use_buttons["stage"].isEnabled()
     setup.reserved = False
-    held.go("camera")
-    camera: Any = held.page("camera")
+    held.go("setup")
+    camera: Any = held.page("setup")
     camera.measure_sensor()
     taken = preset("r29")
     assert not camera.dialog._take_over(taken, "measured sensor")

@@ -226,10 +226,10 @@ def test_no_page_replaces_a_file_unasked(
     names = ("p.json", "x.mat", "x.tif", "index.html", "view.png", "view.npy")
     for name in names:
         (tmp_path / name).write_text("precious")
-    window.page("plan").make_default()  # type: ignore[attr-defined]
+    window.page("setup").make_default()  # type: ignore[attr-defined]
     choose("p")
-    window.page("plan").save_file()  # type: ignore[attr-defined]
-    window.page("camera").save_file()  # type: ignore[attr-defined]
+    window.page("setup").save_plan()  # type: ignore[attr-defined]
+    window.page("setup").save_file()  # type: ignore[attr-defined]
     choose("x")
     page.ask_export_file(ExportIntent.of_path("x.mat"))
     page.ask_export_file(ExportIntent.of_path("x.tif"))

@@ -38,16 +38,15 @@ def test_from_the_camera_to_the_volume(
     # camera and plan: from files, then one plane of it
     (tmp_path / "camera.json").write_text(sample.camera.to_json())
     (tmp_path / "plan.json").write_text(sample.to_json())
-    window.go("camera")
-    window.page("camera").import_file(str(tmp_path / "camera.json"))  # type: ignore[attr-defined]
+    window.go("setup")
+    window.page("setup").import_file(str(tmp_path / "camera.json"))  # type: ignore[attr-defined]
     done(window, qtbot)
     assert state.state.camera == sample.camera
-    window.go("plan")
-    plan_page: Any = window.page("plan")
-    plan_page.open_file(str(tmp_path / "plan.json"))
+    plan_page: Any = window.page("setup")
+    plan_page.open_plan(str(tmp_path / "plan.json"))
     done(window, qtbot)
-    plan_page._edited("depths", sample.depths_um[:1])
-    plan_page._edited("settle", 0.0)
+    plan_page._scan_edited("depths", sample.depths_um[:1])
+    plan_page._scan_edited("settle", 0.0)
     plan = state.state.plan
     assert plan is not None and plan.shape == (1, *sample.shape[1:])
 

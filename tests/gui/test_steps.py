@@ -120,7 +120,7 @@ def test_options_of_the_command_are_those_of_the_page(project: ProjectState) -> 
     assert acquire["option"] == ["optics=pattern"] and (acquire["darks"], acquire["reference_every"]) == ("2", "0")
 
 
-@pytest.mark.parametrize("key", ["acquire", "plan", "simulate", "frames", "psf", "quality", "fit", "reconstruct"])
+@pytest.mark.parametrize("key", ["acquire", "simulate", "frames", "psf", "quality", "fit", "reconstruct"])
 def test_a_page_says_what_its_command_lacks(key: str) -> None:
     with pytest.raises(InputError, match="expected"):
         step_of(SPECS[key], ProjectState())
@@ -133,9 +133,10 @@ def test_a_page_without_a_command_says_so() -> None:
 
 
 def test_camera_plan_and_multiplex_run(project: ProjectState) -> None:
-    run(step_of(SPECS["camera"], project))
-    assert do(step_of(SPECS["camera"], project))["camera"] == project.camera
-    step = step_of(SPECS["plan"], project)
+    unplanned = replace(project, plan=None)
+    run(step_of(SPECS["setup"], unplanned))
+    assert do(step_of(SPECS["setup"], unplanned))["camera"] == project.camera
+    step = step_of(SPECS["setup"], project)
     run(step)
     made = ScanPlan.from_json(Path("plan.json").read_text(encoding="utf-8"))
     assert made.depths_um == PLAN.depths_um and (made.cutout, made.anchor) == (PLAN.cutout, PLAN.anchor)
@@ -230,7 +231,7 @@ def test_how_a_reconstruction_ends_is_in_the_command(
 
 def test_the_window_copies_what_a_page_does(window: MainWindow) -> None:
     clipboard = QApplication.clipboard()
-    window.go("camera")
+    window.go("setup")
     window.scripts.copy_step()
     assert clipboard.text().endswith("lfcal camera show lfcal-camera.json\n")
     window.scripts.copy_step(python=True)
@@ -245,13 +246,13 @@ def test_the_palette_finds_menus_and_buttons_and_does_them(window: MainWindow, q
         window.show_palette()
         return next(p for p in window.findChildren(Palette) if p.isVisible())
 
-    window.go("plan")
+    window.go("setup")
     palette = opened()
     names = [entry.name for entry in palette.shown]
     assert "Edit: Copy page as command" in names and "Project: Save project" in names
     # buttons are named with their page, and a button without a word by what it does
-    buttons = [name for name in names if name.startswith("Plan: ")]
-    assert buttons == names[: len(buttons)] and all(any(c.isalpha() for c in name[6:]) for name in buttons)
+    buttons = [name for name in names if name.startswith("Set up: ")]
+    assert buttons == names[: len(buttons)] and all(any(c.isalpha() for c in name[8:]) for name in buttons)
     qtbot.keyClicks(palette.line, "view qual")
     assert [entry.name for entry in palette.shown] == ["View: H: Quality"]
     qtbot.keyClick(palette.line, Qt.Key.Key_Return)
@@ -294,8 +295,8 @@ def test_history_is_a_script_that_runs(
     plan = replace(PLAN, period=(3, 4), resample=False)
     settings = {"simulate": SimulateSettings(tolerance=0.2, overrides=(("coma", "off"),)).to_dict()}
     window.project.start(ProjectState(camera=plan.camera, plan=plan, settings=settings))
-    pages: dict[str, Any] = {key: window.page(key) for key in ("simulate", "psf", "plan", "quality")}
-    pages["plan"].save_file(str(tmp_path / "my plan.json"))
+    pages: dict[str, Any] = {key: window.page(key) for key in ("simulate", "psf", "setup", "quality")}
+    pages["setup"].save_plan(str(tmp_path / "my plan.json"))
     pages["simulate"].simulate("sim.h5")
     idle(window.jobs, qtbot)
     pages["psf"].export("H.npy")
@@ -330,7 +331,7 @@ def test_history_is_a_script_that_runs(
 
 def test_the_script_of_a_history_is_read_by_a_shell(project: ProjectState) -> None:
     history = History()
-    history.add(Taken("camera", "Save\ncamera", step_of(SPECS["camera"], project)))
+    history.add(Taken("setup", "Save\ncamera", step_of(SPECS["setup"], project)))
     history.add(Taken("fit", "Fit H.h5", step_of(SPECS["fit"], project), draft=True))
     history.add(Taken("fit", "Fit H.h5", step_of(SPECS["fit"], project, "my fit"), "my fit"))
     history.add(Taken("simulate", "Frames", None, why="it has none"))

@@ -34,22 +34,22 @@ def test_the_theme_it_has_already_is_not_worked_out_anew(qapp: QApplication, mon
 
 def test_a_theme_is_taken_by_what_is_seen_and_by_the_rest_when_it_is(qapp: QApplication, window: MainWindow) -> None:
     """All widgets took it at once, thousands of which belong to menus that plots never show: 2.5 s."""
-    window.go("plan")
-    window.go("camera")
-    camera, plan = window.page("camera"), window.page("plan")
+    window.go("frames")
+    window.go("setup")
+    setup, frames = window.page("setup"), window.page("frames")
     redrawn: list[str] = []
-    camera.theme_changed.connect(lambda: redrawn.append("camera"))
-    plan.theme_changed.connect(lambda: redrawn.append("plan"))
+    setup.theme_changed.connect(lambda: redrawn.append("setup"))
+    frames.theme_changed.connect(lambda: redrawn.append("frames"))
     window.set_theme("dark")
-    assert qapp.styleSheet() == "" and DARK.text in camera.styleSheet() and DARK.text in window.menuBar().styleSheet()
-    assert LIGHT.text in plan.styleSheet() and redrawn == ["camera"]
-    window.go("plan")
-    assert DARK.text in plan.styleSheet() and redrawn == ["camera", "plan"]
+    assert qapp.styleSheet() == "" and DARK.text in setup.styleSheet() and DARK.text in window.menuBar().styleSheet()
+    assert LIGHT.text in frames.styleSheet() and redrawn == ["setup"]
+    window.go("frames")
+    assert DARK.text in frames.styleSheet() and redrawn == ["setup", "frames"]
     window.set_theme("light")
     window.set_theme("dark")
     window.set_theme("light")
-    window.go("camera")
-    assert LIGHT.text in camera.styleSheet()
+    window.go("setup")
+    assert LIGHT.text in setup.styleSheet()
 
 
 def test_icons_of_places_follow_theme_and_place(window: MainWindow) -> None:
@@ -60,7 +60,7 @@ def test_icons_of_places_follow_theme_and_place(window: MainWindow) -> None:
 
     for theme in (DARK, LIGHT):
         window.set_theme(theme.name)
-        window.go("camera")
+        window.go("setup")
         assert theme.accent in colours(0) and theme.text in colours(1)
         window.go_place("record")
         assert theme.text in colours(0) and theme.accent in colours(1)
@@ -77,7 +77,7 @@ def test_a_dialog_that_is_open_takes_another_theme(window: MainWindow) -> None:
 
 def test_a_window_that_measures_takes_the_theme(window: MainWindow) -> None:
     """Its plots stayed dark."""
-    window.go("camera")
+    window.go("setup")
     view = Picture()
     view.setParent(window)
     view.set_shot(Shot(np.ones((8, 8))))

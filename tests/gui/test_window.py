@@ -87,7 +87,7 @@ def test_a_whole_sitting(window: MainWindow, qtbot: QtBot, recorded: Path, tmp_p
 
 def test_only_existing_pages_and_their_states(window: MainWindow) -> None:
     keys = [spec.key for spec in window.specs]
-    assert keys[:2] == ["camera", "plan"] and "psf" in keys
+    assert keys[:2] == ["setup", "acquire"] and "psf" in keys
     for place in PLACES:
         assert window.views(place.key) and window.rail.word(place.key).strip("▲✓ ") in [s.value for s in PageState]
     assert {spec.key for spec in window.views("")} == set(keys) - {s.key for p in PLACES for s in window.views(p.key)}
@@ -118,8 +118,8 @@ def test_a_new_window_is_whole_under_its_title_bar() -> None:
 
 
 def test_undo_through_the_menu(window: MainWindow) -> None:
-    camera: Any = window.page("camera")
-    editor = camera.panel.forms["MainLens"].editor("optics.f_number")
+    camera: Any = window.page("setup")
+    editor = camera.panel.inspector.forms["optics.f_number"].editor("optics.f_number")
     editor.setText("8")
     editor.textEdited.emit("8")
     assert window.project.state.camera.optics.f_number == 8  # type: ignore[union-attr]
@@ -131,8 +131,8 @@ def test_undo_through_the_menu(window: MainWindow) -> None:
 
 
 def test_what_does_not_pass_is_marked_and_not_taken(window: MainWindow) -> None:
-    camera: Any = window.page("camera")
-    form = camera.panel.forms["MainLens"]
+    camera: Any = window.page("setup")
+    form = camera.panel.inspector.forms["optics.f_number"]
     editor = form.editor("optics.f_number")
     for text in ("-1", "abc", "", "1e999", "nan"):
         editor.setText(text)
@@ -146,7 +146,7 @@ def test_what_does_not_pass_is_marked_and_not_taken(window: MainWindow) -> None:
 
 
 def test_theme_and_sizes(window: MainWindow, qtbot: QtBot) -> None:
-    window.go("camera")
+    window.go("setup")
     window.set_theme("dark")
     assert current_theme() is DARK
     window.set_theme("light")

@@ -84,8 +84,12 @@ def frame_numbers(frame: NDArray[np.generic], saturated: int | None) -> FrameNum
 def lattice_points(
     camera: Camera, rows: tuple[float, float], columns: tuple[float, float]
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return micro-image centres (row, column) inside a view, and their types; none if there are too many."""
+    """Return micro-image centres (row, column) on the sensor inside a view, and their types; none if too many."""
     pixel = camera.sensor.pixel_um
+    rows, columns = (
+        (max(low, -0.5), min(high, n - 0.5))
+        for (low, high), n in zip((rows, columns), camera.sensor.shape, strict=True)
+    )
     middle_row, middle_column = ((n - 1) / 2 for n in camera.sensor.shape)
     height, width = max(1.0, rows[1] - rows[0]), max(1.0, columns[1] - columns[0])
     pitch = camera.pitch_px

@@ -95,7 +95,7 @@ def options_of(pairs: Iterable[tuple[str, Any]]) -> tuple[str, ...]:
 def needed_plan(project: ProjectState) -> ScanPlan:
     """Return the plan; raise `InputError` where there is none."""
     if project.plan is None:
-        raise InputError.expected("scan plan", "one", "none", "make or open one on the page Plan")
+        raise InputError.expected("scan plan", "one", "none", "make or open one in Set up")
     return project.plan
 
 

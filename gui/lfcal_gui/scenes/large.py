@@ -23,18 +23,13 @@ PITCH, CUTOUT = 27.6, 181
 
 
 def large(stage: Stage) -> Iterator[Capture]:
-    """Show PSF, camera and plan of an R29, then one of its frames."""
+    """Show PSF and scan of an R29, then one of its frames."""
     window = stage.window
     window.project.update("R29", camera=preset("r29"), plan=None, frames="", psf="", reference="")
-    stage.page("plan").make_default()
-    stage.page("camera").panel.tabs.setCurrentIndex(1)
+    page = stage.page("setup")
+    page.make_default()
     stage.tidy()
-    yield Capture("camera_r29_assumed")
-    for key in ("camera", "plan"):
-        page = stage.page(key)
-        page.panel.tabs.setCurrentIndex(0)
-        stage.tidy()
-        yield Capture(f"{key}_r29")
+    yield Capture("setup_r29")
     window.context.matrices.put(f"/data/psf/{NAME}.h5", _matrix())
     window.project.update("open", psf=f"/data/psf/{NAME}.h5")
     stage.page("psf")

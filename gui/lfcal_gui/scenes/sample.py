@@ -8,13 +8,13 @@ from lfcal.accuracy import PLACES
 from lfcal.base import sample_session
 from lfcal_gui.scenes.stage import Capture, Stage
 
-__all__ = ["camera", "frames", "open_sample", "plan", "psf", "sample"]
+__all__ = ["frames", "open_sample", "psf", "sample", "setup"]
 
 
 def sample(stage: Stage) -> Iterator[Capture]:
     """Go through all pages with the sample session."""
     open_sample(stage)
-    for scene in (camera, plan, frames, psf, simulate, quality, fit, reconstruct, multiplex, accuracy, sessions):
+    for scene in (setup, frames, psf, simulate, quality, fit, reconstruct, multiplex, accuracy, sessions):
         yield from scene(stage)
 
 
@@ -26,26 +26,29 @@ def open_sample(stage: Stage) -> None:
         stage.done()
 
 
-def camera(stage: Stage) -> Iterator[Capture]:
-    """Show the camera's tabs, with its white image."""
-    page = stage.page("camera")
+def setup(stage: Stage) -> Iterator[Capture]:
+    """Show the scan over the lattice, the other views, all values, and a white image."""
+    page = stage.page("setup")
     stage.tidy()
-    yield Capture("camera")
-    page.panel.tabs.setCurrentIndex(1)
+    yield Capture("setup")
+    for button in page.panel.segments[1:]:
+        button.click()
+        stage.turn()
+        yield Capture(f"setup_{button.text().lower()}")
+    page.panel.segments[0].click()
+    page.panel.inspector.values.open()
     stage.turn()
-    yield Capture("camera_assumed")
+    yield Capture("setup_values")
+    page.panel.inspector.values.head.setChecked(False)
     white = next((sample_session() / "white").glob("*.png"))
     page.check_white(str(white))
     stage.settle()
     stage.tidy()
-    yield Capture("camera_white")
-
-
-def plan(stage: Stage) -> Iterator[Capture]:
-    """Show the plan."""
-    stage.page("plan")
-    stage.tidy()
-    yield Capture("plan")
+    yield Capture("setup_white")
+    page.check.show()
+    stage.settle()
+    yield Capture("setup_check", page.check)
+    page.check.close()
 
 
 def frames(stage: Stage) -> Iterator[Capture]:

@@ -17,22 +17,22 @@ __all__ = ["target"]
 def target(stage: Stage) -> Iterator[Capture]:
     """Plan a target for the bench camera, and record it."""
     stage.window.files.start_with(ProjectState(camera=preset("bench")))
-    page = stage.page("plan")
+    page = stage.page("setup")
     page.make_default()
-    page.panel.tabs.setCurrentIndex(1)
+    page.target.show()
     stage.tidy()
-    yield Capture("plan_point")
+    yield Capture("plan_point", page.target)
     _type(page, "source", "array")
     _planned(stage, page)
-    yield Capture("plan_target")
+    yield Capture("plan_target", page.target)
     _type(page, "most_frames", "30")
     _planned(stage, page)
-    yield Capture("plan_target_part")
+    yield Capture("plan_target_part", page.target)
     yield from _recorded(stage, page)
-    page = stage.page("plan")
+    page = stage.page("setup")
     _type(page, "source", "array:4x4@1mm")
     _planned(stage, page)
-    yield Capture("plan_target_refused")
+    yield Capture("plan_target_refused", page.target)
 
 
 def _recorded(stage: Stage, plan: Any) -> Iterator[Capture]:
@@ -40,9 +40,9 @@ def _recorded(stage: Stage, plan: Any) -> Iterator[Capture]:
     _type(plan, "pose", "rotation=0.2")
     _type(plan, "regions", "1x3")
     _planned(stage, plan)
-    yield Capture("plan_target_pose")
+    yield Capture("plan_target_pose", plan.target)
     file = stage.folder / "target_plan.json"
-    file.write_text(plan.panel.target.found.plan.to_json(), encoding="utf-8")
+    file.write_text(plan.target.panel.found.plan.to_json(), encoding="utf-8")
     page = stage.page("acquire")
     page.panel.setCurrentWidget(page.panel.record)
     page.record.target.take(str(file))
@@ -62,12 +62,12 @@ def _recorded(stage: Stage, plan: Any) -> Iterator[Capture]:
 
 
 def _type(page: Any, key: str, text: str) -> None:
-    editor = page.panel.target.form.editor(key)
+    editor = page.target.panel.form.editor(key)
     editor.setText(text)
     editor.textEdited.emit(text)
 
 
 def _planned(stage: Stage, page: Any) -> None:
-    page.plan_target()
+    page.target.plan_target()
     stage.settle()
     stage.tidy()

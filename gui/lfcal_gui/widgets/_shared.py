@@ -30,6 +30,7 @@ from lfcal_gui.widgets.picture_menu import offer_menu, table_entries
 from lfcal_gui.widgets.plots import LINES, DecadeAxis, LinePlot, line_px, shown_tone, style_axes, theme_plot
 from lfcal_gui.widgets.rows_table import RowsTable
 from lfcal_gui.widgets.splitting import split
+from lfcal_gui.widgets.strip import PlaneTile, Strip, legend_words, outline_tones
 from lfcal_gui.widgets.words import ElidedLabel, WrappedLabel, set_look, set_role
 
 __all__ = [
@@ -49,19 +50,23 @@ __all__ = [
     "LinePlot",
     "PeriodMap",
     "Picture",
+    "PlaneTile",
     "RowsTable",
+    "Strip",
     "WrappedLabel",
     "card",
     "choice_box",
     "clear",
     "column_area",
     "heading",
+    "legend_words",
     "line",
     "line_px",
     "lines_px",
     "link",
     "name_controls",
     "offer_menu",
+    "outline_tones",
     "scrolling",
     "set_look",
     "set_role",

@@ -22,7 +22,11 @@ from lfcal_gui.widgets.words import set_look
 
 __all__ = ["Form"]
 
-LONGEST_MARK = "measured"
+SHORTEST = 5
+"""Letters of a choice that are seen in any case."""
+
+MARKS = {"stated": "✓", "assumed": "<a href='confirm'>assumed</a>"}
+"""What is shown for words of marks: a tick, and what can be clicked."""
 
 _UNKNOWN = object()
 
@@ -41,9 +45,12 @@ class Form(QWidget):
     -------
     edited(key, value)
         The user changed a value, and it passes.
+    confirmed(key)
+        The user says that a value is right of which a mark says that it is assumed.
     """
 
     edited = Signal(str, object)
+    confirmed = Signal(str)
 
     def __init__(
         self, fields: tuple[Field, ...], parent: QWidget | None = None, *, marked: bool = False, dense: bool = False
@@ -63,7 +70,7 @@ class Form(QWidget):
         self._reported = self._last = ""
         self._layout = QFormLayout(self)
         self._layout.setContentsMargins(0, 0, 0, 0)
-        self._layout.setHorizontalSpacing(10)
+        self._layout.setHorizontalSpacing(6 if dense else 10)
         self._layout.setVerticalSpacing(2 if dense else 6)
         self._layout.setLabelAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self._layout.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
@@ -82,6 +89,9 @@ class Form(QWidget):
             editor = QComboBox()
             for value, text in field.choices:
                 editor.addItem(text, value)
+            if self._marked:  # a narrow column
+                editor.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+                editor.setMinimumContentsLength(SHORTEST)
             editor.currentIndexChanged.connect(lambda _=0, key=field.key: self._changed(key))
         elif field.kind == "bool":
             editor = QCheckBox()
@@ -92,7 +102,7 @@ class Form(QWidget):
         else:
             editor = QLineEdit()
             editor.setPlaceholderText(field.empty)
-            editor.setMinimumWidth(68 if self._marked else 80)
+            editor.setMinimumWidth(60 if self._marked else 80)
             editor.textEdited.connect(lambda _="", key=field.key: self._changed(key))
             editor.editingFinished.connect(lambda key=field.key: self._untouched.pop(key, None))
             editor.selectionChanged.connect(lambda key=field.key, editor=editor: self._select(key, editor))
@@ -109,8 +119,8 @@ class Form(QWidget):
     def _with_mark(self, key: str, editor: QWidget) -> QHBoxLayout:
         """Return the editor with room for a word beside it."""
         mark = QLabel()
-        mark.ensurePolished()  # the style's font, not the default one
-        mark.setFixedWidth(mark.fontMetrics().horizontalAdvance(LONGEST_MARK) + 3)
+        mark.setProperty("mark", "stated")
+        mark.linkActivated.connect(lambda _, key=key: self.confirmed.emit(key))
         self._mark_labels[key] = mark
         row = QHBoxLayout()
         row.setContentsMargins(0, 0, 0, 0)
@@ -120,25 +130,31 @@ class Form(QWidget):
         return row
 
     def set_marks(self, marks: dict[str, tuple[str, str]]) -> None:
-        """Show a word beside each field of a form with marks: pairs of word, which is also its style, and tip."""
-        some = any(word for word, _ in marks.values())
+        """Show a word beside each field of a form with marks: pairs of word, which is also its style, and tip.
+
+        A click on *assumed* confirms the value.
+        """
+        wide = 0
         for key, (word, tip) in marks.items():
             label = self._mark_labels[key]
-            label.setVisible(some)
-            label.setText(word)
+            label.setText(MARKS.get(word, word))
+            label.setAccessibleName(f"{self.fields[key].label}: {word}")
             label.setToolTip(tip)
             # screen readers read the description after the name
             self._editors[key].setAccessibleDescription(tip)
             set_look(label, "mark", word)
+            wide = max(wide, label.sizeHint().width())
+        for key in marks:
+            self._mark_labels[key].setFixedWidth(wide)
 
     # -- values ----------------------------------------------------------------------------------------
     def editor(self, key: str) -> QWidget:
         """Return the widget of a field."""
         return self._editors[key]
 
-    def mark(self, key: str) -> str:
-        """Return the word shown beside a field."""
-        return self._mark_labels[key].text()
+    def mark(self, key: str) -> QLabel:
+        """Return what says where the value of a field comes from; its property ``mark`` is the word."""
+        return self._mark_labels[key]
 
     def set_values(self, values: dict[str, Any]) -> None:
         """Show values without reporting them; a field being typed in keeps its text if it means the same."""
@@ -186,7 +202,7 @@ class Form(QWidget):
 
     def set_shown(self, key: str, shown: bool) -> None:
         """Show or hide one field with its label."""
-        self._layout.setRowVisible(self._editors[key], shown)
+        self._layout.setRowVisible(self._labels[key], shown)
 
     def _select(self, key: str, editor: QLineEdit) -> None:
         """Remember a text that is selected whole: what is typed over it is a new beginning."""

@@ -68,6 +68,9 @@ PILL, GAP, LINE = QColor(8, 10, 13, 205), 8, 15
 RAMP, SCALE = 120, 140
 """Greatest length of the colours in a legend, and of a scale bar (px)."""
 
+ARROWS = {Qt.Key.Key_Up: (-1, 0), Qt.Key.Key_Down: (1, 0), Qt.Key.Key_Left: (0, -1), Qt.Key.Key_Right: (0, 1)}
+"""Rows and columns that a key moves the grip by."""
+
 _numbers = count()
 
 
@@ -99,6 +102,8 @@ class Picture(QWidget):
         A pixel was clicked.
     steered_to(row, column)
         The pointer is held on a pixel, the nearest one where it is outside.
+    dragged(rows, columns)
+        The `grip` was moved by so many pixels since this was emitted last: by the pointer, or by arrow keys.
     changed()
         Another picture is on the screen, or none.
     readout_clicked()
@@ -110,6 +115,7 @@ class Picture(QWidget):
     hovered = Signal(int, int, float)
     clicked = Signal(int, int)
     steered_to = Signal(int, int)
+    dragged = Signal(int, int)
     changed = Signal()
     moved = Signal()
     readout_clicked = Signal()
@@ -147,6 +153,8 @@ class Picture(QWidget):
         self.sharing: tuple[Picture, ...] = (self,)
         """Pictures that have one contrast."""
         self._steered, self._held = steered, False
+        self._grip: QRectF | None = None
+        self._dragged_from: QPointF | None = None
         self._build(axes, square)
         self._watch()
         self.apply_theme()
@@ -175,8 +183,7 @@ class Picture(QWidget):
         self.box.addItem(self.item)
         self.blank = Blank(self.graphics, self.box, self.plot, dark=True)
         self.blank.show_blank(True)
-        if self._steered:
-            self.graphics.viewport().installEventFilter(self)
+        self.graphics.viewport().installEventFilter(self)
 
     def _watch(self) -> None:
         self._timer = QTimer(self)
@@ -482,18 +489,33 @@ class Picture(QWidget):
         super().leaveEvent(event)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Follow the pointer while its button is held, where that points at a place."""
+        """Follow the pointer while its button is held, where that points at a place or drags the grip."""
         kind = event.type()
-        if not isinstance(event, QMouseEvent):
+        if not isinstance(event, QMouseEvent) or not (self._steered or self._grip is not None):
             return super().eventFilter(watched, event)
+        place = self.graphics.mapToScene(event.position().toPoint())
         if kind == QEvent.Type.MouseButtonPress and event.button() == Qt.MouseButton.LeftButton:
-            self._held = True
+            at = self.box.mapSceneToView(place)
+            self._held = self._steered or (self._grip is not None and self._grip.contains(at))
+            self._dragged_from = at
         if self._held and kind in (QEvent.Type.MouseButtonPress, QEvent.Type.MouseMove):
-            self._steer(self.graphics.mapToScene(event.position().toPoint()))
+            (self._steer if self._steered else self._drag)(place)
             return True
         if kind == QEvent.Type.MouseButtonRelease:
             self._held = False
         return super().eventFilter(watched, event)
+
+    def set_grip(self, area: tuple[float, float, float, float] | None) -> None:
+        """Let a drag that begins within ``area``, first row and column, height and width, report how far it goes."""
+        self._grip = None if area is None else QRectF(area[1] - 0.5, area[0] - 0.5, area[3], area[2])
+
+    def _drag(self, place: QPointF) -> None:
+        assert self._dragged_from is not None
+        way = self.box.mapSceneToView(place) - self._dragged_from
+        columns, rows = round(way.x()), round(way.y())
+        if rows or columns:
+            self._dragged_from += QPointF(columns, rows)
+            self.dragged.emit(rows, columns)
 
     def _steer(self, place: QPointF) -> None:
         shot, point = self._shot, self.box.mapSceneToView(place)
@@ -515,11 +537,13 @@ class Picture(QWidget):
             self.clicked.emit(*pixel)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Copy the picture (Ctrl+C) or its values (C)."""
+        """Copy the picture (Ctrl+C) or its values (C), or move the grip (arrow keys)."""
         if event.matches(QKeySequence.StandardKey.Copy):
             copy_picture(self)
         elif event.key() == Qt.Key.Key_C and event.modifiers() == Qt.KeyboardModifier.NoModifier:
             self.copy_data()
+        elif self._grip is not None and event.key() in ARROWS:
+            self.dragged.emit(*ARROWS[event.key()])
         else:
             super().keyPressEvent(event)
 

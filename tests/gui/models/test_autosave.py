@@ -9,7 +9,7 @@ from lfcal.base.errors import FileFormatError
 from lfcal.camera import preset
 from lfcal_gui.models.autosave import UnsavedCopy, find_kept, keep, read_kept
 from lfcal_gui.models.project import Project, ProjectState
-from lfcal_gui.pages.plan.model import default_plan
+from lfcal_gui.pages.setup.model_scan import default_plan
 
 
 class Free:

@@ -22,11 +22,10 @@ from lfcal_gui.models.page import (
 )
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.models.stamp import stamp_of
-from lfcal_gui.pages.plan.model import default_plan
+from lfcal_gui.pages.setup.model_scan import default_plan
 
 OWN = (
-    "camera",
-    "plan",
+    "setup",
     "acquire",
     "frames",
     "psf",
@@ -86,7 +85,7 @@ def test_pages_of_other_distributions(monkeypatch: pytest.MonkeyPatch) -> None:
     ]
     monkeypatch.setattr(metadata, "entry_points", lambda group: points if group == "lfcal.pages" else [])
     found = page_registry()
-    assert found.names() == (*OWN[:4], "notes", *OWN[4:]), "its order puts it behind Frames"
+    assert found.names() == (*OWN[:3], "notes", *OWN[3:]), "its order puts it behind Frames"
     failures = found.failures()
     assert set(failures) == {"bad", "gone"} and "PageSpec" in failures["bad"] and "no_such_module" in failures["gone"]
 
@@ -97,8 +96,7 @@ def test_states_follow_from_the_project(tmp_path: Path) -> None:
     states = page_states(ProjectState())
     assert set(states) == set(OWN)
     assert states == {
-        "camera": PageState.READY,  # the preset that a project begins with was not chosen
-        "plan": PageState.READY,
+        "setup": PageState.READY,
         "acquire": PageState.NOTHING,
         "frames": PageState.READY,
         "psf": PageState.NOTHING,
@@ -113,7 +111,7 @@ def test_states_follow_from_the_project(tmp_path: Path) -> None:
     plan = default_plan(preset("bench"))
     full = ProjectState(plan=plan, psf=str(file), frames=str(tmp_path), reference="R.h5", redo=((0, 0, 0),))
     states = page_states(full, running={"simulate"}, attention={"frames", "not installed"})
-    assert states["camera"] is states["plan"] is states["psf"] is PageState.DONE
+    assert states["setup"] is states["psf"] is PageState.DONE
     assert states["quality"] is states["fit"] is states["reconstruct"] is states["accuracy"] is PageState.READY
     assert states["simulate"] is PageState.RUNNING
     assert states["frames"] is PageState.ATTENTION

@@ -11,7 +11,7 @@ from lfcal.camera import preset
 from lfcal_gui.models.project import Hold, Project, ProjectState, RecentProjects
 from lfcal_gui.models.stamp import stamp_of
 from lfcal_gui.pages.frames.model import FrameSettings
-from lfcal_gui.pages.plan.model import default_plan
+from lfcal_gui.pages.setup.model_scan import default_plan
 from lfcal_gui.pages.simulate.model import SimulateSettings
 
 

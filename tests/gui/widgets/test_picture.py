@@ -364,6 +364,36 @@ def test_a_steered_picture_tells_the_nearest_pixel_while_it_is_held(qtbot: QtBot
     assert told[0] == (1, 2) and told[-1] == (2, 5) and (0, 0) not in told
 
 
+def test_a_grip_is_dragged_by_whole_pixels_and_by_keys(view: Picture) -> None:
+    view.set_shot(Shot(np.zeros((20, 20))))
+    view.set_grip((8, 8, 4, 4))
+    view.show_part(0, 0, 19, 19, padding=0)
+    told: list[tuple[int, int]] = []
+    view.dragged.connect(lambda *way: told.append(way))
+
+    def at(row: float, column: float) -> QPoint:
+        return view.graphics.mapFromScene(view.box.mapViewToScene(QPointF(column, row)))
+
+    port, before = view.graphics.viewport(), view.box.viewRect()
+    QTest.mousePress(port, Qt.MouseButton.LeftButton, pos=at(9, 9))
+    QTest.mouseMove(port, at(9.4, 9.4))
+    QTest.mouseMove(port, at(12.2, 10.3))
+    QTest.mouseMove(port, at(9.1, 10.3))
+    QTest.mouseRelease(port, Qt.MouseButton.LeftButton, pos=at(9.1, 10.3))
+    assert np.sum(told, axis=0).tolist() == [0, 1] and view.box.viewRect() == before
+    told.clear()
+    QTest.mousePress(port, Qt.MouseButton.LeftButton, pos=at(2, 2))
+    QTest.mouseMove(port, at(6, 6))
+    QTest.mouseRelease(port, Qt.MouseButton.LeftButton, pos=at(6, 6))
+    assert not told, "what begins elsewhere moves the picture"
+    for key in (Qt.Key.Key_Up, Qt.Key.Key_Right):
+        QTest.keyClick(view, key)
+    assert told == [(-1, 0), (0, 1)]
+    view.set_grip(None)
+    QTest.keyClick(view, Qt.Key.Key_Up)
+    assert len(told) == 2
+
+
 def test_keys_copy_values_and_picture(view: Picture, qtbot: QtBot) -> None:
     view.set_shot(Shot(np.array([[1.5, 2.0], [3.0, 4.0]])))
     QTest.keyClick(view, Qt.Key.Key_C)

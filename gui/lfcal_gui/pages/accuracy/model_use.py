@@ -73,7 +73,7 @@ def _planes(project: ProjectState, rung: Rung) -> RungUse:
         return RungUse("Nothing was changed: there is no scan plan.")
     depths = tuple(float(z) for z in rung.settings["depths_um"])
     plan = replace(project.plan, depths_um=depths, exposure_s=project.plan.exposures[0])
-    return RungUse(f"Plan: {len(depths)} planes over the same depths.", "planes", {"plan": plan}, "plan")
+    return RungUse(f"Plan: {len(depths)} planes over the same depths.", "planes", {"plan": plan}, "setup")
 
 
 def _averaging(project: ProjectState, rung: Rung) -> RungUse:
@@ -84,7 +84,7 @@ def _averaging(project: ProjectState, rung: Rung) -> RungUse:
     frames = int(rung.settings["frames_averaged"])
     plan = replace(project.plan, frames_averaged=frames, exposure_s=exposure)
     words = f"Plan: {frames} frame{'s' * (frames > 1)} averaged, exposure {1e3 * given[0]:.4g} ms."
-    return RungUse(words, "frames averaged", {"plan": plan}, "plan")
+    return RungUse(words, "frames averaged", {"plan": plan}, "setup")
 
 
 def _interpolation(project: ProjectState, rung: Rung) -> RungUse:

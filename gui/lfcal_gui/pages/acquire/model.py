@@ -32,8 +32,8 @@ HELD = frozenset(
 )
 """Fields of `lfcal.tasks.Acquire` and `lfcal.tasks.AcquireUntil` that are not in the form.
 
-Of the first line the page has its own widgets. Other buttons assemble and pack a session. The page Plan shows the cost
-at a frame rate.
+Of the first line the page has its own widgets. Other buttons assemble and pack a session. Set up shows the cost at a
+frame rate.
 """
 
 ORDER = Field(

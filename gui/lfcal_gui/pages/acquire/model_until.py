@@ -67,7 +67,7 @@ def check_goal(plan: ScanPlan, options: Options, folder: FolderState) -> None:
         got, remedy = "several that make one frame", "enter 1 for Exposures"
         raise InputError.expected("exposures", "single ones, whose noise is known", got, remedy)
     if stated_noise(plan.camera) is None:
-        remedy = "measure read noise and full well on the page Camera, or state them"
+        remedy = "measure read noise and full well in Set up, or state them"
         raise InputError.expected("noise of the camera", "measured or stated", "assumed", remedy)
 
 

@@ -65,7 +65,7 @@ class Page(BasePage):
         if state.plan is None and not self.record.recording:  # whose buttons stay, whatever becomes of the project
             self.show_empty(
                 "Recording needs a scan plan: which positions, planes and cutout.",
-                {"Plan": self.lead("plan", "Say which source positions and depth planes there are")},
+                {"Plan": self.lead("setup", "Say which source positions and depth planes there are")},
             )
             return
         self.show_body()

@@ -268,7 +268,7 @@ class RecordPanel(QWidget):
         self.choose_target.setToolTip(
             "Record the scan of a single point again"
             if name
-            else "Record frames of many points: choose a target's plan (.json), as page Plan saves it"
+            else "Record frames of many points: choose a target's plan (.json), as Set up saves it"
         )
 
     def set_values(self, values: Mapping[str, Any], extent: str) -> None:

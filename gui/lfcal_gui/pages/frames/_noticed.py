@@ -49,7 +49,7 @@ class Noticed:
             button = f"Turn upright ({advised.apply})" if advised.apply in ORIENTATIONS else "Do not turn them"
             self.notice.offer(words, button, lambda: self._set(advised.apply), leave)
         else:
-            self.notice.offer(words, "Plan", lambda: self.context.go.emit("plan", None), leave)
+            self.notice.offer(words, "Plan", lambda: self.context.go.emit("setup", None), leave)
 
     def _tell(self, words: str) -> None:
         self.context.message.emit(words)

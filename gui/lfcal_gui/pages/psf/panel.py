@@ -18,7 +18,7 @@ from PySide6.QtWidgets import (
 )
 
 from lfcal_gui.models import COLOUR_MAPS, DisplaySettings, Outline, Shot
-from lfcal_gui.pages.psf._depth_strip import Apertures, DepthStrip, legend_words, outline_tones
+from lfcal_gui.pages.psf._apertures import Apertures, tip_of
 from lfcal_gui.pages.psf.model import PlaneData, PSFIntent, PSFPicture, pixel_words
 from lfcal_gui.pages.psf.model_aperture import aperture_words
 from lfcal_gui.widgets import (
@@ -30,12 +30,15 @@ from lfcal_gui.widgets import (
     LinePlot,
     PeriodMap,
     Picture,
+    Strip,
     card,
     choice_box,
     column_area,
     heading,
+    legend_words,
     line,
     link,
+    outline_tones,
     share_contrast,
     shown_tone,
     split,
@@ -119,7 +122,7 @@ class PSFPanel(QWidget):
         self.split = split(self.main_view, self.linked_view, sizes=(1, 1))
         self.contrast = Contrast(self.main_view)
         self.contrast.display_asked.connect(self.display_asked.emit)
-        self.strip = DepthStrip(64)
+        self.strip = Strip(tip_of, 64)
         self.strip.chosen.connect(lambda z: self.asked.emit({"z": z}))
 
     def _view_bar(self) -> QHBoxLayout:
@@ -295,10 +298,10 @@ class PSFPanel(QWidget):
         self.sum_view.set_overlays(Outline(fitted, tones[0], width=2), Outline(expected, tones[1], dashed=True))
 
     def show_tile(self, z: int, **known: Any) -> None:
-        """Show more of plane ``z`` among all planes: fields of `lfcal_gui.pages.psf._depth_strip.PlaneTile`."""
+        """Show more of plane ``z`` among all planes: fields of `lfcal_gui.widgets.PlaneTile`."""
         self._each_strip(lambda strip: strip.set_tile(z, **known))
 
-    def _each_strip(self, do: Callable[[DepthStrip], object]) -> None:
+    def _each_strip(self, do: Callable[[Strip], object]) -> None:
         for strip in (self.strip, *(() if self.apertures is None else (self.apertures.grid,))):
             do(strip)
 

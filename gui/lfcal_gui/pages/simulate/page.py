@@ -115,7 +115,7 @@ class Page(BasePage):
         if state.plan is None:
             self.show_empty(
                 "The simulation needs a scan plan: which positions, planes and cutout.",
-                {"Plan": self.lead("plan", "Say which source positions and depth planes there are")},
+                {"Plan": self.lead("setup", "Say which source positions and depth planes there are")},
             )
             return
         self.show_body()
@@ -307,7 +307,7 @@ class Page(BasePage):
     def _plan(self) -> ScanPlan | None:
         """Return the plan; where there is none, say so."""
         if self.context.state.plan is None:
-            self.refuse("there is no scan plan to simulate; make or open one on the page Plan")
+            self.refuse("there is no scan plan to simulate; make or open one in Set up")
         return self.context.state.plan
 
     def simulate(self, path: str = "") -> None:

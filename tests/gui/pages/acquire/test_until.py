@@ -87,7 +87,7 @@ def test_what_no_fit_can_tell_is_refused_before_anything_moves(tmp_path: Path) -
     with pytest.raises(InputError, match="a scan of every position"):
         check_goal(PLAN, Options(), folder_state(str(tmp_path)))
     camera = replace(PLAN.camera, marks=PLAN.camera.marks.marked(["sensor.read_noise_e"], "assumed"))
-    with pytest.raises(InputError, match="on the page Camera"):
+    with pytest.raises(InputError, match="in Set up"):
         check_goal(replace(PLAN, camera=camera), Options(), FolderState())
 
 

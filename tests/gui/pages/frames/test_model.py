@@ -12,7 +12,7 @@ from lfcal.frames.source import Position
 from lfcal_gui.pages.frames._assembly import iter_assembly
 from lfcal_gui.pages.frames.model import FrameSettings, Opened, open_imported, positions_words
 from lfcal_gui.pages.frames.model_frame import load_frame
-from lfcal_gui.pages.plan.model import default_plan
+from lfcal_gui.pages.setup.model_scan import default_plan
 
 
 def opened(shape: tuple[int, int, int]) -> Opened:

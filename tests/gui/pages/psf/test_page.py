@@ -19,8 +19,8 @@ from lfcal.psf.aperture import fit_aperture
 from lfcal.psf.aperture.shape import Aperture, blade_radius
 from lfcal_gui.context import Context
 from lfcal_gui.models import OpeningSettings, ProjectState
-from lfcal_gui.pages.psf._depth_strip import EXPECTED, FITTED, PlaneTile
 from lfcal_gui.widgets.plots import LINES
+from lfcal_gui.widgets.strip import EXPECTED, FITTED, PlaneTile
 from lfcal_gui.window import MainWindow
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle

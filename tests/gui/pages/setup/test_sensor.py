@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QPushButton
 from pytestqt.qtbot import QtBot
 
 from lfcal.camera import ScanPlan
-from lfcal_gui.pages.camera._panel_sensor import SensorDialog
+from lfcal_gui.pages.setup._sensor_dialog import SensorDialog
 from lfcal_gui.window import MainWindow
 from tests.frames.photon_transfer.sensor_model import Truth, micro_images
 from tests.gui.waiting import idle
@@ -37,8 +37,8 @@ def write(place: Path, processed: bool = False) -> tuple[str, str]:
 
 @pytest.fixture
 def dialog(window: MainWindow, qtbot: QtBot) -> SensorDialog:
-    page: Any = window.page("camera")
-    window.go("camera")
+    page: Any = window.page("setup")
+    window.go("setup")
     button = next(b for b in page.findChildren(QPushButton) if b.text().startswith("Sensor"))
     button.click()
     made: SensorDialog = page.dialog
@@ -69,9 +69,9 @@ def test_folders_are_measured_and_the_camera_takes_it(
     assert not dialog.take_button.isEnabled(), "it has it"
     plan = window.project.state.plan
     assert plan is not None and plan.camera == after, "no noise moves an image"
-    page: Any = window.page("camera")
-    form = page.panel.forms["sensor"]
-    assert form.mark("sensor.dsnu_e") == "measured"
+    page: Any = window.page("setup")
+    form = page.panel.inspector.forms["sensor.dsnu_e"]
+    assert form.mark("sensor.dsnu_e").property("mark") == "measured"
     assert float(form.editor("sensor.dsnu_e").text()) == pytest.approx(after.sensor.dsnu_e)
     window.project.undo()
     assert window.project.state.camera == before and dialog.take_button.isEnabled()

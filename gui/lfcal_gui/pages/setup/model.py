@@ -9,8 +9,8 @@ from typing import Any
 
 from lfcal.base import LfcalError
 from lfcal.camera import Camera, Derived, LensletLattice, LensType, MainLens, Microscope, Sensor, derived_of, doubts
-from lfcal_gui.pages.camera.model_fields import MAIN_LENS, MICROSCOPE, SENSOR
-from lfcal_gui.pages.camera.model_marks import stated
+from lfcal_gui.pages.setup.model_fields import MAIN_LENS, MICROSCOPE, SENSOR
+from lfcal_gui.pages.setup.model_marks import stated
 
 __all__ = ["apply_change", "facts", "optics_of_kind", "values_of"]
 

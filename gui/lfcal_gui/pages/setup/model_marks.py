@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from lfcal.base import LfcalError
-from lfcal.camera import Camera, Marks, ScanPlan, quantities_of, value_at
+from lfcal.camera import Camera, Marks, ScanPlan, quantities_of
 from lfcal_gui.models import ProjectState
 
-__all__ = ["TIPS", "Assumed", "assumed_values", "confirmed", "mark_of", "path_of", "state_with", "stated"]
+__all__ = ["TIPS", "confirmed", "mark_of", "path_of", "state_with", "stated"]
 
 PATHS = {
     "optics.kind": "",
@@ -30,20 +30,11 @@ OF_ROWS = ("lattice.row_pitch_um", "lattice.shear_rad", "lattice.distortion")
 """Values that another kind of array does not keep."""
 
 TIPS = {
-    "assumed": "Nobody stated this value: lfcal took a usual one. Type the true value, or confirm it under Assumed.",
+    "assumed": "Nobody stated this value: lfcal took a usual one. Type the true value, or click here if it is right.",
     "derived": "This value follows from stated or measured ones.",
     "measured": "This value was measured in frames of the camera.",
-    "stated": "",
+    "stated": "This value is stated.",
 }
-
-
-@dataclass(frozen=True)
-class Assumed:
-    """A value that nobody stated: path, name, and value with its unit."""
-
-    path: str
-    label: str
-    text: str
 
 
 def path_of(key: str) -> str:
@@ -52,17 +43,9 @@ def path_of(key: str) -> str:
 
 
 def mark_of(camera: Camera, key: str) -> str:
-    """Return where the value of a field comes from; empty where that is the rule: stated."""
+    """Return where the value of a field comes from."""
     path = path_of(key)
-    mark = camera.marks[path] if path else "stated"
-    return "" if mark == "stated" else mark
-
-
-def assumed_values(camera: Camera) -> tuple[Assumed, ...]:
-    """Return what is assumed of ``camera``, values of geometry first."""
-    there = set(camera.marks.paths("assumed"))
-    found = sorted((q for q in quantities_of(camera) if q.path in there), key=lambda q: q.light)
-    return tuple(Assumed(q.path, q.label[:1].upper() + q.label[1:], q.text(value_at(camera, q.path))) for q in found)
+    return camera.marks[path] if path else "stated"
 
 
 def confirmed(camera: Camera, paths: Iterable[str]) -> Camera:

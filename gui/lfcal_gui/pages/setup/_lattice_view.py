@@ -6,8 +6,8 @@ import numpy as np
 from PySide6.QtWidgets import QLabel, QStackedWidget, QVBoxLayout, QWidget
 
 from lfcal_gui.models import Outline, Shot, Symbols
-from lfcal_gui.pages.camera.model_check import Checked
-from lfcal_gui.pages.camera.model_lattice_map import DISTORTION, RESIDUALS, LatticeMap
+from lfcal_gui.pages.setup.model_check import Checked
+from lfcal_gui.pages.setup.model_lattice_map import DISTORTION, RESIDUALS, LatticeMap
 from lfcal_gui.widgets import Picture, choice_box
 
 __all__ = ["LatticeView"]

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from lfcal.camera import PRESETS, MainLens, preset
-from lfcal_gui.pages.plan import model as plan_form
+from lfcal_gui.pages.setup import model_scan as plan_form
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -29,12 +29,10 @@ def test_plan_changes() -> None:
         assert nothing is None and "\n" not in error and error
 
 
-def test_region_drawing_and_forecast() -> None:
+def test_scan_path_and_forecast() -> None:
     plan = plan_form.default_plan(preset("bench"))
-    drawing = plan_form.region_drawing(plan)
-    assert drawing.size == (19, 33) and len(drawing.path) == 19 * 33
-    assert tuple(drawing.path[0]) == plan.anchor
-    assert set(drawing.types) == {0, 1, 2}
+    path = plan_form.scan_path(plan)
+    assert len(path) == 19 * 33 and tuple(path[0]) == plan.anchor
     rows = dict(plan_form.forecast_rows(plan))
     assert rows["Positions"] == str(plan.n_positions) and rows["H, float32"].endswith("B")
     assert "Time without readout" in rows and rows["  whole frames at"].endswith("B/s"), "what is not counted is told"

@@ -10,7 +10,7 @@ from PySide6.QtGui import QImage, QPainter
 from pytestqt.qtbot import QtBot
 
 from lfcal.camera import PRESETS, preset
-from lfcal_gui.pages.camera._optics_view import OpticsView
+from lfcal_gui.pages.setup._optics_view import OpticsView
 
 
 class Listening(QPainter):

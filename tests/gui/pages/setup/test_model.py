@@ -8,8 +8,8 @@ import pytest
 
 from lfcal.camera import PRESETS, Camera, LatticeDistortion, Marks, Microscope, ScanPlan, preset
 from lfcal_gui.models.project import ProjectState
-from lfcal_gui.pages.camera import model as camera_form
-from lfcal_gui.pages.camera import model_marks
+from lfcal_gui.pages.setup import model as camera_form
+from lfcal_gui.pages.setup import model_marks
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -68,7 +68,7 @@ def test_a_bent_lattice_is_told_in_words_and_another_kind_starts_straight() -> N
     square, error = camera_form.apply_change(bent, "lattice.kind", "square")
     assert not error and square is not None
     assert square.lattice.distortion is None and square.lattice.shear_rad == 0
-    assert model_marks.mark_of(square, "lattice.distortion") == ""
+    assert model_marks.mark_of(square, "lattice.distortion") == "stated"
 
 
 def test_the_plan_stays_where_images_lie_as_they_did() -> None:
@@ -118,16 +118,9 @@ def test_another_kind_of_optics_is_assumed() -> None:
     again, _ = camera_form.apply_change(camera, "optics.magnification", 40.0)
     assert again is not None and again.marks["optics.magnification"] == "stated"
     assert model_marks.mark_of(again, "optics.tube_length_um") == "assumed"
-    assert model_marks.mark_of(again, "optics.kind") == ""
+    assert model_marks.mark_of(again, "optics.kind") == "stated"
     back, _ = camera_form.apply_change(again, "optics.kind", "MainLens")
     assert back is not None and not any(path == "optics.magnification" for path, _ in back.marks)
-
-
-def test_assumed_values_name_geometry_first() -> None:
-    camera = replace(preset("r29"), marks=Marks.of({"sensor.prnu": "assumed", "lattice.gap_um": "assumed"}))
-    found = model_marks.assumed_values(camera)
-    assert [value.path for value in found] == ["lattice.gap_um", "sensor.prnu"]
-    assert found[0].text == "871.75 µm"
 
 
 def test_values_in_the_wrong_unit_are_questioned() -> None:

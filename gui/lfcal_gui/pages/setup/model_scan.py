@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,8 @@ from lfcal.tasks import PlanScan
 from lfcal_gui.models import CAMERA_FILE, shown_of
 
 __all__ = [
+    "BASIC_OF_SCAN",
     "HELD",
-    "RegionDrawing",
     "apply_change",
     "default_plan",
     "forecast_rows",
@@ -27,16 +27,18 @@ __all__ = [
     "list_beside",
     "list_text",
     "path_lines",
-    "region_drawing",
+    "scan_path",
     "scan_task",
     "values_of",
 ]
 
 PATH_POINTS = 6000
-MAX_LENSLETS = 20_000
 
 HELD = frozenset({"camera", "out", "list_file"})
-"""Fields of `lfcal.tasks.PlanScan` that are not in the form: page Camera, and the files that *Save …* writes."""
+"""Fields of `lfcal.tasks.PlanScan` that are not in the form: the camera, and the files that *Save …* writes."""
+
+BASIC_OF_SCAN = ("virtual_depths", "depths", "cutout", "exposure")
+"""Fields that are seen at once."""
 
 ROWS = {row.name: row for row in rows(PlanScan)}
 PLANES = ("depths", "virtual_depths")
@@ -136,38 +138,11 @@ def list_beside(path: str | Path) -> Path:
     return Path(path).with_name(f"{Path(path).stem}_positions.json")
 
 
-@dataclass(frozen=True, eq=False)
-class RegionDrawing:
-    """The representative region: lenslets (row, column, type), the cell's corners, and the scan path (row, column)."""
-
-    lenslets: NDArray[np.float64]
-    types: NDArray[np.intp]
-    radius_px: float
-    corner: tuple[float, float]
-    size: tuple[int, int]
-    path: NDArray[np.float64]
-
-
-def region_drawing(plan: ScanPlan, positions: NDArray[np.intp] | None = None) -> RegionDrawing:
-    """Return what is drawn of a plan, in sensor pixels; with ``positions`` no others are recorded."""
-    camera = plan.camera
-    ny, nx = plan.period
-    pixel = camera.sensor.pixel_um
-    middle = (plan.anchor[0] + (ny - 1) / 2, plan.anchor[1] + (nx - 1) / 2)
-    centre_row, centre_column = camera.sensor.centre_px
-    about = ((middle[1] - centre_column) * pixel, (middle[0] - centre_row) * pixel)
-    reach = 1.2 * camera.pitch_px
-    half = ((nx / 2 + reach) * pixel, (ny / 2 + reach) * pixel)
-    cell = camera.lattice.pitch_um * camera.lattice.row_step_um
-    centres, types = np.zeros((0, 2)), np.zeros(0, np.intp)
-    if 4 * half[0] * half[1] / cell < MAX_LENSLETS:
-        centres, types = camera.lattice.lenslets_within(*half, about)
-    points = np.stack([centres[:, 1] / pixel + centre_row, centres[:, 0] / pixel + centre_column], axis=-1)
+def scan_path(plan: ScanPlan, positions: NDArray[np.intp] | None = None) -> NDArray[np.float64]:
+    """Return where the image goes in a plane, ``(n, 2)`` pixels; with ``positions`` no others are recorded."""
     order = _first_plane(plan, positions)
-    step = max(1, len(order) // PATH_POINTS)
-    path = plan.image_px(order)[::step]
-    radius = camera.lattice.clear_diameter_um / pixel / 2
-    return RegionDrawing(points, types, radius, plan.anchor, plan.period, path)
+    path: NDArray[np.float64] = plan.image_px(order)[:: max(1, len(order) // PATH_POINTS)]
+    return path
 
 
 def _first_plane(plan: ScanPlan, positions: NDArray[np.intp] | None) -> NDArray[np.intp]:

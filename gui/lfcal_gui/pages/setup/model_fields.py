@@ -6,7 +6,7 @@ import math
 
 from lfcal_gui.models import Field
 
-__all__ = ["LATTICE", "LIGHT", "MAIN_LENS", "MICROSCOPE", "SENSOR"]
+__all__ = ["BASIC", "LATTICE", "LIGHT", "MAIN_LENS", "MICROSCOPE", "SENSOR"]
 
 DEGREE = math.pi / 180
 
@@ -22,7 +22,7 @@ MAIN_LENS = (
     Field("optics.f_number", "f-number", "", "As set on the lens: focal length over entrance pupil"),
     Field(
         "optics.working_distance_um",
-        "Working distance",
+        "Distance",
         "mm",
         "From the lens to the plane whose image lies on the lenslets",
         scale=1e3,
@@ -63,7 +63,7 @@ LATTICE = (
         optional=True,
         empty="ideal",
     ),
-    Field("lattice.gap_um", "Gap to the sensor", "µm", "Distance B from lenslets to sensor"),
+    Field("lattice.gap_um", "Gap", "µm", "Distance B from lenslets to sensor"),
     Field(
         "lattice.rotation_rad", "Rotation", "°", "From the column axis towards the row axis (clockwise)", scale=DEGREE
     ),
@@ -96,7 +96,7 @@ LATTICE = (
         "lattice.distortion",
         "Distortion",
         "",
-        "Departure of the micro-images from straight rows, and its largest size; measured in a white image (Check …)",
+        "Departure of the micro-images from straight rows, and its largest size; measured in a white image",
         kind="shown",
     ),
 )
@@ -151,3 +151,10 @@ LIGHT = (
     Field("camera.wavelength_um", "Wavelength", "nm", "Of the light the camera is calibrated with", scale=1e-3),
     Field("camera.bandwidth_um", "Bandwidth", "nm", "Full width of the light's spectrum", scale=1e-3),
 )
+
+BASIC = (
+    *("optics.focal_length_um", "optics.f_number", "optics.working_distance_um"),
+    *("optics.magnification", "optics.numerical_aperture", "optics.tube_length_um"),
+    *("lattice.pitch_um", "sensor.pixel_um", "camera.wavelength_um"),
+)
+"""Values that a camera cannot do without: three of a main lens or of a microscope, and three of the rest."""

@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QPushButton, QVBox
 from lfcal.base import format_length
 from lfcal.tasks import PlanTarget
 from lfcal_gui.models import fields_of
-from lfcal_gui.pages.plan.model_target import (
+from lfcal_gui.pages.setup.model_target import (
     HELD_OF_TARGET,
     TABLE,
     PlaneDrawing,

@@ -10,8 +10,8 @@ from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan
 from lfcal.targets import Pose, Wishes, parse_target, plan_target
 from lfcal_gui.models.project import ProjectState
-from lfcal_gui.pages.plan import model
-from lfcal_gui.pages.plan.model_target import (
+from lfcal_gui.pages.setup import model_scan as model
+from lfcal_gui.pages.setup.model_target import (
     MOST_DRAWN,
     PlaneDrawing,
     PlannedTarget,

@@ -14,15 +14,16 @@ from tests.gui.waiting import idle
 
 
 def test_plan_both_ways(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
-    window.go("plan")
-    page: Any = window.page("plan")
-    assert page.empty is not None, "no plan yet: the page says what to do"
-    page.save_file()
+    window.go("setup")
+    page: Any = window.page("setup")
+    inspector = page.panel.inspector
+    assert inspector.buttons["make"].isVisible() and inspector.scan.isHidden() and page.panel.strip.isHidden()
+    page.save_plan()
     assert "no plan to save" in page.notice.label.text()
-    page.make_default()
+    inspector.buttons["make"].click()
     plan = window.project.state.plan
-    assert plan is not None and page.empty is None
-    editor = page.panel.form.editor("cutout")
+    assert plan is not None and not inspector.scan.isHidden() and page.panel.strip.count() == 4
+    editor = page.panel.inspector.scan.editor("cutout")
     assert editor.text() == f"{plan.cutout[0]},{plan.cutout[1]}"
     editor.setText("41x43")
     editor.textEdited.emit("41x43")
@@ -32,14 +33,14 @@ def test_plan_both_ways(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> Non
     editor.editingFinished.emit()
     editor.setText("40")
     editor.textEdited.emit("40")
-    assert "odd" in page.panel.form.error and window.project.state.plan == changed
+    assert "odd" in page.panel.inspector.scan.error and window.project.state.plan == changed
     window.project.update("planes", plan=replace(changed, depths_um=changed.depths_um[:2], exposure_s=0.01))
     assert page.panel.forecast.text() != before
-    page.save_file(str(tmp_path / "plan.json"))
+    page.save_plan(str(tmp_path / "plan.json"))
     assert ScanPlan.from_json((tmp_path / "plan.json").read_text()) == window.project.state.plan
     window.project.update("camera", camera=preset("r29"), plan=None)
-    assert page.empty is not None
-    page.open_file(str(tmp_path / "plan.json"))
+    assert inspector.scan.isHidden()
+    page.open_plan(str(tmp_path / "plan.json"))
     idle(window.jobs, qtbot)
     assert window.project.state.camera == preset("bench")
 
@@ -49,26 +50,29 @@ def test_a_half_cell_scan_is_shown_and_saved_with_its_positions(
 ) -> None:
     plan = ScanPlan.for_camera(camera_of((6.0, 12.0), 1), virtual_depths=(3.0,), cutout=31)
     window.project.update("plan", camera=plan.camera, plan=plan)
-    window.go("plan")
-    page: Any = window.page("plan")
+    window.go("setup")
+    page: Any = window.page("setup")
     said: list[str] = []
     page.context.message.connect(said.append)
-    page.panel.more.editor("half_cell").setChecked(True)
-    assert "36 of 72 (half cell)" in page.panel.forecast.text() and len(page.panel.path.getData()[0]) == 36
-    resample = page.panel.form.editor("resample")
+    page.panel.inspector.rest.editor("half_cell").setChecked(True)
+    assert "36 of 72 (half cell)" in page.panel.forecast.text() and len(list(page.panel.path_entries())) == 2
+    resample = page.panel.inspector.rest.editor("resample")
     resample.setChecked(True)
-    assert "half-cell scan: expected frames as they are" in page.panel.form.error
+    assert "half-cell scan: expected frames as they are" in page.panel.inspector.rest.error
     assert window.project.state.plan == plan, "a half-cell scan takes frames as they are"
-    page.save_file(str(tmp_path / "plan.json"))
+    page.save_plan(str(tmp_path / "plan.json"))
     assert ScanPlan.from_json((tmp_path / "plan.json").read_text()) == plan
     assert len(RedoList.read(tmp_path / "plan_positions.json").positions) == 36
     assert "plan_positions.json for Positions on page Acquire" in said[-1]
     odd = ScanPlan.for_camera(camera_of((7.0, 12.0), 1), virtual_depths=(3.0,), cutout=31)
     window.project.update("camera", camera=odd.camera, plan=odd)
-    assert "half of it lies half a pixel off" in page.panel.refused.text() and not page.panel.refused.isHidden()
-    page.save_file(str(tmp_path / "odd.json"))
+    assert (
+        "half of it lies half a pixel off" in page.panel.inspector.refused.text()
+        and not page.panel.inspector.refused.isHidden()
+    )
+    page.save_plan(str(tmp_path / "odd.json"))
     assert "half a pixel off" in page.notice.label.text() and not (tmp_path / "odd.json").exists()
-    page.panel.more.editor("half_cell").setChecked(False)
-    assert page.panel.refused.isHidden()
-    page.panel.more.editor("half_cell").setChecked(True)
-    assert "half a pixel off" in page.panel.more.error
+    page.panel.inspector.rest.editor("half_cell").setChecked(False)
+    assert page.panel.inspector.refused.isHidden()
+    page.panel.inspector.rest.editor("half_cell").setChecked(True)
+    assert "half a pixel off" in page.panel.inspector.rest.error

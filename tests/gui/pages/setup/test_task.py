@@ -15,7 +15,7 @@ from lfcal.camera import ScanPlan, StageAxes, preset
 from lfcal.records import rows
 from lfcal.tasks import PlanScan, PlanTarget, Task, command_of, job_of
 from lfcal_gui.models import CommandStep, ProjectState, fields_of
-from lfcal_gui.pages.plan.model import (
+from lfcal_gui.pages.setup.model_scan import (
     HELD,
     apply_change,
     default_plan,
@@ -23,12 +23,12 @@ from lfcal_gui.pages.plan.model import (
     half_of,
     list_text,
     path_lines,
-    region_drawing,
+    scan_path,
     scan_task,
     values_of,
 )
-from lfcal_gui.pages.plan.model_target import HELD_OF_TARGET, OF_SCAN, RATES, PlanSettings, iter_target, target_task
-from lfcal_gui.pages.plan.step import scan_step, target_step
+from lfcal_gui.pages.setup.model_target import HELD_OF_TARGET, OF_SCAN, RATES, PlanSettings, iter_target, target_task
+from lfcal_gui.pages.setup.step import scan_step, target_step
 from tests.camera.test_plan import camera_of
 from tests.cli import conftest
 from tests.cli.conftest import Run
@@ -114,7 +114,7 @@ def test_a_half_cell_scan_is_drawn_and_forecast_by_half() -> None:
     rows, whole = dict(forecast_rows(HALF, positions=half)), dict(forecast_rows(HALF))
     assert rows["Positions"] == f"{len(half)} of {HALF.n_positions} (half cell)"
     assert int(rows["Frames"]) * 2 == int(whole["Frames"]) and rows["H, float32"] == whole["H, float32"]
-    assert 2 * len(region_drawing(HALF, half).path) == len(region_drawing(HALF).path) == 72
+    assert 2 * len(scan_path(HALF, half)) == len(scan_path(HALF)) == 72
     assert len(list(path_lines(HALF, ",", half))) == 37
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -9,27 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QIcon, QImage, QPainter, QPen, QPixmap, QPolygonF
-from PySide6.QtWidgets import QDialog, QLabel, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QListWidget, QListWidgetItem
 
 from lfcal.base import format_plane
 from lfcal_gui.models import DisplaySettings, levels_of, to_uint8
-from lfcal_gui.pages.psf.model_aperture import aperture_tip
-from lfcal_gui.theme import current_theme, style_sheet
-from lfcal_gui.widgets import theme_table
+from lfcal_gui.theme import current_theme
+from lfcal_gui.widgets.colours import theme_table
 
 if TYPE_CHECKING:
     from lfcal.psf.aperture import Aperture
 
-__all__ = ["EXPECTED", "FITTED", "Apertures", "DepthStrip", "PlaneTile", "legend_words", "outline_tones", "to_pixmap"]
+__all__ = ["EXPECTED", "FITTED", "PlaneTile", "Strip", "legend_words", "outline_tones", "to_pixmap"]
 
 FITTED, EXPECTED = "#39d353", "#56b4e9"
 """Colours of the outlines, which no colour of a picture comes near."""
 
 RED_FITTED, RED_EXPECTED = "#ff8a5c", "#7d2a20"
 """The same where all is red."""
-
-LARGE = 200
-SIZE = (930, 640)
 
 
 def outline_tones() -> tuple[str, str]:
@@ -45,12 +42,16 @@ def legend_words(between: str = "<br>") -> str:
 
 @dataclass(frozen=True, eq=False)
 class PlaneTile:
-    """What is known of a plane: its depth (µm), its sum ``(nt, ns)``, and its apertures."""
+    """What is known of a plane: its depth (µm), its sum ``(nt, ns)``, and its apertures.
+
+    ``shape`` is that of the cutout, where only what is expected is to be shown.
+    """
 
     depth_um: float
     image: NDArray[Any] | None = None
     fitted: Aperture | None = None
     expected: Aperture | None = None
+    shape: tuple[int, int] | None = None
 
     def outlines(self) -> tuple[tuple[str, Qt.PenStyle, NDArray[np.float64]], ...]:
         """Return colour, pen and points (row, column) of what is drawn over the sum."""
@@ -62,12 +63,12 @@ class PlaneTile:
     def picture(self, side: int, ratio: float = 1.0) -> QPixmap:
         """Return a square picture of ``side`` points, each of ``ratio`` pixels of the screen."""
         pixels = round(side * ratio)
+        shape = self.shape if self.image is None else self.image.shape
+        found = QPixmap(pixels, pixels) if self.image is None else to_pixmap(self.image, pixels)
         if self.image is None:
-            found = QPixmap(pixels, pixels)
-            found.fill(Qt.GlobalColor.transparent)
-        else:
-            found = to_pixmap(self.image, pixels)
-            self._draw(found, found.width() / self.image.shape[1], found.height() / self.image.shape[0], ratio)
+            found.fill(Qt.GlobalColor.transparent if shape is None else QColor(current_theme().canvas))
+        if shape is not None:
+            self._draw(found, found.width() / shape[1], found.height() / shape[0], ratio)
         found.setDevicePixelRatio(ratio)
         return found
 
@@ -91,8 +92,17 @@ def to_pixmap(image: NDArray[Any], side: int, colour_map: str = "magma") -> QPix
     )
 
 
-class DepthStrip(QListWidget):
-    """A row of small pictures with the depth under each; ``wrapping``: rows of them.
+class Strip(QListWidget):
+    """A row of small pictures with the depth under each.
+
+    Parameters
+    ----------
+    tip
+        Returns what is known of a plane: its index, its tile, the number of planes.
+    side
+        Of a picture (px).
+    wrapping
+        Whether there are several rows.
 
     Signals
     -------
@@ -102,9 +112,9 @@ class DepthStrip(QListWidget):
 
     chosen = Signal(int)
 
-    def __init__(self, side: int = 76, parent: QWidget | None = None, *, wrapping: bool = False) -> None:
-        super().__init__(parent)
-        self._side = side
+    def __init__(self, tip: Callable[[int, PlaneTile, int], str], side: int = 76, *, wrapping: bool = False) -> None:
+        super().__init__()
+        self._tip, self._side = tip, side
         self.tiles: list[PlaneTile] = []
         self.setViewMode(QListWidget.ViewMode.IconMode)
         self.setFlow(QListWidget.Flow.LeftToRight)
@@ -147,7 +157,7 @@ class DepthStrip(QListWidget):
         icon = QIcon(picture)
         icon.addPixmap(picture, QIcon.Mode.Selected)  # else the one that is chosen is tinted
         item.setIcon(icon)
-        item.setToolTip(aperture_tip(z, tile.depth_um, count, tile.fitted, tile.expected))
+        item.setToolTip(self._tip(z, tile, count))
 
     def apply_theme(self) -> None:
         """Draw all pictures anew, in the colours of the theme in use."""
@@ -163,33 +173,3 @@ class DepthStrip(QListWidget):
     def _changed(self, row: int) -> None:
         if row >= 0:
             self.chosen.emit(row)
-
-
-class Apertures(QDialog):
-    """The apertures of all planes in a window of their own, large; it follows the strip while it is open.
-
-    Signals
-    -------
-    chosen(z)
-        A plane was clicked.
-    """
-
-    chosen = Signal(int)
-
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self.setWindowTitle("Apertures of all planes")
-        self.resize(*SIZE)
-        self.grid = DepthStrip(LARGE, wrapping=True)
-        self.grid.chosen.connect(self.chosen.emit)
-        column = QVBoxLayout(self)
-        self.legend = QLabel()
-        column.addWidget(self.legend)
-        column.addWidget(self.grid, 1)
-        self.apply_theme()
-
-    def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
-        self.setStyleSheet(style_sheet())
-        self.legend.setText(legend_words(" &nbsp; "))
-        self.grid.apply_theme()

@@ -1,4 +1,4 @@
-"""The scan plan, or the plan of a target that shows its positions, as a command. No Qt."""
+"""The camera, the scan plan, or the plan of a target that shows its positions, as a command. No Qt."""
 
 from __future__ import annotations
 
@@ -6,18 +6,32 @@ from dataclasses import replace
 from typing import Any
 
 from lfcal_gui.models import CAMERA_FILE, PLAN_FILE, CommandStep, ProjectState, needed_plan
-from lfcal_gui.pages.plan.model import half_of, is_usual, list_beside, scan_task
-from lfcal_gui.pages.plan.model_target import PlanSettings, target_task
+from lfcal_gui.pages.setup.model_scan import half_of, is_usual, list_beside, scan_task
+from lfcal_gui.pages.setup.model_target import PlanSettings, target_task
 
-__all__ = ["scan_step", "step", "target_step"]
+__all__ = ["camera_step", "scan_step", "step", "target_step"]
 
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how what the page shows is made: the plan of a target where one is asked for, else that of the scan.
 
-    ``out`` is a file of the scan's plan, which that of a target must not replace.
+    Without a plan it is the camera. ``out`` is a file of the scan's plan, which no other replaces.
     """
+    if project.plan is None:
+        return camera_step(project)
     return target_step(project) if PlanSettings.of(project).many else scan_step(project, out)
+
+
+def camera_step(project: ProjectState, out: str = "") -> CommandStep:
+    """Return how the camera is shown, or written to ``out`` first."""
+    name = out or CAMERA_FILE
+    python = f"""
+from lfcal.camera import Camera
+
+camera = Camera.from_json(Path({name!r}).read_text(encoding="utf-8"))
+print(camera.name, camera.pitch_px, camera.marks.paths("assumed"))
+"""
+    return CommandStep(("camera", "show", name), python, ((name, project.camera.to_json()),))
 
 
 def scan_step(project: ProjectState, out: str = "") -> CommandStep:

@@ -15,7 +15,7 @@ from lfcal.camera import Camera
 from lfcal.frames import compared_orientations, read_image
 from lfcal.frames.corrections import read_average
 from lfcal.lattice import CameraCheck, check_camera
-from lfcal_gui.pages.camera.model_lattice_map import DISTORTION, RESIDUALS, LatticeMap, distortion_map, residual_map
+from lfcal_gui.pages.setup.model_lattice_map import DISTORTION, RESIDUALS, LatticeMap, distortion_map, residual_map
 
 __all__ = ["Checked", "iter_check"]
 
@@ -54,6 +54,11 @@ class Checked:
     centres: NDArray[np.float64]
     described: NDArray[np.float64]
     maps: Mapping[str, LatticeMap] = field(default_factory=dict)
+
+    @property
+    def whole(self) -> bool:
+        """Whether the white image is of the whole sensor, so that a scan can be drawn in it."""
+        return self.picture.shape == tuple(-(-n // self.step) for n in self.camera.sensor.shape)
 
 
 def iter_check(camera: Camera, white: Path, dark: Path | None) -> Work[Checked]:

@@ -25,7 +25,7 @@ from lfcal.camera import Camera
 from lfcal.frames.photon_transfer import SensorMeasurement
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
-from lfcal_gui.pages.camera.model_sensor import curves_of, iter_sensor, rows_of, taken, words_of
+from lfcal_gui.pages.setup.model_sensor import curves_of, iter_sensor, rows_of, taken, words_of
 from lfcal_gui.widgets import LINES, LinePlot
 
 __all__ = ["SensorDialog"]
@@ -146,7 +146,7 @@ class SensorDialog(QDialog):
         self.bar.setVisible(True)
         self._job = self.context.jobs.start(
             "Measure the sensor",
-            "camera",
+            "setup",
             lambda: iter_sensor(camera, flats, darks),
             self.show_found,
             self._failed,

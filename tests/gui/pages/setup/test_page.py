@@ -32,23 +32,38 @@ from tests.gui.waiting import idle
 from tests.lattice.white_frames import barrel, draw_white
 
 
+def mark(page: Any, key: str) -> str:
+    found: str = page.panel.inspector.forms[key].mark(key).property("mark")
+    return found
+
+
+def confirm(page: Any, key: str) -> None:
+    """Click the word beside a field."""
+    page.panel.inspector.forms[key].mark(key).linkActivated.emit("confirm")
+
+
 @pytest.mark.parametrize("name", PRESETS)
 def test_camera_shows_and_takes_presets(window: MainWindow, name: str) -> None:
-    page: Any = window.page("camera")
-    page.presets.setCurrentIndex(page.presets.findData(name))
-    page.presets.activated.emit(page.presets.currentIndex())
+    page: Any = window.page("setup")
+    page.panel.inspector.presets.setCurrentIndex(page.panel.inspector.presets.findData(name))
+    page.panel.inspector.presets.activated.emit(page.panel.inspector.presets.currentIndex())
     assert window.project.state.camera == preset(name)
     lens = isinstance(preset(name).optics, MainLens)
-    assert page.panel.forms["MainLens"].isVisibleTo(page) == lens
-    assert page.panel.forms["lattice"].editor("lattice.pitch_um").text() == f"{preset(name).lattice.pitch_um:.10g}"
+    forms = page.panel.inspector.forms
+    assert forms["optics.f_number"].editor("optics.f_number").isHidden() == (not lens)
+    assert forms["optics.magnification"].editor("optics.magnification").isHidden() == lens
+    assert (
+        page.panel.inspector.forms["lattice.pitch_um"].editor("lattice.pitch_um").text()
+        == f"{preset(name).lattice.pitch_um:.10g}"
+    )
     assert "px" in page.panel.facts.text()
-    assert not page.panel.view.grab().isNull()
+    assert not page.panel.optics.grab().isNull()
 
 
 def test_another_camera_says_that_the_plan_went_with_the_old_one(window: MainWindow) -> None:
     """A preset dropped planes, cutout and exposures without a word."""
-    page: Any = window.page("camera")
-    window.go("camera")
+    page: Any = window.page("setup")
+    window.go("setup")
     window.project.update("plan", plan=ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0,)))
     before = window.project.state
     page._set(preset("lfm_20x05"), "preset lfm_20x05")
@@ -63,7 +78,7 @@ def test_another_camera_says_that_the_plan_went_with_the_old_one(window: MainWin
 
 
 def test_camera_files(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
-    page: Any = window.page("camera")
+    page: Any = window.page("setup")
     page.save_file(str(tmp_path / "c.json"))
     assert Camera.from_json((tmp_path / "c.json").read_text()) == window.project.state.camera
     (tmp_path / "bad.json").write_text("{}")
@@ -77,51 +92,48 @@ def test_camera_files(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
 def test_a_maker_s_file_shows_what_is_assumed_and_confirming_states_it(
     open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path
 ) -> None:
-    page = open_page("camera")
+    page = open_page("setup")
     (tmp_path / "c.xml").write_text(xml())
     page.import_file(str(tmp_path / "c.xml"))
     idle(context.jobs, qtbot)
     camera = context.project.state.camera
     assert camera == import_camera(tmp_path / "c.xml").camera
-    form = page.panel.forms["sensor"]
-    assert (
-        form.mark("sensor.pixel_um") == "assumed" and page.panel.forms["lattice"].mark("lattice.pitch_um") == "derived"
-    )
-    assert form.editor("sensor.pixel_um").accessibleDescription()
-    assert page.panel.tabs.currentWidget() is page.panel.assumed and "not applied" in page.notice.label.text()
-    assert "≈" in page.panel.facts.text()
-    page.panel.assumed.buttons["sensor.pixel_um"].click()
+    inspector = page.panel.inspector
+    assert mark(page, "sensor.pixel_um") == "assumed" and mark(page, "lattice.pitch_um") == "derived"
+    assert inspector.forms["sensor.pixel_um"].editor("sensor.pixel_um").accessibleDescription()
+    assert inspector.values.head.isChecked() and "assumed" in inspector.values.head.text()
+    assert "not applied" in page.notice.label.text() and "≈" in page.panel.facts.text()
+    confirm(page, "sensor.pixel_um")
     assert context.project.state.camera.marks["sensor.pixel_um"] == "stated"
-    assert form.mark("sensor.pixel_um") == "" and "sensor.pixel_um" not in page.panel.assumed.buttons
+    assert mark(page, "sensor.pixel_um") == "stated"
     context.project.undo()
-    assert form.mark("sensor.pixel_um") == "assumed"
-    page.panel.assumed.all.click()
+    assert mark(page, "sensor.pixel_um") == "assumed"
+    inspector.buttons["confirm"].click()
     assert context.project.state.camera.marks.paths("assumed") == ()
-    assert page.panel.assumed.words.text().startswith("Nothing is assumed") and "≈" not in page.panel.facts.text()
-    assert context.project.unsaved
+    assert "assumed" not in inspector.values.head.text() and "≈" not in page.panel.facts.text()
+    assert context.project.unsaved and not inspector.buttons["confirm"].isEnabled()
 
 
 def test_confirming_keeps_the_plan(open_page: OpenPage, context: Context, qtbot: QtBot) -> None:
-    page = open_page("camera")
+    page = open_page("setup")
     camera = replace(preset("bench"), marks=Marks.of({"optics.f_number": "assumed"}))
     context.project.update("made", camera=camera, plan=ScanPlan.for_camera(camera, virtual_depths=(3.0,)))
-    page.panel.assumed.buttons["optics.f_number"].click()
+    confirm(page, "optics.f_number")
     plan = context.project.state.plan
     assert plan is not None and plan.camera.marks["optics.f_number"] == "stated"
 
 
 def test_typing_states_a_value(open_page: OpenPage, context: Context) -> None:
-    page = open_page("camera")
+    page = open_page("setup")
     camera = replace(preset("bench"), marks=Marks.of({"lattice.types": "assumed", "sensor.shape": "assumed"}))
     context.project.update("made", camera=camera)
-    form = page.panel.forms["sensor"]
-    QTest.keyClicks(form.editor("sensor.rows"), "0")
+    QTest.keyClicks(page.panel.inspector.forms["sensor.rows"].editor("sensor.rows"), "0")
     assert context.project.state.camera.marks.paths("assumed") == ("lattice.types",)
-    assert form.mark("sensor.columns") == ""
+    assert mark(page, "sensor.columns") == "stated"
 
 
 def test_check_against_a_white_image(open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
-    page = open_page("camera")
+    page = open_page("setup")
     white = draw_white((220, 260), pitch=16.0, kind="square", rotation=0.004)
     tifffile.imwrite(tmp_path / "white.tif", white.frame)
     lattice = LensletLattice("square", 16.1 * 5, 400.0, (LensType(400.0),))
@@ -129,28 +141,28 @@ def test_check_against_a_white_image(open_page: OpenPage, context: Context, qtbo
     context.project.update("made", camera=camera)
     page.check_white(str(tmp_path / "white.tif"))
     idle(context.jobs, qtbot)
-    panel = page.panel.check
+    panel, inspector = page.check, page.panel.inspector
     verdicts = {
         panel.table.item(row, 0).text(): panel.table.item(row, 1).text() for row in range(panel.table.rowCount())
     }
     assert verdicts["Pitch"] == "differs" and verdicts["Sensor"] == "fits"
     assert all(len(marks.points) > 100 for marks in panel.view.image.overlays)
-    panel.take.click()
+    inspector.buttons["take"].click()
     measured = context.project.state.camera
     assert measured.pitch_px == pytest.approx(16.0, abs=0.01) and measured.marks["lattice.pitch_um"] == "measured"
-    assert not panel.take.isEnabled()
+    assert inspector.buttons["take"].isHidden()
     context.project.update("made", camera=camera)
-    assert panel.stack.currentIndex() == 0
+    assert "changed since" in inspector.verdict.text() and inspector.buttons["details"].isHidden()
     tifffile.imwrite(tmp_path / "flat.tif", np.full((220, 260), 7, np.uint16))
     page.check_white(str(tmp_path / "flat.tif"))
     idle(context.jobs, qtbot)
-    assert page.notice.isVisibleTo(page) and panel.stack.currentIndex() == 0
+    assert page.notice.isVisibleTo(page) and "Not compared" in inspector.verdict.text()
 
 
 def test_a_bent_lattice_and_its_residuals_are_drawn(
     open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path
 ) -> None:
-    page = open_page("camera")
+    page = open_page("setup")
     reach = float(np.hypot(240, 320))
     white = draw_white((480, 640), pitch=16.0, kind="square", rotation=0.004, bend=barrel(2.0, reach))
     tifffile.imwrite(tmp_path / "white.tif", white.frame)
@@ -158,7 +170,7 @@ def test_a_bent_lattice_and_its_residuals_are_drawn(
     context.project.update("made", camera=Camera("c", MainLens(), lattice, Sensor((480, 640), 5.0)))
     page.check_white(str(tmp_path / "white.tif"))
     idle(context.jobs, qtbot)
-    panel = page.panel.check
+    panel, inspector = page.check, page.panel.inspector
     assert "radial" in panel.about.text() and "rms off it" in panel.about.text()
     view = panel.view
     view.choice.setCurrentIndex(view.choice.findData("distortion"))
@@ -174,15 +186,15 @@ def test_a_bent_lattice_and_its_residuals_are_drawn(
     assert "times too long" in view.legend.text() and "px" in view.legend.text()
     view.choice.setCurrentIndex(view.choice.findData("residuals"))
     assert float(np.nanmax(view.map.values)) < 0.3
-    panel.take.click()
+    inspector.buttons["take"].click()
     taken = context.project.state.camera
-    form = page.panel.forms["lattice"]
-    assert taken.lattice.distortion is not None and form.mark("lattice.distortion") == "measured"
+    form = inspector.forms["lattice.distortion"]
+    assert taken.lattice.distortion is not None and mark(page, "lattice.distortion") == "measured"
     assert form.editor("lattice.distortion").text().startswith("radial, ")
 
 
 def test_a_specimen_is_refused_in_one_line(open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
-    page = open_page("camera")
+    page = open_page("setup")
 
     def cells(x: Any, y: Any) -> Any:
         return 0.15 + np.cos(6 * x + 1) ** 2 * np.cos(5 * y) ** 2
@@ -196,22 +208,22 @@ def test_a_specimen_is_refused_in_one_line(open_page: OpenPage, context: Context
     idle(context.jobs, qtbot)
     said = page.notice.label.text()
     assert page.notice.isVisibleTo(page) and "specimen" in said and "\n" not in said
-    assert context.state == before and page.panel.check.stack.currentIndex() == 0
+    assert context.state == before and "Not compared" in page.panel.inspector.verdict.text()
     tifffile.imwrite(tmp_path / "white.tif", draw_white((300, 400), pitch=16.0, kind="square").frame)
     page.check_white(str(tmp_path / "white.tif"))
     idle(context.jobs, qtbot)
-    assert not page.notice.isVisibleTo(page) and page.panel.check.stack.currentIndex() == 1
+    assert not page.notice.isVisibleTo(page) and not page.panel.inspector.buttons["details"].isHidden()
 
 
 def test_dropped_files(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
-    page: Any = window.page("camera")
+    page: Any = window.page("setup")
     (tmp_path / "c.json").write_text(preset("r29").to_json())
     (tmp_path / "o.yaml").write_text(OLAF)
-    window.go("camera")
+    window.go("setup")
     window.take_files([str(tmp_path / "c.json")])
     idle(window.jobs, qtbot)
     assert window.project.state.camera == preset("r29")
-    window.go("plan")
+    window.go("frames")
     assert not page.accept_drop([str(tmp_path / "c.json")])
     window.take_files([str(tmp_path / "o.yaml")])
     idle(window.jobs, qtbot)
@@ -219,10 +231,10 @@ def test_dropped_files(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None
 
 
 def test_typing_a_number_is_one_step_and_keeps_the_plan(open_page: OpenPage, context: Context) -> None:
-    page = open_page("camera")
+    page = open_page("setup")
     plan = ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0,), exposure_s=0.003, frames_averaged=4)
     context.project.update("made", plan=plan)
-    editor = page.panel.forms["MainLens"].editor("optics.working_distance_um")
+    editor = page.panel.inspector.forms["optics.working_distance_um"].editor("optics.working_distance_um")
     said: list[str] = []
     for text in ("3", "31", "310", "310."):
         editor.setText(text)
@@ -237,10 +249,10 @@ def test_typing_a_number_is_one_step_and_keeps_the_plan(open_page: OpenPage, con
 
 
 def test_a_camera_that_cannot_scan_the_plan_says_that_it_is_let_go(open_page: OpenPage, context: Context) -> None:
-    page = open_page("camera")
+    page = open_page("setup")
     plan = ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0,))
     context.project.update("made", plan=plan)
-    editor = page.panel.forms["sensor"].editor("sensor.rows")
+    editor = page.panel.inspector.forms["sensor.rows"].editor("sensor.rows")
     editor.setText("20")
     editor.textEdited.emit("20")
     assert context.state.plan is None and "undo brings it back" in page.notice.label.text()
@@ -249,11 +261,12 @@ def test_a_camera_that_cannot_scan_the_plan_says_that_it_is_let_go(open_page: Op
 
 
 def test_nothing_of_the_camera_changes_while_it_records(open_page: OpenPage, context: Context) -> None:
-    camera, plan_page = open_page("camera"), open_page("plan")
+    page = open_page("setup")
     context.project.update("made", plan=ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0,)))
     before = context.state
     context.project.hold(Hold("a session is being recorded", ("camera", "plan")))
-    for form, key in ((camera.panel.forms["MainLens"], "optics.f_number"), (plan_page.panel.form, "cutout")):
+    for key in ("optics.f_number", "cutout"):
+        form = page.panel.inspector.forms[key]
         form.editor(key).setText("5")
         form.editor(key).textEdited.emit("5")
         assert form.error == "a session is being recorded"

@@ -1,0 +1,33 @@
+"""Set up: the camera as described, and where the point source goes; what the scan looks like and costs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from lfcal_gui.models import PageSpec, PageState, ProjectState
+
+__all__ = ["PAGE"]
+
+
+def state(project: ProjectState) -> PageState:
+    """Return whether there is a plan."""
+    return PageState.READY if project.plan is None else PageState.DONE
+
+
+def takes(path: str) -> bool:
+    """Return whether a file may be a plan, or a camera that no other page takes."""
+    return Path(path).suffix.lower() in (".json", ".xml", ".yaml", ".yml", ".cfg")
+
+
+PAGE = PageSpec(
+    "setup",
+    "Set up",
+    "Drag the cutout to move the scan; dashed: all light that counts",
+    order=10,
+    package=__name__,
+    state=state,
+    place="setup",
+    needs="lfcal.camera",
+    keys=(("Arrow keys", "Move the scan by a pixel, with the keyboard in the picture"),),
+    takes=takes,
+)

@@ -1,0 +1,246 @@
+"""The inspector of the place: where to start, the camera, the scan, and whether the camera is right."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QComboBox, QPushButton, QVBoxLayout, QWidget
+
+from lfcal.camera import PRESETS, Camera, ScanPlan
+from lfcal.tasks import PlanScan
+from lfcal_gui.models import Field, fields_of
+from lfcal_gui.pages.setup.model import values_of
+from lfcal_gui.pages.setup.model_fields import BASIC, LATTICE, LIGHT, MAIN_LENS, MICROSCOPE, SENSOR
+from lfcal_gui.pages.setup.model_marks import TIPS, mark_of, path_of
+from lfcal_gui.pages.setup.model_scan import BASIC_OF_SCAN, HELD
+from lfcal_gui.pages.setup.model_scan import values_of as values_of_plan
+from lfcal_gui.pages.setup.model_target import PlanSettings
+from lfcal_gui.widgets import Folded, Form, WrappedLabel, card, heading, line, set_role
+
+__all__ = ["Inspector", "PresetBox"]
+
+LIST_PX = 226
+"""Width of fields of several numbers, which have a separate line."""
+
+GROUPS = (
+    ("Main optics", (*MAIN_LENS, *MICROSCOPE[1:])),
+    ("Lenslet array", LATTICE),
+    ("Sensor", SENSOR),
+    ("Light", LIGHT),
+)
+
+MORE = "Anchor, stage axes, order, averages, half-cell scan, rates of the forecast; files of plans, and many points"
+
+BUTTONS = {
+    "import": ("Import …", "A file that describes a camera: of a maker, or of another program"),
+    "white": ("White image …", "Compare the camera with an evenly lit frame: pitch, rotation and offset"),
+    "confirm": ("Confirm all", "All assumed values are right: figures that rest on them are no longer doubted"),
+    "sensor": ("Sensor …", "Measure gain, noise and saturation from flats and darks"),
+    "dark": ("Dark frame …", "A frame without light, subtracted from white images: for a black level or hot pixels"),
+    "save": ("Save camera …", "Keep this camera as JSON, for other projects and the commands (--camera)"),
+    "make": ("Make a plan", "Planes, cutout and anchor as the camera's geometry suggests: a start, to be changed"),
+    "open": ("Open a plan …", "Continue with a plan that was saved before (.json): of a scan, or of a target"),
+    "again": ("Open …", "Replace this plan by one that was saved (.json): of a scan, or of a target"),
+    "save_plan": (
+        "Save …",
+        "Write this plan as JSON: to be opened here again, and for lfcal acquire and lfcal assemble",
+    ),
+    "default": ("Default", "Replace this plan by the one that the camera's geometry suggests"),
+    "target": ("Target of many points …", "Many points in every frame, for the same positions in far fewer frames"),
+    "take": ("Take measured lattice", "Make pitch, rotation and offset found in the white image the camera's"),
+    "details": ("Details …", "Every value compared with the white image, and maps of the lattice"),
+}
+"""Names of buttons, what is on them, and when one would press them."""
+
+
+class PresetBox(QComboBox):
+    """The cameras that come with lfcal.
+
+    Signals
+    -------
+    chosen(name)
+        One was picked.
+    """
+
+    chosen = Signal(str)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.addItem("Preset …", "")
+        for name in PRESETS:
+            self.addItem(name, name)
+        self.setAccessibleName("preset")
+        self.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.setMinimumContentsLength(7)
+        self.setToolTip(
+            "Start with a camera that comes with lfcal, and change what is different; undo brings yours back"
+        )
+        self.activated.connect(self._activated)
+
+    def _activated(self, index: int) -> None:
+        name = self.itemData(index)
+        self.setCurrentIndex(0)  # a preset is a start, not a state: the camera may be changed afterwards
+        if name:
+            self.chosen.emit(name)
+
+
+class Inspector(QWidget):
+    """The column of cards.
+
+    Parameters
+    ----------
+    check, check_scan
+        Return why a field of the camera, or of the scan, cannot take a value, or an empty string.
+
+    Signals
+    -------
+    edited(key, value), scan_edited(key, value)
+        The user changed a field of the camera, or of the scan, and it passes.
+    confirmed(paths)
+        The user says that the values at these paths are right.
+    asked(what)
+        A button was pressed: its name in `BUTTONS`.
+    """
+
+    edited = Signal(str, object)
+    scan_edited = Signal(str, object)
+    confirmed = Signal(tuple)
+    asked = Signal(str)
+
+    def __init__(self, check: Callable[[str, Any], str], check_scan: Callable[[str, Any], str]) -> None:
+        super().__init__()
+        self.buttons: dict[str, QPushButton] = {}
+        self.forms: dict[str, Form] = {}
+        self._assumed: tuple[str, ...] = ()
+        self.setProperty("dense", True)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 6, 0)
+        column.setSpacing(6)
+        for part in (
+            self._start(),
+            self._camera(check),
+            self.values,
+            self._scan(check_scan),
+            self.more,
+            self._checks(),
+        ):
+            column.addWidget(part)
+        column.addStretch()
+
+    def _button(self, name: str) -> QPushButton:
+        text, tip = BUTTONS[name]
+        button = self.buttons[name] = QPushButton(text)
+        button.setToolTip(tip)
+        button.setProperty("role", "tight")
+        button.clicked.connect(lambda: self.asked.emit(name))
+        return button
+
+    def _start(self) -> QWidget:
+        frame, column = card("Start from")
+        self.presets = PresetBox()
+        column.addLayout(line(self._button("import"), self.presets, stretch=1))
+        return frame
+
+    def _form(self, fields: tuple[Field, ...], check: Callable[[str, Any], str], edited: Any, *, marked: bool) -> Form:
+        form = Form(fields, marked=marked, dense=True)
+        form.check = check
+        form.edited.connect(edited)
+        form.confirmed.connect(lambda key: self.confirmed.emit((path_of(key),)))
+        self.forms |= dict.fromkeys(form.fields, form)
+        return form
+
+    def _camera(self, check: Callable[[str, Any], str]) -> QWidget:
+        frame, column = card("Camera")
+        every = {field.key: field for _, fields in GROUPS for field in fields}
+        basic = tuple(every[key] for key in BASIC)
+        column.addWidget(self._form(basic, check, self.edited, marked=True))
+        self.values = Folded("All values", "Every value of optics, lenslets, sensor and light, and where it comes from")
+        self.values.column.addLayout(line(self._button("confirm"), self._button("sensor")))
+        self.values.column.addLayout(line(self._button("dark"), self._button("save")))
+        for title, fields in GROUPS:
+            rest = tuple(field for field in fields if field.key not in BASIC)
+            if rest:
+                self.values.column.addWidget(heading(title))
+                self.values.column.addWidget(self._form(rest, check, self.edited, marked=True))
+        return frame
+
+    def _scan(self, check: Callable[[str, Any], str]) -> QWidget:
+        frame, column = card("Scan")
+        every = {field.key: field for field in fields_of(PlanScan, without=HELD)}
+        self.scan = self._form(tuple(every[key] for key in BASIC_OF_SCAN), check, self.scan_edited, marked=False)
+        for key in ("virtual_depths", "depths"):
+            self.scan.own_line(key, LIST_PX)
+        rest = tuple(field for key, field in every.items() if key not in BASIC_OF_SCAN)
+        self.refused = WrappedLabel()
+        set_role(self.refused, "error")
+        self.no_plan = QWidget()
+        none = QVBoxLayout(self.no_plan)
+        none.setContentsMargins(0, 0, 0, 0)
+        hint = WrappedLabel("A plan says where the point source goes. It follows from the camera.")
+        set_role(hint, "hint")
+        none.addWidget(hint)
+        none.addLayout(line(self._button("make"), self._button("open")))
+        for part in (self.no_plan, self.scan, self.refused):
+            column.addWidget(part)
+        self.more = Folded("Stage, order, regions, targets", MORE)
+        self.rest = self._form(rest, check, self.scan_edited, marked=False)
+        self.more.column.addWidget(self.rest)
+        self.more.column.addLayout(line(self._button("again"), self._button("save_plan"), self._button("default")))
+        self.more.column.addLayout(line(self._button("target")))
+        return frame
+
+    def _checks(self) -> QWidget:
+        self.check_card, column = card()
+        self.verdict = WrappedLabel()
+        column.addWidget(self.verdict)
+        column.addLayout(line(self._button("white"), self._button("details")))
+        column.addLayout(line(self._button("take")))
+        self.show_verdict("Not compared with a white image yet.", "hint")
+        return self.check_card
+
+    # -- showing ---------------------------------------------------------------------------------------
+    def show_camera(self, camera: Camera) -> None:
+        """Show the values of a camera, and where they come from."""
+        values = values_of(camera)
+        for form in set(map(self.forms.__getitem__, every_key())):
+            there = [key for key in form.fields if key in values]
+            for key in form.fields:
+                form.set_shown(key, key in values)
+            form.set_values({key: values[key] for key in there})
+            marks = {key: mark_of(camera, key) for key in there}
+            form.set_marks({key: (mark, TIPS[mark]) for key, mark in marks.items()})
+        self._assumed = camera.marks.paths("assumed")
+        assumed = f", {len(self._assumed)} assumed" if self._assumed else ""
+        self.values.head.setText(f"All {len(values)} values{assumed}")
+        self.buttons["confirm"].setEnabled(bool(self._assumed))
+
+    @property
+    def assumed(self) -> tuple[str, ...]:
+        """Paths of the assumed values."""
+        return self._assumed
+
+    def show_plan(self, plan: ScanPlan | None, settings: PlanSettings, refused: str) -> None:
+        """Show the values of a plan, and why half of its period is ``refused``."""
+        self.no_plan.setVisible(plan is None)
+        self.scan.setVisible(plan is not None)
+        self.more.setVisible(plan is not None)
+        self.refused.setText(refused)
+        self.refused.setVisible(bool(refused))
+        if plan is not None:
+            values = {**settings.shown(), **values_of_plan(plan)}
+            for form in (self.scan, self.rest):
+                form.set_values({key: values[key] for key in form.fields})
+
+    def show_verdict(self, words: str, role: str, *, found: bool = False, measured: bool = False) -> None:
+        """Say whether a white image agrees; ``found``: there is more to say of it, ``measured``: also its lattice."""
+        self.verdict.setText(words)
+        set_role(self.verdict, role)
+        self.buttons["details"].setVisible(found)
+        self.buttons["take"].setVisible(measured)
+
+
+def every_key() -> tuple[str, ...]:
+    """Return the fields of the camera."""
+    return tuple(field.key for _, fields in GROUPS for field in fields)

@@ -1,0 +1,410 @@
+"""Set up: the camera, where its values come from and whether it is right; the scan, and what it costs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtWidgets import QFileDialog
+
+from lfcal.base import LfcalError
+from lfcal.camera import CAMERA_FORMATS, Camera, Imported, ScanPlan, doubts, import_camera, preset
+from lfcal.frames.formats import image_suffixes
+from lfcal.judge import judgement_of
+from lfcal.lattice import DIFFERS, FITS
+from lfcal_gui.base_page import BasePage
+from lfcal_gui.context import Context
+from lfcal_gui.jobs import WindowJob
+from lfcal_gui.models import PageSpec, ProjectState
+from lfcal_gui.pages.setup import takes
+from lfcal_gui.pages.setup._check_dialog import CheckDialog
+from lfcal_gui.pages.setup._sensor_dialog import SensorDialog
+from lfcal_gui.pages.setup._target_dialog import TargetDialog, change_settings, refused_setting
+from lfcal_gui.pages.setup.model import apply_change
+from lfcal_gui.pages.setup.model_check import Checked, iter_check
+from lfcal_gui.pages.setup.model_marks import confirmed, state_with
+from lfcal_gui.pages.setup.model_scan import apply_change as change_plan
+from lfcal_gui.pages.setup.model_scan import default_plan, half_of, list_beside, list_text
+from lfcal_gui.pages.setup.model_target import OF_SCAN, PlannedTarget, PlanSettings, read_plan
+from lfcal_gui.pages.setup.panel import PlanningPanel
+from lfcal_gui.pages.setup.step import camera_step, scan_step
+from lfcal_gui.saving import ask_target, write_file
+
+__all__ = ["Page"]
+
+SUFFIXES = sorted({suffix for form in CAMERA_FORMATS for suffix in form.suffixes})
+FILES = f"Cameras ({' '.join('*' + suffix for suffix in SUFFIXES)});;All files (*)"
+IMAGES = f"Images ({' '.join('*' + suffix for suffix in sorted(image_suffixes()))});;All files (*)"
+LOST = "This camera cannot scan the planes of the plan, which was removed; undo brings it back"
+ROLES = {FITS: "good", DIFFERS: "fair"}
+
+
+class Page(BasePage):
+    """Every change that passes is an undoable change of the project."""
+
+    def __init__(self, spec: PageSpec, context: Context) -> None:
+        super().__init__(spec, context)
+        self._white, self._dark, self._job = "", "", 0
+        self._checked: Checked | None = None
+        self.dialog: SensorDialog | None = None
+        self._target: TargetDialog | None = None
+        self.panel = PlanningPanel(self._check, self._check_scan)
+        self.check = CheckDialog(self)
+        for button in self.panel.segments:
+            self.segments.addWidget(button)
+        self.tools.addWidget(self.panel.overlay)
+        inspector = self.panel.inspector
+        inspector.presets.chosen.connect(lambda name: self._set(preset(name), f"preset {name}"))
+        inspector.edited.connect(self._edited)
+        inspector.scan_edited.connect(self._scan_edited)
+        inspector.confirmed.connect(self._confirmed)
+        inspector.asked.connect(self._do)
+        self.panel.dragged.connect(self.move_scan)
+        self.set_panel(self.panel)
+        self.theme_changed.connect(self._take_theme)
+        self._show(context.state)
+
+    def _do(self, name: str) -> None:
+        """Do what a button of the inspector says."""
+        deeds: dict[str, Callable[[], object]] = {
+            "import": self.import_file,
+            "white": self.choose_white,
+            "confirm": lambda: self._confirmed(self.panel.inspector.assumed),
+            "sensor": self.measure_sensor,
+            "dark": self.choose_dark,
+            "save": self.save_file,
+            "make": self.make_default,
+            "default": self.make_default,
+            "open": self.open_plan,
+            "again": self.open_plan,
+            "save_plan": self.save_plan,
+            "target": lambda: self.target.show(),
+            "take": self._take_measured,
+            "details": self.check.show,
+        }
+        deeds[name]()
+
+    @property
+    def target(self) -> TargetDialog:
+        """The window of the target, made when it is first asked for."""
+        if self._target is None:
+            self._target = TargetDialog(self, self.context)
+        return self._target
+
+    def _take_theme(self) -> None:
+        self.panel.apply_theme()
+        self.check.apply_theme()
+        if self._target is not None:
+            self._target.panel.apply_theme()
+
+    def entered(self) -> None:
+        """Look at the scan, now that there is room for it."""
+        self.panel.look()
+
+    def state_changed(self, old: ProjectState, new: ProjectState) -> None:
+        """Show camera and plan if they changed; a comparison with another camera is of no use."""
+        other = old.camera != new.camera
+        if other and self._checked is not None and new.camera != self._checked.check.camera:
+            self._forget_check("The camera changed since it was compared with a white image.")
+        if (
+            other
+            or old.camera.marks != new.camera.marks
+            or old.plan != new.plan
+            or PlanSettings.of(old) != PlanSettings.of(new)
+        ):
+            self._show(new)
+
+    def let_go(self) -> None:
+        """Plan no target for the project before."""
+        if self._target is not None:
+            self._target.forget()
+
+    def _show(self, state: ProjectState) -> None:
+        self.panel.show_state(state, self._checked)
+        if self._target is not None:
+            self._target.show_state(state)
+
+    def _edited(self, key: str, value: Any) -> None:
+        camera, _ = apply_change(self.context.state.camera, key, value)
+        if camera is None:
+            return
+        label, project = f"change of {key.split('.')[1].replace('_', ' ')}", self.context.project
+        # of the plan before the field was touched: half a number must not have changed it
+        before = project.before(label)
+        changes = state_with(before, camera, same=True)
+        project.merge(label, **changes)
+        lost = before.plan is not None and changes["plan"] is None
+        if lost and self.context.state.camera == camera:
+            self.refuse(LOST)
+        else:
+            self.notice.clear()
+
+    def _check(self, key: str, value: Any) -> str:
+        camera, why = apply_change(self.context.state.camera, key, value)
+        held = "" if camera is None else self.context.project.held(replace(self.context.state, camera=camera))
+        return why or held
+
+    def _set(self, camera: Camera, label: str) -> bool:
+        """Take a camera; return False where that was refused."""
+        before = self.context.state.plan
+        if not self.context.project.update(label, **state_with(self.context.state, camera)):
+            return False
+        if before is not None and self.context.state.plan is None:
+            words = "The plan was of the other camera and is gone with it. Undo brings both back."
+            self.context.message.emit(words)
+            self.notice.offer(words, "Undo", lambda: self._take_back(label), stay="Leave it so")
+        return True
+
+    def _take_back(self, label: str) -> None:
+        """Bring back what was there before another camera was taken, unless something else was done since."""
+        if self.context.project.undo_label == label:
+            self.context.project.undo()
+        else:
+            self.refuse("Something else was changed since: undo step by step (Ctrl+Z)")
+
+    def _confirmed(self, paths: tuple[str, ...]) -> None:
+        label = f"confirm {paths[0]}" if len(paths) == 1 else f"confirm {len(paths)} values"
+        self._set(confirmed(self.context.state.camera, paths), label)
+
+    def measure_sensor(self) -> None:
+        """Open the measurement of the sensor from flats and darks; one that is open comes to the front."""
+        if self.dialog is None:
+            self.dialog = SensorDialog(self, self.context, self._set)
+            self.dialog.finished.connect(self._dialog_closed)
+        self.dialog.show()
+        self.dialog.raise_()
+
+    def _dialog_closed(self) -> None:
+        self.dialog = None
+
+    # -- files -----------------------------------------------------------------------------------------
+    def import_file(self, path: str = "") -> None:
+        """Take a camera from a file of any known format."""
+        path = path or QFileDialog.getOpenFileName(self, "Import camera", "", FILES)[0]
+        if not path:
+            return
+
+        def read(found: Imported) -> None:
+            if self._set(found.camera, f"import of {Path(path).name}"):
+                self.context.message.emit(f"camera taken from {path}")
+                self._tell(found)
+
+        self.load(Path(path).name, lambda: _checked(import_camera(path)), read)
+
+    def _tell(self, found: Imported) -> None:
+        """Say what the file leaves open, and lead to where it is stated."""
+        count = len(found.camera.marks.paths("assumed"))
+        if count:
+            self.panel.inspector.values.open()
+        words = [*found.notes, *doubts(found.camera)]
+        for line in words:
+            self.context.message.emit(line)
+        if words:
+            self.notice.tell("; ".join(words))
+
+    def save_file(self, path: str = "") -> None:
+        """Write the camera as JSON."""
+        name = f"{self.context.state.camera.name}.json"
+        path = path or ask_target(self, "Save camera", name, "Camera (*.json)")
+        text = self.context.state.camera.to_json()
+        if path and write_file(self, path, lambda part: part.write_text(text, encoding="utf-8")):
+            title = f"Save camera {Path(path).name}"
+            self.context.history.add(
+                self.context.taken("setup", title, step=lambda: camera_step(self.context.state, path))
+            )
+            self.context.message.emit(f"camera saved as {path}")
+
+    def accept_drop(self, paths: list[str]) -> bool:
+        """Take a dropped plan or camera; text files, and JSON of other kinds, only where this page is looked at."""
+        if len(paths) != 1 or not (takes(paths[0]) or Path(paths[0]).suffix.lower() in SUFFIXES):
+            return False
+        if _is_plan(paths[0]):
+            self.open_plan(paths[0])
+        elif Path(paths[0]).suffix.lower() in (".xml", ".yaml", ".yml", ".cfg") or self.isVisible():
+            self.import_file(paths[0])
+        else:
+            return False
+        return True
+
+    # -- white image -----------------------------------------------------------------------------------
+    def choose_white(self) -> None:
+        """Ask for a white image and hold the camera against it."""
+        path = QFileDialog.getOpenFileName(self, "White image", self._white, IMAGES)[0]
+        if path:
+            self.check_white(path)
+
+    def choose_dark(self) -> None:
+        """Ask for a dark frame, which is subtracted from then on."""
+        path = QFileDialog.getOpenFileName(self, "Dark frame", self._dark, IMAGES)[0]
+        if path:
+            self._dark = path
+            self.context.message.emit(f"dark frame for white images: {path}")
+            if self._white:
+                self.check_white(self._white)
+
+    def check_white(self, path: str) -> None:
+        """Hold the camera against the white image at ``path``, as a job."""
+        self._white = path
+        self.notice.clear()
+        self.panel.inspector.show_verdict(f"Fitting the lattice of {Path(path).name} …", "hint")
+        self.context.jobs.cancel(self._job)
+        camera, dark = self.context.state.camera, Path(self._dark) if self._dark else None
+        self._job = self.context.jobs.start(
+            f"Check against {Path(path).name}",
+            "setup",
+            lambda: iter_check(camera, Path(path), dark),
+            self._show_check,
+            self._check_failed,
+            abandon=True,
+            at_once=True,
+        )
+
+    def _show_check(self, found: Checked) -> None:
+        if found.camera != self.context.state.camera:
+            self._forget_check("The camera changed meanwhile; compare it again.")
+            return
+        self._checked = found
+        self.check.show_check(found)
+        role = ROLES.get(found.check.verdict, "bad")
+        words = f"{found.name}: {judgement_of(found.check).verdict}"
+        self.panel.inspector.show_verdict(words, role, found=True, measured=found.check.camera is not None)
+        self._show(self.context.state)
+
+    def _forget_check(self, words: str = "Not compared with a white image yet.") -> None:
+        self._checked = None
+        self.check.hide()
+        self.panel.inspector.show_verdict(words, "hint")
+
+    def _check_failed(self, job: WindowJob) -> None:
+        self._forget_check()
+        self._show(self.context.state)
+        if job.error:
+            self.refuse(job.error)
+
+    def _take_measured(self) -> None:
+        if self._checked is not None and self._checked.check.camera is not None:
+            if self._set(self._checked.check.camera, f"lattice measured in {self._checked.name}"):
+                words = "The measured lattice is the camera's now; save the camera to use it elsewhere."
+                self.panel.inspector.show_verdict(words, "good", found=True)
+
+    # -- scan ------------------------------------------------------------------------------------------
+    def _check_scan(self, key: str, value: Any) -> str:
+        state = self.context.state
+        if state.plan is None:
+            return ""
+        if key in OF_SCAN:
+            return refused_setting(self.context, key, value) or (
+                _refused_half(state.plan) if key == "half_cell" and value else ""
+            )
+        plan, why = change_plan(state.plan, key, value)
+        if plan is not None and PlanSettings.of(state).half_cell and not _refused_half(state.plan):
+            why = _refused_half(plan)
+        return why or self.context.project.held(replace(state, plan=plan))
+
+    def _scan_edited(self, key: str, value: Any) -> None:
+        if key in OF_SCAN:
+            change_settings(self.context, key, value)
+            return
+        plan = self.context.state.plan
+        changed = None if plan is None else change_plan(plan, key, value)[0]
+        if changed is not None:
+            self.context.project.merge(f"change of {key.replace('_', ' ')}", plan=changed)
+
+    def move_scan(self, rows: int, columns: int) -> None:
+        """Move the scan by so many pixels, as far as it stays on the sensor."""
+        plan = self.context.state.plan
+        if plan is None:
+            return
+        try:
+            moved = replace(plan, anchor=(plan.anchor[0] + rows, plan.anchor[1] + columns))
+        except LfcalError:
+            return
+        if not (PlanSettings.of(self.context.state).half_cell and _refused_half(moved)):
+            self.context.project.merge("move of the scan", plan=moved)
+
+    def make_default(self) -> None:
+        """Make the plan that the camera's geometry suggests."""
+        try:
+            self.context.project.update("default plan", plan=default_plan(self.context.state.camera))
+        except LfcalError as error:
+            self.refuse(str(error))
+
+    def open_plan(self, path: str = "") -> None:
+        """Take a plan, and its camera, from a file."""
+        path = path or QFileDialog.getOpenFileName(self, "Open plan", "", "Plans (*.json)")[0]
+        if not path:
+            return
+        name = Path(path).name
+
+        def refused(words: str) -> None:
+            self.refuse(words if name in words else f"{name}: {words}")
+
+        settings = PlanSettings.of(self.context.state)
+        self.load(name, lambda: read_plan(path, settings), lambda found: self._opened(name, found), on_error=refused)
+
+    def _opened(self, name: str, found: ScanPlan | PlannedTarget) -> None:
+        """Continue with the plan of a scan, or of a target and its scan."""
+        if isinstance(found, ScanPlan):
+            self.context.project.update(f"plan {name}", plan=found, camera=found.camera)
+            return
+        state, scan = self.context.state, found.plan.scan
+        settings = PlanSettings.of_plan(found.plan).at_rates_of(PlanSettings.of(state))
+        self.target.expect(scan, settings)
+        self.context.project.update(f"target plan {name}", plan=scan, camera=scan.camera, settings=settings.into(state))
+        self.target.show_opened(found)
+
+    def save_plan(self, path: str = "") -> None:
+        """Write the plan as JSON."""
+        state, plan = self.context.state, self.context.state.plan
+        if plan is None:
+            self.refuse("there is no plan to save; make or open one first")
+            return
+        try:
+            half = half_of(plan) if PlanSettings.of(state).half_cell else None
+        except LfcalError as error:
+            self.refuse(str(error))
+            return
+
+        def files(target: str | Path) -> dict[Path, str]:
+            """Return what is written, by file."""
+            listed = {} if half is None else {list_beside(target): list_text(half)}
+            return {Path(target): plan.to_json(), **listed}
+
+        path = path or ask_target(self, "Save plan", "plan.json", "Plans (*.json)", lambda target: list(files(target)))
+        if path and all(write_file(self, str(file), _writing(text)) for file, text in files(path).items()):
+            self.context.history.add(
+                self.context.taken("setup", f"Save plan {Path(path).name}", path, lambda: scan_step(state, path))
+            )
+            chosen = "" if half is None else f", and {list_beside(path).name} for Positions on page Acquire"
+            self.context.message.emit(f"plan saved as {path}{chosen}")
+
+
+def _checked(found: Imported) -> Imported:
+    """Return ``found``; raise where its values are no camera's."""
+    doubts(found.camera)
+    return found
+
+
+def _refused_half(plan: ScanPlan) -> str:
+    """Return why half of the period is not enough; empty: it is."""
+    try:
+        half_of(plan)
+    except LfcalError as error:
+        return str(error)
+    return ""
+
+
+def _writing(text: str) -> Callable[[Path], object]:
+    return lambda part: part.write_text(text, encoding="utf-8")
+
+
+def _is_plan(path: str) -> bool:
+    """Return whether a JSON file has the plan of a scan or of a target."""
+    try:
+        data = json.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return ScanPlan.is_one(data) or (isinstance(data, dict) and data.get("format") == "lfcal-target-plan")

@@ -1,0 +1,145 @@
+"""The picture of the place: what is drawn lies where frames will have it, and the cutout is dragged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from pytestqt.qtbot import QtBot
+
+from lfcal.camera import PRESETS, Camera, Forecast, LensletLattice, LensType, MainLens, ScanPlan, Sensor, preset
+from lfcal_gui.context import Context
+from lfcal_gui.models.frame_view import lattice_points
+from lfcal_gui.pages.setup.model_picture import DARK, LIT, ScanScene, numbers_of
+from lfcal_gui.pages.setup.model_scan import default_plan, scan_path
+from tests.gui.conftest import OpenPage
+from tests.gui.waiting import idle
+from tests.lattice.white_frames import draw_white
+
+
+def scene_of(name: str) -> ScanScene:
+    return ScanScene(preset(name), default_plan(preset(name)))
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_cutout_of_the_scan_is_within_the_dashed_border(name: str) -> None:
+    scene = scene_of(name)
+    plan = scene.plan
+    assert plan is not None and scene.cutout is not None and scene.counted is not None
+    points, size = scan_path(plan), np.array(plan.cutout)
+    first, last = (at(axis=0) - (size - 1) // 2 for at in (points.min, points.max))
+    row, column, height, width = scene.counted
+    assert tuple(first) == (row, column) and tuple(last + size) == (row + height, column + width)
+    middle = scene.cutout
+    assert row <= middle[0] and middle[0] + middle[2] <= row + height
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_lenslets_are_bright_at_their_centres_and_dark_between(name: str) -> None:
+    camera = preset(name)
+    view = (100.0, 120.0, 6 * camera.pitch_px, 8 * camera.pitch_px)
+    shot = ScanScene(camera).shot(view)
+    assert shot.values is not None
+    centres, _ = lattice_points(camera, (view[0], view[0] + view[2]), (view[1], view[1] + view[3]))
+    seen = [pixel for centre in centres if (pixel := shot.pixel_at(*centre)) is not None]
+    assert len(seen) > 20 and all(shot.value_at(pixel) == pytest.approx(LIT, abs=0.01) for pixel in seen)
+    assert (shot.values.min() == pytest.approx(DARK)) == (
+        not camera.lattice.gapless and camera.lattice.kind != "square"
+    )
+
+
+def test_nothing_is_drawn_off_the_sensor() -> None:
+    values = ScanScene(preset("bench")).shot((-10.0, -20.0, 40.0, 60.0)).values
+    assert values is not None and np.isnan(values[:40]).all() and np.isfinite(values[-1, -1])
+
+
+def test_numbers_say_time_disk_and_lattice() -> None:
+    scene = scene_of("bench")
+    assert scene.plan is not None
+    time, disk, lattice = numbers_of(scene, Forecast.of(scene.plan))
+    assert (time.value, time.unit, time.words) == ("4", "min 19 s", "for 2508 positions in 4 planes")
+    assert (disk.value, disk.unit, disk.words) == ("513.6", "MB", "of frames; H is 45.0 MB")
+    assert (lattice.value, lattice.unit) == ("0.05", "px")
+    assert numbers_of(ScanScene(preset("bench")), None) == ()
+
+
+def test_dragging_the_cutout_moves_the_scan_as_one_step(open_page: OpenPage, context: Context) -> None:
+    page = open_page("setup")
+    plan = default_plan(preset("bench"))
+    context.project.update("made", plan=plan)
+    seen, rows = page.panel.picture.box.viewRect(), page.panel.forecast.text()
+    for _ in range(3):
+        page.panel.picture.dragged.emit(2, -1)
+    moved = context.state.plan
+    assert moved == replace(plan, anchor=(plan.anchor[0] + 6, plan.anchor[1] - 3))
+    assert page.panel.inspector.rest.editor("anchor").text() == "156,141"
+    assert page.panel.picture.box.viewRect() == seen and page.panel.forecast.text() == rows
+    page.panel.picture.dragged.emit(400, 0)
+    assert context.state.plan == moved, "the scan stays on the sensor"
+    context.project.undo()
+    assert context.state.plan == plan
+
+
+def test_the_strip_draws_the_aperture_of_a_plane_in_the_cutout(open_page: OpenPage, context: Context) -> None:
+    page = open_page("setup")
+    plan = default_plan(preset("bench"))
+    context.project.update("made", plan=plan)
+    strip, picture = page.panel.strip, page.panel.picture
+    assert strip.count() == 4 and strip.currentRow() == 3
+
+    def diameter() -> float:
+        return float(np.ptp(picture.overlays[-1].points[:, 0]))
+
+    large = diameter()
+    middle = picture.overlays[-1].points.mean(axis=0)
+    assert middle == pytest.approx((plan.anchor[0] + 9, plan.anchor[1] + 16), abs=0.5), "about the middle of the scan"
+    strip.setCurrentRow(0)
+    assert diameter() < large / 3
+    context.project.update("moved", plan=replace(plan, anchor=(140.0, 144.0)))
+    assert strip.currentRow() == 0
+    page.panel.overlays["Cutout"].setChecked(False)
+    assert not [one for one in picture.overlays if getattr(one, "dashed", False)]
+
+
+def test_a_white_image_of_the_whole_sensor_becomes_the_picture(
+    open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path
+) -> None:
+    page = open_page("setup")
+    lattice = LensletLattice("square", 16.0 * 5, 400.0, (LensType(400.0),))
+    camera = Camera("c", MainLens(), lattice, Sensor((220, 260), 5.0))
+    context.project.update("made", camera=camera)
+    page.check_white(str(_white(tmp_path, (220, 260))))
+    idle(context.jobs, qtbot)
+    assert page.panel.picture.shot.caption == "White image white.tif" and page.panel.picture.values.shape == (220, 260)
+    page.check_white(str(_white(tmp_path, (120, 160))))
+    idle(context.jobs, qtbot)
+    assert page.panel.picture.shot.caption == "Lattice as described", "the place of a part is not known"
+    shown: Any = page.panel.inspector
+    assert "220 x 260" in shown.verdict.text() and shown.verdict.property("role") == "bad"
+
+
+def _white(folder: Path, shape: tuple[int, int]) -> Path:
+    tifffile.imwrite(folder / "white.tif", draw_white(shape, pitch=16.0, kind="square").frame)
+    return folder / "white.tif"
+
+
+def test_a_plan_that_is_dropped_is_opened_and_a_camera_only_where_one_looks(
+    open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path
+) -> None:
+    page = open_page("setup")
+    plan = ScanPlan.for_camera(preset("r29"), virtual_depths=(3.0,))
+    for name, text in (("plan", plan.to_json()), ("camera", preset("lfm_20x05").to_json())):
+        (tmp_path / f"{name}.json").write_text(text)
+    page.hide()
+    assert not page.accept_drop([str(tmp_path / "camera.json")])
+    assert page.accept_drop([str(tmp_path / "plan.json")])
+    idle(context.jobs, qtbot)
+    assert context.state.plan == plan
+    page.show()
+    assert page.accept_drop([str(tmp_path / "camera.json")])
+    idle(context.jobs, qtbot)
+    assert context.state.camera == preset("lfm_20x05") and context.state.plan is None
