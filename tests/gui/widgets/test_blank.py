@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lfcal_gui.pages.accuracy._chart import ParetoChart
 from pytestqt.qtbot import QtBot
 
 from lfcal_gui.models.shot import Shot
 from lfcal_gui.pages.acquire._error_view import ErrorView
 from lfcal_gui.pages.fit.rounds_view import DecadePlot
 from lfcal_gui.widgets.blank import NOTHING
+from lfcal_gui.widgets.cost_curve import CostCurve
 from lfcal_gui.widgets.picture import Picture
 from lfcal_gui.widgets.plots import LinePlot
 
@@ -35,7 +35,7 @@ def with_axes() -> Picture:
     return Picture(axes=("column (px)", "row (px)"))
 
 
-@pytest.mark.parametrize("made", [with_axes, lambda: LinePlot("x", "y"), ErrorView, ParetoChart])
+@pytest.mark.parametrize("made", [with_axes, lambda: LinePlot("x", "y"), ErrorView, CostCurve])
 def test_an_empty_view_says_so(made: Any, qtbot: QtBot) -> None:
     view = made()
     qtbot.addWidget(view)
