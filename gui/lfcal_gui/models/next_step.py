@@ -1,0 +1,493 @@
+"""What comes next in a sitting, and the words of the rail: both are made of one record. No Qt.
+
+`next_step` goes through `ROWS`; the first one that holds says what comes next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from lfcal.base import format_bytes, format_count, format_seconds, format_share
+from lfcal_gui.models.verdict import Verdict
+
+__all__ = ["JOBS", "LONGEST", "PLACES", "ROWS", "RailWords", "Sitting", "Step", "next_step", "rail_words"]
+
+LONGEST = 90
+"""Characters of a line, its lead included."""
+
+PLACES = ("setup", "record", "h", "use")
+Place = Literal["setup", "record", "h", "use"]
+Mark = Literal["good", "fair", "bad", ""]
+
+JOBS: dict[str, tuple[str, Place]] = {
+    "make": ("Making H", "h"),
+    "compute": ("Computing H", "h"),
+    "judge": ("Judging H", "h"),
+    "fit": ("Fitting the optics", "h"),
+    "reconstruct": ("Reconstructing", "use"),
+    "export": ("Exporting H", "use"),
+}
+"""Kinds of jobs that the line follows: the lead, and the place."""
+
+
+@dataclass(frozen=True)
+class Sitting:
+    """Everything that the next step depends on, as plain values.
+
+    Attributes
+    ----------
+    place
+        Place that is looked at.
+    declined
+        Actions of optional steps that were answered by "Not now".
+    camera, white
+        Whether a camera was described, and checked against a white image.
+    assumed
+        Names of values that nobody stated.
+    wrong, move
+        Why the plan cannot work, empty where it can; and whether moving the scan solves this.
+    plan, positions, planes
+        Whether there is a plan; number of positions and of planes.
+    record_s, frame_bytes
+        Forecast of a recording, None where nothing was measured; and what its frames need.
+    source
+        Where H is to come from: ``"rig"``, ``"folder"``, ``"compute"``.
+    unread, frames, fresh
+        Why the frames of a folder are not understood; their number; whether H is older than they are.
+    corrections
+        Corrections of these frames that could be made and are not: ``"dark"``.
+    make_s, compute_s, error
+        Forecasts for assembling and for computing H, None where nothing was measured; and the share by which a
+        computed H is off.
+    rig, rig_measured, free_bytes
+        Whether devices are connected; whether scale and axes of the stage are measured; space on the disk of the
+        session, None where it is not known.
+    recording, paused, stopped
+        Whether a session is being recorded, or held; why the last run stopped before its end.
+    done, total, plane, left_s
+        Positions that are safe, and all; the plane under way from 0; what is left (s).
+    job, job_words, job_left_s
+        Kind of the job under way, one of `JOBS`, with its stage and what is left.
+    h, h_camera, h_bytes, verdict
+        Whether there is an H; whether its file names a camera; its size; its verdict, None where it was not judged.
+    exported, exported_bytes
+        File that H was exported to.
+    light_field, volume, voxels, reconstruct_s
+        Whether a light field and its volume are there; voxels (z, y, x); forecast of the reconstruction.
+    """
+
+    place: Place = "setup"
+    declined: frozenset[str] = frozenset()
+    camera: bool = False
+    white: bool = False
+    assumed: tuple[str, ...] = ()
+    wrong: str = ""
+    move: bool = False
+    plan: bool = False
+    positions: int = 0
+    planes: int = 0
+    record_s: float | None = None
+    frame_bytes: float = 0.0
+    source: Literal["rig", "folder", "compute"] = "rig"
+    unread: str = ""
+    frames: int = 0
+    fresh: bool = False
+    corrections: tuple[str, ...] = ()
+    make_s: float | None = None
+    compute_s: float | None = None
+    error: float | None = None
+    rig: bool = False
+    rig_measured: bool = False
+    free_bytes: float | None = None
+    recording: bool = False
+    paused: bool = False
+    stopped: str = ""
+    done: int = 0
+    total: int = 0
+    plane: int = 0
+    left_s: float | None = None
+    job: str = ""
+    job_words: str = ""
+    job_left_s: float | None = None
+    h: bool = False
+    h_camera: bool = False
+    h_bytes: float = 0.0
+    verdict: Verdict | None = None
+    exported: str = ""
+    exported_bytes: float = 0.0
+    light_field: bool = False
+    volume: bool = False
+    voxels: tuple[int, int, int] = (0, 0, 0)
+    reconstruct_s: float | None = None
+
+    @property
+    def unfinished(self) -> bool:
+        """Whether a session was begun and is not complete."""
+        return 0 < self.done < self.total
+
+    @property
+    def needs_h(self) -> bool:
+        """Whether H is still to be made."""
+        return not self.h or self.fresh
+
+
+@dataclass(frozen=True)
+class Step:
+    """What comes next.
+
+    Attributes
+    ----------
+    lead, words
+        ``"Next"``, ``"Recording"``, ``"Done"``; and one sentence.
+    button, action
+        Label of the button, and what it does: ``"page.name"``.
+    place
+        Where it is done.
+    optional
+        Whether it can be left out.
+    """
+
+    lead: str
+    words: str
+    button: str
+    action: str
+    place: Place
+    optional: bool = False
+
+    @property
+    def line(self) -> str:
+        """Lead and words."""
+        return f"{self.lead}: {self.words}"
+
+
+@dataclass(frozen=True)
+class RailWords:
+    """What the rail says of a place, and its mark."""
+
+    words: str
+    mark: Mark = ""
+
+
+def next_step(sitting: Sitting) -> Step:
+    """Return what comes next: the first row that holds, without optional steps that were declined."""
+    for row in ROWS:
+        step = row(sitting)
+        if step is not None and not (step.optional and step.action in sitting.declined):
+            return step
+    raise AssertionError("the last row always holds")
+
+
+# -- words -------------------------------------------------------------------------------------------------
+def _takes(seconds: float | None, before: str = ", ", about: str = "about ") -> str:
+    """Return a forecast as the end of a sentence; nothing where there is none."""
+    return "" if seconds is None else f"{before}{about}{format_seconds(seconds)}"
+
+
+def _left(seconds: float | None) -> str:
+    return _takes(seconds, about="") + (" left" if seconds is not None else "")
+
+
+def _count(many: int, one: str) -> str:
+    """Return a number of things with thousands separated."""
+    return format_count(many, one, f"{one}s").replace(str(many), f"{many:,}", 1)
+
+
+def _short(text: str, most: int) -> str:
+    """Return one line of at most so many characters."""
+    words = " ".join(text.split()).rstrip(".")
+    return words if len(words) <= most else f"{words[: most - 1].rstrip()}…"
+
+
+def _scan(s: Sitting) -> str:
+    return f"{_count(s.positions, 'position')} in {_count(s.planes, 'plane')}"
+
+
+# -- rows --------------------------------------------------------------------------------------------------
+def _stopped(s: Sitting) -> Step | None:
+    if not s.stopped or s.recording:
+        return None
+    return Step("Stopped", f"{_short(s.stopped, 56)}. All before is safe.", "Resume", "acquire.resume", "record")
+
+
+def _recording(s: Sitting) -> Step | None:
+    if not s.recording or s.paused:
+        return None
+    of = f"plane {s.plane + 1} of {s.planes}: " if s.planes else ""
+    words = f"{of}{s.done:,} of {_count(s.total, 'position')}{_left(s.left_s)}."
+    return Step("Recording", words, "Pause", "acquire.pause", "record")
+
+
+def _paused(s: Sitting) -> Step | None:
+    if not (s.paused or (s.unfinished and not s.recording)):
+        return None
+    left = max(0, s.total - s.done)
+    verb = "is" if left == 1 else "are"
+    words = f"{_count(left, 'position')} {verb} left{_takes(s.left_s, about='')}."
+    return Step("Paused", words, "Resume", "acquire.resume", "record")
+
+
+def _working(s: Sitting) -> Step | None:
+    if s.job not in JOBS:
+        return None
+    lead, place = JOBS[s.job]
+    words = f"{_short(s.job_words, 48) or 'under way'}{_left(s.job_left_s)}."
+    return Step(lead, words, "Stop", f"jobs.stop_{s.job}", place)
+
+
+def _camera(s: Sitting) -> Step | None:
+    if s.camera or s.h or s.source == "folder":
+        return None
+    return Step("Next", "say which camera it is.", "Import …", "camera.import", "setup")
+
+
+def _camera_of_h(s: Sitting) -> Step | None:
+    if not s.h or s.camera or s.h_camera:
+        return None
+    words = "say which camera made this H, to judge it fully."
+    return Step("Next", words, "Import …", "camera.import", "setup", optional=True)
+
+
+def _wrong_plan(s: Sitting) -> Step | None:
+    if not s.wrong or not s.needs_h or s.source == "folder":
+        return None
+    if s.move:
+        return Step("Next", f"{_short(s.wrong, 60)}: move the scan.", "Move it", "plan.move", "setup")
+    return Step("Next", f"change the plan: {_short(s.wrong, 60)}.", "Show the plan", "plan.show", "setup")
+
+
+def _assumed(s: Sitting) -> Step | None:
+    if not s.assumed or not s.camera or not s.needs_h or s.source == "folder":
+        return None
+    names = _short(", ".join(s.assumed), 40)
+    words = f"confirm {_count(len(s.assumed), 'assumed value')}: {names}."
+    return Step("Next", words, "Show them", "camera.assumed", "setup", optional=True)
+
+
+def _white(s: Sitting) -> Step | None:
+    if s.white or not s.camera or not s.needs_h or s.source == "folder":
+        return None
+    words = "check the camera against a white image."
+    return Step("Next", words, "White image …", "camera.white", "setup", optional=True)
+
+
+def _unread(s: Sitting) -> Step | None:
+    if s.source != "folder" or not s.unread or not s.needs_h:
+        return None
+    return Step("Next", f"{_short(s.unread, 60)}.", "Show columns", "frames.columns", "record")
+
+
+def _plan(s: Sitting) -> Step | None:
+    if s.plan or not s.needs_h:
+        return None
+    return Step("Next", "plan the scan; it follows from the camera.", "Plan the scan", "plan.make", "setup")
+
+
+def _assemble(s: Sitting) -> Step | None:
+    if s.source != "folder" or not s.needs_h:
+        return None
+    if not s.frames:
+        return Step("Next", "choose the folder with the frames.", "Import folder …", "frames.import", "record")
+    words = f"make H of {_count(s.frames, 'frame')}{_takes(s.make_s)}."
+    return Step("Next", words, "Assemble H", "frames.assemble", "record")
+
+
+def _assemble_session(s: Sitting) -> Step | None:
+    if s.h or not s.total or s.done < s.total or s.source != "rig":
+        return None
+    words = f"make H of {_count(s.total, 'recorded position')}{_takes(s.make_s)}."
+    return Step("Next", words, "Assemble H", "acquire.assemble", "record")
+
+
+def _compute(s: Sitting) -> Step | None:
+    if s.source != "compute" or not s.needs_h:
+        return None
+    off = "" if s.error is None else f", {format_share(s.error)} off"
+    words = f"compute H: {_count(s.planes, 'plane')}{off}{_takes(s.compute_s)}."
+    return Step("Next", words, "Compute H", "simulate.compute", "record")
+
+
+def _connect(s: Sitting) -> Step | None:
+    if s.h or s.rig:
+        return None
+    words = f"record the scan: {_scan(s)}{_takes(s.record_s)}."
+    return Step("Next", words, "Connect camera and stage", "acquire.connect", "record")
+
+
+def _disk(s: Sitting) -> Step | None:
+    if s.h or s.free_bytes is None or s.frame_bytes <= s.free_bytes:
+        return None
+    need, free = format_bytes(s.frame_bytes), format_bytes(s.free_bytes)
+    words = f"the frames need {need}, {free} are free: choose another folder."
+    return Step("Next", words, "Choose folder …", "acquire.folder", "record")
+
+
+def _adjust(s: Sitting) -> Step | None:
+    if s.h or s.rig_measured:
+        return None
+    words = "measure scale and axes of the stage."
+    return Step("Next", words, "Adjust", "acquire.adjust", "record", optional=True)
+
+
+def _record(s: Sitting) -> Step | None:
+    if s.h:
+        return None
+    return Step("Next", f"record {_scan(s)}{_takes(s.record_s, about='')}.", "Record", "acquire.record", "record")
+
+
+def _judge(s: Sitting) -> Step | None:
+    if s.verdict is not None:
+        return None
+    return Step("Next", "judge H.", "Judge H", "quality.judge", "h", optional=True)
+
+
+def _few_bad(s: Sitting) -> Step | None:
+    v = s.verdict
+    if v is None or not v.few:
+        return None
+    many = _count(v.bad, "position")
+    rest = "good" if v.rest == "good" else "usable"
+    if s.rig:
+        words = f"record {many} again; the rest of H is {rest}."
+        return Step("Next", words, f"Record {many}", "quality.redo", "h", optional=v.usable)
+    if s.frames:
+        words = f"leave {_count(v.bad, 'bad position')} out of H; the rest of H is {rest}."
+        return Step("Next", words, "Leave them out", "frames.leave_out", "h", optional=v.usable)
+    return None
+
+
+def _remedy(s: Sitting) -> Step | None:
+    v = s.verdict
+    if v is None or v.merit != "bad" or v.remedy not in s.corrections:
+        return None
+    words = f"subtract the dark frames: {_short(v.cause, 40)}."
+    return Step("Next", words, "Subtract them", f"frames.correct_{v.remedy}", "h")
+
+
+def _why(s: Sitting) -> Step | None:
+    v = s.verdict
+    if v is None or v.usable:
+        return None
+    if v.merit == "unknown":
+        words = "see why H is not fully judged."
+    else:
+        words = f"see why H is bad: {v.failed} of {_count(v.checks, 'check')} {'fails' if v.failed == 1 else 'fail'}."
+    return Step("Next", words, "Why", "quality.why", "h", optional=True)
+
+
+def _reconstruct(s: Sitting) -> Step | None:
+    if not s.light_field or s.volume or s.place != "use":
+        return None
+    size = " × ".join(f"{n:,}" for n in reversed(s.voxels))
+    voxels = f"{size} voxels" if all(s.voxels) else "the volume"
+    words = f"reconstruct {voxels}{_takes(s.reconstruct_s)}."
+    return Step("Next", words, "Reconstruct", "reconstruct.start", "use")
+
+
+def _export(s: Sitting) -> Step | None:
+    if s.exported:
+        return None
+    size = f", {format_bytes(s.h_bytes)}" if s.h_bytes else ""
+    return Step("Next", f"export H and HT{size}: H is {_worth(s)}.", "Export for oLaF", "psf.export", "use")
+
+
+def _exported(s: Sitting) -> Step:
+    size = f", {format_bytes(s.exported_bytes)}" if s.exported_bytes else ""
+    name = s.exported.replace("\\", "/").rpartition("/")[2]
+    return Step("Done", f"H and HT are in {_short(name, 40)}{size}.", "Show folder", "psf.folder", "use")
+
+
+ROWS: tuple[Callable[[Sitting], Step | None], ...] = (
+    _stopped,
+    _recording,
+    _paused,
+    _working,
+    _camera,
+    _camera_of_h,
+    _wrong_plan,
+    _assumed,
+    _white,
+    _unread,
+    _assemble,
+    _plan,
+    _compute,
+    _assemble_session,
+    _connect,
+    _disk,
+    _adjust,
+    _record,
+    _judge,
+    _few_bad,
+    _remedy,
+    _why,
+    _reconstruct,
+    _export,
+    _exported,
+)
+"""What can come next, in this order; the last one always holds."""
+
+
+# -- the rail ----------------------------------------------------------------------------------------------
+def rail_words(sitting: Sitting) -> dict[str, RailWords]:
+    """Return what the rail says of each of the four places."""
+    return {"setup": _setup(sitting), "record": _rail_record(sitting), "h": _rail_h(sitting), "use": _use(sitting)}
+
+
+def _worth(s: Sitting) -> str:
+    """Return what H is worth in a word, the same in the rail and in the line."""
+    v = s.verdict
+    if v is None:
+        return "not judged"
+    if v.usable:
+        return "good" if v.merit == "good" else "usable"
+    return "bad" if v.merit == "bad" else "not fully judged"
+
+
+def _setup(s: Sitting) -> RailWords:
+    if not s.camera and not (s.h and s.h_camera) and s.source != "folder":
+        return RailWords("no camera") if s.h else RailWords("start here", "fair")
+    if s.wrong and s.needs_h and s.source != "folder":
+        return RailWords("cannot work", "bad")
+    if s.assumed:
+        return RailWords(f"{len(s.assumed)} assumed")
+    return RailWords("checked", "good") if s.white else RailWords("not checked")
+
+
+def _rail_record(s: Sitting) -> RailWords:
+    if s.recording and not s.paused:
+        return RailWords(f"plane {s.plane + 1} of {s.planes}" if s.planes else "recording")
+    if s.stopped:
+        return RailWords("stopped", "bad")
+    if s.paused or s.unfinished:
+        return RailWords("paused", "fair")
+    if s.total and s.done >= s.total:
+        return RailWords("complete", "good")
+    if s.source == "folder":
+        return RailWords("folder", "fair" if s.unread else "")
+    if not s.plan:
+        return RailWords("needs a plan")
+    if s.source == "compute":
+        return RailWords("compute")
+    return RailWords("ready" if s.rig else "no rig")
+
+
+def _rail_h(s: Sitting) -> RailWords:
+    if s.job in ("make", "compute"):
+        return RailWords("being made")
+    if not s.h:
+        return RailWords("none yet")
+    if s.job == "judge":
+        return RailWords("judging")
+    v = s.verdict
+    if v is not None and v.few:
+        return RailWords(f"{v.bad:,} to redo", "fair")
+    marks: dict[str, Mark] = {"good": "good", "usable": "good", "not judged": "", "bad": "bad"}
+    word = _worth(s)
+    return RailWords("in doubt" if word == "not fully judged" else word, marks.get(word, "fair"))
+
+
+def _use(s: Sitting) -> RailWords:
+    if not s.h:
+        return RailWords("needs H")
+    return RailWords("exported", "good") if s.exported else RailWords("ready")

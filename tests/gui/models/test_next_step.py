@@ -1,0 +1,269 @@
+"""The line that leads through a sitting: one scene for each of its rows, and what holds for all sittings."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import fields, replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lfcal_gui.models.next_step import JOBS, LONGEST, PLACES, ROWS, Sitting, next_step, rail_words
+from lfcal_gui.models.verdict import Verdict
+
+CAMERA = Sitting(camera=True, white=True, plan=True, positions=5643, planes=9)
+RIG = replace(CAMERA, rig=True, rig_measured=True, record_s=677, free_bytes=412e9, frame_bytes=1.2e9)
+H = replace(CAMERA, h=True, h_camera=True, h_bytes=179e6, verdict=Verdict("good"))
+FEW = Verdict("bad", "Five frames are misplaced.", bad=5, share=0.008, failed=1, checks=39)
+FOLDER = replace(CAMERA, source="folder", frames=1254)
+
+TABLE = (
+    (
+        replace(RIG, stopped="at position 4,120 the camera gave no frame for 5 s", done=4119, total=5643),
+        "Stopped: at position 4,120 the camera gave no frame for 5 s. All before is safe.",
+        "acquire.resume",
+        {"record": "stopped"},
+    ),
+    (
+        replace(RIG, recording=True, done=4120, total=5643, plane=6, left_s=183),
+        "Recording: plane 7 of 9: 4,120 of 5,643 positions, 3 min 03 s left.",
+        "acquire.pause",
+        {"record": "plane 7 of 9"},
+    ),
+    (
+        replace(CAMERA, done=4120, total=5643, left_s=183),
+        "Paused: 1,523 positions are left, 3 min 03 s.",
+        "acquire.resume",
+        {"record": "paused"},
+    ),
+    (
+        replace(FOLDER, job="make", job_words="plane 3 of 9", job_left_s=4),
+        "Making H: plane 3 of 9, 4.0 s left.",
+        "jobs.stop_make",
+        {"h": "being made"},
+    ),
+    (Sitting(), "Next: say which camera it is.", "camera.import", {"setup": "start here", "use": "needs H"}),
+    (
+        Sitting(h=True),
+        "Next: say which camera made this H, to judge it fully.",
+        "camera.import",
+        {"setup": "no camera", "h": "not judged"},
+    ),
+    (
+        replace(CAMERA, wrong="the cutout leaves the sensor in plane 9", move=True),
+        "Next: the cutout leaves the sensor in plane 9: move the scan.",
+        "plan.move",
+        {"setup": "cannot work"},
+    ),
+    (
+        replace(CAMERA, assumed=("f-number", "gap")),
+        "Next: confirm 2 assumed values: f-number, gap.",
+        "camera.assumed",
+        {"setup": "2 assumed"},
+    ),
+    (
+        replace(CAMERA, white=False),
+        "Next: check the camera against a white image.",
+        "camera.white",
+        {"setup": "not checked"},
+    ),
+    (
+        replace(CAMERA, source="folder", unread="say which column holds x"),
+        "Next: say which column holds x.",
+        "frames.columns",
+        {"record": "folder"},
+    ),
+    (
+        replace(CAMERA, source="folder"),
+        "Next: choose the folder with the frames.",
+        "frames.import",
+        {"record": "folder"},
+    ),
+    (
+        replace(FOLDER, make_s=3),
+        "Next: make H of 1,254 frames, about 3.0 s.",
+        "frames.assemble",
+        {"record": "folder", "h": "none yet"},
+    ),
+    (
+        replace(FOLDER, h=True, h_camera=True, fresh=True, verdict=Verdict("good")),
+        "Next: make H of 1,254 frames.",
+        "frames.assemble",
+        {"record": "folder"},
+    ),
+    (
+        replace(CAMERA, plan=False),
+        "Next: plan the scan; it follows from the camera.",
+        "plan.make",
+        {"record": "needs a plan"},
+    ),
+    (
+        replace(CAMERA, source="compute", error=0.014, compute_s=1),
+        "Next: compute H: 9 planes, 1.4 % off, about 1.0 s.",
+        "simulate.compute",
+        {"record": "compute"},
+    ),
+    (
+        replace(RIG, done=5643, total=5643),
+        "Next: make H of 5,643 recorded positions.",
+        "acquire.assemble",
+        {"record": "complete"},
+    ),
+    (
+        replace(CAMERA, record_s=677),
+        "Next: record the scan: 5,643 positions in 9 planes, about 11 min 17 s.",
+        "acquire.connect",
+        {"setup": "checked", "record": "no rig"},
+    ),
+    (
+        replace(RIG, frame_bytes=1.8e12),
+        "Next: the frames need 1.8 TB, 412.0 GB are free: choose another folder.",
+        "acquire.folder",
+        {"record": "ready"},
+    ),
+    (replace(RIG, rig_measured=False), "Next: measure scale and axes of the stage.", "acquire.adjust", {}),
+    (RIG, "Next: record 5,643 positions in 9 planes, 11 min 17 s.", "acquire.record", {"record": "ready"}),
+    (replace(H, verdict=None), "Next: judge H.", "quality.judge", {"h": "not judged"}),
+    (
+        replace(H, verdict=FEW, rig=True),
+        "Next: record 5 positions again; the rest of H is good.",
+        "quality.redo",
+        {"h": "5 to redo"},
+    ),
+    (
+        replace(H, verdict=FEW, frames=1254),
+        "Next: leave 5 bad positions out of H; the rest of H is good.",
+        "frames.leave_out",
+        {"h": "5 to redo"},
+    ),
+    (
+        replace(
+            H, corrections=("dark",), verdict=Verdict("bad", remedy="dark", cause="background", failed=1, checks=39)
+        ),
+        "Next: subtract the dark frames: background.",
+        "frames.correct_dark",
+        {"h": "bad"},
+    ),
+    (
+        replace(H, verdict=Verdict("bad", rest="bad", failed=3, checks=39)),
+        "Next: see why H is bad: 3 of 39 checks fail.",
+        "quality.why",
+        {"h": "bad"},
+    ),
+    (
+        replace(H, verdict=Verdict("unknown", rest="unknown")),
+        "Next: see why H is not fully judged.",
+        "quality.why",
+        {"h": "in doubt"},
+    ),
+    (
+        replace(H, light_field=True, place="use", voxels=(9, 132, 130), reconstruct_s=10),
+        "Next: reconstruct 130 × 132 × 9 voxels, about 10 s.",
+        "reconstruct.start",
+        {"use": "ready"},
+    ),
+    (H, "Next: export H and HT, 179.0 MB: H is good.", "psf.export", {"h": "good", "use": "ready"}),
+    (
+        replace(H, exported="/data/bench_oLaF.mat", exported_bytes=179e6),
+        "Done: H and HT are in bench_oLaF.mat, 179.0 MB.",
+        "psf.folder",
+        {"use": "exported"},
+    ),
+)
+
+
+@pytest.mark.parametrize(("sitting", "line", "action", "rail"), TABLE, ids=[line for _, line, _, _ in TABLE])
+def test_the_first_row_that_holds_says_what_comes_next(
+    sitting: Sitting, line: str, action: str, rail: dict[str, str]
+) -> None:
+    step = next_step(sitting)
+    assert (step.line, step.action) == (line, action)
+    assert {place: rail_words(sitting)[place].words for place in rail} == rail
+
+
+def test_every_row_has_a_scene() -> None:
+    first = {next(row for row in ROWS if row(sitting) is not None) for sitting, *_ in TABLE}
+    assert first == set(ROWS)
+
+
+OPTIONAL = {"camera.import", "camera.assumed", "camera.white", "acquire.adjust", "quality.judge", "quality.why"}
+
+
+def test_an_optional_step_can_be_left_out() -> None:
+    for sitting, _, action, _ in TABLE:
+        step, after = next_step(sitting), next_step(replace(sitting, declined=frozenset({action})))
+        assert step.optional == (after != step)
+        assert not step.optional or action in OPTIONAL
+    assert next_step(replace(Sitting(), declined=frozenset({"camera.import"}))).action == "camera.import"
+
+
+def test_what_was_declared_unnecessary_changes_no_word_on_what_h_is_worth() -> None:
+    bad = replace(H, verdict=Verdict("bad", rest="bad"), declined=frozenset({"quality.why"}))
+    assert next_step(bad).words == "export H and HT, 179.0 MB: H is bad."
+    assert rail_words(bad)["h"].words == "bad"
+
+
+TEXT = st.text(max_size=200) | st.just("the camera gave no frame for a while. " * 6)
+NUMBERS = st.floats(0, 1e8) | st.none()
+COUNTS = st.integers(0, 10**7)
+VERDICTS = st.none() | st.builds(
+    Verdict,
+    st.sampled_from(("good", "fair", "bad", "unknown")),
+    TEXT,
+    COUNTS,
+    st.floats(0, 1),
+    st.sampled_from(("good", "fair", "bad", "unknown")),
+    COUNTS,
+    COUNTS,
+    st.sampled_from(("", "dark")),
+    TEXT,
+)
+SPECIAL = {
+    "place": st.sampled_from(PLACES),
+    "source": st.sampled_from(("rig", "folder", "compute")),
+    "job": st.sampled_from(("", *JOBS)),
+    "verdict": VERDICTS,
+    "declined": st.frozensets(st.sampled_from(sorted(OPTIONAL))),
+    "assumed": st.lists(st.sampled_from(("f-number", "gap", "focal length of the main lens"))).map(tuple),
+    "corrections": st.sampled_from(((), ("dark",))),
+    "plane": st.integers(0, 9998),
+    "planes": st.integers(0, 9999),
+    "free_bytes": st.none() | st.floats(0, 1e15),
+    "voxels": st.tuples(COUNTS, COUNTS, COUNTS),
+    "error": st.none() | st.floats(0, 10),
+}
+BY_TYPE = {"bool": st.booleans(), "str": TEXT, "int": COUNTS, "float": st.floats(0, 1e15), "float | None": NUMBERS}
+SITTINGS = st.builds(
+    Sitting, **{f.name: SPECIAL[f.name] if f.name in SPECIAL else BY_TYPE[str(f.type)] for f in fields(Sitting)}
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(SITTINGS)
+def test_every_sitting_has_a_step_in_short_words(sitting: Sitting) -> None:
+    step = next_step(sitting)
+    assert len(step.line) <= LONGEST, step.line
+    assert step.words.endswith(".") and "  " not in step.line
+    assert all(len(sentence.split()) <= 25 for sentence in re.split(r"[.:] ", step.line))
+    assert step.place in PLACES and re.fullmatch(r"[a-z]+\.[a-z_]+", step.action) and 0 < len(step.button) <= 28
+
+
+@settings(max_examples=300, deadline=None)
+@given(SITTINGS)
+def test_rail_and_line_never_contradict_each_other(sitting: Sitting) -> None:
+    step, rail = next_step(sitting), rail_words(sitting)
+    assert set(rail) == set(PLACES)
+    assert all(0 < len(one.words) <= 24 for one in rail.values())
+    if step.lead == "Done":
+        assert rail["use"].mark == "good"
+    if step.lead == "Stopped":
+        assert rail["record"].words == "stopped"
+    if step.lead == "Paused":
+        assert rail["record"].words in ("paused", "stopped")
+    if step.action == "psf.export" and "H is good" in step.words:
+        assert rail["h"].words in ("good", f"{sitting.verdict.bad:,} to redo" if sitting.verdict else "")
+    if rail["h"].words == "bad" and not sitting.job:
+        assert "H is good" not in step.words
+    if rail["use"].words == "needs H":
+        assert step.action not in ("psf.export", "psf.folder", "reconstruct.start", "quality.judge")
