@@ -39,7 +39,6 @@ class JobRow(HeadedCard):
         self.up = self._button("Up", "Do this before the job that waits above it", lambda: jobs.move(number, -1))
         self.down = self._button("Down", "Do this after the job that waits below it", lambda: jobs.move(number, 1))
         self.go_on = self._button("Go on", GO_ON, lambda: jobs.go_on(number))
-        self.go_on.setProperty("role", "primary")
         self.log = self._button("Log", "What it did and when, what it warned of; to copy and to save", self.show_log)
         self.button = self._button("Stop", "", self._pressed)
         self.error = WrappedLabel()

@@ -84,7 +84,7 @@ class Tools(QObject):
         if any(job.page == "sample" and job.active for job in window.jobs.jobs()) or not window.files.may_leave():
             return
         folder = self._folder / "demo"
-        window.jobs.start("Open the sample session", "sample", lambda: iter_demo(folder), self._opened)
+        window.jobs.start("Open the sample session", "sample", lambda: iter_demo(folder), self._opened, kind="sample")
 
     def _opened(self, state: ProjectState) -> None:
         # something may have been begun meanwhile

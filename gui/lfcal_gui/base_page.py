@@ -46,11 +46,9 @@ class EmptyState(QWidget):
         layout.addWidget(self.label)
         row = QHBoxLayout()
         row.addStretch()
-        for k, (title, (tip, action)) in enumerate((buttons or {}).items()):
+        for title, (tip, action) in (buttons or {}).items():
             button = QPushButton(title)
             button.setToolTip(tip)
-            if k == 0:
-                button.setProperty("role", "primary")
             button.clicked.connect(lambda _=False, action=action: action())
             row.addWidget(button)
         row.addStretch()
@@ -210,12 +208,10 @@ class BasePage(QWidget):
         """What the page opens for the project."""
         return f"{self.spec.key} import"
 
-    def tool_button(self, text: str, tip: str, action: Any, *, primary: bool = False) -> QPushButton:
+    def tool_button(self, text: str, tip: str, action: Any) -> QPushButton:
         """Add a button to the header."""
         button = QPushButton(text)
         button.setToolTip(tip)
-        if primary:
-            button.setProperty("role", "primary")
         button.clicked.connect(lambda _=False: action())
         self.tools.addWidget(button)
         return button
@@ -255,7 +251,15 @@ class BasePage(QWidget):
 
     def hold_keyboard(self) -> None:
         """Take the keyboard before what has it goes grey: shortcuts of a page work while it is in the page."""
-        self.setFocus(Qt.FocusReason.OtherFocusReason)
+        if self.isVisible():
+            self.setFocus(Qt.FocusReason.OtherFocusReason)
+
+    def do(self, name: str) -> bool:
+        """Do what a button of the next step says; False where the page knows no such deed."""
+        deed = self.deeds().get(name)
+        if deed is not None:
+            deed()
+        return deed is not None
 
     def _follow_project(self, old: ProjectState, new: ProjectState) -> None:
         if self._begun != self.context.project.begun:
@@ -276,6 +280,10 @@ class BasePage(QWidget):
 
     def entered(self) -> None:
         """Prepare what is costly when the page is first looked at."""
+
+    def deeds(self) -> dict[str, Callable[[], object]]:
+        """Return what the next step may ask this page to do, by names."""
+        return {}
 
     def receive(self, payload: Any) -> None:
         """Show what another page sent, e.g. a position."""

@@ -55,6 +55,10 @@ class Context(QObject):
     frame_seen(frame, first)
         A frame of the camera is shown: ``(rows, columns)``, not to be changed, and which of the sensor's pixels
         (row, column) its first one is.
+    made(page, payload)
+        Something was made that page ``page`` shows; the window goes there unless the person is at work elsewhere.
+    told_changed()
+        A page told something else of the sitting.
     fitted_changed()
         Another camera was found by a fit, or the one that was is of no use any more.
     """
@@ -69,6 +73,8 @@ class Context(QObject):
     theme_asked = Signal(str)
     theme_changed = Signal()
     frame_seen = Signal(object, object)
+    made = Signal(str, object)
+    told_changed = Signal()
     fitted_changed = Signal()
 
     def __init__(self, project: Project, jobs: Jobs, parent: QObject | None = None) -> None:
@@ -82,8 +88,14 @@ class Context(QObject):
         self._fitted: FittedCamera | None = None
         self.history = History()
         self.curves = MeasuredCurves()
+        self.judged: Any = None
+        """The judgement of H that was made in the background, as the page that judges takes it over."""
+        self.told: dict[str, dict[str, Any]] = {}
+        """What each page told of the sitting."""
+        self._told_of = project.begun
         jobs.finished.connect(self._remember)
         project.listen(lambda old, new: self.matrices.follow_orders())
+        project.listen(lambda old, new: self._forget_told())
         project.listen(self.state_changed.emit)
         self.refused.connect(self.message.emit)
 
@@ -114,6 +126,18 @@ class Context(QObject):
             self._fitted = fitted
             self.fitted_changed.emit()
 
+    def _forget_told(self) -> None:
+        """Forget what was told of another project."""
+        if self._told_of != self.project.begun:
+            self._told_of = self.project.begun
+            self.told.clear()
+
+    def tell(self, page: str, **facts: Any) -> None:
+        """Tell what page ``page`` knows of the sitting: fields of `Sitting`, until told otherwise."""
+        if self.told.get(page) != facts:
+            self.told[page] = facts
+            self.told_changed.emit()
+
     def matrix(self, path: str) -> PSFMatrix | None:
         """Return the PSF matrix of a file if it is open; ``matrices.want`` opens it in the background."""
         return self.matrices.get(path)
@@ -131,6 +155,7 @@ class Context(QObject):
         on_done: Callable[[Any], None] | None = None,
         on_failed: Callable[[WindowJob], None] | None = None,
         *,
+        kind: str = "make",
         on_end: Callable[[WindowJob], None] | None = None,
         keeping: Keeping | None = None,
         taken: Taken | None = None,
@@ -138,7 +163,7 @@ class Context(QObject):
         """Run a job that writes the H file ``path``, in units that are kept where it ends early.
 
         The file is closed when the job begins, and read anew when it has ended. A project that was begun meanwhile
-        takes nothing of it: then ``on_done`` is not called.
+        takes nothing of it: then ``on_done`` is not called. ``kind``: as in `WindowJob`.
         """
         begun = self.project.begun
 
@@ -160,6 +185,7 @@ class Context(QObject):
             work,
             done,
             on_failed,
+            kind=kind,
             on_end=ended,
             before=lambda: self.forget(path),
             keeping=keeping or KeptRun(path),

@@ -64,6 +64,7 @@ class Jobs(BackgroundThreads):
         on_done: Callable[[Any], None] | None = None,
         on_failed: Callable[[WindowJob], None] | None = None,
         *,
+        kind: str = "",
         on_end: Callable[[WindowJob], None] | None = None,
         before: Callable[[], None] | None = None,
         abandon: bool = False,
@@ -77,8 +78,8 @@ class Jobs(BackgroundThreads):
 
         Parameters
         ----------
-        title, page
-            What it is called, and the page it belongs to.
+        title, page, kind
+            What it is called, the page it belongs to, and its kind as in `WindowJob`.
         work, on_done, on_failed, on_end, before
             As in `lfcal_gui._job_thread.JobRequest`.
         abandon
@@ -99,7 +100,7 @@ class Jobs(BackgroundThreads):
         asked = JobRequest(work, on_done, on_failed, on_end, before, abandon, leave, at_once, keeping, stamps)
         if keeping is not None:
             self._take_over(keeping)
-        self._jobs[number] = WindowJob(number, title, page, taken=taken)
+        self._jobs[number] = WindowJob(number, title, page, kind, taken=taken)
         step = None if taken is None else taken.step
         self._logs[number] = JobLog(title, "" if step is None else step.shell())
         self._asked[number] = asked
@@ -200,7 +201,7 @@ class Jobs(BackgroundThreads):
             return
         self._logs[number].go_on()
         ended = self._jobs[number]
-        self._jobs[number] = WindowJob(number, ended.title, ended.page, taken=ended.taken)
+        self._jobs[number] = WindowJob(number, ended.title, ended.page, ended.kind, taken=ended.taken)
         self._enter(number)
 
     def discard(self, number: int) -> None:

@@ -27,6 +27,8 @@ QWidget {{ font-size: 10pt; }}
 QToolTip {{ color: {text}; background: {raised}; border: 1px solid {line}; padding: 4px; }}
 QMainWindow::separator {{ background: {line}; width: 1px; height: 1px; }}
 QLabel[role="title"] {{ font-size: 15pt; font-weight: 600; }}
+QLabel[role="lead"] {{ font-size: 11pt; font-weight: 600; color: {accent}; }}
+QLabel[role="next"] {{ font-size: 11pt; font-weight: 500; color: {text}; }}
 QLabel[role="heading"] {{ font-weight: 600; color: {text}; }}
 QLabel[role="hint"] {{ color: {muted}; }}
 QLabel[role="error"] {{ color: {bad}; }}

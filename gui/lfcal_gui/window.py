@@ -23,9 +23,11 @@ from lfcal_gui._docks import LogView, add_dock
 from lfcal_gui._header import HeaderBar
 from lfcal_gui._jobs_line import JobsLine
 from lfcal_gui._layouts import Layouts
+from lfcal_gui._leading import Leading
 from lfcal_gui._leaving import Leaving
 from lfcal_gui._manual import Manual
 from lfcal_gui._menus import WindowMenus
+from lfcal_gui._next_line import NextLine
 from lfcal_gui._page_window import PageWindow
 from lfcal_gui._project_files import ProjectFiles
 from lfcal_gui._rail import Rail
@@ -35,7 +37,7 @@ from lfcal_gui._window_size import fit_screen
 from lfcal_gui.base_page import BasePage, page_class
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JOBS_S, Jobs, JobState, WindowJob
-from lfcal_gui.models import PAGES, PLACES, PageSpec, Project, ProjectState, available_pages, page_states, place_words
+from lfcal_gui.models import PAGES, PageSpec, Project, ProjectState, Sitting, available_pages, page_states, rail_words
 from lfcal_gui.palette import Palette, doable
 from lfcal_gui.theme import DARK, LIGHT, THEMES, Themed, apply_theme, current_theme, style_sheet
 from lfcal_gui.widgets import ElidedLabel, name_controls, toggle_in
@@ -85,7 +87,10 @@ class MainWindow(QMainWindow):
         self._connect()
         fit_screen(self)
         self._restore()
+        self.leading = Leading(self.context, self.next_line, self, self.page, self._looked_at)
+        self.leading.changed.connect(self._say_places)
         self.go(self.specs[0].key)
+        self.leading.gather()
         self._refresh()
         for reason in PAGES.failures().values():
             self.log(reason)
@@ -106,7 +111,8 @@ class MainWindow(QMainWindow):
 
     # -- building --------------------------------------------------------------------------------------
     def _build_centre(self) -> None:
-        self.rail, self.stack, self.header = Rail(), QStackedWidget(), HeaderBar()
+        self.rail, self.stack, self.header, self.next_line = Rail(), QStackedWidget(), HeaderBar(), NextLine()
+        self.header.lead.addWidget(self.next_line)
         below = QHBoxLayout()
         below.setSpacing(0)
         below.addWidget(self.rail)
@@ -185,6 +191,11 @@ class MainWindow(QMainWindow):
         if number < len(views):
             self.go(views[number].key)
 
+    def _looked_at(self) -> tuple[str, str]:
+        """Return the keys of the page and of the place that are looked at."""
+        page = self.stack.currentWidget()
+        return self._front, page.spec.place if isinstance(page, BasePage) else ""
+
     def go(self, key: str, payload: object = None) -> None:
         """Show a page, and hand it what another page sent."""
         spec = self.spec(key)
@@ -208,6 +219,7 @@ class MainWindow(QMainWindow):
             window.activateWindow()
         page.setFocus()  # so that arrow keys step through positions, not through the rail
         page.entered()
+        self.leading.look()
         if payload is not None:
             page.receive(payload)
 
@@ -249,8 +261,6 @@ class MainWindow(QMainWindow):
         """Show what follows from the state: rail, title, undo."""
         state = self.project.state
         states = page_states(state, self.specs, self.jobs.running_pages(), self._attention)
-        for place in PLACES:
-            self.rail.say(place.key, *place_words([states[spec.key] for spec in self.views(place.key)]))
         for page in self._pages.values():
             page.mark_views(states)
         self.menus.mark(states)
@@ -263,6 +273,10 @@ class MainWindow(QMainWindow):
         ):
             action.setEnabled(bool(label))
             action.setText(f"{word} {label}".strip())
+
+    def _say_places(self, sitting: Sitting) -> None:
+        for place, said in rail_words(sitting).items():
+            self.rail.say(place, said.words, said.mark)
 
     def log(self, text: str) -> None:
         """Add a line to the log and show it in the status bar."""

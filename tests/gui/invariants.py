@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QCheckBox, QComboBox, QLineEdit
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.jobs import JobState
 from lfcal_gui.models.form import parse, text_of
-from lfcal_gui.models.page import PLACES, PageState
+from lfcal_gui.models.next_step import next_step, rail_words
 from lfcal_gui.pages.psf.model import shown_unit
 from lfcal_gui.pages.quality.model import listed_metrics
 from lfcal_gui.pages.setup.model import values_of as values_of_camera
@@ -74,11 +74,11 @@ def _project(window: MainWindow) -> None:
     assert window.menus.redo.isEnabled() == bool(project.redo_label)
     assert window.menus.undo.text() == f"Undo {project.undo_label}".strip()
     assert ("*" in window.windowTitle()) == project.unsaved, f"{window.windowTitle()}, unsaved: {project.unsaved}"
-    running = window.jobs.running_pages()
-    for place in PLACES:
-        at_work = any(spec.key in running for spec in window.views(place.key))
-        marked = window.rail.word(place.key) == PageState.RUNNING.value
-        assert marked == at_work, f"{place.key} is marked as at work: {marked}"
+    window.leading.gather()
+    sitting = window.leading.sitting
+    for place, said in rail_words(sitting).items():
+        assert window.rail.word(place).endswith(said.words), f"{place} is said to be {window.rail.word(place)}"
+    assert window.next_line.words.text() == next_step(sitting).words
 
 
 def _body(page: BasePage) -> bool:

@@ -48,6 +48,15 @@ from lfcal_gui.models.filling import Filling
 from lfcal_gui.models.fitted import FittedCamera
 from lfcal_gui.models.form import Field, parse, text_of
 from lfcal_gui.models.frame_view import FrameNumbers, frame_numbers, lattice_points, render_tile, visible_tile
+from lfcal_gui.models.gathering import (
+    exported_to,
+    session_counts,
+    sitting_of,
+    with_checked,
+    with_declined,
+    with_described,
+    with_exported,
+)
 from lfcal_gui.models.history import History, Taken
 from lfcal_gui.models.job import JobState, Keeping, WindowJob
 from lfcal_gui.models.job_log import JobLog, notes_of, warnings_to
@@ -55,17 +64,15 @@ from lfcal_gui.models.kept_run import KeptRun, going_on, stamp_of_files
 from lfcal_gui.models.manual import ATLAS, manual_folder, section_of
 from lfcal_gui.models.measure import line_profile, region_numbers, sampled, value_histogram
 from lfcal_gui.models.mishaps import Mishap, Mishaps, safe_words
+from lfcal_gui.models.next_step import Sitting, Step, next_step, rail_words
 from lfcal_gui.models.opening import OpeningSettings, stated_order
 from lfcal_gui.models.page import (
     PAGES,
     PLACES,
     available_pages,
     file_state,
-    found_state,
     nothing,
     page_states,
-    place_words,
-    with_found,
 )
 from lfcal_gui.models.project import Hold, Project, ProjectState, RecentProjects, read_project
 from lfcal_gui.models.record_form import check_of, fields_of, options_in, shown_of, text_in_form, value_in
@@ -73,6 +80,7 @@ from lfcal_gui.models.shot import CUTOUT, Label, Levels, Outline, Overlay, Shot,
 from lfcal_gui.models.solid import BEGIN, Projection, Solid, Viewpoint, project_solid, turned
 from lfcal_gui.models.stamp import Stamp, stamp_of
 from lfcal_gui.models.step import CAMERA_FILE, PLAN_FILE, CommandStep, needed_file, needed_plan, options_of, step_of
+from lfcal_gui.models.verdict import Verdict, kept_verdict, verdict_of, with_verdict
 from lfcal_gui.models.words import capital, plane_words, said_in_window, typeset, unbroken
 
 __all__ = [
@@ -120,12 +128,15 @@ __all__ = [
     "Projection",
     "RecentProjects",
     "Shot",
+    "Sitting",
     "Solid",
     "Stamp",
+    "Step",
     "Symbols",
     "Taken",
     "Tint",
     "UnsavedCopy",
+    "Verdict",
     "Viewpoint",
     "WindowJob",
     "asked_seconds",
@@ -145,33 +156,35 @@ __all__ = [
     "differing_most",
     "doctor_html",
     "doctor_text",
+    "exported_to",
     "fields_of",
     "file_state",
     "find_kept",
-    "found_state",
     "frame_numbers",
     "going_on",
     "iter_compare",
     "iter_compared",
     "iter_measure",
     "keep",
+    "kept_verdict",
     "lattice_points",
     "levels_of",
     "line_profile",
     "manual_folder",
     "needed_file",
     "needed_plan",
+    "next_step",
     "notes_of",
     "nothing",
     "options_in",
     "options_of",
     "page_states",
     "parse",
-    "place_words",
     "plane_of_row",
     "plane_words",
     "points_of",
     "project_solid",
+    "rail_words",
     "read_project",
     "region_numbers",
     "render_tile",
@@ -180,8 +193,10 @@ __all__ = [
     "sampled",
     "scale_bar",
     "section_of",
+    "session_counts",
     "shades",
     "shown_of",
+    "sitting_of",
     "stamp_of",
     "stamp_of_files",
     "stated_order",
@@ -196,7 +211,12 @@ __all__ = [
     "unbroken",
     "value_histogram",
     "value_in",
+    "verdict_of",
     "visible_tile",
     "warnings_to",
-    "with_found",
+    "with_checked",
+    "with_declined",
+    "with_described",
+    "with_exported",
+    "with_verdict",
 ]

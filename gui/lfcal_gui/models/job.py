@@ -53,6 +53,8 @@ class WindowJob:
     ----------
     number, title, page
         Identity; ``page`` is the key of the page it belongs to.
+    kind
+        One of `lfcal_gui.models.next_step.JOBS` where the line of the next step follows it, else empty.
     state, progress
         How far it is.
     result
@@ -74,6 +76,7 @@ class WindowJob:
     number: int
     title: str
     page: str
+    kind: str = ""
     state: JobState = JobState.WAITING
     progress: Progress | None = None
     result: Any = None

@@ -22,6 +22,7 @@ Place = Literal["setup", "record", "h", "use"]
 Mark = Literal["good", "fair", "bad", ""]
 
 JOBS: dict[str, tuple[str, Place]] = {
+    "sample": ("Opening the sample", "h"),
     "make": ("Making H", "h"),
     "compute": ("Computing H", "h"),
     "judge": ("Judging H", "h"),
@@ -46,16 +47,17 @@ class Sitting:
         Whether a camera was described, and checked against a white image.
     assumed
         Names of values that nobody stated.
-    wrong, move
-        Why the plan cannot work, empty where it can; and whether moving the scan solves this.
+    wrong
+        Why the plan cannot work; empty where it can.
     plan, positions, planes
         Whether there is a plan; number of positions and of planes.
     record_s, frame_bytes
         Forecast of a recording, None where nothing was measured; and what its frames need.
     source
         Where H is to come from: ``"rig"``, ``"folder"``, ``"compute"``.
-    unread, frames, fresh
-        Why the frames of a folder are not understood; their number; whether H is older than they are.
+    folder, unread, frames, fresh
+        Whether a folder of frames is chosen; why its frames are not understood; their number, 0 where it is not known
+        yet; whether H is older than they are.
     corrections
         Corrections of these frames that could be made and are not: ``"dark"``.
     make_s, compute_s, error
@@ -84,13 +86,13 @@ class Sitting:
     white: bool = False
     assumed: tuple[str, ...] = ()
     wrong: str = ""
-    move: bool = False
     plan: bool = False
     positions: int = 0
     planes: int = 0
     record_s: float | None = None
     frame_bytes: float = 0.0
     source: Literal["rig", "folder", "compute"] = "rig"
+    folder: bool = False
     unread: str = ""
     frames: int = 0
     fresh: bool = False
@@ -147,6 +149,8 @@ class Step:
         Where it is done.
     optional
         Whether it can be left out.
+    stop
+        What a second button *Stop* does; empty: there is none.
     """
 
     lead: str
@@ -155,6 +159,7 @@ class Step:
     action: str
     place: Place
     optional: bool = False
+    stop: str = ""
 
     @property
     def line(self) -> str:
@@ -216,7 +221,7 @@ def _recording(s: Sitting) -> Step | None:
         return None
     of = f"plane {s.plane + 1} of {s.planes}: " if s.planes else ""
     words = f"{of}{s.done:,} of {_count(s.total, 'position')}{_left(s.left_s)}."
-    return Step("Recording", words, "Pause", "acquire.pause", "record")
+    return Step("Recording", words, "Pause", "acquire.pause", "record", stop="acquire.stop")
 
 
 def _paused(s: Sitting) -> Step | None:
@@ -233,28 +238,26 @@ def _working(s: Sitting) -> Step | None:
         return None
     lead, place = JOBS[s.job]
     words = f"{_short(s.job_words, 48) or 'under way'}{_left(s.job_left_s)}."
-    return Step(lead, words, "Stop", f"jobs.stop_{s.job}", place)
+    return Step(lead, words, "Stop", f"jobs.{s.job}", place)
 
 
 def _camera(s: Sitting) -> Step | None:
     if s.camera or s.h or s.source == "folder":
         return None
-    return Step("Next", "say which camera it is.", "Import …", "camera.import", "setup")
+    return Step("Next", "say which camera it is.", "Import …", "setup.import", "setup")
 
 
 def _camera_of_h(s: Sitting) -> Step | None:
     if not s.h or s.camera or s.h_camera:
         return None
     words = "say which camera made this H, to judge it fully."
-    return Step("Next", words, "Import …", "camera.import", "setup", optional=True)
+    return Step("Next", words, "Import …", "setup.import", "setup", optional=True)
 
 
 def _wrong_plan(s: Sitting) -> Step | None:
     if not s.wrong or not s.needs_h or s.source == "folder":
         return None
-    if s.move:
-        return Step("Next", f"{_short(s.wrong, 60)}: move the scan.", "Move it", "plan.move", "setup")
-    return Step("Next", f"change the plan: {_short(s.wrong, 60)}.", "Show the plan", "plan.show", "setup")
+    return Step("Next", f"change the plan: {_short(s.wrong, 60)}.", "Show the plan", "setup.show", "setup")
 
 
 def _assumed(s: Sitting) -> Step | None:
@@ -262,14 +265,14 @@ def _assumed(s: Sitting) -> Step | None:
         return None
     names = _short(", ".join(s.assumed), 40)
     words = f"confirm {_count(len(s.assumed), 'assumed value')}: {names}."
-    return Step("Next", words, "Show them", "camera.assumed", "setup", optional=True)
+    return Step("Next", words, "Show them", "setup.assumed", "setup", optional=True)
 
 
 def _white(s: Sitting) -> Step | None:
     if s.white or not s.camera or not s.needs_h or s.source == "folder":
         return None
     words = "check the camera against a white image."
-    return Step("Next", words, "White image …", "camera.white", "setup", optional=True)
+    return Step("Next", words, "White image …", "setup.white", "setup", optional=True)
 
 
 def _unread(s: Sitting) -> Step | None:
@@ -281,15 +284,16 @@ def _unread(s: Sitting) -> Step | None:
 def _plan(s: Sitting) -> Step | None:
     if s.plan or not s.needs_h:
         return None
-    return Step("Next", "plan the scan; it follows from the camera.", "Plan the scan", "plan.make", "setup")
+    return Step("Next", "plan the scan; it follows from the camera.", "Plan the scan", "setup.make", "setup")
 
 
 def _assemble(s: Sitting) -> Step | None:
     if s.source != "folder" or not s.needs_h:
         return None
-    if not s.frames:
+    if not s.folder:
         return Step("Next", "choose the folder with the frames.", "Import folder …", "frames.import", "record")
-    words = f"make H of {_count(s.frames, 'frame')}{_takes(s.make_s)}."
+    frames = _count(s.frames, "frame") if s.frames else "the frames"
+    words = f"make H of {frames}{_takes(s.make_s)}."
     return Step("Next", words, "Assemble H", "frames.assemble", "record")
 
 
@@ -333,7 +337,7 @@ def _adjust(s: Sitting) -> Step | None:
 def _record(s: Sitting) -> Step | None:
     if s.h:
         return None
-    return Step("Next", f"record {_scan(s)}{_takes(s.record_s, about='')}.", "Record", "acquire.record", "record")
+    return Step("Next", f"record {_scan(s)}{_takes(s.record_s)}.", "Record", "acquire.record", "record")
 
 
 def _judge(s: Sitting) -> Step | None:
@@ -350,11 +354,9 @@ def _few_bad(s: Sitting) -> Step | None:
     rest = "good" if v.rest == "good" else "usable"
     if s.rig:
         words = f"record {many} again; the rest of H is {rest}."
-        return Step("Next", words, f"Record {many}", "quality.redo", "h", optional=v.usable)
-    if s.frames:
-        words = f"leave {_count(v.bad, 'bad position')} out of H; the rest of H is {rest}."
-        return Step("Next", words, "Leave them out", "frames.leave_out", "h", optional=v.usable)
-    return None
+        return Step("Next", words, f"Record {many}", "acquire.redo", "h", optional=v.usable)
+    words = f"look at {_count(v.bad, 'bad position')}; the rest of H is {rest}."
+    return Step("Next", words, "Show them", "quality.worst", "h", optional=True)
 
 
 def _remedy(s: Sitting) -> Step | None:
@@ -451,7 +453,7 @@ def _setup(s: Sitting) -> RailWords:
         return RailWords("cannot work", "bad")
     if s.assumed:
         return RailWords(f"{len(s.assumed)} assumed")
-    return RailWords("checked", "good") if s.white else RailWords("not checked")
+    return RailWords("checked", "good") if s.white else RailWords("to check")
 
 
 def _rail_record(s: Sitting) -> RailWords:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any
 
 from lfcal.base import Registry
 from lfcal_gui.models.project import ProjectState
-from lfcal_gui.models.stamp import Stamp, stamp_of
 
 __all__ = [
     "PAGES",
@@ -21,12 +19,9 @@ __all__ = [
     "WindowPlace",
     "available_pages",
     "file_state",
-    "found_state",
     "nothing",
     "page_registry",
     "page_states",
-    "place_words",
-    "with_found",
 ]
 
 
@@ -164,35 +159,6 @@ def page_states(
     found = {spec.key: spec.state(project) for spec in pages}
     found |= dict.fromkeys(found.keys() & set(attention), PageState.ATTENTION)
     return found | dict.fromkeys(found.keys() & set(running), PageState.RUNNING)
-
-
-def place_words(states: Iterable[PageState]) -> tuple[str, str]:
-    """Return the word for a place whose views are in ``states``, and its mark ``"good"``, ``"fair"`` or none."""
-    order = (PageState.RUNNING, PageState.ATTENTION, PageState.DONE, PageState.READY, PageState.NOTHING)
-    state = min(states, key=order.index, default=PageState.NOTHING)
-    return state.value, {PageState.ATTENTION: "fair", PageState.DONE: "good"}.get(state, "")
-
-
-FOUND = "found"
-"""Key among a project's settings under which pages keep how good they found H: of which file, and the answer."""
-
-
-def with_found(project: ProjectState, page: str, stamp: Stamp, good: bool) -> dict[str, Any]:
-    """Return the settings of a project with what ``page`` found of the H of ``stamp``."""
-    before = project.settings.get(FOUND)
-    kept = before if isinstance(before, Mapping) else {}
-    return {**project.settings, FOUND: {**kept, page: [*stamp[1:], good]}}
-
-
-def found_state(project: ProjectState, page: str) -> PageState:
-    """Return the state of a page that judges H: what it found, as long as the file is the same."""
-    stamp, kept = stamp_of(project.psf), project.settings.get(FOUND)
-    if stamp is None:
-        return PageState.NOTHING
-    entry = kept.get(page) if isinstance(kept, Mapping) else None
-    if not isinstance(entry, Sequence) or list(entry[:2]) != list(stamp[1:]):
-        return PageState.READY
-    return PageState.DONE if entry[2:] and entry[2] is True else PageState.ATTENTION
 
 
 def file_state(path: str, *, ready: bool) -> PageState:

@@ -38,6 +38,8 @@ class Verdict:
         The merit of H without what these positions cause.
     failed, checks
         How many findings there are, and how many metrics were measured.
+    redo
+        These positions (z, y, x), where they are few.
     remedy, cause
         Correction that removes the worst finding, one of the values of `REMEDIES` (empty: none is known), and its name.
     """
@@ -49,6 +51,7 @@ class Verdict:
     rest: str = "good"
     failed: int = 0
     checks: int = 0
+    redo: tuple[tuple[int, ...], ...] = ()
     remedy: str = ""
     cause: str = ""
 
@@ -64,7 +67,7 @@ class Verdict:
 
 
 def verdict_of(
-    judgement: Judgement, redo: tuple[tuple[int, int, int], ...] = (), plane: int = 0, checks: int = 0
+    judgement: Judgement, redo: tuple[tuple[int, ...], ...] = (), plane: int = 0, checks: int = 0
 ) -> Verdict:
     """Return what is kept of a judgement.
 
@@ -87,16 +90,18 @@ def verdict_of(
         rest = "unknown"
     planes = [position[0] for position in redo]
     most = max((planes.count(z) for z in set(planes)), default=0)
+    share = most / plane if plane else 0.0
     worst = judgement.findings[0] if judgement.findings else None
     remedy = "" if worst is None else REMEDIES.get(worst.kind, "")
     return Verdict(
         judgement.merit,
         judgement.verdict,
         len(redo),
-        most / plane if plane else 0.0,
+        share,
         rest,
         len(judgement.findings),
         max(checks, len(judgement.findings)),
+        redo if share <= MOST_BAD else (),
         remedy,
         worst.what if worst is not None and remedy else "",
     )
@@ -104,7 +109,10 @@ def verdict_of(
 
 def with_verdict(project: ProjectState, stamp: Stamp, verdict: Verdict) -> dict[str, Any]:
     """Return the settings of a project with the verdict on the H of ``stamp``."""
-    return {**project.settings, KEY: {"stamp": list(stamp[1:]), **asdict(verdict)}}
+    return {
+        **project.settings,
+        KEY: {"stamp": list(stamp[1:]), **asdict(verdict), "redo": [list(one) for one in verdict.redo]},
+    }
 
 
 def kept_verdict(project: ProjectState) -> Verdict | None:
@@ -113,6 +121,8 @@ def kept_verdict(project: ProjectState) -> Verdict | None:
     if stamp is None or not isinstance(kept, Mapping) or kept.get("stamp") != list(stamp[1:]):
         return None
     given: dict[str, Any] = {one.name: kept.get(one.name) for one in fields(Verdict)}
+    if isinstance(given["redo"], list):
+        given["redo"] = tuple(tuple(position) for position in given["redo"])
     if any(type(given[one.name]) is not type(one.default) for one in fields(Verdict)):
         return None
     return Verdict(**given)

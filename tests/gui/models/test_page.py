@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -18,10 +17,8 @@ from lfcal_gui.models.page import (
     file_state,
     page_registry,
     page_states,
-    with_found,
 )
 from lfcal_gui.models.project import ProjectState
-from lfcal_gui.models.stamp import stamp_of
 from lfcal_gui.pages.setup.model_scan import default_plan
 
 OWN = (
@@ -136,21 +133,3 @@ def test_states_of_files(tmp_path: Path) -> None:
     assert file_state("", ready=False) is PageState.NOTHING
     assert file_state(str(tmp_path), ready=False) is PageState.DONE
     assert file_state(str(tmp_path / "gone"), ready=True) is PageState.ATTENTION
-
-
-def test_a_verdict_is_kept_as_long_as_the_file_is_the_same(tmp_path: Path) -> None:
-    """The rail said "ready" of an H that was judged."""
-    file = tmp_path / "H.h5"
-    file.write_text("H")
-    project = ProjectState(psf=str(file))
-    stamp = stamp_of(str(file))
-    assert stamp is not None
-    for page, good, expected in (("quality", True, PageState.DONE), ("fit", False, PageState.ATTENTION)):
-        project = replace(project, settings=with_found(project, page, stamp, good))
-        assert page_states(project)[page] is expected
-    again = ProjectState.from_json(project.to_json())
-    assert page_states(again)["quality"] is PageState.DONE and page_states(again)["fit"] is PageState.ATTENTION
-    file.write_text("another H")
-    assert page_states(again)["quality"] is page_states(again)["fit"] is PageState.READY
-    for damaged in (None, [], {"quality": 3}, {"quality": []}):
-        assert page_states(replace(project, settings={"found": damaged}))["quality"] is PageState.READY

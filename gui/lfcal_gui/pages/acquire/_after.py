@@ -56,6 +56,12 @@ class Afterwards:
         if path:
             self._assemble(Path(path))
 
+    def assemble_own(self) -> None:
+        """Assemble the file H.h5 of the session's folder, unless it is there and not the project's H."""
+        out = Path(self.context.state.recording) / "H.h5"
+        if str(out) == self.context.state.psf or not out.exists():
+            self._assemble(out)
+
     def fit(self, found: Any) -> None:
         """Assemble H and go on with it on the page Fit, with what was ``found`` while it was recorded, if anything."""
         out = Path(self.context.state.recording) / "H.h5"
@@ -108,7 +114,7 @@ class Afterwards:
 
     def _assembled(self, report: Any, page: str, found: Any) -> None:
         self.context.project.update("assembly", psf=self._told(report))
-        self.context.go.emit(page, found)
+        self.context.made.emit(page, found)
 
     def _told(self, report: Any) -> str:
         """Close H, and return its file; what was noticed is told."""

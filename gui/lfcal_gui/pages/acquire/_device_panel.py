@@ -48,7 +48,6 @@ class DevicePanel(QWidget):
         self.reason.setProperty("role", "hint")
         self.reason.setWordWrap(True)
         self.button = QPushButton("Connect")
-        self.button.setProperty("role", "primary")
         self.button.setToolTip(CONNECT)
         self.button.clicked.connect(self._pressed)
         self.button.setEnabled(False)
@@ -122,7 +121,6 @@ class DevicePanel(QWidget):
         self._connected = connected
         self.button.setText("Disconnect" if connected else "Connecting …" if busy else "Connect")
         self.button.setToolTip(LET_GO if connected else CONNECT)
-        set_role(self.button, "" if connected else "primary")
         for widget in (self.backend, self.stage, self.options_box):
             widget.setEnabled(not connected and not busy)
         self._show_reason()

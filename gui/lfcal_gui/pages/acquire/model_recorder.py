@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import threading
 import time
 from collections.abc import Sequence
@@ -224,6 +225,8 @@ class FolderState:
         The plan of a target whose frames are recorded: then ``there`` counts these, ``(frames,)``.
     recordings
         Names of the files with its frames, oldest first.
+    free_bytes
+        Space on its disk; None where that is not known.
     """
 
     there: NDArray[np.bool_] | None = None
@@ -234,6 +237,16 @@ class FolderState:
     chosen: NDArray[np.bool_] | None = None
     target: TargetPlan | None = None
     recordings: tuple[str, ...] = ()
+    free_bytes: float | None = None
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """How many positions, or frames of a target, are safe, and how many are to be."""
+        if self.there is None:
+            return 0, 0
+        if self.chosen is None:
+            return int(self.there.sum()), self.there.size
+        return int(self.there[self.chosen].sum()), int(self.chosen.sum())
 
     def known(self, but: Sequence[Position] = ()) -> EarlierRuns | None:
         """Return what is acknowledged, without positions to record again; None: nothing is."""
@@ -280,6 +293,20 @@ class FolderState:
 
 def folder_state(folder: str) -> FolderState:
     """Return what is recorded in ``folder``; a damaged session is a problem in words, not an error."""
+    return replace(_state_of(folder), free_bytes=_free_bytes(folder))
+
+
+def _free_bytes(folder: str) -> float | None:
+    """Return the space on the disk of a folder that may not be there yet."""
+    path = Path(folder)
+    there = next((one for one in (path, *path.parents) if one.is_dir()), None) if folder else None
+    try:
+        return None if there is None else float(shutil.disk_usage(there).free)
+    except OSError:
+        return None
+
+
+def _state_of(folder: str) -> FolderState:
     from lfcal.acquire import SessionFile
     from lfcal.base import LfcalError
 

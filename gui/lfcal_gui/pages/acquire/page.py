@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
+
+from PySide6.QtWidgets import QWidget
 
 from lfcal.base import format_count
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
-from lfcal_gui.models import PageSpec, ProjectState
+from lfcal_gui.models import PageSpec, ProjectState, kept_verdict
 from lfcal_gui.pages.acquire import takes
 from lfcal_gui.pages.acquire._lab import Lab
 from lfcal_gui.pages.acquire.model import AcquireSettings
@@ -53,6 +56,38 @@ class Page(BasePage):
         """Forget what was seen, found and asked for another project; a recording under way is shown until it ends."""
         self.setup.let_go()
         self.record.let_go()
+
+    def deeds(self) -> dict[str, Callable[[], object]]:
+        """Return what the next step may ask for."""
+        setup, record = self.setup, self.record
+        tabs: dict[QWidget, dict[str, Callable[[], object]]] = {
+            self.panel.setup: {
+                "connect": setup.connect_devices,
+                "adjust": lambda: setup.measuring.find("stage"),
+            },
+            self.panel.record: {
+                "record": record.start,
+                "resume": record.resume,
+                "pause": record.pause,
+                "stop": record.stop,
+                "redo": self._record_bad,
+                "folder": record.folder_choice.ask,
+                "assemble": record.after.assemble,
+            },
+        }
+        return {name: partial(self._on_tab, tab, deed) for tab, own in tabs.items() for name, deed in own.items()}
+
+    def _record_bad(self) -> None:
+        """Record again the positions that the verdict on H names."""
+        verdict = kept_verdict(self.context.state)
+        if verdict is not None and verdict.redo:
+            self.context.project.update("positions to record again", redo=verdict.redo)
+            self.redo()
+
+    def _on_tab(self, tab: QWidget, deed: Callable[[], object]) -> None:
+        """Do something where it is seen."""
+        self.panel.setCurrentWidget(tab)
+        deed()
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Follow plan, settings, recording and the list of positions to redo."""

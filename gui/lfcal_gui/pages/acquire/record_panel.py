@@ -31,7 +31,7 @@ from lfcal_gui.pages.acquire._record_pictures import RecordPictures
 from lfcal_gui.pages.acquire.model import EXTENTS, FIELDS, MORE, UNTIL
 from lfcal_gui.pages.acquire.model_recorder import QUANTITIES, RecordPicture
 from lfcal_gui.pages.acquire.model_until import ErrorCurve
-from lfcal_gui.widgets import ElidedLabel, Folded, Form, card, choice_box, line, name_controls, set_role
+from lfcal_gui.widgets import ElidedLabel, Folded, Form, card, choice_box, line, name_controls
 
 __all__ = ["BUTTONS", "RecordPanel"]
 
@@ -192,8 +192,6 @@ class RecordPanel(QWidget):
         self.connect_button.setVisible(not connected)
         for key, button in self.buttons.items():
             button.setVisible(button.isEnabled() or (key == "start" and startable))
-        set_role(self.connect_button, "" if connected else "primary")
-        set_role(self.buttons["start"], "primary" if connected else "")
 
     def _how(self) -> QWidget:
         widget = QWidget()

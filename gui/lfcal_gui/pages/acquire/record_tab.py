@@ -12,6 +12,7 @@ from PySide6.QtCore import QObject, QTimer, Signal
 
 from lfcal.acquire import check_fixed
 from lfcal.base import LfcalError, StorageError, format_length
+from lfcal.camera import ScanPlan
 from lfcal.frames import Position
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
@@ -67,6 +68,8 @@ class RecordTab(QObject):
         self.target = TargetChoice(context, self._target_read)
         self.folder_choice = FolderChoice(context, panel.folder, self._folder_seen, self._refuse)
         self._job, self._lamp, self._refused, self._asked = 0, "", False, ""
+        self._stopped, self._plane = "", 0
+        """Why the last recording stopped before its end, and the plane that was recorded last."""
         self._under_way: WindowJob | None = None
         """The recording as it was told last."""
         self.poll_timer = QTimer(self)
@@ -127,6 +130,7 @@ class RecordTab(QObject):
         """Let go of what was recorded before: it is of another folder."""
         self.context.jobs.drop(EARLIER)
         self.recorder, self._opened, self.folder, self._lamp = None, None, FolderState(), ""
+        self._stopped = ""
         self.panel.show_status("Not recording.", "", 0.0)
         self.context.attention.emit("acquire", False)
 
@@ -205,14 +209,38 @@ class RecordTab(QObject):
         if station is not None and not (recording or there):
             words = automatic_words(station.devices, settings.options()) or words
         self.panel.why.setText(words)
+        self._tell()
         self.shown.emit()
+
+    def _tell(self) -> None:
+        """Tell what is known of the recording and its devices."""
+        recorder, job = self.recorder, self._under_way
+        facts: dict[str, Any] = {
+            "rig": self.setup.station is not None,
+            "rig_measured": "stage" in self.setup.measuring.found,
+            "free_bytes": self.folder.free_bytes,
+            "recording": self.recording,
+            "stopped": self._stopped,
+        }
+        done, total = self.folder.counts
+        if self.recording and recorder is not None:
+            facts |= {"paused": recorder.control.pausing, "plane": self._plane}
+            if job is not None and job.progress is not None:
+                done, total = job.progress.done, job.progress.total
+                facts |= {"left_s": (total - done) / recorder.rate if recorder.taken else None}
+        self.context.tell("acquire", **facts)
+        self.context.tell("session", done=done, total=total)
+
+    def resume(self) -> None:
+        """Go on with a recording that is held, or with a session that is not complete."""
+        (self.pause if self.recording else self.start)()
 
     # -- recording -------------------------------------------------------------------------------------
     def _pressed(self, key: str) -> None:
         actions: dict[str, Callable[[], None]] = {
             "start": self.start,
             "pause": self.pause,
-            "stop": lambda: self._ask("stop"),
+            "stop": self.stop,
             "abort": lambda: self._ask("abort"),
             "redo": lambda: self.start(redo=True),
             "assemble": self.after.assemble,
@@ -249,7 +277,7 @@ class RecordTab(QObject):
         except LfcalError as error:
             self._refuse(said_in_window(str(error)))
             return
-        self.recorder = recorder
+        self.recorder, self._stopped = recorder, ""
         recorded = partial(step, state, str(folder), resume=recorder.resume, redo=state.redo if redo else ())
         self.context.attention.emit("acquire", False)
         self._set_job(
@@ -309,6 +337,10 @@ class RecordTab(QObject):
             self._show_progress()
             self.show_controls()
 
+    def stop(self) -> None:
+        """End the recording once the position under way is safe."""
+        self._ask("stop")
+
     def _ask(self, what: str) -> None:
         if self.recorder is not None and self._job:
             getattr(self.recorder.control, what)()
@@ -333,6 +365,7 @@ class RecordTab(QObject):
             return
         frame = self.recorder.preview.latest()
         if frame is not None:
+            self._plane = self._plane if frame.position is None else frame.position.z
             if frame.position is not None and self.panel.follow.isChecked():
                 self.panel.set_plane(frame.position.z)
             self.setup.show_recorded(frame, self.recorder.recorded)
@@ -408,6 +441,7 @@ class RecordTab(QObject):
             if job.stopping and self.recorder is not None:
                 self.recorder.control.stop()  # also where it waits for a person
             self._show_progress()
+            self._tell()
 
     def _show_progress(self) -> None:
         """Show how far the recording is, or at once what it was asked to do: the position under way may be long."""
@@ -440,12 +474,16 @@ class RecordTab(QObject):
         said = f"{outcome.how}: {outcome.acknowledged} of {outcome.total} {counted} are safe"
         self.context.message.emit("; ".join((said, *outcome.notes)))
         own = recorder is not None and recorder.folder == Path(self.context.state.recording)
-        if outcome.how == "complete" and recorder is not None and recorder.redo and own:
-            self.context.project.update("positions recorded again", redo=())
-            if self.context.state.psf:
+        if outcome.how == "complete" and recorder is not None and own:
+            if recorder.redo:
+                self.context.project.update("positions recorded again", redo=())
+            if recorder.redo and self.context.state.psf:
                 self.after.remake(recorder.redo)
+            elif isinstance(recorder.recorded, ScanPlan) and recorder.goal is None:
+                self.after.assemble_own()
 
-    def _failed(self, _: WindowJob) -> None:
+    def _failed(self, job: WindowJob) -> None:
+        self._stopped = job.error
         self.context.attention.emit("acquire", True)
 
     def _job_finished(self, job: WindowJob) -> None:

@@ -10,14 +10,14 @@
 
 from __future__ import annotations
 
-from lfcal_gui.models import PageSpec, PageState, ProjectState, found_state, nothing
+from lfcal_gui.models import PageSpec, PageState, ProjectState, nothing, stamp_of
 
 __all__ = ["PAGE"]
 
 
 def state(project: ProjectState) -> PageState:
-    """Return whether there is an H to fit, or whether its fit explained it."""
-    return found_state(project, "fit")
+    """Return whether there is an H to fit."""
+    return PageState.NOTHING if stamp_of(project.psf) is None else PageState.READY
 
 
 PAGE = PageSpec(

@@ -14,7 +14,7 @@ from lfcal.tasks import FitMatrix
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
-from lfcal_gui.models import FittedCamera, PageSpec, ProjectState, value_in, with_found
+from lfcal_gui.models import FittedCamera, PageSpec, ProjectState, value_in
 from lfcal_gui.pages.fit._results import Results
 from lfcal_gui.pages.fit.model import FitSettings, Stamp, offer_of, stamp_of
 from lfcal_gui.pages.fit.model_run import FitRun, FoundFit, Place, asked_of, iter_fit, iter_taken
@@ -64,7 +64,7 @@ class Page(BasePage):
         )
         self.report_button = self.tool_button("Open report", "The fit as a page for people", self.results.open_report)
         self.stop_button = self.stop_tool("Stop the fit; what was found before stays")
-        self.fit_button = self.tool_button("Fit", "Fit the recorded positions of H (F5)", self.fit, primary=True)
+        self.fit_button = self.tool_button("Fit", "Fit the recorded positions of H (F5)", self.fit)
 
     def _add_shortcuts(self) -> None:
         see = self.panel.on_patterns
@@ -228,7 +228,9 @@ class Page(BasePage):
         taken = self.context.taken("fit", title, draft=True)
         self._said, self._used = ("", False), None
         jobs, needs = self.context.jobs, () if self._stamp is None else (self._stamp[0],)
-        self._job = jobs.start(title, "fit", lambda: work(kept), abandon=True, leave=True, needs=needs, taken=taken)
+        self._job = jobs.start(
+            title, "fit", lambda: work(kept), kind="fit", abandon=True, leave=True, needs=needs, taken=taken
+        )
         self._show_buttons()
         waits = self._job in jobs.waiting()
         self.panel.show_running(WAITS if waits else "Fitting: reading H …", None, ())
@@ -247,10 +249,7 @@ class Page(BasePage):
             self.found, self._rounds = kept.found, kept
             self.results.close()
             self.context.set_fitted(FittedCamera(kept.found.question.stamp, kept.found.fit.ideal_places))
-            complete = kept.found.fit.complete
-            self.context.attention.emit("fit", not complete)
-            stamp = kept.found.question.stamp
-            self.context.project.note(settings=with_found(self.context.state, "fit", stamp, complete))
+            self.context.attention.emit("fit", not kept.found.fit.complete)
             self.context.message.emit(f"{kept.found.question.name}: {kept.found.fit.verdict}")
         elif self.found is None:
             self._said = (job.error or "Stopped.", bool(job.error))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -56,11 +57,13 @@ class Page(BasePage):
         self.noticed = Noticed(context, self.notice, partial(self._set, "orientation"))
         self.filling = Filling()
         """H as it fills while it is assembled."""
-        self._assembling = self._opening = False
+        self._assembling = self._opening = self._again = self._fresh = False
+        self._unread = ("", "")
+        """A folder whose frames are not understood, and why."""
         self.tool_button("Import any folder …", IMPORT, self.choose_folder)
         self.tool_button("File or list …", FILE, self.start_import)
         self.assemble_button = self.tool_button(
-            "Assemble H", "Correct all frames, and make H of their cutouts", self.assemble, primary=True
+            "Assemble H", "Correct all frames, and make H of their cutouts", self.assemble
         )
         self.play_timer = QTimer(self)
         self.play_timer.setInterval(PLAY_MS)
@@ -103,13 +106,49 @@ class Page(BasePage):
         """What the user chose."""
         return FrameSettings.of(self.context.state)
 
+    def let_go(self) -> None:
+        """Forget what was told of the frames of the project before."""
+        self._unread, self._again, self._fresh = ("", ""), False, False
+
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Open what the project names now."""
         changed = old.frames != new.frames or old.plan != new.plan
         if old.frames != new.frames:
             self.context.attention.emit("frames", False)
+            self._unread = "", ""
+            self._fresh = bool(new.psf) and old.psf == new.psf
+        elif old.psf != new.psf:
+            self._fresh = False
         if changed or FrameSettings.of(old) != FrameSettings.of(new):
             self._open()
+        self._tell()
+
+    def deeds(self) -> dict[str, Callable[[], object]]:
+        """Return what the next step may ask for."""
+        return {
+            "import": self.choose_folder,
+            "columns": lambda: self.start_import(self._unread[0]),
+            "assemble": self.assemble,
+            "correct_dark": self._correct_dark,
+        }
+
+    def _correct_dark(self) -> None:
+        """Subtract the dark frames, and make H again once the frames are open."""
+        self._again = True
+        self._correct("use_dark", True)
+
+    def _tell(self) -> None:
+        """Tell what is known of the frames."""
+        opened, settings = self.opened, self.settings
+        path, why = self._unread
+        self.context.tell(
+            "frames",
+            folder=bool(self.context.state.frames or path),
+            unread=why,
+            frames=0 if opened is None else int((opened.frames >= 0).sum()),
+            fresh=self._fresh,
+            corrections=("dark",) if settings.dark and not settings.use_dark else (),
+        )
 
     def _correct(self, key: str, on: bool) -> None:
         changes: dict[str, Any] = {key: on}
@@ -146,6 +185,8 @@ class Page(BasePage):
 
         def failed(words: str) -> None:
             # the dialog has the choices that frames of others may need
+            self._unread = path, f"say how the frames of {Path(path).name} are read"
+            self._tell()
             self.context.message.emit(words)
             self.notice.clear()
             self.start_import(path)
@@ -244,6 +285,7 @@ class Page(BasePage):
         self._opening = False
         self.notice.clear()
         self.opened = opened
+        self._tell()
         self.filling = Filling()
         self.assemble_button.setEnabled(True)
         rows, columns = opened.view.shape
@@ -258,6 +300,9 @@ class Page(BasePage):
         self._show_three(self.panel.three_button.isChecked())
         self._show_map()
         self.go_to(self.position)
+        if self._again:
+            self._again = False
+            self.assemble()
         self.context.jobs.compute(
             "frames orientation",
             lambda: find_orientation(opened.delivered.corrected, opened.plan),
@@ -396,4 +441,6 @@ class Page(BasePage):
             self.context.message.emit(f"{Path(path).name}: {note}")
         self.context.attention.emit("frames", bool(report.missing or report.saturated))
         self.context.project.update("assembly", psf=path)
-        self.context.go.emit("psf", None)
+        self._fresh = False
+        self._tell()
+        self.context.made.emit("psf", None)

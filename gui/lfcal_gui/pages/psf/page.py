@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,8 @@ from lfcal.base import format_bytes
 from lfcal.psf import PSFMatrix, mat_orders_of, opening_notes
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
-from lfcal_gui.models import KeptRun, OpeningSettings, PageSpec, ProjectState, stated_order
+from lfcal_gui.crash_dialog import open_folder
+from lfcal_gui.models import KeptRun, OpeningSettings, PageSpec, ProjectState, exported_to, stated_order, with_exported
 from lfcal_gui.pages.psf import takes
 from lfcal_gui.pages.psf._export_dialog import ExportDialog
 from lfcal_gui.pages.psf.export_model import ExportIntent, ExportSettings, iter_exported
@@ -87,6 +88,10 @@ class Page(BasePage):
         self.shortcut("G", lambda: self.panel.toggle_scale("gamma"))
 
     # -- files -----------------------------------------------------------------------------------------
+    def deeds(self) -> dict[str, Callable[[], object]]:
+        """Return what the next step may ask for."""
+        return {"export": self.export_for_olaf, "folder": self._show_folder}
+
     def let_go(self) -> None:
         """Open no file any more that the project before was to take."""
         self._sent = {}
@@ -281,11 +286,31 @@ class Page(BasePage):
             f"Export {Path(path).name}",
             "psf",
             lambda: iter_exported(psf, intent, path, order),
-            lambda out: self.context.message.emit(f"exported {out}"),
+            self._exported,
+            kind="export",
             keeping=KeptRun(path),
             needs=(psf,),
             taken=self.context.taken("psf", f"Export {Path(path).name}", path, partial(step, state, path, intent)),
         )
+
+    def _exported(self, out: Path) -> None:
+        self.context.message.emit(f"exported {out}")
+        self.context.project.note(settings=with_exported(self.context.state, str(out)))
+
+    def export_for_olaf(self) -> None:
+        """Export H and HT as oLaF reads them."""
+        if self.matrix is None:
+            self.refuse("there is no H to export; open or assemble one first")
+            return
+        intent = ExportIntent(".mat")
+        centred = "lens_centred" in intent.open_to(self.matrix)
+        self.ask_export_file(replace(intent, lens_centred=centred, allow_missing=bool(intent.refusal(self.matrix))))
+
+    def _show_folder(self) -> None:
+        """Show the folder of the file that H was exported to."""
+        exported = exported_to(self.context.state)
+        if exported:
+            open_folder(Path(exported).parent)
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped H file."""

@@ -8,14 +8,17 @@
 
 from __future__ import annotations
 
-from lfcal_gui.models import PageSpec, PageState, ProjectState, found_state, nothing
+from lfcal_gui.models import PageSpec, PageState, ProjectState, kept_verdict, nothing, stamp_of
 
 __all__ = ["PAGE"]
 
 
 def state(project: ProjectState) -> PageState:
     """Return whether there is an H to judge, or what was found of it."""
-    return found_state(project, "quality")
+    verdict = kept_verdict(project)
+    if verdict is None:
+        return PageState.NOTHING if stamp_of(project.psf) is None else PageState.READY
+    return PageState.DONE if verdict.usable else PageState.ATTENTION
 
 
 PAGE = PageSpec(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lfcal.base import InputError
 from lfcal.records import rows
 from lfcal.tasks import Inspect
-from lfcal_gui.models import Field, PageSettings, capital, fields_of
+from lfcal_gui.models import Field, PageSettings, Verdict, capital, fields_of, verdict_of
 
 if TYPE_CHECKING:
     from lfcal.judge import FoundFault, Inspection
@@ -30,6 +30,7 @@ __all__ = [
     "count_words",
     "fault_rows",
     "fault_words",
+    "kept_of",
     "listed_metrics",
     "map_of",
     "marked",
@@ -305,6 +306,15 @@ def summary_of(inspection: Inspection, source: str) -> str:
 def worst_positions(inspection: Inspection) -> tuple[tuple[int, int, int], ...]:
     """Return the positions that should be recorded again, each once, in the order of the scan."""
     return tuple(place for place, _ in inspection.redo())
+
+
+def kept_of(inspection: Inspection) -> Verdict:
+    """Return the verdict that the project keeps."""
+    from lfcal.judge import judgement_of
+
+    _, ny, nx = inspection.shape[:3]
+    checks = sum(metric.applies for metric in inspection.quality.metrics)
+    return verdict_of(judgement_of(inspection), worst_positions(inspection), ny * nx, checks)
 
 
 def camera_choices(settings: QualitySettings) -> tuple[Field, ...]:

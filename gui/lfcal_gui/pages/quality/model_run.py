@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Work
-from lfcal_gui.models import FittedCamera, Stamp
-from lfcal_gui.pages.quality.model import QualitySettings
+from lfcal.base import InputError, Work
+from lfcal_gui.models import FittedCamera, ProjectState, Stamp, Verdict, stamp_of, stated_order
+from lfcal_gui.pages.quality.model import QualitySettings, kept_of
 
 if TYPE_CHECKING:
     from lfcal.fit import Setup
@@ -21,8 +21,10 @@ if TYPE_CHECKING:
 __all__ = [
     "InspectionRequest",
     "InspectionRun",
+    "JudgedH",
     "asked_of",
     "iter_judge",
+    "iter_judged",
     "iter_write_report",
     "judged",
     "report_files",
@@ -124,6 +126,27 @@ def iter_judge(asked: InspectionRequest, kept: InspectionRun) -> Work[None]:
         found = yield from work
         # what takes a fault out of patterns holds on to them
         kept.inspection = replace(found, faults=tuple(replace(one, repair=None) for one in found.faults))
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedH:
+    """What was found of an H, what was asked, and the verdict that the project keeps."""
+
+    asked: InspectionRequest
+    inspection: Inspection
+    verdict: Verdict
+
+
+def iter_judged(project: ProjectState, fitted: FittedCamera | None) -> Work[JudgedH]:
+    """Judge the H of a project by its settings."""
+    stamp, kept = stamp_of(project.psf), InspectionRun()
+    if stamp is None:
+        raise InputError.expected("H", "a file", project.psf or "none", "open or assemble one")
+    asked = asked_of(stamp, QualitySettings.of(project), fitted, stated_order(project, project.psf))
+    yield from iter_judge(asked, kept)
+    found = judged(kept, "it was left out")
+    assert found is not None  # it has ended
+    return JudgedH(asked, found, kept_of(found))
 
 
 def judged(kept: InspectionRun, why_not: str) -> Inspection | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,13 +12,14 @@ from lfcal.base import InputError, format_count
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
-from lfcal_gui.models import PageSpec, ProjectState, Stamp, capital, stamp_of, stated_order, with_found
+from lfcal_gui.models import PageSpec, ProjectState, Stamp, capital, stamp_of, stated_order, with_verdict
 from lfcal_gui.pages.quality._comparing import ProjectComparing
 from lfcal_gui.pages.quality._showing import Showing
 from lfcal_gui.pages.quality.model import (
     QualitySettings,
     count_words,
     fault_rows,
+    kept_of,
     metric_rows,
     summary_of,
     worst_positions,
@@ -80,13 +82,21 @@ class Page(BasePage):
         )
         self.stop_button = self.stop_tool("Stop; what was found so far stays")
         self.measure_button = self.tool_button("Inspect", INSPECT, lambda: self.measure(force=True))
-        self.measure_button.setProperty("role", "primary")
 
     # -- project ---------------------------------------------------------------------------------------
     @property
     def settings(self) -> QualitySettings:
         """What the user chose."""
         return QualitySettings.of(self.context.state)
+
+    def deeds(self) -> dict[str, Callable[[], object]]:
+        """Return what the next step may ask for."""
+        return {"judge": lambda: self.measure(force=True), "why": self._show_worst, "worst": self._show_worst}
+
+    def _show_worst(self) -> None:
+        """Show what is wrong with H, the worst first."""
+        self.panel.setCurrentWidget(self.panel.inspect)
+        self._show()
 
     def let_go(self) -> None:
         """Forget what was compared in another project."""
@@ -101,6 +111,16 @@ class Page(BasePage):
             self._follow()
         elif QualitySettings.of(old) != QualitySettings.of(new) or stated_order(old, old.psf) != self._order:
             self._show_state()
+        self._take_judged()
+
+    def _take_judged(self) -> None:
+        """Show what was found of this H in the background, if nothing else is known of it."""
+        found = self.context.judged
+        if found is None or self.inspection is not None or self._job or found.asked.stamp != self._stamp:
+            return
+        self.inspection, self._question = found.inspection, found.asked
+        self._show()
+        self._show_buttons()
 
     def entered(self) -> None:
         """Look whether the file of H is still the one that was judged, and judge it when it never was."""
@@ -136,6 +156,7 @@ class Page(BasePage):
         if stamp != self._stamp:
             self._stamp = stamp
             self._release()
+            self._take_judged()
         self.panel.inspect.show_settings(self.settings)
         self._show_buttons()
         if stamp is None:
@@ -186,6 +207,7 @@ class Page(BasePage):
             f"Inspect {asked.name}",
             "quality",
             lambda: iter_judge(asked, kept),
+            kind="judge",
             abandon=True,
             leave=True,
             needs=(asked.stamp[0],),
@@ -240,10 +262,9 @@ class Page(BasePage):
         if found is None or asked is None:
             return
         self.show_body()
-        usable = found.merit in ("good", "fair")
-        self.context.attention.emit("quality", not usable)
-        settings = with_found(self.context.state, "quality", asked.stamp, usable)
-        self.context.project.note(settings=settings)
+        verdict = kept_of(found)
+        self.context.attention.emit("quality", not verdict.usable)
+        self.context.project.note(settings=with_verdict(self.context.state, asked.stamp, verdict))
         inspect = self.panel.inspect
         every = inspect.every.isChecked()
         self.showing.start(found, every=every)

@@ -94,6 +94,10 @@ class Page(BasePage):
             if old.volume != new.volume:
                 self._load_volume()
 
+    def deeds(self) -> dict[str, Callable[[], object]]:
+        """Return what the next step may ask for."""
+        return {"start": self.start}
+
     def _matrix_changed(self, path: str) -> None:
         if path == self.context.state.psf:
             self._show(self.context.state)
@@ -146,6 +150,7 @@ class Page(BasePage):
         running, ready = self.spec.key in self.context.jobs.running_pages(), self.image is not None
         state, buttons = self.context.state, self.panel.buttons
         done = self.solving is not None and self.solving.state is not None
+        self.context.tell(self.spec.key, volume=done or bool(state.volume), voxels=self._voxels())
         same = self.solving is not None and self.solving.fits(state.psf, self.settings, stated_order(state, state.psf))
         same = same and self._opened == state.light_field
         buttons["start"].setEnabled(ready and not running)
@@ -163,6 +168,17 @@ class Page(BasePage):
                 else "Open a light field recorded behind the same optics, or make one: "
                 "Make one … projects a phantom through this H."
             )
+
+    def _voxels(self) -> tuple[int, int, int]:
+        """Return the size (z, y, x) of the volume that would be reconstructed; zeros where it is not known."""
+        matrix, image = self.context.matrix(self.context.state.psf), self.image
+        if matrix is None or image is None:
+            return 0, 0, 0
+        try:
+            rows, columns = self.settings.window((image.shape[0], image.shape[1]))
+        except LfcalError:
+            return 0, 0, 0
+        return len(matrix), rows.stop - rows.start, columns.stop - columns.start
 
     # -- light field -----------------------------------------------------------------------------------
     def choose_light_field(self) -> None:
@@ -329,7 +345,9 @@ class Page(BasePage):
             if solving is not self.solving:  # another project was begun meanwhile
                 solving.close()
 
-        self._job = jobs.start(title, "reconstruct", lambda: work, on_end=ended, abandon=True, needs=needs, taken=taken)
+        self._job = jobs.start(
+            title, "reconstruct", lambda: work, kind="reconstruct", on_end=ended, abandon=True, needs=needs, taken=taken
+        )
         self.panel.show_running()
         self.panel.show_status(WAITS if self._job in jobs.waiting() else "setting up …", None)
         self._show_controls()

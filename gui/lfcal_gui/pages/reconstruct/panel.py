@@ -135,7 +135,6 @@ class ReconstructPanel(QWidget):
             button.clicked.connect(lambda _=False, key=key: self.pressed.emit(key))
             self.buttons[key] = button
             grid.addWidget(button, k // 2, k % 2)
-        self.buttons["start"].setProperty("role", "primary")
         column.addLayout(grid)
         return frame
 

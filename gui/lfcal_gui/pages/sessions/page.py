@@ -71,9 +71,7 @@ class Page(BasePage):
         )
         self.compare_button = self.tool_button("Compare", "Compare the two that are selected (Ctrl+D)", self.compare)
         self.stop_button = self.stop_tool("Stop judging or comparing")
-        self.open_button = self.tool_button(
-            "Open", "Open the selected result on its page (Return)", self.open_chosen, primary=True
-        )
+        self.open_button = self.tool_button("Open", "Open the selected result on its page (Return)", self.open_chosen)
 
     def _connect(self) -> None:
         panel, looking = self.panel, self.looking

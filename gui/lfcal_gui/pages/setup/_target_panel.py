@@ -95,7 +95,6 @@ class TargetPanel(QWidget):
     def _asked(self) -> QWidget:
         frame, column = card("Target")
         self.plan_button = _button("Plan target", "Look for the fewest frames that cover all phases", self.plan_asked)
-        self.plan_button.setProperty("role", "primary")
         self.stop_button = _button("Stop", "Look no longer: nothing is planned then", self.stop_asked)
         self.save_button = _button(
             "Save target plan …",

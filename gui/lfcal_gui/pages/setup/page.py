@@ -18,7 +18,7 @@ from lfcal.lattice import DIFFERS, FITS
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
-from lfcal_gui.models import PageSpec, ProjectState
+from lfcal_gui.models import PageSpec, ProjectState, with_checked, with_described
 from lfcal_gui.pages.setup import takes
 from lfcal_gui.pages.setup._check_dialog import CheckDialog
 from lfcal_gui.pages.setup._sensor_dialog import SensorDialog
@@ -87,6 +87,16 @@ class Page(BasePage):
         }
         deeds[name]()
 
+    def deeds(self) -> dict[str, Callable[[], object]]:
+        """Return what the next step may ask for."""
+        return {
+            "import": self.import_file,
+            "assumed": self.panel.inspector.values.open,
+            "white": self.choose_white,
+            "make": self.make_default,
+            "show": self.setFocus,
+        }
+
     @property
     def target(self) -> TargetDialog:
         """The window of the target, made when it is first asked for."""
@@ -149,8 +159,8 @@ class Page(BasePage):
 
     def _set(self, camera: Camera, label: str) -> bool:
         """Take a camera; return False where that was refused."""
-        before = self.context.state.plan
-        if not self.context.project.update(label, **state_with(self.context.state, camera)):
+        before, state = self.context.state.plan, self.context.state
+        if not self.context.project.update(label, **state_with(state, camera), settings=with_described(state)):
             return False
         if before is not None and self.context.state.plan is None:
             words = "The plan was of the other camera and is gone with it. Undo brings both back."
@@ -272,6 +282,8 @@ class Page(BasePage):
         words = f"{found.name}: {judgement_of(found.check).verdict}"
         self.panel.inspector.show_verdict(words, role, found=True, measured=found.check.camera is not None)
         self._show(self.context.state)
+        if found.check.verdict == FITS:
+            self.context.project.note(settings=with_checked(self.context.state))
 
     def _forget_check(self, words: str = "Not compared with a white image yet.") -> None:
         self._checked = None

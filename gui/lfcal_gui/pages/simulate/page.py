@@ -60,7 +60,7 @@ class Page(BasePage):
         self._seconds = ""
         self._asked: tuple[Any, ...] = (None, None)
         """Plan and settings of the frame that is shown, or being made."""
-        self.tool_button("Simulate H …", "Compute the whole H of the plan as a job", self.simulate, primary=True)
+        self.tool_button("Simulate H …", "Compute the whole H of the plan as a job", self.simulate)
         self.panel = SimulatePanel(context.jobs)
         self._connect()
         self.set_panel(self.panel)
@@ -104,6 +104,10 @@ class Page(BasePage):
             self._forget_frame()
         if old.plan != new.plan or marks or SimulateSettings.of(old) != SimulateSettings.of(new):
             self._show(new)
+
+    def deeds(self) -> dict[str, Callable[[], object]]:
+        """Return what the next step may ask for."""
+        return {"compute": self.simulate}
 
     def _forget_frame(self) -> None:
         """Take away a frame that was made for another plan, or with other choices."""
@@ -330,6 +334,7 @@ class Page(BasePage):
             path,
             lambda: task.work_on(plan, RESUMED),
             self._simulated,
+            kind="compute",
             on_end=ended,
             taken=self.context.taken("simulate", title, path),
         )

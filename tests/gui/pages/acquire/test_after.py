@@ -127,26 +127,28 @@ def test_positions_are_recorded_again_and_h_is_made_anew_as_before(
     context.project.update("folder", recording=str(folder))
     page.setup.connect_devices(page.record.start)
     qtbot.waitUntil(lambda: page.record.folder.complete and not page.record.recording, timeout=GUARD_MS)
-    made = Assemble(frames=folder, out=folder / "H.h5", settings=AssemblySettings(cutout=(15, 15)))
+    idle(context.jobs, qtbot)
+    assert context.state.psf == str(folder / "H.h5"), "made without being asked for"
+    made = Assemble(frames=folder, out=folder / "own.h5", settings=AssemblySettings(cutout=(15, 15)))
     drain(made.work())[0].report.matrix.close()
     page.setup.disconnect_devices()
     assert not page.redo(), "no position is asked for"
     again = ((0, 1, 2), (1, 0, 0), (1, 2, 3))
-    context.project.update("open", psf=str(folder / "H.h5"), redo=again)
+    context.project.update("open", psf=str(folder / "own.h5"), redo=again)
     # other noise, by which frames of the second run are known
     context.project.update(
         "seed", settings=replace(quick, device_options=(("optics", "pattern"), ("seed", "4"))).into(context.state)
     )
-    before, went = (folder / "H.h5").read_bytes(), list[Any]()
+    before, went = (folder / "own.h5").read_bytes(), list[Any]()
     context.go.connect(lambda *sent: went.append(sent))
     assert not page.redo() and "3 positions are recorded again then" in page.notice.label.text()
     qtbot.mouseClick(page.notice.button, Qt.MouseButton.LeftButton)
-    qtbot.waitUntil(lambda: context.state.psf == str(folder / "H-2.h5"), timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: context.state.psf == str(folder / "own-2.h5"), timeout=GUARD_MS)
     idle(context.jobs, qtbot)
-    assert context.state.reference == str(folder / "H.h5") and context.state.redo == ()
-    assert (folder / "H.h5").read_bytes() == before
+    assert context.state.reference == str(folder / "own.h5") and context.state.redo == ()
+    assert (folder / "own.h5").read_bytes() == before
     assert went == [("quality", None), ("psf", {"place": (1, 0, 0), "show": "difference"})]
-    with open_psf(folder / "H.h5") as old, open_psf(folder / "H-2.h5") as new:
+    with open_psf(folder / "own.h5") as old, open_psf(folder / "own-2.h5") as new:
         assert new.cutout == (15, 15)
         changed = np.argwhere((np.asarray(old) != np.asarray(new)).any(axis=(3, 4)))
         assert [tuple(place) for place in changed.tolist()] == sorted(again)

@@ -312,8 +312,10 @@ def test_a_session_from_start_to_h(page: Page, context: Context, qtbot: QtBot, t
     assert "complete" in panel.plane_label.text() and panel.pictures.depth_sum.values is not None
     assert threads == {threading.main_thread()}, "the recording thread never reaches the window"
 
+    idle(context.jobs, qtbot)
+    assert context.state.psf == str(folder / "H.h5"), "made without being asked for"
     went: list[str] = []
-    context.go.connect(lambda key, _: went.append(key))
+    context.made.connect(lambda key, _: went.append(key))
     page.record.after.open_plane(1)
     qtbot.waitUntil(lambda: context.state.psf.endswith("plane-01.h5"), timeout=GUARD_MS)
     page.record.after.assemble(str(folder / "H.h5"))

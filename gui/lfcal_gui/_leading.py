@@ -1,0 +1,220 @@
+"""What leads through a sitting: gathers what is known, shows the next step, and does it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QEvent, QObject, QTimer, Signal
+from PySide6.QtWidgets import QApplication, QWidget
+
+from lfcal.base import Work
+from lfcal_gui._next_line import NextLine
+from lfcal_gui.base_page import BasePage
+from lfcal_gui.context import Context
+from lfcal_gui.jobs import WindowJob
+from lfcal_gui.models import (
+    PAGES,
+    FittedCamera,
+    ProjectState,
+    Sitting,
+    Stamp,
+    next_step,
+    session_counts,
+    sitting_of,
+    stamp_of,
+    with_declined,
+    with_verdict,
+)
+
+__all__ = ["Leading"]
+
+GATHER_MS, JUDGE_MS = 40, 1500
+"""Before a change is shown, as several come at once; and for how long nothing is computed before H is judged."""
+
+ELSEWHERE_S = 10.0
+"""For how long after a click another page stays in view when H is made."""
+
+SESSION = "session counts"
+
+
+def _iter_judged(project: ProjectState, fitted: FittedCamera | None) -> Work[Any]:
+    """Judge H as the page that judges does; what it needs is imported in the job's thread."""
+    judging = import_module(f"{PAGES.get('quality').package}.model_run")
+    return (yield from judging.iter_judged(project, fitted))
+
+
+class Leading(QObject):
+    """Connects a `NextLine` with the window.
+
+    Parameters
+    ----------
+    context, line
+        Of the window.
+    window
+        The window, whose clicks are looked at.
+    page
+        Makes a page at its first call.
+    shown
+        Returns key and place of the page that is looked at.
+
+    Signals
+    -------
+    changed(sitting)
+        The `Sitting` is another.
+    """
+
+    changed = Signal(object)
+
+    def __init__(
+        self,
+        context: Context,
+        line: NextLine,
+        window: QWidget,
+        page: Callable[[str], BasePage],
+        shown: Callable[[], tuple[str, str]],
+    ) -> None:
+        super().__init__(window)
+        self.context, self.line, self.sitting = context, line, Sitting()
+        self._window, self._page, self._shown = window, page, shown
+        self._tried: Stamp | None = None
+        self._judging = 0
+        self._pressed = -ELSEWHERE_S
+        self._gathering, self._judge = QTimer(self), QTimer(self)
+        for timer, ms, action in (
+            (self._gathering, GATHER_MS, self.gather),
+            (self._judge, JUDGE_MS, self.judge),
+        ):
+            timer.setSingleShot(True)
+            timer.setInterval(ms)
+            timer.timeout.connect(action)
+        line.pressed.connect(self.do)
+        line.declined.connect(self._decline)
+        context.state_changed.connect(self._follow)
+        context.told_changed.connect(self.look)
+        context.jobs.changed.connect(lambda _: self.look())
+        context.jobs.finished.connect(self._finished)
+        context.jobs.queued.connect(self._give_way)
+        context.matrices.changed.connect(lambda _: self.look())
+        context.made.connect(self._show_made)
+        app = QApplication.instance()
+        if app is not None:
+            app.installEventFilter(self)
+
+    # -- gathering -------------------------------------------------------------------------------------
+    def look(self) -> None:
+        """Gather soon: changes come in bursts."""
+        if not self._gathering.isActive():
+            self._gathering.start()
+
+    def _follow(self, old: Any, new: Any) -> None:
+        if old.recording != new.recording:
+            self._count()
+        self.look()
+
+    def _finished(self, job: WindowJob) -> None:
+        if job.number == self._judging:
+            self._judging = 0
+        if job.page == "acquire":
+            self._count()
+        self.look()
+
+    def _count(self) -> None:
+        """Count what the session's folder holds, in the background: a disk may hang."""
+        path, jobs = self.context.state.recording, self.context.jobs
+        jobs.drop(SESSION)
+        if path:
+            jobs.load(SESSION, lambda: session_counts(path), lambda found: self._counted(*found), lambda _: None)
+        else:
+            self._counted(0, 0)
+
+    def _counted(self, done: int, total: int) -> None:
+        self.context.tell("session", done=done, total=total)
+
+    def gather(self) -> None:
+        """Show what comes next now."""
+        context = self.context
+        state, (page, place) = context.state, self._shown()
+        matrix = context.matrix(state.psf)
+        found = sitting_of(state, context.told, context.jobs.jobs(), page=page, place=place, matrix=matrix)
+        if self._judge_wanted(found):
+            self._judge.start()
+        if found != self.sitting or self.line.step is None:
+            self.sitting = found
+            self.line.show_step(next_step(found))
+            self.changed.emit(found)
+
+    # -- doing -----------------------------------------------------------------------------------------
+    def do(self, action: str) -> None:
+        """Do what a button of the line says: show the page, and let it act; or stop the jobs of a kind."""
+        page, _, name = action.partition(".")
+        if page == "jobs":
+            for job in self.context.jobs.jobs():
+                if job.active and job.kind == name:
+                    self.context.jobs.cancel(job.number)
+            return
+        self.context.go.emit(page, None)
+        if not self._page(page).do(name):
+            self.context.message.emit(f"page {page} cannot do {name}")
+
+    def _decline(self, action: str, place: str) -> None:
+        self.context.project.note(settings=with_declined(self.context.state, action, place))
+
+    # -- judging H -------------------------------------------------------------------------------------
+    def _judge_wanted(self, found: Sitting) -> bool:
+        """Return whether H is to be judged: it is open and new, and nobody needs the processor."""
+        path, jobs = self.context.state.psf, self.context.jobs
+        new = found.verdict is None and stamp_of(path) != self._tried
+        free = not (jobs.running_pages() or found.recording or self._judge.isActive())
+        return found.h and new and free and self.context.matrix(path) is not None
+
+    def judge(self) -> None:
+        """Judge H in the background; what is computed for what is looked at goes first."""
+        if not self._judge_wanted(self.sitting):
+            return
+        if self.context.jobs.computing:
+            self._judge.start()
+            return
+        state, begun = self.context.state, self.context.project.begun
+        self._tried = stamp = stamp_of(state.psf)
+        if stamp is None:
+            return
+
+        def done(judged: Any) -> None:
+            if self.context.project.begun == begun:
+                self.context.judged = judged
+                self.context.project.note(settings=with_verdict(self.context.state, stamp, judged.verdict))
+
+        self._judging = self.context.jobs.start(
+            f"Inspect {Path(state.psf).name}",
+            "quality",
+            lambda: _iter_judged(state, self.context.fitted),
+            done,
+            kind="judge",
+            abandon=True,
+            leave=True,
+            needs=(state.psf,),
+        )
+
+    def _give_way(self) -> None:
+        """Judge H later where something that was asked for waits for it."""
+        if self._judging and self.context.jobs.waiting() and self._judging not in self.context.jobs.waiting():
+            number, self._judging, self._tried = self._judging, 0, None
+            self.context.jobs.cancel(number)
+
+    # -- arriving --------------------------------------------------------------------------------------
+    def _show_made(self, page: str, payload: Any) -> None:
+        """Show what was made, unless the person is at work elsewhere: then the rail says it."""
+        _, place = self._shown()
+        if place == "record" or time.monotonic() - self._pressed > ELSEWHERE_S:
+            self.context.go.emit(page, payload)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Notice clicks and keys in the window."""
+        if event.type() in (QEvent.Type.MouseButtonPress, QEvent.Type.KeyPress) and isinstance(watched, QWidget):
+            if watched.window() is self._window:
+                self._pressed = time.monotonic()
+        return False

@@ -1,0 +1,227 @@
+"""The sitting as it is now: made of the project, its jobs, and what pages told. No Qt."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+from lfcal.base import Progress
+from lfcal_gui.models.job import JobState, WindowJob
+from lfcal_gui.models.next_step import JOBS, Place, Sitting
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models.stamp import stamp_of
+from lfcal_gui.models.verdict import kept_verdict
+
+if TYPE_CHECKING:
+    from lfcal.camera import ScanPlan
+    from lfcal.psf import PSFMatrix
+
+__all__ = [
+    "Told",
+    "described",
+    "exported_to",
+    "session_counts",
+    "sitting_of",
+    "with_checked",
+    "with_declined",
+    "with_described",
+    "with_exported",
+]
+
+Told = Mapping[str, Mapping[str, Any]]
+"""What each page told: values of fields of `Sitting`."""
+
+MOST_RESIDUAL_PX = 0.3
+"""Residual of the period beyond which positions do not meet the same phase of the array."""
+
+LEAST_S = 1.0
+"""What a job must have taken before its forecast is shown."""
+
+DECLINED, DESCRIBED, CHECKED, EXPORTED = "declined", "described", "checked", "exported"
+"""Entries of a project's settings: steps that were left out, whether a camera was chosen, the one that was checked, and
+the export of H."""
+
+SOURCES: dict[str, Literal["rig", "folder", "compute"]] = {
+    "acquire": "rig",
+    "frames": "folder",
+    "simulate": "compute",
+}
+"""Where H comes from, by the page that is looked at."""
+
+
+def described(project: ProjectState) -> bool:
+    """Return whether a camera was chosen: a new project begins with a preset."""
+    changed = project.camera != ProjectState().camera or any(True for _ in project.camera.marks)
+    return project.plan is not None or changed or project.settings.get(DESCRIBED) is True
+
+
+def with_described(project: ProjectState) -> dict[str, Any]:
+    """Return the settings of a project whose camera was chosen, maybe the one that it began with."""
+    return {**project.settings, DESCRIBED: True}
+
+
+def sitting_of(
+    project: ProjectState,
+    told: Told,
+    jobs: Iterable[WindowJob],
+    *,
+    page: str = "",
+    place: str = "",
+    matrix: PSFMatrix | None = None,
+) -> Sitting:
+    """Return the sitting.
+
+    Parameters
+    ----------
+    project, told, jobs
+        The project, what pages told, and the jobs of the window.
+    page, place
+        Key of the page that is looked at, and of its place.
+    matrix
+        The project's H, None while it is not open.
+    """
+    stamp = stamp_of(project.psf)
+    path = exported_to(project)
+    file = stamp_of(path)
+    found = Sitting(
+        place=place if place in get_args(Place) else "setup",  # type: ignore[arg-type]
+        declined=_declined(project),
+        camera=described(project),
+        white=project.settings.get(CHECKED) == _digest(project) or "measured" in dict(project.camera.marks).values(),
+        assumed=_assumed(project),
+        wrong=_wrong(project),
+        plan=project.plan is not None,
+        source=_source(project, page),
+        folder=bool(project.frames),
+        h=stamp is not None,
+        h_camera=matrix is None or matrix.camera is not None,
+        h_bytes=0.0 if matrix is None else 2.0 * matrix.nbytes,
+        verdict=kept_verdict(project),
+        exported=path,
+        exported_bytes=0.0 if file is None else float(file[2]),
+        light_field=bool(project.light_field),
+        volume=bool(project.volume),
+        **_costs(project.plan),
+        **_job(jobs),
+    )
+    return replace(found, **{name: value for facts in told.values() for name, value in facts.items()})
+
+
+def _source(project: ProjectState, page: str) -> Literal["rig", "folder", "compute"]:
+    shown = SOURCES.get(page)
+    if project.frames and project.plan is not None and shown != "compute":
+        return "folder"
+    return "rig" if shown is None or (shown == "compute" and project.plan is None) else shown
+
+
+def _assumed(project: ProjectState) -> tuple[str, ...]:
+    """Return the assumed values that say where images lie: others change neither time nor cutout."""
+    from lfcal.camera import quantities_of
+
+    there = set(project.camera.marks.paths("assumed"))
+    return tuple(q.label for q in quantities_of(project.camera) if q.path in there and not q.light) if there else ()
+
+
+def _wrong(project: ProjectState) -> str:
+    if project.plan is None:
+        return ""
+    residual = max(map(abs, project.plan.period_residual_px))
+    return f"its period is off by {residual:.2f} px" if residual > MOST_RESIDUAL_PX else ""
+
+
+@lru_cache(maxsize=2)
+def _costs(plan: ScanPlan | None) -> dict[str, Any]:
+    """Return what the plan costs."""
+    if plan is None:
+        return {}
+    from lfcal.camera import Forecast
+
+    cost = Forecast.of(plan)
+    planes = len(plan.depths_um)
+    seconds, size = 3600 * cost.hours, float(cost.frame_bytes)
+    return {"positions": cost.positions, "planes": planes, "frame_bytes": size, "record_s": seconds}
+
+
+def _job(jobs: Iterable[WindowJob]) -> dict[str, Any]:
+    """Return the job that the line follows: the oldest that runs, else that waits."""
+    own = [job for job in jobs if job.active and job.kind in JOBS]
+    if not own:
+        return {}
+    job = min(own, key=lambda one: (one.state is not JobState.RUNNING, one.number))
+    record = job.progress
+    if record is None:
+        return {"job": job.kind, "job_words": "waits for its turn" if job.state is JobState.WAITING else ""}
+    return {"job": job.kind, "job_words": _progress_words(record), "job_left_s": _left(record)}
+
+
+def _progress_words(record: Progress) -> str:
+    count = f" {record.count}" if record.count else ""
+    return f"{record.stage}:{count}" if count else record.stage
+
+
+def _left(record: Progress) -> float | None:
+    eta = record.eta_seconds
+    return eta if eta is not None and record.seconds >= LEAST_S and record.done < record.total else None
+
+
+def session_counts(folder: str) -> tuple[int, int]:
+    """Return how many positions of the session in ``folder`` are safe, and of how many; 0, 0: there is none."""
+    from lfcal.acquire import SessionFile
+    from lfcal.base import LfcalError
+
+    if not (Path(folder) / "session.json").is_file():
+        return 0, 0
+    try:
+        session = SessionFile.read(Path(folder))
+        there = session.acknowledged(Path(folder))
+    except (LfcalError, OSError):
+        return 0, 0
+    wanted = session.chosen
+    return int(there[wanted].sum()), int(wanted.sum())
+
+
+# -- what the project remembers ----------------------------------------------------------------------------
+def _digest(project: ProjectState) -> str:
+    """Return what changes with the camera."""
+    import hashlib
+
+    return hashlib.sha1(project.camera.to_json().encode(), usedforsecurity=False).hexdigest()
+
+
+def with_checked(project: ProjectState) -> dict[str, Any]:
+    """Return the settings of a project whose camera agrees with a white image."""
+    return {**project.settings, CHECKED: _digest(project)}
+
+
+def with_exported(project: ProjectState, path: str) -> dict[str, Any]:
+    """Return the settings of a project whose H was exported to a file."""
+    stamp = stamp_of(project.psf)
+    return {**project.settings, EXPORTED: {"path": path, "stamp": [] if stamp is None else list(stamp[1:])}}
+
+
+def exported_to(project: ProjectState) -> str:
+    """Return the file that H was exported to as it is now; empty: none."""
+    stamp, kept = stamp_of(project.psf), project.settings.get(EXPORTED)
+    if stamp is None or not isinstance(kept, Mapping) or kept.get("stamp") != list(stamp[1:]):
+        return ""
+    path = str(kept.get("path"))
+    return path if stamp_of(path) is not None else ""
+
+
+def with_declined(project: ProjectState, action: str, place: str) -> dict[str, Any]:
+    """Return the settings of a project with a step that is left out; of a step in place H as long as H is the same."""
+    kept = project.settings.get(DECLINED)
+    before = dict(kept) if isinstance(kept, Mapping) else {}
+    stamp = stamp_of(project.psf) if place == "h" else None
+    return {**project.settings, DECLINED: {**before, action: None if stamp is None else list(stamp[1:])}}
+
+
+def _declined(project: ProjectState) -> frozenset[str]:
+    kept, stamp = project.settings.get(DECLINED), stamp_of(project.psf)
+    if not isinstance(kept, Mapping):
+        return frozenset()
+    now = None if stamp is None else list(stamp[1:])
+    return frozenset(action for action, of in kept.items() if of is None or of == now)

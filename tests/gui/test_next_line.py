@@ -1,0 +1,172 @@
+"""The line of the next step: it is pressed through whole sittings, and its button never changes under the pointer."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QFileDialog, QPushButton
+from pytestqt.qtbot import QtBot
+
+from lfcal.base.sample import sample_session
+from lfcal_gui._next_line import HELD_S, NextLine
+from lfcal_gui.models import Step
+from lfcal_gui.window import MainWindow
+from tests.gui.waiting import GUARD_MS, idle
+
+PAUSE = Step("Recording", "plane 1 of 2.", "Pause", "acquire.pause", "record", stop="acquire.stop")
+MAKE = Step("Next", "make H.", "Assemble H", "acquire.assemble", "record")
+WHITE = Step("Next", "check the camera.", "White image …", "setup.white", "setup", optional=True)
+
+
+@pytest.fixture
+def line(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> NextLine:
+    """Return a line with the pointer far away."""
+    made = NextLine()
+    qtbot.addWidget(made)
+    made.resize(900, 54)
+    made.show()
+    monkeypatch.setattr(NextLine, "pointer", staticmethod(lambda: QPoint(-9999, -9999)))
+    return made
+
+
+def later(line: NextLine) -> None:
+    """Let the time pass that a button stays after a change."""
+    line._changed -= HELD_S
+
+
+def test_the_button_stays_while_the_pointer_is_near_it(
+    line: NextLine, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pressed: list[str] = []
+    line.pressed.connect(pressed.append)
+    line.show_step(PAUSE)
+    assert (line.lead.text(), line.words.text(), line.button.text()) == ("Recording:", "plane 1 of 2.", "Pause")
+    assert line.stop.isVisible()
+    later(line)
+    at = line.button.mapToGlobal(QPoint(-23, 5))
+    monkeypatch.setattr(NextLine, "pointer", staticmethod(lambda: at))
+    line.show_step(MAKE)
+    later(line)
+    assert line.words.text() == "make H." and line.button.text() == "Pause" and line.stop.isVisible()
+    QTest.mouseClick(line.button, Qt.MouseButton.LeftButton)
+    assert pressed == ["acquire.pause"], "what the label said"
+    at = line.button.mapToGlobal(QPoint(5, -25))
+    qtbot.waitUntil(lambda: line.button.text() == "Assemble H", timeout=GUARD_MS)
+    assert not line.stop.isVisible()
+    QTest.keyClick(line, Qt.Key.Key_Return, Qt.KeyboardModifier.ControlModifier)
+    assert pressed == ["acquire.pause", "acquire.assemble"]
+
+
+def test_the_button_stays_for_a_while_after_a_change(line: NextLine, qtbot: QtBot) -> None:
+    line.show_step(PAUSE)
+    line.show_step(MAKE)
+    assert line.button.text() == "Pause" and line.words.text() == "make H."
+    qtbot.waitUntil(lambda: line.button.text() == "Assemble H", timeout=GUARD_MS)
+
+
+def test_an_optional_step_is_left_out_by_del(line: NextLine) -> None:
+    declined: list[tuple[str, str]] = []
+    line.declined.connect(lambda *said: declined.append(said))
+    line.show_step(MAKE)
+    line.button.setFocus()
+    QTest.keyClick(line.button, Qt.Key.Key_Delete)
+    assert not declined and not line.not_now.isEnabled()
+    later(line)
+    line.show_step(WHITE)
+    QTest.keyClick(line.button, Qt.Key.Key_Delete)
+    assert declined == [("setup.white", "setup")]
+
+
+# -- through the window ------------------------------------------------------------------------------------
+def leads_to(window: MainWindow, qtbot: QtBot, button: str) -> None:
+    """Wait until the button has this label."""
+    line = window.next_line
+    qtbot.waitUntil(lambda: line.button.text() == button and line.step is not None, timeout=GUARD_MS)
+
+
+def follow(window: MainWindow, button: str, qtbot: QtBot) -> None:
+    """Press the button once it has this label."""
+    leads_to(window, qtbot, button)
+    QTest.mouseClick(window.next_line.button, Qt.MouseButton.LeftButton)
+
+
+def only_primary(window: MainWindow) -> bool:
+    """Return whether the window has one primary button that is seen."""
+    buttons = window.findChildren(QPushButton)
+    seen = [one for one in buttons if one.property("role") == "primary" and one.isVisible() and one.window() is window]
+    return seen == [window.next_line.button]
+
+
+@pytest.fixture
+def answers(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """Return a function that says which file the next dialog returns."""
+
+    def answer(path: str) -> None:
+        for name in ("getSaveFileName", "getOpenFileName"):
+            monkeypatch.setattr(QFileDialog, name, lambda *_, path=path, **__: (path, ""))
+        monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_, **__: path)
+
+    return answer
+
+
+@pytest.mark.long
+def test_the_sample_by_the_next_button_alone(
+    window: MainWindow, qtbot: QtBot, tmp_path: Path, answers: Callable[[str], None]
+) -> None:
+    assert window.next_line.button.text() == "Import …" and only_primary(window)
+    window.tools.sample()
+    leads_to(window, qtbot, "Stop")
+    leads_to(window, qtbot, "Export for oLaF")
+    assert window.shown.spec.key == "psf" and only_primary(window)
+    assert window.leading.sitting.verdict is not None, "H was judged without being asked for"
+    assert window.rail.word("h") == "✓ good" and "H is good" in window.next_line.words.text()
+    answers(str(tmp_path / "sample_oLaF.mat"))
+    follow(window, "Export for oLaF", qtbot)
+    leads_to(window, qtbot, "Show folder")
+    assert (tmp_path / "sample_oLaF.mat").stat().st_size > 1e6
+    assert window.next_line.lead.text() == "Done:" and window.rail.word("use") == "✓ exported"
+    idle(window.jobs, qtbot)
+
+
+def test_a_folder_of_frames_by_the_next_button_alone(
+    window: MainWindow, qtbot: QtBot, tmp_path: Path, answers: Callable[[str], None]
+) -> None:
+    shutil.copytree(sample_session(), tmp_path / "theirs")
+    window.take_files([str(tmp_path / "theirs")])
+    answers(str(tmp_path / "H.h5"))
+    follow(window, "Assemble H", qtbot)
+    qtbot.waitUntil(lambda: window.shown.spec.key == "psf", timeout=GUARD_MS)
+    assert (tmp_path / "H.h5").exists()
+    leads_to(window, qtbot, "Export for oLaF")
+    idle(window.jobs, qtbot)
+
+
+def test_every_deed_of_a_step_is_known_to_its_page(window: MainWindow) -> None:
+    from tests.gui.models.test_next_step import TABLE
+
+    actions = {action for _, _, action, _ in TABLE} | {"acquire.stop"}
+    unknown = [a for a in actions if not a.startswith("jobs.") and a.split(".")[1] not in deeds(window, a)]
+    assert not unknown
+
+
+def deeds(window: MainWindow, action: str) -> Any:
+    """Return the deeds of the page that an action is for."""
+    return window.page(action.split(".")[0]).deeds()
+
+
+def test_a_step_that_was_left_out_stays_so_in_the_project(window: MainWindow, qtbot: QtBot) -> None:
+    page: Any = window.page("setup")
+    page._set(window.context.state.camera, "preset bench")
+    leads_to(window, qtbot, "White image …")
+    window.next_line.button.setFocus()
+    QTest.keyClick(window.next_line.button, Qt.Key.Key_Delete)
+    leads_to(window, qtbot, "Plan the scan")
+    QTest.keyClick(window, Qt.Key.Key_Return, Qt.KeyboardModifier.ControlModifier)
+    leads_to(window, qtbot, "Connect camera and stage")
+    assert window.context.state.plan is not None and "setup.white" in window.context.state.settings["declined"]
