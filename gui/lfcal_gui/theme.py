@@ -39,6 +39,12 @@ QLabel[mark="derived"] {{ color: {muted}; }}
 QLabel[role="value"] {{ font-weight: 600; }}
 QFrame[role="card"] {{ background: {panel}; border: 1px solid {line}; border-radius: 6px; }}
 QFrame#rail {{ background: {panel}; border: none; border-right: 1px solid {line}; }}
+QFrame[role="verdict"] {{ background: {panel}; border: 1px solid {line}; border-left: 4px solid {muted};
+    border-radius: 6px; }}
+QFrame[role="verdict"][merit="good"] {{ border-left-color: {good}; }}
+QFrame[role="verdict"][merit="fair"] {{ border-left-color: {fair}; }}
+QFrame[role="verdict"][merit="bad"] {{ border-left-color: {bad}; }}
+QFrame[role="verdict"] QLabel {{ border: none; }}
 QFrame#header {{ background: {panel}; border: none; border-bottom: 1px solid {line}; }}
 QLabel[size="caption"] {{ font-size: 8pt; }}
 QLabel[role="good"] {{ color: {good}; }}

@@ -31,6 +31,7 @@ from lfcal_gui.widgets.plots import LINES, DecadeAxis, LinePlot, line_px, shown_
 from lfcal_gui.widgets.rows_table import RowsTable
 from lfcal_gui.widgets.splitting import split
 from lfcal_gui.widgets.strip import PlaneTile, Strip, legend_words, outline_tones
+from lfcal_gui.widgets.verdict_card import VerdictCard
 from lfcal_gui.widgets.words import ElidedLabel, WrappedLabel, set_look, set_role
 
 __all__ = [
@@ -53,6 +54,7 @@ __all__ = [
     "PlaneTile",
     "RowsTable",
     "Strip",
+    "VerdictCard",
     "WrappedLabel",
     "card",
     "choice_box",

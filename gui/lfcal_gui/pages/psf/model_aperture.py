@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,8 +31,12 @@ def expected_in(matrix: PSFMatrix, z: int) -> Aperture | None:
     return expected_aperture(matrix.camera, float(matrix.depths[z]), matrix.cutout, matrix.pixel_scale)
 
 
-def aperture_words(aperture: Aperture, expected: Aperture | None = None) -> str:
-    """Return the numbers of a fitted aperture as rich text, those that are expected beside them.
+MAIN = ("Shape", "Blades", "Rotation", "Apothem", "Confidence")
+"""Numbers that matter most."""
+
+
+def aperture_words(aperture: Aperture, expected: Aperture | None = None, names: Collection[str] = MAIN) -> str:
+    """Return numbers of a fitted aperture as rich text, next to those that are expected; all for no ``names``.
 
     What the fit refuses to say comes first.
     """
@@ -40,7 +45,7 @@ def aperture_words(aperture: Aperture, expected: Aperture | None = None) -> str:
     refused = f"<p><b>{aperture.refusal}</b>: {REFUSALS[aperture.refusal]}</p>" if aperture.refusal else ""
     if aperture.confident and aperture.fault:
         refused = f"<p><b>{aperture.fault}</b></p>"
-    found = _numbers(aperture)
+    found = {name: value for name, value in _numbers(aperture).items() if not names or name in names}
     if expected is None:
         cells = "".join(f"<tr><td {GAP}>{name}</td>{_value(value)}</tr>" for name, value in found.items())
         return f"{refused}<table cellspacing='0' cellpadding='0' {SMALL}>{cells}</table>"

@@ -17,13 +17,12 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from lfcal_gui.models import COLOUR_MAPS, DisplaySettings, Outline, Shot
+from lfcal_gui.models import DisplaySettings, Outline, Shot
 from lfcal_gui.pages.psf._apertures import Apertures, tip_of
 from lfcal_gui.pages.psf.model import PlaneData, PSFIntent, PSFPicture, pixel_words
 from lfcal_gui.pages.psf.model_aperture import aperture_words
 from lfcal_gui.widgets import (
     LINES,
-    SCALINGS,
     Contrast,
     ElidedLabel,
     Folded,
@@ -31,6 +30,7 @@ from lfcal_gui.widgets import (
     PeriodMap,
     Picture,
     Strip,
+    VerdictCard,
     card,
     choice_box,
     column_area,
@@ -65,10 +65,8 @@ VIEWS = (
 INSPECTOR, SUM, MAP, PROFILE = 304, 170, 150, 150
 """Width of what stands right of the pictures, and heights in it (px)."""
 
-LINES_OF_APERTURE = 11
+LINES_OF_APERTURE = 6
 """Least height of the numbers of an aperture, in lines."""
-
-COLOURS = "Colours of intensity; equal steps look equally large in all of them, grey prints best"
 
 
 class PSFPanel(QWidget):
@@ -95,6 +93,7 @@ class PSFPanel(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self._unit, self._pixel_um = "", None
+        self._display = DisplaySettings()
         self._outlines: tuple[NDArray[np.float64], NDArray[np.float64]] = (NO_LINE, NO_LINE)
         self.apertures: Apertures | None = None
         self._make_pictures()
@@ -140,17 +139,10 @@ class PSFPanel(QWidget):
         self.show_box.currentIndexChanged.connect(lambda _: self.asked.emit({"show": self.show_box.currentData()}))
         self.readout = ElidedLabel()
         self.readout.setProperty("role", "hint")
-        self.scale_box = choice_box(SCALINGS, "Gamma and log bring out faint light near the spots (L: log, G: gamma)")
-        self.map_box = choice_box([(name, name) for name in COLOUR_MAPS], COLOURS)
-        for text, key, box in (("Scaling", "scale", self.scale_box), ("Colours", "colour_map", self.map_box)):
-            box.setAccessibleName(text)
-            box.currentIndexChanged.connect(
-                lambda _, key=key, box=box: self.display_asked.emit({key: box.currentData()})
-            )
         self.own_scale = QCheckBox("Own scale")
         self.own_scale.setToolTip("Each picture fills the colours; off: all positions of a plane share one scale")
         self.own_scale.toggled.connect(lambda _: self.own_scale_toggled.emit())
-        parts = *self.view_buttons.values(), self.show_box, self.readout, self.own_scale, self.scale_box, self.map_box
+        parts = *self.view_buttons.values(), self.show_box, self.readout, self.own_scale
         return line(*parts, stretch=len(VIEWS) + 1)
 
     def _inspector(self) -> QWidget:
@@ -168,7 +160,8 @@ class PSFPanel(QWidget):
         profiles = Folded("Profiles", "Values along the row and the column of the pixel that is pointed at")
         profiles.column.addWidget(self.profile_title)
         profiles.column.addWidget(self.profile)
-        return column_area(INSPECTOR, self._aperture_card(), place, profiles)
+        self.verdict = VerdictCard("All checks of H: failed ones first, with what each means and what to do")
+        return column_area(INSPECTOR, self.verdict, self._aperture_card(), place, profiles)
 
     def _aperture_card(self) -> QWidget:
         panel, column = card()
@@ -290,6 +283,7 @@ class PSFPanel(QWidget):
             )
         )
         self.aperture_text.setText(aperture_words(aperture, expected))
+        self.aperture_text.setToolTip(aperture_words(aperture, expected, ()))
 
     def _show_outlines(self, fitted: NDArray[np.float64], expected: NDArray[np.float64]) -> None:
         """Draw the outlines ``(n, 2)`` of the fitted and the expected aperture over the depth sum."""
@@ -317,18 +311,15 @@ class PSFPanel(QWidget):
 
     def set_display(self, display: DisplaySettings) -> None:
         """Use scaling and colours; a difference has its own."""
+        self._display = display
         for view in (self.main_view, self.linked_view, self.sum_view):
             view.set_display(display)
-        for box, chosen in ((self.scale_box, display.scale), (self.map_box, display.colour_map)):
-            blocker = QSignalBlocker(box)
-            box.setCurrentIndex(box.findData(chosen))
-            blocker.unblock()
         self.contrast.update()
 
     def toggle_scale(self, scale: str) -> None:
         """Change between ``scale`` and linear."""
-        chosen = "linear" if self.scale_box.currentData() == scale else scale
-        self.scale_box.setCurrentIndex(self.scale_box.findData(chosen))
+        chosen = "linear" if self._display.scale == scale else scale
+        self.display_asked.emit({"scale": chosen})
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""

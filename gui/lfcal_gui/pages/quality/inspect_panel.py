@@ -10,13 +10,16 @@ from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QLabel, QPushButton, QVBox
 from lfcal_gui.pages.quality.evidence_view import EvidenceView
 from lfcal_gui.pages.quality.model import FaultRow, MetricRow, QualitySettings, camera_choices
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets import FittedBrowser, Form, RowsTable, card, heading, split
+from lfcal_gui.widgets import FittedBrowser, Folded, Form, RowsTable, card, heading, split
 
 __all__ = ["InspectPanel"]
 
 FAULTS = ("Fault", "What was found", "Error made (NRMSE)", "Sure")
 METRICS = ("Metric", "Value", "Good", "Bad", "Merit", "Cost")
 COST = "Estimate of the error of a reconstruction (NRMSE) that a fault of this size makes"
+FORM = 320
+"""Width of the settings (px)."""
+
 ROW, MOST_ROWS = 26, 5
 """Height of a row of faults, and rows that are seen without scrolling."""
 
@@ -75,23 +78,23 @@ class InspectPanel(QWidget):
         self.redo.hide()
         words.addWidget(self.redo, 0, Qt.AlignmentFlag.AlignLeft)
         words.addStretch()
-        self._form_at = QVBoxLayout()
+        against = Folded("What H is compared with", "Camera, session, number of patterns and time of the inspection")
+        against.setFixedWidth(FORM)
+        self._form_at = against.column
         self.form = self._make_form(QualitySettings())
         self.folder_button = QPushButton("Fit folder …")
         self.folder_button.setToolTip("Compare with the camera of a fit that was saved")
         self.folder_button.clicked.connect(lambda: self.folder_asked.emit())
         self._form_at.addWidget(self.form)
-        self._form_at.addStretch()
+        self._form_at.addWidget(self.folder_button)
         row = QHBoxLayout()
         row.setSpacing(12)
         row.addLayout(words, 1)
-        row.addLayout(self._form_at)
-        row.addWidget(self.folder_button, 0, Qt.AlignmentFlag.AlignTop)
+        row.addWidget(against, 0, Qt.AlignmentFlag.AlignTop)
         return row
 
     def _make_form(self, settings: QualitySettings) -> Form:
         form = Form(camera_choices(settings))
-        form.setFixedWidth(300)
         form.edited.connect(self.edited.emit)
         self._fit = settings.fit
         return form

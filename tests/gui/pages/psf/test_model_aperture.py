@@ -21,7 +21,7 @@ def fitted(**changes: object) -> Aperture:
 
 
 def test_the_expected_numbers_stand_beside_the_fitted_ones() -> None:
-    words = aperture_words(fitted(), Aperture(7, (27, 27), 0.2, 15.63, 823.0, confident=True, kind="polygon"))
+    words = aperture_words(fitted(), Aperture(7, (27, 27), 0.2, 15.63, 823.0, confident=True, kind="polygon"), ())
     assert "expected" in words and "<b>15.27 px</b></td><td>15.63</td>" in words
     assert "<b>0.12 ± 0.03</b></td><td>0.00</td>" in words and "<b>2.10 px</b></td><td>—</td>" in words
     assert "expected" not in aperture_words(fitted())
@@ -37,6 +37,6 @@ def test_a_plane_in_a_few_lines() -> None:
 
 def test_of_what_is_not_seen_nothing_is_measured() -> None:
     dark = fit_aperture(np.zeros((31, 31)))
-    words = aperture_words(dark, Aperture(7, (27, 27), 0.2, 15.63, 823.0, confident=True, kind="polygon"))
+    words = aperture_words(dark, Aperture(7, (27, 27), 0.2, 15.63, 823.0, confident=True, kind="polygon"), ())
     assert "nan" not in words and "0.00 px" not in words and "0.0 %" not in words
     assert words.count("<b>—</b>") >= 6

@@ -18,7 +18,7 @@ from lfcal.psf import PSFMatrix, export, save
 from lfcal.psf.aperture import fit_aperture
 from lfcal.psf.aperture.shape import Aperture, blade_radius
 from lfcal_gui.context import Context
-from lfcal_gui.models import OpeningSettings, ProjectState
+from lfcal_gui.models import COLOUR_MAPS, OpeningSettings, ProjectState
 from lfcal_gui.widgets.plots import LINES
 from lfcal_gui.widgets.strip import EXPECTED, FITTED, PlaneTile
 from lfcal_gui.window import MainWindow
@@ -52,7 +52,7 @@ def test_psf_controls_follow_the_intent_and_back(window: MainWindow, qtbot: QtBo
     assert page.panel.linked_view.shot.cross is None
     page.panel.show_box.setCurrentIndex(page.panel.show_box.findData("difference"))
     assert page.panel.main_view.shot.signed and np.abs(page.panel.main_view.values).max() < 1e-5
-    page.panel.scale_box.setCurrentIndex(page.panel.scale_box.findData("log"))
+    page.panel.toggle_scale("log")
     page.panel.show_box.setCurrentIndex(page.panel.show_box.findData("measured"))
     assert not page.panel.main_view.shot.signed
     page.panel.main_view.save_picture(str(tmp_path / "p.png"))
@@ -207,7 +207,7 @@ def test_h_and_ht_share_one_scale_whatever_is_chosen(page: Any, show: str) -> No
         page.set_intent(**change)
         assert panel.main_view.levels == panel.linked_view.levels == before
         assert before[0] <= panel.main_view.values.min() and panel.main_view.values.max() <= before[1]
-    panel.map_box.setCurrentIndex(2)
+    panel.display_asked.emit({"colour_map": COLOUR_MAPS[2]})
     panel.toggle_scale("log")
     assert panel.main_view.levels == before
     panel.own_scale.setChecked(True)
