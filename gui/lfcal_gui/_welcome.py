@@ -14,7 +14,7 @@ __all__ = ["Welcome"]
 
 WORDS = (
     "lfcal measures the point spread function of a plenoptic camera: describe the camera, plan a scan, record it or "
-    "bring frames you have, assemble H, judge it, fit and reconstruct. The rail on the left leads through these steps."
+    "bring frames you have, assemble H, judge it, fit and reconstruct. The places on the left are in this order."
 )
 STARTS = (
     ("sample", "Open the sample session", "A small recorded session: frames, dark and white frames, assembled into H"),
