@@ -27,7 +27,7 @@ from PySide6.QtWidgets import (
 from pytestqt.qtbot import QtBot
 
 from lfcal_gui.scenes.all import SCENES
-from lfcal_gui.scenes.sample import camera, open_sample, psf
+from lfcal_gui.scenes.sample import open_sample, psf, setup
 from lfcal_gui.scenes.stage import Capture, Scene, Stage
 from lfcal_gui.theme import DARK, LIGHT, apply_theme
 from lfcal_gui.widgets.plots import style_axes
@@ -72,7 +72,7 @@ def looked_at_in_the_dark(stage: Stage, shot: Capture) -> Iterator[tuple[str, li
 @pytest.mark.long
 def test_pages_with_the_sample_session(stage: Stage) -> None:
     open_sample(stage)
-    for scene in (camera, psf):
+    for scene in (setup, psf):
         assert not list(looked_at(stage, scene, SMALL))
 
 
