@@ -16,7 +16,16 @@ from lfcal.psf import PSFMatrix, mat_orders_of, opening_notes
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.crash_dialog import open_folder
-from lfcal_gui.models import KeptRun, OpeningSettings, PageSpec, ProjectState, exported_to, stated_order, with_exported
+from lfcal_gui.models import (
+    KeptRun,
+    OpeningSettings,
+    PageSpec,
+    ProjectState,
+    exported_to,
+    kept_verdict,
+    stated_order,
+    with_exported,
+)
 from lfcal_gui.pages.psf import takes
 from lfcal_gui.pages.psf._export_dialog import ExportDialog
 from lfcal_gui.pages.psf.export_model import ExportIntent, ExportSettings, iter_exported
@@ -70,6 +79,7 @@ class Page(BasePage):
         self.panel.own_scale_toggled.connect(self._show_picture)
         self.panel.hovered.connect(self._hovered)
         self.panel.clicked.connect(self._hold)
+        self.panel.verdict.why_asked.connect(lambda: self.context.go.emit("quality", None))
         self.set_panel(self.panel)
         self._add_shortcuts()
         self.theme_changed.connect(self.panel.apply_theme)
@@ -108,6 +118,17 @@ class Page(BasePage):
         asked = ExportSettings.of(new)
         if asked != ExportSettings.of(old):
             self._export_intent = asked.on(self._export_intent)
+        self._show_verdict()
+
+    def _show_verdict(self) -> None:
+        """Show the verdict that the project keeps of H."""
+        verdict = kept_verdict(self.context.state)
+        if verdict is None:
+            self.panel.verdict.show_verdict("", "")
+        elif verdict.few:
+            self.panel.verdict.show_verdict("fair", verdict.sentence, f"Good, except {verdict.bad} positions")
+        else:
+            self.panel.verdict.show_verdict(verdict.merit, verdict.sentence)
 
     def _open(self) -> None:
         """Open what the project names, in the background."""
@@ -122,6 +143,7 @@ class Page(BasePage):
 
     def _show_matrices(self) -> None:
         """Show H and the reference as far as they are open."""
+        self._show_verdict()
         state, before = self.context.state, self.matrix
         self.plane = self.reference_plane = None
         self.matrix = matrix = self.context.matrix(state.psf)

@@ -18,7 +18,7 @@ from lfcal.psf import PSFMatrix, export, save
 from lfcal.psf.aperture import fit_aperture
 from lfcal.psf.aperture.shape import Aperture, blade_radius
 from lfcal_gui.context import Context
-from lfcal_gui.models import COLOUR_MAPS, OpeningSettings, ProjectState
+from lfcal_gui.models import COLOUR_MAPS, OpeningSettings, ProjectState, Verdict, stamp_of, with_verdict
 from lfcal_gui.widgets.plots import LINES
 from lfcal_gui.widgets.strip import EXPECTED, FITTED, PlaneTile
 from lfcal_gui.window import MainWindow
@@ -420,3 +420,28 @@ def test_a_reference_of_another_camera_is_told(
     context.project.update("other", camera=preset("r29" if camera != preset("r29") else "bench"))
     context.project.update("neither", psf="", reference="")
     assert told[-1] == ("simulate", False), "nothing is compared"
+
+
+def test_the_verdict_stands_next_to_h(page: Any, context: Context, qtbot: QtBot) -> None:
+    card = page.panel.verdict
+    assert card.head.text() == "Not judged yet" and not card.sentence.isVisibleTo(card)
+    stamp = stamp_of(context.state.psf)
+    assert stamp is not None
+
+    def say(verdict: Verdict) -> str:
+        context.project.note(settings=with_verdict(context.state, stamp, verdict))
+        return str(card.head.text())
+
+    assert say(Verdict("good", "All checks pass.")) == "✓ Good" and card.property("merit") == "good"
+    assert card.sentence.text() == "All checks pass."
+    assert say(Verdict("bad", "5 positions are bad.", bad=5, share=0.01)) == "Good, except 5 positions"
+    assert card.property("merit") == "fair"
+    assert say(Verdict("bad", "The background is 4 % of the light.")) == "▲ Bad"
+    asked: list[str] = []
+    context.go.connect(lambda key, _: asked.append(key))
+    card.why.click()
+    assert asked == ["quality"]
+    other = Path(context.state.psf)
+    other.write_bytes(other.read_bytes() + b"\0")
+    context.project.update("rename", name="other")
+    assert card.head.text() == "Not judged yet", "it was of another file"
