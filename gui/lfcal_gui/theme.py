@@ -59,12 +59,12 @@ QPushButton[role="rail"]:hover {{ background: {raised}; }}
 QPushButton[role="rail"]:checked {{ background: {raised}; border-left: 3px solid {accent}; }}
 QPushButton[role="rail"]:focus {{ border-color: {accent}; }}
 QPushButton[role="segment"] {{ background: transparent; border: none; border-bottom: 2px solid transparent;
-    border-radius: 0; color: {muted}; padding: 4px 12px; }}
+    border-radius: 0; color: {muted}; padding: 4px 9px; }}
 QPushButton[role="segment"]:hover {{ color: {text}; }}
 QPushButton[role="segment"]:checked {{ background: transparent; color: {text};
     border-bottom-color: {accent}; }}
 QPushButton[role="segment"]:focus {{ color: {accent}; }}
-QPushButton[role="tight"] {{ padding: 0 8px; }}
+QPushButton[role="tight"] {{ padding: 2px 8px; }}
 QToolButton[role="bare"] {{ border: none; background: transparent; font-size: 13pt; padding: 2px 6px; color: {text}; }}
 QToolButton[role="bare"]::menu-indicator {{ image: none; }}
 QPushButton[role="primary"] {{ background: {accent}; color: {accent_text}; border-color: {accent}; font-weight: 600; }}

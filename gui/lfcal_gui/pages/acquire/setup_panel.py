@@ -104,7 +104,7 @@ class SetupPanel(QWidget):
     def _tools(self) -> QWidget:
         """Make what stands next to the buttons that choose the view."""
         bar = QWidget()
-        self.near, self.whole = QPushButton("Cutout"), QPushButton("Whole sensor")
+        self.near, self.whole = QPushButton("Cutout"), QPushButton("Sensor")
         self.near.setToolTip("Show the cutout of the live frame, wherever the stage moves it")
         self.whole.setToolTip("Show the whole live frame")
         self.looked_at = self.whole

@@ -200,12 +200,6 @@ class VolumeView(QWidget):
         self.modes.button(0).setChecked(True)
         self.modes.idClicked.connect(lambda k: self._change(mode=MODES[k]))
         row.addStretch()
-        self.brightest = QPushButton("Brightest voxel")
-        self.brightest.setToolTip("Put the cross on the brightest voxel")
-        self.brightest.clicked.connect(self.go_to_brightest)
-        self.reset = QPushButton("Reset view")
-        self.reset.setToolTip("The first turn and zoom (Home)")
-        self.reset.clicked.connect(self.show_all)
         self.overlay = QPushButton("Overlay")
         self.overlay.setToolTip("What is drawn, and how")
         menu = QMenu(self.overlay)
@@ -218,8 +212,15 @@ class VolumeView(QWidget):
             tick.setToolTip(tip)
             tick.toggled.connect(lambda on, key=key: self._change(**{key: on}))
         self.overlay.setMenu(menu)
-        for button in (self.brightest, self.reset, self.overlay):
-            row.addWidget(button)
+        menu.addSeparator()
+        for words, tip, do in (
+            ("Brightest voxel", "Put the cross on the brightest voxel", self.go_to_brightest),
+            ("Reset view", "The first turn and zoom (Home)", self.show_all),
+        ):
+            action = menu.addAction(words)
+            action.setToolTip(tip)
+            action.triggered.connect(lambda _=False, do=do: do())
+        row.addWidget(self.overlay)
         return row
 
     def _depth_row(self) -> QHBoxLayout:

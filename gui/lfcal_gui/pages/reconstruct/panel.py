@@ -99,7 +99,7 @@ class ReconstructPanel(QWidget):
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(8)
-        row.addWidget(column_area(300, self._input_card(), self._run_card(), self._settings_card(), self._more()))
+        row.addWidget(column_area(284, self._input_card(), self._run_card(), self._settings_card(), self._more()))
         self.split = split(self._volume_card(), self._side(), sizes=(3, 2))
         row.addWidget(self.split, 1)
 
