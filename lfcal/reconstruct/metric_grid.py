@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from lfcal.base import InputError, check_number
 from lfcal.psf import PSFMatrix, voxel_um
@@ -171,4 +170,6 @@ def _shares(count: int, axis: float, width: float, low: float, cells: int, side:
     inside = (shared > 0) & (cell < cells)
     pixel = np.broadcast_to(np.arange(count)[:, None], cell.shape)
     values = (shared / width)[inside]
+    from scipy import sparse  # the window loads this module when it opens its page
+
     return sparse.csr_array((values, (cell[inside], pixel[inside])), shape=(cells, count))

@@ -24,6 +24,7 @@ from lfcal.cli._app import build_app
 from lfcal.frames.corrections.recipe import CorrectionRecipe
 from lfcal.lattice import lattice_of
 from lfcal.psf import PSFMatrix, export, open_psf
+from lfcal_gui.models.comparison import compare_step
 from lfcal_gui.models.history import History, Taken
 from lfcal_gui.models.page import PAGES
 from lfcal_gui.models.project import ProjectState
@@ -37,7 +38,6 @@ from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.pages.multiplex.model_scene import iter_reconstruct
 from lfcal_gui.pages.psf.export_model import ExportIntent
 from lfcal_gui.pages.quality.model import QualitySettings
-from lfcal_gui.pages.quality.step import compared
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings
 from lfcal_gui.pages.simulate.model import SimulateSettings
 from lfcal_gui.palette import Palette
@@ -274,7 +274,7 @@ def test_what_is_gone_when_it_is_chosen_from_the_palette(window: MainWindow, qtb
     window.show_palette()
     palette = next(p for p in window.findChildren(Palette) if p.isVisible())
     qtbot.keyClicks(palette.line, "moment ago")
-    assert [entry.name for entry in palette.shown] == [f"Camera: {held.text()}"]
+    assert [entry.name for entry in palette.shown] == [f"Set up: {held.text()}"]
     held.deleteLater()
     QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
     qtbot.keyClick(palette.line, Qt.Key.Key_Return)
@@ -357,8 +357,8 @@ def test_recordings_that_go_on_and_comparisons_are_commands(project: ProjectStat
     assert parsed(recording_step(project, "s", resume=True).arguments)["resume"]
     white = assembled("s", "H.h5", None, CorrectionRecipe(white=Path("s/white"), dark=Path("s/dark")))
     assert parsed(white.arguments)["white"] == "s/white"
-    assert parsed(compared("a.h5", "b.h5", "report", by_number=True).arguments)["by_number"]
-    for step in (again, white, compared("a.h5", "b.h5", "r")):
+    assert parsed(compare_step("a.h5", "b.h5", "report", by_number=True).arguments)["by_number"]
+    for step in (again, white, compare_step("a.h5", "b.h5", "r")):
         compile(step.script(), "step", "exec")
 
 
