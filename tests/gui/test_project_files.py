@@ -498,4 +498,4 @@ def test_a_new_project_begins_with_its_camera(window: MainWindow) -> None:
     """It stayed on the page in view, which was empty then."""
     window.go("quality")
     window.files.new()
-    assert window.shown.spec.key == "camera"
+    assert window.shown.spec.key == "setup"

@@ -389,7 +389,7 @@ def test_a_page_in_a_window_of_its_own(window: MainWindow, qtbot: QtBot) -> None
     own.resize(1100, 720)
     own.close()
     window.activateWindow()
-    qtbot.waitUntil(lambda: window.shown.spec.key == "camera", timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: window.shown.spec.key == "setup", timeout=GUARD_MS)
     window.go("multiplex")
     assert page.window() is own and own.isVisible() and (own.width(), own.height()) == (1100, 720)
     window.go("psf")
