@@ -155,7 +155,8 @@ def _setup(window: MainWindow, page: Any) -> None:
         values |= {**PlanSettings.of(window.context.state).shown(), **values_of_plan(plan)}
     assert inspector.scan.isHidden() == (plan is None) == (not inspector.no_plan.isHidden())
     for form in set(inspector.forms.values()):
-        _form(form, values)
+        if plan is not None or form.fields.keys() <= values.keys():
+            _form(form, values)
 
 
 def _quality(window: MainWindow, page: Any) -> None:

@@ -171,7 +171,7 @@ def test_a_page_that_becomes_empty_hides_it_and_it_is_there_again(psf: Any, wind
     assert psf.panel.sum_view.isVisible()
 
 
-@pytest.mark.parametrize("key", ["psf", "frames", "reconstruct"])
+@pytest.mark.parametrize("key", ["psf", "reconstruct"])
 def test_borders_are_the_users(window: MainWindow, key: str) -> None:
     window.resize(1600, 1000)
     window.go(key)

@@ -200,6 +200,10 @@ class VolumeView(QWidget):
         self.modes.button(0).setChecked(True)
         self.modes.idClicked.connect(lambda k: self._change(mode=MODES[k]))
         row.addStretch()
+        row.addWidget(self._overlay())
+        return row
+
+    def _overlay(self) -> QPushButton:
         self.overlay = QPushButton("Overlay")
         self.overlay.setToolTip("What is drawn, and how")
         menu = QMenu(self.overlay)
@@ -213,15 +217,15 @@ class VolumeView(QWidget):
             tick.toggled.connect(lambda on, key=key: self._change(**{key: on}))
         self.overlay.setMenu(menu)
         menu.addSeparator()
+        self.moves: dict[str, QAction] = {}
         for words, tip, do in (
             ("Brightest voxel", "Put the cross on the brightest voxel", self.go_to_brightest),
             ("Reset view", "The first turn and zoom (Home)", self.show_all),
         ):
-            action = menu.addAction(words)
-            action.setToolTip(tip)
-            action.triggered.connect(lambda _=False, do=do: do())
-        row.addWidget(self.overlay)
-        return row
+            move = self.moves[words] = menu.addAction(words)
+            move.setToolTip(tip)
+            move.triggered.connect(lambda _=False, do=do: do())
+        return self.overlay
 
     def _depth_row(self) -> QHBoxLayout:
         row = QHBoxLayout()

@@ -115,7 +115,7 @@ def test_mouse_and_arrows_turn_it_and_home_shows_the_first_view(view: VolumeView
         QTest.keyClick(picture, key)
         assert np.degrees(np.arccos((np.trace(view.turn @ BEGIN.T) - 1) / 2)) < 2 * np.degrees(STEP) + 1
         assert not np.allclose(view.turn, BEGIN)
-    view.reset.click()
+    view.moves["Reset view"].trigger()
     np.testing.assert_array_equal(view.turn, BEGIN)
 
 
@@ -127,7 +127,7 @@ def test_a_click_puts_the_cross_on_the_voxel_behind_it(view: VolumeView) -> None
     assert (view.intent.z, view.intent.y, view.intent.x) == (2, 4, 21)
     assert view.slider.value() == 2 and "plane 2 (1.5 mm), y 4, x 21: 3 counts" in view.readout.text()
     view.set_cross(z=0)
-    view.brightest.click()
+    view.moves["Brightest voxel"].trigger()
     assert view.intent.z == 2
 
 
