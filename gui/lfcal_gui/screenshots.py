@@ -89,10 +89,10 @@ def _write(stage: Stage, shot: Capture, sizes: Sequence[str], themes: Sequence[s
         for size in sizes:
             pixels, _, scale = size.partition("@")
             width, height = (int(n) // int(scale or 1) for n in pixels.split("x"))
-            window.resize(width, height)
+            stage.resize(width, height)
             stage.turn(30)
             path = out / f"{shot.name}_{theme}_{pixels}.png"
-            (shot.widget or window).grab().save(str(path), "PNG")
+            stage.seen(shot).grab().save(str(path), "PNG")
             print(path, flush=True)
 
 

@@ -48,11 +48,11 @@ def stage(qapp: QApplication, window: MainWindow, tmp_path: Path) -> Stage:
 def looked_at(stage: Stage, scene: Scene, *sizes: tuple[int, int]) -> Iterator[str]:
     """Play a scene and yield what is wrong with each of its states."""
     for shot in scene(stage):
-        before = {shot.name: flaws(shot.widget or stage.window)}
+        before = {shot.name: flaws(stage.seen(shot))}
         for size in sizes:
-            stage.window.resize(*size)
+            stage.resize(*size)
             stage.turn(20)
-            found = flaws(shot.widget or stage.window)
+            found = flaws(stage.seen(shot))
             now = (stage.window.width(), stage.window.height())
             if now != size:
                 found.append(f"the window is {now[0]} x {now[1]}")
@@ -66,7 +66,7 @@ def looked_at_in_the_dark(stage: Stage, shot: Capture) -> Iterator[tuple[str, li
     for theme in ("dark", "light"):
         stage.window.set_theme(theme)
         stage.turn(2)
-        yield f"{shot.name}, {theme}", list(of_other_themes(shot.widget or stage.window))
+        yield f"{shot.name}, {theme}", list(of_other_themes(stage.seen(shot)))
 
 
 @pytest.mark.long

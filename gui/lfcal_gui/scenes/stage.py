@@ -24,7 +24,7 @@ TURNS = 8
 
 @dataclass(frozen=True)
 class Capture:
-    """A state that the window is in now: its name, and what is looked at, by default the whole window.
+    """A state that the window is in now: its name, and what is looked at, by default the window of the page in front.
 
     ``theme`` is the only one that the state has, where it has one.
     """
@@ -88,6 +88,15 @@ class Stage:
         for job in self.window.jobs.jobs():
             if job.state is JobState.FAILED:
                 raise RuntimeError(f"{job.title}: {job.error}")
+
+    def seen(self, capture: Capture) -> QWidget:
+        """Return what is looked at in a state: by default the window of the page in front."""
+        return capture.widget or self.window.shown.window()
+
+    def resize(self, width: int, height: int) -> None:
+        """Give the window this size, and the one of the page in front, too."""
+        for one in (self.window, self.window.shown.window()):
+            one.resize(width, height)
 
     def tidy(self) -> None:
         """Let the line of the status bar and the jobs that have ended go."""
