@@ -92,6 +92,14 @@ class StoredResult:
         What was found of it, as it states; empty and ``"unknown"``: nothing.
     problem
         Why it cannot be read, in one line; empty: it can.
+
+    Examples
+    --------
+    >>> from datetime import UTC, datetime
+    >>> from pathlib import Path
+    >>> from lfcal.judge import StoredResult
+    >>> StoredResult(Path("scans/H.h5"), "H", datetime(2026, 3, 2, tzinfo=UTC)).name
+    'H.h5'
     """
 
     path: Path
@@ -158,10 +166,10 @@ def iter_find_results(*folders: str | os.PathLike[str], depth: int = DEPTH) -> W
 
     Examples
     --------
+    >>> from lfcal.base import drain
     >>> from lfcal.judge import iter_find_results
-    >>> for step in iter_find_results("session"):
-    ...     print(step.stage, len(step.found))
-    looking into session 0
+    >>> [one.kind for one in drain(iter_find_results("session")).results]
+    []
     """
     start, told = time.perf_counter(), 0.0
     found: list[StoredResult] = []
