@@ -11,6 +11,8 @@ __all__ = ["about_text", "cheat_sheet"]
 
 _KEYS = (
     ("Ctrl+1 … Ctrl+4, Alt+1 … Alt+3", "go to a place, to a view of it"),
+    ("Ctrl+Return", "do what the line at the top says comes next"),
+    ("Ctrl+M", "open Multiplexing"),
     ("Ctrl+Z, Ctrl+Shift+Z", "undo, redo"),
     ("Ctrl+N, Ctrl+O, Ctrl+S", "new, open, save project"),
     ("Ctrl+Shift+C", "copy a picture of the page"),
