@@ -40,7 +40,7 @@ def report(message: str) -> None:
 def run_work(work: Work[R], *, quiet: bool = False, seen: Callable[[Any], object] | None = None) -> R:
     """Drain ``work`` with a progress bar on standard error (none when ``quiet`` or not a terminal).
 
-    ``seen`` gets each record, for work of which something is shown where it ends early.
+    Each record is passed to ``seen``, so that work that ends early can still show something.
     """
     # bars in a log file are noise, and so they are for a program that reads JSON.
     if quiet or not sys.stderr.isatty():

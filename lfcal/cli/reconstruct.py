@@ -54,7 +54,7 @@ def _show_forecast(made: ReconstructionForecast) -> None:
     ]
     print_table(["method", "set-up", "forward", "adjoint", "memory", "kept"], rows, title=f"{P.volume_shape} volume")
     beyond = f", margin of {choice.margin} pixels included" if choice.margin else ""
-    some = f"{run.iterations} iterations" + (" (it stops by itself)" if choice.auto else "")
+    some = f"{run.iterations} iterations" + (" (it stops automatically)" if choice.auto else "")
     typer.echo(f"{len(run.frames)} frames, {some}: about {format_seconds(run.seconds)}{beyond}")
     typer.echo(f"memory {run.memory}")
     if P.device is not None:

@@ -83,15 +83,15 @@ class StoredResult:
     kind
         One of `KINDS`.
     when, dated
-        When it was made (UTC), and whether the result states that; else it is the time of the file.
+        When it was made (UTC), and whether the result states that. Otherwise it is the time of the file.
     bytes
         Size of the file; of a folder, of its files.
     facts
         Pairs of name and value, in words.
     verdict, merit
-        What was found of it, as it states; empty and ``"unknown"``: nothing.
+        The verdict and the merit that it states; empty and ``"unknown"``: none.
     problem
-        Why it cannot be read, in one line; empty: it can.
+        Why it cannot be read; empty: it can.
 
     Examples
     --------
@@ -203,7 +203,7 @@ find_results = drained(
 
 
 def _progress(place: Path, found: list[StoredResult], shown: int, start: float, told: float) -> Work[tuple[float, int]]:
-    """Yield a record if the last one is old; return when the newest was, and how many results it has told."""
+    """Yield a record if the last one is old; return the time of the newest, and the number of results reported."""
     now = time.perf_counter()
     if now - told < EVERY_S:
         return told, shown

@@ -250,7 +250,7 @@ class CodingVerdict:
         """Whether showing several frames together pays, up to how much light, and why."""
         gain, does = self.gain, "pays" if self.pays else "does not pay"
         return (
-            f"showing {gain.points} frames at once, coded: {does} at {float(f'{gain.signal_e:.3g}'):g} electrons in a "
+            f"showing {gain.points} frames together, coded: {does} at {float(f'{gain.signal_e:.3g}'):g} electrons in a "
             f"point's brightest pixel ({gain.time.rms_db:+.2f} dB); it {self.range_words}"
         )
 

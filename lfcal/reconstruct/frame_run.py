@@ -153,11 +153,11 @@ class FrameRun:
         targets
             File of each frame's volume, by the frame's name.
         out
-            What units are kept next to.
+            Path next to which finished units are kept.
         details
-            What all files say besides.
+            Additional entries of all files.
         run
-            By whom units of a frame each are done; None: this thread does all.
+            Executor of the units, one for each frame; None: this thread does all.
         """
         grid = self._grid
         sides = voxel_um(self.matrices[0]) if grid is None else (grid.voxel_um, grid.voxel_um)

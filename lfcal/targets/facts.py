@@ -19,8 +19,8 @@ def facts_of_plan(
 ) -> dict[str, Any]:
     """Return what the frames of a plan show, and their ``cost``.
 
-    ``single`` is the cost of a single point. ``verdict`` says whether showing several frames together pays. ``field``
-    has the regions that the frames serve; None: one.
+    The ``single`` cost is that of a single point. The ``verdict`` says whether showing several frames together pays.
+    The ``field`` has the regions that the frames serve; None: one.
     """
     planes, errors = [], []
     for z, depth in enumerate(plan.scan.depths_um):

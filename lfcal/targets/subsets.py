@@ -1,4 +1,4 @@
-"""Frames of a target that may be shown at once: how many of them, whether that pays, and what a display shows."""
+"""Frames of a target that may be shown together: how many, whether that pays, and what a display shows."""
 
 from __future__ import annotations
 
@@ -90,9 +90,9 @@ def coding_verdict(plan: TargetPlan, z: int | None = None, signal_e: float | Non
 
 
 def planned_for_display(plan: TargetPlan, display: Display, verdict: CodingVerdict | None) -> TargetPlan:
-    """Return the plan that a display shows: several offsets at once where that pays, else one after the other.
+    """Return the plan that a display shows: several offsets together where that pays, else one after the other.
 
-    Exposures stay: where sums of several would saturate they are not shown.
+    The exposures stay the same. Sums that would saturate are not shown.
     """
     if verdict is None or not verdict.pays or verdict.gain.time.exposure < 1:
         return plan
@@ -106,4 +106,4 @@ def display_words(plan: TargetPlan, display: Display) -> str:
     if plan.lit is None:
         return f"display: {fit.words}; frames show one subset of points after the other"
     most = max(len(one) for plane in plan.lit for one in plane)
-    return f"display: {fit.words}; frames show {most} subsets of points at once, by an S-matrix"
+    return f"display: {fit.words}; frames show {most} subsets of points together, by an S-matrix"

@@ -89,8 +89,8 @@ class PlannedSession(TaskResult):
 class RecordedSession(TaskResult):
     """A session that was recorded, or stopped by the signal ``ended_by``.
 
-    ``facts`` is what was seen and made, by name. ``adapted`` is how a session ended that ends by the error of H.
-    ``error`` is what went wrong after the last frame; the recording is whole.
+    The ``facts`` are what was seen and made, by name. A session that ends by the error of H states in ``adapted`` how
+    it ended. An ``error`` is one that came after the last frame; the recording is whole.
     """
 
     out: Path

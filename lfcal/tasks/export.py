@@ -32,9 +32,9 @@ __all__ = ["EXPORT", "ExportH5", "ExportMat", "ExportNpy", "ExportTiff", "Export
 
 @dataclass(frozen=True, kw_only=True)
 class ExportedFiles(TaskResult):
-    """The files that were written for ``out``: of a large H as TIFF, one for each plane.
+    """The files that were written for ``out``: a large H as TIFF has one for each plane.
 
-    ``dark``: planes without light. ``notes``: what readers of the files should know.
+    Planes without light are in ``dark``. The ``notes`` are for readers of the files.
     """
 
     out: Path

@@ -79,8 +79,8 @@ class SimulationForecast(TaskResult):
 class SimulatedH(SimulationForecast):
     """One H that was simulated; the matrix of a region is closed.
 
-    ``stored`` is the relative L1 error of each pattern that the file may add, ``light`` the share of the light of each
-    plane in the cutout.
+    Writing the file may add a relative L1 error of ``stored`` to each pattern. The cutout has the share
+    ``light`` of each plane's light.
     """
 
     out: Path

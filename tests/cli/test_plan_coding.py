@@ -84,7 +84,7 @@ def test_the_command_says_it_in_a_line(lfcal: Lfcal, place: Path) -> None:
     array = ("array:4x4@800um", "--most-frames", "7")
     run = lfcal(*PLAN, *array)
     (line,) = [one for one in run.out.splitlines() if "coded" in one]
-    assert run.code == 0 and line.startswith("showing 7 frames at once, coded: does not pay"), run.err
+    assert run.code == 0 and line.startswith("showing 7 frames together, coded: does not pay"), run.err
     said = lfcal(*PLAN, *array, "--signal", 50, "--json").json
     assert isinstance(said, dict) and said["coding"]["pays"] and said["coding"]["up_to_e"] > 50
 
@@ -113,7 +113,7 @@ def test_bad_input_ends_in_a_line(lfcal: Lfcal, place: Path, words: tuple[str, .
 def test_a_display_from_its_plan_to_h(lfcal: Lfcal, place: Path) -> None:
     words = (*SOURCE, "--most-frames", 7, "--signal", 100, "--patterns", "shown", "-o", "plan.json")
     run = lfcal(*PLAN, *words)
-    assert run.code == 0 and "frames show 4 subsets of points at once" in run.out, run.err
+    assert run.code == 0 and "frames show 4 subsets of points together" in run.out, run.err
     # pictures are replaced where that is asked for, and none of an earlier plan stays
     (place / "shown" / "frame_0099.png").write_bytes(b"of an earlier plan")
     again = lfcal(*PLAN, *words[:-1], "other.json")

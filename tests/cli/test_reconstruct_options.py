@@ -192,7 +192,7 @@ def test_left_alone_it_stops_by_itself_and_says_why(lfcal: Callable[..., Run], f
     assert "left-out pixels" in known["stopped"] and known["solver"]["name"] == "sieve" and known["solver"]["auto"]
     assert known["solver"]["margin"] == 3 and known["anchor"] == [0, 0]
     done = lfcal(*words, "--forecast")
-    assert "stops by itself" in done.out and "margin of 3 pixels" in done.out
+    assert "stops automatically" in done.out and "margin of 3 pixels" in done.out
 
 
 def test_it_stops_by_the_noise_that_it_is_told(lfcal: Callable[..., Run], folder: Path, tmp_path: Path) -> None:

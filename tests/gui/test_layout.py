@@ -123,7 +123,7 @@ def test_a_table_of_words_that_a_label_below_it_squeezes_is_found(qtbot: QtBot) 
     shown(qtbot, root, 240, 40)
     assert not flaws(root), "as high as it needs to be"
     note.setText(
-        "Showing eleven frames at once, coded: does not pay at 16000 electrons in the brightest pixel of a point"
+        "Showing eleven frames together, coded: does not pay at 16000 electrons in the brightest pixel of a point"
     )
     root.setFixedHeight(root.height())
     QApplication.processEvents()

@@ -163,7 +163,7 @@ class PlannedTarget:
     planes
         A drawing for each plane.
     coding
-        Whether showing several frames at once would pay, in a line; empty where nothing is to be shown at once.
+        Whether showing several frames together would pay, in words; empty where there are none to show together.
     """
 
     made: TargetPlanned
@@ -240,9 +240,9 @@ def iter_drawn(made: TargetPlanned) -> Work[PlannedTarget]:
 
 
 def _coding(made: TargetPlanned) -> str:
-    """Return whether showing several frames at once would pay, at the exposure of a session."""
+    """Return whether showing several frames together would pay, at the exposure of a session."""
     if made.plan.lit is not None:
-        return "Frames of a display that shows several subsets of points at once, by an S-matrix."
+        return "Frames of a display that shows several subsets of points together, by an S-matrix."
     words = "" if made.verdict is None else f"{made.verdict.frames_words}."
     return words[:1].upper() + words[1:]
 

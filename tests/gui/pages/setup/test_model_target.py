@@ -62,8 +62,8 @@ def test_a_plan_is_the_library_s_and_its_drawing_tells_what_is_covered() -> None
     assert summary["Frames"] == ("12", "252")
     # what noise leaves, beside a single point
     assert all(summary["Noise, in all"]) and "For 3 regions" not in summary
-    assert found.coding.startswith("Showing 7 frames at once, coded: does not pay at 16000 electrons")
-    assert found.coding_briefly == "Showing 7 frames at once, coded: does not pay."
+    assert found.coding.startswith("Showing 7 frames together, coded: does not pay at 16000 electrons")
+    assert found.coding_briefly == "Showing 7 frames together, coded: does not pay."
     assert summary["Phases, in all"] == (f"{100 * plane.coverage:.2g} %", "100 %")
     lines = list(point_lines(plane, ","))
     assert lines[0] == "frame,row_px,column_px\n" and len(lines) == len(plane.points) + 1
