@@ -33,7 +33,7 @@ from lfcal_gui.models import (
 __all__ = ["Leading"]
 
 GATHER_MS, JUDGE_MS = 40, 1500
-"""Before a change is shown, as several come at once; and for how long nothing is computed before H is judged."""
+"""Delay before a change is shown, because changes come in groups; and idle time before H is judged (ms)."""
 
 ELSEWHERE_S = 10.0
 """For how long after a click another page stays in view when H is made."""
@@ -165,7 +165,7 @@ class Leading(QObject):
 
     # -- judging H -------------------------------------------------------------------------------------
     def _judge_wanted(self, found: Sitting) -> bool:
-        """Return whether H is to be judged: it is open and new, and nobody needs the processor."""
+        """Return whether H should be judged: it is open and new, and no job needs the processor."""
         path, jobs = self.context.state.psf, self.context.jobs
         new = found.verdict is None and stamp_of(path) != self._tried
         free = not (jobs.running_pages() or found.recording or self._judge.isActive())

@@ -19,7 +19,7 @@ VIEW_KEYS = 3
 """Views of a place that have keys."""
 
 OWN_KEYS = {"multiplex": "Ctrl+M"}
-"""Keys of windows of their own."""
+"""Keys of pages that open in a separate window."""
 
 
 class WindowMenus:
@@ -91,7 +91,7 @@ class WindowMenus:
         self._action(menu, "Reset the layout", window.reset_layout)
 
     def _more(self) -> None:
-        """Fill the menu at the foot of the rail: pages that are windows of their own, sessions, the log."""
+        """Fill the menu at the foot of the rail: pages that open in a separate window, and the log."""
         window = self._window
         menu = window.rail.menu
         self.own = {
@@ -119,7 +119,7 @@ class WindowMenus:
         self._action(menu, "About lfcal", lambda: QMessageBox.about(window, "About lfcal", about_text()))
 
     def mark(self, states: Mapping[str, PageState]) -> None:
-        """Show the state of pages that are windows of their own."""
+        """Show the state of pages that open in a separate window."""
         for spec, action in self.own.items():
             action.setText(f"{spec.title} ({states[spec.key].value})")
 

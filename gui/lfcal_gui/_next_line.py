@@ -18,14 +18,14 @@ NEAR_PX, HELD_S, POLL_MS = 24, 0.4, 100
 
 
 class NextLine(QWidget):
-    """Shows a `Step`: its words at once, its button as soon as nobody is about to press the one before.
+    """Shows a `Step`. Its button waits while the user is about to press the previous one.
 
     Signals
     -------
     pressed(action)
-        The button, or Stop beside it, was pressed.
+        The button, or Stop next to it, was pressed.
     declined(action, place)
-        An optional step is to be left out.
+        The user leaves out an optional step.
     """
 
     pressed = Signal(str)
@@ -83,7 +83,7 @@ class NextLine(QWidget):
             self.declined.emit(self.step.action, self.step.place)
 
     def _settle(self) -> None:
-        """Change the button, unless somebody is about to press it."""
+        """Change the button, unless the user is about to press it."""
         step, shown = self._wanted, self.step
         if step is None:
             return

@@ -1,4 +1,4 @@
-"""A page in a window of its own: multiplexing, accuracy, sessions."""
+"""A page in a separate window: multiplexing, accuracy, sessions."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class PageWindow(QMainWindow):
         return f"window/{self.page.spec.key}"
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use; the page does so by itself."""
+        """Take the colours of the theme in use; the page follows the theme without this."""
         self.statusBar().setStyleSheet(style_sheet())
         self.setStyleSheet(f"QMainWindow {{ background: {current_theme().window}; }}")
 

@@ -18,7 +18,7 @@ WIDTH, BUTTON, ICON = 85, (73, 76), 22
 """Width of the rail, size of its buttons, and side of an icon (px)."""
 
 MARKS = {"good": "✓ ", "fair": "▲ ", "bad": "▲ "}
-"""What stands before a word, so that its colour is not all that tells it."""
+"""Sign before a word, so that its meaning does not depend on colour alone."""
 
 
 class Rail(QFrame):
@@ -49,7 +49,7 @@ class Rail(QFrame):
         self.menu = QMenu(self)
         self.more = RailButton("More", _dots)
         self.more.setCheckable(False)
-        self.more.setToolTip("Windows of their own: multiplexing, accuracy, sessions; the log")
+        self.more.setToolTip("Open multiplexing, accuracy, sessions or the log")
         self.more.clicked.connect(self._open_menu)
         column.addWidget(self.more)
         self.apply_theme()

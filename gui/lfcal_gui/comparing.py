@@ -40,7 +40,7 @@ READY = "Press Compare (F5): all positions of both are compared."
 
 
 class Comparing:
-    """What is compared belongs to both files as they are; when either changes it is let go.
+    """Compares two files. The comparison is discarded when either of them changes.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class Comparing:
         raise NotImplementedError
 
     def follow(self) -> None:
-        """Let go of what belongs to other files than those of now."""
+        """Discard the comparison if other files are chosen now."""
         now = self.request()
         if now != self._asked:
             self.release()
@@ -204,7 +204,7 @@ class Comparing:
                 self._panel.show_both(both, where)
 
         def failed(words: str) -> None:
-            if self._pair is pair:  # else its files were let go for others
+            if self._pair is pair:  # else the files changed meanwhile
                 self._context.message.emit(words)
 
         self._context.jobs.compute(f"{self._page} both", lambda: both_at(pair, place), read, failed)
@@ -218,7 +218,7 @@ class Comparing:
             if a is not None and b is not None:
                 try:
                     self._pair = pair(a, b, by_number=self._asked.by_number)
-                except LfcalError:  # other files than those that were compared; told when they are followed
+                except LfcalError:  # the files were replaced since the comparison; `follow` discards it
                     return None
         return self._pair
 

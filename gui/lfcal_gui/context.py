@@ -91,7 +91,7 @@ class Context(QObject):
         self.judged: Any = None
         """The judgement of H that was made in the background, as the page that judges takes it over."""
         self.told: dict[str, dict[str, Any]] = {}
-        """What each page told of the sitting."""
+        """What each page reported about the sitting."""
         self._told_of = project.begun
         jobs.finished.connect(self._remember)
         project.listen(lambda old, new: self.matrices.follow_orders())
@@ -127,13 +127,13 @@ class Context(QObject):
             self.fitted_changed.emit()
 
     def _forget_told(self) -> None:
-        """Forget what was told of another project."""
+        """Forget what pages reported about another project."""
         if self._told_of != self.project.begun:
             self._told_of = self.project.begun
             self.told.clear()
 
     def tell(self, page: str, **facts: Any) -> None:
-        """Tell what page ``page`` knows of the sitting: fields of `Sitting`, until told otherwise."""
+        """Report what ``page`` knows about the sitting: fields of `Sitting`, valid until its next report."""
         if self.told.get(page) != facts:
             self.told[page] = facts
             self.told_changed.emit()

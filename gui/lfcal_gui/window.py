@@ -48,7 +48,7 @@ __all__ = ["MainWindow"]
 INI = QSettings.Format.IniFormat
 
 MESSAGE_MS = 8000
-"""How long a line of the log stands in the status bar."""
+"""How long a line of the log is shown in the status bar (ms)."""
 
 
 class MainWindow(QMainWindow):
@@ -151,7 +151,7 @@ class MainWindow(QMainWindow):
     # -- pages -----------------------------------------------------------------------------------------
     @property
     def shown(self) -> BasePage:
-        """The page that is worked with: a view of the place shown, or the window of its own in front."""
+        """The page in front: a view of the place shown, or a page in a separate window."""
         return self.page(self._front)
 
     def spec(self, key: str) -> PageSpec | None:
@@ -227,7 +227,7 @@ class MainWindow(QMainWindow):
         self._front = key
 
     def event(self, event: QEvent) -> bool:
-        """Follow a person who comes back from a window of its own."""
+        """Follow a user who comes back from a page's separate window."""
         if event.type() == QEvent.Type.WindowActivate and isinstance(page := self.stack.currentWidget(), BasePage):
             self._to_front(page.spec.key)
         return super().event(event)

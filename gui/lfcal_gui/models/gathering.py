@@ -1,4 +1,4 @@
-"""The sitting as it is now: made of the project, its jobs, and what pages told. No Qt."""
+"""The sitting as it is now, from the project, its jobs, and the reports of pages. No Qt."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 Told = Mapping[str, Mapping[str, Any]]
-"""What each page told: values of fields of `Sitting`."""
+"""What each page reported: values of fields of `Sitting`."""
 
 MOST_RESIDUAL_PX = 0.3
 """Residual of the period beyond which positions do not meet the same phase of the array."""
@@ -77,7 +77,7 @@ def sitting_of(
     Parameters
     ----------
     project, told, jobs
-        The project, what pages told, and the jobs of the window.
+        The project, what pages reported, and the jobs of the window.
     page, place
         Key of the page that is looked at, and of its place.
     matrix

@@ -46,7 +46,7 @@ class Sitting:
     camera, white
         Whether a camera was described, and checked against a white image.
     assumed
-        Names of values that nobody stated.
+        Names of values that were not stated.
     wrong
         Why the plan cannot work; empty where it can.
     plan, positions, planes

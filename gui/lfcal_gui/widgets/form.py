@@ -130,7 +130,7 @@ class Form(QWidget):
         return row
 
     def set_marks(self, marks: dict[str, tuple[str, str]]) -> None:
-        """Show a word beside each field of a form with marks: pairs of word, which is also its style, and tip.
+        """Show a word next to each field of a form with marks: pairs of word, which is also its style, and tip.
 
         A click on *assumed* confirms the value.
         """

@@ -44,7 +44,7 @@ def legend_words(between: str = "<br>") -> str:
 class PlaneTile:
     """What is known of a plane: its depth (µm), its sum ``(nt, ns)``, and its apertures.
 
-    ``shape`` is that of the cutout, where only what is expected is to be shown.
+    The ``shape`` is that of the cutout, where only what is expected is shown.
     """
 
     depth_um: float

@@ -10,7 +10,7 @@ from lfcal_gui.widgets.words import ElidedLabel, WrappedLabel, set_look, set_rol
 __all__ = ["VerdictCard"]
 
 HEADS = {"good": "✓ Good", "fair": "▲ Fair", "bad": "▲ Bad", "unknown": "Not fully judged", "": "Not judged yet"}
-"""Headline for a merit; a mark stands in front of a colour."""
+"""Headline for a merit; its mark repeats what the colour says."""
 
 
 class VerdictCard(QFrame):

@@ -117,7 +117,7 @@ class Afterwards:
         self.context.made.emit(page, found)
 
     def _told(self, report: Any) -> str:
-        """Close H, and return its file; what was noticed is told."""
+        """Close H, and return its file; its verdict and notes become messages."""
         from lfcal.judge import judgement_of
 
         path = str(report.matrix.path)

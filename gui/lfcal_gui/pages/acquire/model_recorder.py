@@ -241,7 +241,7 @@ class FolderState:
 
     @property
     def counts(self) -> tuple[int, int]:
-        """How many positions, or frames of a target, are safe, and how many are to be."""
+        """Number of positions, or frames of a target, that are safe, and number of all."""
         if self.there is None:
             return 0, 0
         if self.chosen is None:

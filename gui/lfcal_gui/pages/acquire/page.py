@@ -143,7 +143,7 @@ class Page(BasePage):
             self.redo()
 
     def redo(self) -> bool:
-        """Record the project's list of positions again and make its H anew; return whether that began.
+        """Record the project's list of positions and make its H again; return whether that began.
 
         Where no devices are connected, it asks for them and continues once they are.
         """

@@ -213,7 +213,7 @@ class RecordTab(QObject):
         self.shown.emit()
 
     def _tell(self) -> None:
-        """Tell what is known of the recording and its devices."""
+        """Report the state of the recording and its devices."""
         recorder, job = self.recorder, self._under_way
         facts: dict[str, Any] = {
             "rig": self.setup.station is not None,
@@ -232,7 +232,7 @@ class RecordTab(QObject):
         self.context.tell("session", done=done, total=total)
 
     def resume(self) -> None:
-        """Go on with a recording that is held, or with a session that is not complete."""
+        """Resume a recording that is held, or a session that is not complete."""
         (self.pause if self.recording else self.start)()
 
     # -- recording -------------------------------------------------------------------------------------

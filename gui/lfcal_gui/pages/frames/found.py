@@ -25,7 +25,7 @@ def understood(opened: Opened, found: FoundOrientation | None, chosen: str) -> t
     if opened.missing:
         return "fair", "Some positions have no frame", f"{opened.missing} of {opened.frames.size} are missing."
     if not found.name:
-        return "fair", "Every position has a frame", f"Which way the frames lie cannot be told: {found.reason}."
+        return "fair", "Every position has a frame", f"The orientation of the frames is unclear: {found.reason}."
     return "good", "All of it is understood", "Every position has a frame, and they lie as the plan says."
 
 

@@ -107,7 +107,7 @@ class Page(BasePage):
         return FrameSettings.of(self.context.state)
 
     def let_go(self) -> None:
-        """Forget what was told of the frames of the project before."""
+        """Forget what is known about the frames of the previous project."""
         self._unread, self._again, self._fresh = ("", ""), False, False
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
@@ -138,7 +138,7 @@ class Page(BasePage):
         self._correct("use_dark", True)
 
     def _tell(self) -> None:
-        """Tell what is known of the frames."""
+        """Report the state of the frames."""
         opened, settings = self.opened, self.settings
         path, why = self._unread
         self.context.tell(

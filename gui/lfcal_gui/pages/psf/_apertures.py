@@ -1,4 +1,4 @@
-"""The apertures of all planes in a window of their own, large."""
+"""The apertures of all planes, large, in a separate window."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def tip_of(z: int, tile: PlaneTile, count: int) -> str:
 
 
 class Apertures(QDialog):
-    """The apertures of all planes in a window of their own, large; it follows the strip while it is open.
+    """The apertures of all planes, large, in a separate window; it follows the strip while it is open.
 
     Signals
     -------

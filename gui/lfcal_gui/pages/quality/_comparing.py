@@ -1,4 +1,4 @@
-"""Quality: a second H chosen beside the project's H, and compared with it."""
+"""Quality: compare the project's H with a second one."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lfcal_gui.widgets import ComparePanel
 __all__ = ["ProjectComparing"]
 
 FILES = "H files (*.h5 *.npy *.mat *.lfc);;All files (*)"
-NONE = "Choose a second H to hold beside this one: of another day, a simulation, or the H of a fit."
+NONE = "Choose a second H to compare with this one: of another day, a simulation, or the H of a fit."
 
 
 class ProjectComparing(Comparing):

@@ -73,7 +73,7 @@ class InspectPanel(QWidget):
         self.redo = QPushButton()
         self.redo.setAccessibleName("record bad positions again")
         self.redo.setToolTip(
-            "Record the bad positions again, make H anew and judge it; the H before becomes the reference"
+            "Record the bad positions again, then make and judge a new H; the previous H becomes the reference"
         )
         self.redo.hide()
         words.addWidget(self.redo, 0, Qt.AlignmentFlag.AlignLeft)

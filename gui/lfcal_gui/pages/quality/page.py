@@ -289,7 +289,7 @@ class Page(BasePage):
 
     # -- doing -----------------------------------------------------------------------------------------
     def redo(self) -> None:
-        """Record the bad positions again; page Acquire does it, makes H anew and has it judged."""
+        """Record the bad positions again on page Acquire, which also makes and judges the new H."""
         if self.inspection is not None:
             self.context.project.update("positions to record again", redo=worst_positions(self.inspection))
             self.context.go.emit("acquire", "redo")

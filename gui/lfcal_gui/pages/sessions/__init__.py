@@ -14,7 +14,7 @@ __all__ = ["PAGE"]
 
 
 def state(project: ProjectState) -> PageState:
-    """Return that there is something to look at once the project has a file."""
+    """Return that there is something to see when the project has a file."""
     return PageState.READY if project.psf or project.frames or project.recording else PageState.NOTHING
 
 

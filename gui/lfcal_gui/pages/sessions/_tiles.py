@@ -24,7 +24,7 @@ __all__ = ["ResultTiles"]
 TILE = QSize(180, 208)
 PICTURE = 128
 MARKS = {"good": "✓", "fair": "▲", "bad": "✕", "unknown": "○"}
-"""State is told by a sign and a word, never by colour alone."""
+"""A sign and a word show the state, never colour alone."""
 
 Index = QModelIndex | QPersistentModelIndex
 ROOT = QModelIndex()
@@ -138,7 +138,7 @@ class ResultTiles(QListView):
     chosen()
         Others are selected.
     opened()
-        The selected one is to be opened.
+        The user opens the selected one.
     """
 
     seen = Signal(object)

@@ -37,7 +37,7 @@ Verdict = tuple[str, str]
 
 NOT_JUDGED = "Not judged"
 PROJECT = ""
-"""Stands for the folders of the project in place of a folder."""
+"""The folders of the project, as an entry of the list of folders."""
 
 KIND_WORDS = {
     "": "All kinds",
@@ -87,7 +87,7 @@ class SessionsSettings(PageSettings):
 def own_folders(project: ProjectState, path: Path | None) -> tuple[str, ...]:
     """Return the folders of the project's file, of its H and of its recording; none is asked for on the disk."""
     files = (str(path or ""), project.psf, project.reference, project.volume)
-    # a recording is a folder itself, and what is made of it often lies beside it
+    # a recording is a folder itself, and what is made of it is often next to it
     folders = [str(Path(one).parent) for one in (*files, project.recording, project.frames) if one]
     return tuple(dict.fromkeys(folders))
 

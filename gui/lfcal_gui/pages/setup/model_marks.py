@@ -30,7 +30,7 @@ OF_ROWS = ("lattice.row_pitch_um", "lattice.shear_rad", "lattice.distortion")
 """Values that another kind of array does not keep."""
 
 TIPS = {
-    "assumed": "Nobody stated this value: lfcal took a usual one. Type the true value, or click here if it is right.",
+    "assumed": "This value was not stated: lfcal uses a typical one. Type the true value, or click if it is right.",
     "derived": "This value follows from stated or measured ones.",
     "measured": "This value was measured in frames of the camera.",
     "stated": "This value is stated.",

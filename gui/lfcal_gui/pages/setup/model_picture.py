@@ -97,7 +97,7 @@ class ScanScene:
         return row, column, height, width
 
     def area(self) -> Area:
-        """Return what is to be seen first: the scan with some room, or the middle of the sensor."""
+        """Return the area that is shown first: the scan with some room, or the middle of the sensor."""
         rows, columns = self.camera.sensor.shape
         counted = self.counted
         if counted is not None:
@@ -184,7 +184,7 @@ def _drawn(camera: Camera, rows: NDArray[Any], columns: NDArray[Any], step: floa
             reach = away if reach is None else np.minimum(reach, away)
         assert reach is not None
         radius = lattice.clear_diameter_um / 2
-        # brighter in the middle, so that neighbours that touch are told apart; edges are one sample wide
+        # brighter in the middle, so that neighbours that touch are distinguished; edges are one sample wide
         lit = np.clip((radius - reach) / (step * camera.sensor.pixel_um) + 0.5, 0, 1)
         values = (DARK + (LIT - DARK - SHADE * (reach / radius) ** 4) * lit).astype(np.float32)
     inside = [(at >= -0.5) & (at <= n - 0.5) for at, n in zip((rows, columns), shape, strict=True)]

@@ -38,7 +38,7 @@ HELD = frozenset({"camera", "out", "list_file"})
 """Fields of `lfcal.tasks.PlanScan` that are not in the form: the camera, and the files that *Save …* writes."""
 
 BASIC_OF_SCAN = ("virtual_depths", "depths", "cutout", "exposure")
-"""Fields that are seen at once."""
+"""Fields that are never folded."""
 
 ROWS = {row.name: row for row in rows(PlanScan)}
 PLANES = ("depths", "virtual_depths")

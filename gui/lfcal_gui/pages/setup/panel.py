@@ -32,7 +32,7 @@ VIEWS = (
 OVERLAYS = ("Lattice centres", "Scan path", "Cutout")
 
 NARROW, WIDE, ROOMY = 304, 368, 1380
-"""Width of the inspector, and of the panel from which on it is the wider one (px)."""
+"""Two widths of the inspector, and the least width of the panel for the wider one (px)."""
 
 BIG = 20
 """Size of a big number (pt)."""
