@@ -5,8 +5,8 @@ import tracemalloc
 import numpy as np
 import pytest
 
+from lfcal.base import plain
 from lfcal.base.errors import InputError
-from lfcal.cli._console import plain
 from lfcal.judge.quality import METRICS, inspect, iter_inspect
 from lfcal.judge.quality.metric import Reading, judge
 from lfcal.psf import PSFMatrix
