@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import typer
 
-from lfcal.base import Judgement, Progress, Work, drain
+from lfcal.base import Judgement, Progress, Work, drain, plain
 
 __all__ = [
     "KEPT",
@@ -87,8 +87,6 @@ def done_text(record: Progress, speed: float | None) -> str:
 
 def print_json(value: Any) -> None:
     """Print ``value`` as JSON to standard output."""
-    from lfcal.base import plain  # loads numpy
-
     typer.echo(json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False))
 
 
