@@ -29,6 +29,7 @@ from lfcal_gui.models import (
     with_declined,
     with_verdict,
 )
+from lfcal_gui.theme import current_theme
 
 __all__ = ["Leading"]
 
@@ -208,6 +209,8 @@ class Leading(QObject):
     # -- arriving --------------------------------------------------------------------------------------
     def _show_made(self, page: str, payload: Any) -> None:
         """Show what was made, unless the person is at work elsewhere: then the rail says it."""
+        if current_theme().red:  # in a dark lab the large buttons stay under the hand
+            return
         _, place = self._shown()
         if place == "record" or time.monotonic() - self._pressed > ELSEWHERE_S:
             self.context.go.emit(page, payload)
