@@ -55,7 +55,7 @@ class VerifyDialog(QDialog):
         self.start.clicked.connect(self.check)
         self.stop.clicked.connect(lambda: context.jobs.cancel(self._number))
         self.again = QPushButton("Record damaged positions again")
-        self.again.setToolTip("Put them into the list of the page Acquire")
+        self.again.setToolTip("Put them into the list of Record > Rig")
         self.again.clicked.connect(self._send)
         self.found = QPlainTextEdit()
         self.found.setReadOnly(True)

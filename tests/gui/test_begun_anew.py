@@ -156,7 +156,7 @@ def test_a_reconstruction_under_way(
 
 
 def simulated(window: MainWindow, qtbot: QtBot) -> tuple[ScanPlan, Any]:
-    """Return a small plan, and the page Simulate with it."""
+    """Return a small plan, and the view Compute with it."""
     plan = small_plan((3, 4), 2)
     window.project.update("plan", plan=plan, camera=plan.camera)
     window.go("simulate")

@@ -364,7 +364,7 @@ def test_places_are_left_and_found_again(window: MainWindow, qtbot: QtBot) -> No
     assert window.shown.spec.key == "acquire"
     qtbot.keyClick(window, Qt.Key.Key_2, keys.AltModifier)
     assert window.shown.spec.key == "frames"
-    (segment,) = [b for b in window.shown.findChildren(QPushButton) if b.text() == "Simulate" and b.isCheckable()]
+    (segment,) = [b for b in window.shown.findChildren(QPushButton) if b.text() == "Compute" and b.isCheckable()]
     qtbot.mouseClick(segment, Qt.MouseButton.LeftButton)
     assert window.shown.spec.key == "simulate" and not segment.isChecked(), "it is the button of another page"
     rail = {b.title.text(): b for b in window.rail.findChildren(QPushButton)}

@@ -1,4 +1,4 @@
-"""What the Frames page shows: the visible part of a large frame, its numbers, the lattice. No Qt."""
+"""What Record > Folder shows: the visible part of a large frame, its numbers, the lattice. No Qt."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ def _settings(project: ProjectState, page: str, **values: Any) -> dict[str, Any]
 def _simulation(project: ProjectState, rung: Rung) -> RungUse:
     tolerance = float(rung.settings["tolerance"])
     changes = _settings(project, "simulate", tolerance=tolerance, level="auto")
-    return RungUse(f"Simulate: tolerance {100 * tolerance:g} %, level auto.", "tolerance", changes, "simulate")
+    return RungUse(f"Compute: tolerance {100 * tolerance:g} %, level auto.", "tolerance", changes, "simulate")
 
 
 def _planes(project: ProjectState, rung: Rung) -> RungUse:
@@ -90,7 +90,7 @@ def _averaging(project: ProjectState, rung: Rung) -> RungUse:
 def _interpolation(project: ProjectState, rung: Rung) -> RungUse:
     name = str(rung.settings["interpolation"])
     changes = _settings(project, "frames", interpolation=name)
-    return RungUse(f"Frames: interpolation {name}.", "interpolation", changes, "frames")
+    return RungUse(f"Folder: interpolation {name}.", "interpolation", changes, "frames")
 
 
 def _projection(project: ProjectState, rung: Rung) -> RungUse:

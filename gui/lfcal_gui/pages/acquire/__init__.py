@@ -1,4 +1,4 @@
-"""Acquire: set the devices up, record a session, see at once whether it is good.
+"""Record > Rig: connect the devices, record a session, and follow its quality.
 
 - ``panel``: the picture and what stands next to it; ``setup_panel``: the live view, ``record_panel``: the session
 - ``page``, ``setup_tab``, ``record_tab``: what they do; ``_moves``: of the stage; ``_measuring``: by a few moves;
@@ -43,7 +43,7 @@ def takes(path: str) -> bool:
 
 PAGE = PageSpec(
     "acquire",
-    "Acquire",
+    "Rig",
     "Record the point source at every position",
     order=30,
     package=__name__,

@@ -1,4 +1,4 @@
-"""What the user chooses on the Acquire page. No Qt."""
+"""What the user chooses in Record > Rig. No Qt."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Acquire: set the devices up, record a session, see at once whether it is good."""
+"""Record > Rig: connect the devices, record a session, and follow its quality."""
 
 from __future__ import annotations
 

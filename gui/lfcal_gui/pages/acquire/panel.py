@@ -1,4 +1,4 @@
-"""Acquire: what the camera sees, or the session as it grows; next to it stage, devices and the recording."""
+"""Record > Rig: what the camera sees, or the session as it grows; next to it stage, devices and the recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a fitted camera changes in the project: camera, plan, and the effects of Simulate. No Qt."""
+"""What a fitted camera changes in the project: camera, plan, and the effects of Record > Compute. No Qt."""
 
 from __future__ import annotations
 
@@ -52,14 +52,14 @@ def use_of(project: ProjectState, fit: Fit) -> FitUse:
             plan = None
             words.append(f"the plan does not go with it and was dropped ({error})")
     settings = {**project.settings, "simulate": _simulate(project, fit)}
-    words.append("Simulate has the effects of the fit")
+    words.append("Record > Compute has the effects of the fit")
     if any(fit.setup.depth_errors_um) or fit.setup.stage_scale:
         words.append("depths and the stage's scale that were found are no part of a camera: the plan has its own")
     return FitUse({"camera": camera, "plan": plan, "settings": settings}, "; ".join(words) + ".")
 
 
 def _simulate(project: ProjectState, fit: Fit) -> dict[str, Any]:
-    """Return the settings of Simulate with the effects of the fit in the place of all others that act on H."""
+    """Return the settings of Record > Compute with the effects of the fit in the place of all others that act on H."""
     own = project.settings.get("simulate")
     kept: dict[str, Any] = dict(own) if isinstance(own, Mapping) else {}
     overrides = [list(one) for one in _entries(kept, "overrides") if _on_frames(one[0])]

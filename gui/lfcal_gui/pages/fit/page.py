@@ -121,7 +121,7 @@ class Page(BasePage):
                 "Nothing to fit yet.\nA few recorded positions are enough: assemble frames, or open an H file; "
                 "missing positions do not matter.",
                 {
-                    "Frames": self.lead("frames", "Make H of recorded frames"),
+                    "Folder": self.lead("frames", "Make H of recorded frames"),
                     "PSF": self.lead("psf", "Open an H that was assembled, simulated or fitted before"),
                 },
             )
@@ -174,7 +174,7 @@ class Page(BasePage):
         self.use_button.setToolTip(
             "Not while a session is being recorded: its camera stays as it is"
             if self._recording
-            else "Make the fitted camera that of this window, and its effects those of Simulate (undo takes it back)"
+            else "Make the fitted camera this window's, and its effects those of Record > Compute (undo takes it back)"
         )
         self.panel.choices.set_running(self._busy)
 

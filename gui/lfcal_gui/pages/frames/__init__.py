@@ -1,4 +1,4 @@
-"""Frames: look at them, clean them, see the cutout move with the point, assemble H."""
+"""Record > Folder: look at them, clean them, see the cutout move with the point, assemble H."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def takes(path: str) -> bool:
 
 PAGE = PageSpec(
     "frames",
-    "Frames",
+    "Folder",
     "Import frames, correct them, take their cutouts",
     order=40,
     package=__name__,

@@ -1,4 +1,4 @@
-"""Frames: how they are corrected, how their positions are found, how they are cut."""
+"""Record > Folder: how they are corrected, how their positions are found, how they are cut."""
 
 from __future__ import annotations
 

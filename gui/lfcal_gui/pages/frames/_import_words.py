@@ -14,7 +14,7 @@ BOXES = (
     ("--first", "choose above what Positions count from"),
     ("--channel", "choose a colour above"),
     ("--orientation", "choose what makes them upright above"),
-    ("--origin", "state their First pixel on the Frames page, once they are open"),
+    ("--origin", "state their First pixel in Record > Folder, once they are open"),
     ("lfcal plan", "choose the camera on the Camera page, or make the plan of the scan on the Plan page"),
 )
 """Options of the command line that messages name, and what does the same in the window."""

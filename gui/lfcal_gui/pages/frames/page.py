@@ -1,4 +1,4 @@
-"""Frames: look at them, clean them, see the cutout move with the point, assemble H."""
+"""Record > Folder: look at them, clean them, see the cutout move with the point, assemble H."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames: the frame with its cutout; what was found, position, cutout and settings on the right."""
+"""Record > Folder: the frame with its cutout; what was found, position, cutout and settings on the right."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ __all__ = ["step"]
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how H is made of the frames."""
-    frames = needed_file(project.frames, "frames", "Frames")
+    frames = needed_file(project.frames, "frames", "Folder")
     plan = needed_plan(project)
     task = task_of(FrameSettings.of(project), frames, out or "H.h5", PLAN_FILE)
     return CommandStep(words_of(task), python_of(task), ((PLAN_FILE, plan.to_json()),))

@@ -70,7 +70,7 @@ FIELDS = (
         kind="choice",
         choices=(("edges", "sharp edges"), ("smooth", "smooth"), ("image", "opened image"), ("live", "live frames")),
         tip="What is recorded; an opened grey image is taken as the recorded frame, a colour image as the scene; "
-        "live frames are those that the Acquire page shows",
+        "live frames are those that Record > Rig shows",
     ),
     Field(
         "filter",
@@ -108,7 +108,7 @@ FIELDS = (
         kind="text",
         empty="auto",
         tip="Image, or folder of images, of even light through the same lattice, which is measured in it; empty: that "
-        "of the page Frames where it is of this frame's size, else the lattice of the project's camera",
+        "of Record > Folder where it is of this frame's size, else the lattice of the project's camera",
     ),
     Field(
         "transmissions",

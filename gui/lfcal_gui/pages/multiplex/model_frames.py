@@ -70,7 +70,7 @@ def recorded(
     """Return what the sensor recorded behind the modulator; parameters as in `model_scene`."""
     if settings.scene == "live":
         if live is None:
-            raise InputError("scene: no live frame yet; switch the live view of the Acquire page on")
+            raise InputError("scene: no live frame yet; switch the live view of Record > Rig on")
         return _from_live(live[0], live[1], modulator.side, sensor)
     if settings.scene == "image":
         return _from_file(settings, modulator, sensor.black_level if settings.weighted else 0.0)

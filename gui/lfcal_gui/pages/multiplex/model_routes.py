@@ -52,7 +52,7 @@ MOST_SOLVED = 64_000_000
 """Transmissions that the general route takes here: half a gigabyte."""
 
 OF_FRAMES = "frames:"
-"""Before the path of a white image that is the page Frames': it counts for frames of its size only."""
+"""Before the path of a white image that is that of Record > Folder: it counts for frames of its size only."""
 
 Array = NDArray[Any]
 
@@ -145,7 +145,7 @@ def _sampled(scene: Array, places: Array, shape: tuple[int, ...]) -> Array:
 
 
 def white_of(project: ProjectState) -> str:
-    """Return the white image (or folder of them) whose lattice frames lie on: the page's own, else that of Frames."""
+    """Return the white image (or folder of them) whose lattice frames lie on: the page's own, else that of Folder."""
     own = MultiplexSettings.of(project).white
     frames = project.settings.get("frames")
     if own or not isinstance(frames, Mapping):

@@ -270,7 +270,7 @@ class Page(BasePage):
             return
         if live is None:
             if first:
-                self._failed("No live frame yet: switch the live view of the Acquire page on.", bad=False)
+                self._failed("No live frame yet: switch the live view of Record > Rig on.", bad=False)
             return
         self._live_busy, asked = True, self._asked
 

@@ -219,8 +219,8 @@ class Page(BasePage):
             "No PSF yet.\nAssemble frames, simulate one, or open an H file, a MATLAB v7.3 file or an .npy array.",
             {
                 "Open H …": (OPEN, self.choose_file),
-                "Frames": self.lead("frames", "Make H of recorded frames"),
-                "Simulate": self.lead("simulate", "Compute an H of the camera and plan; no recording is needed"),
+                "Folder": self.lead("frames", "Make H of recorded frames"),
+                "Compute": self.lead("simulate", "Compute an H of the camera and plan; no recording is needed"),
             },
         )
 

@@ -163,7 +163,7 @@ class Page(BasePage):
             self.show_empty(
                 "No PSF to judge yet.\nAssemble frames, or open an H file on the PSF page.",
                 {
-                    "Frames": self.lead("frames", "Make H of recorded frames"),
+                    "Folder": self.lead("frames", "Make H of recorded frames"),
                     "PSF": self.lead("psf", "Open an H that was assembled, simulated or fitted before"),
                 },
             )
@@ -289,7 +289,7 @@ class Page(BasePage):
 
     # -- doing -----------------------------------------------------------------------------------------
     def redo(self) -> None:
-        """Record the bad positions again on page Acquire, which also makes and judges the new H."""
+        """Record the bad positions again in Record > Rig, which also makes and judges the new H."""
         if self.inspection is not None:
             self.context.project.update("positions to record again", redo=worst_positions(self.inspection))
             self.context.go.emit("acquire", "redo")

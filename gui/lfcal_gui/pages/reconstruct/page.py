@@ -113,7 +113,7 @@ class Page(BasePage):
                 "A reconstruction needs an H: assemble one, simulate one, or open one on the PSF page.",
                 {
                     "PSF": self.lead("psf", "Open an H that was assembled, simulated or fitted before"),
-                    "Simulate": self.lead("simulate", "Compute an H of the camera and plan; no recording is needed"),
+                    "Compute": self.lead("simulate", "Compute an H of the camera and plan; no recording is needed"),
                 },
             )
             return

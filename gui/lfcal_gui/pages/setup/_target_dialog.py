@@ -128,4 +128,4 @@ class TargetDialog(QDialog):
         if path and write_file(self, path, lambda part: part.write_text(text, encoding="utf-8")):
             title = f"Save target plan {Path(path).name}"
             self.context.history.add(self.context.taken("setup", title, step=lambda: target_step(state, path)))
-            self.context.message.emit(f"target plan saved as {path}: record it on page Acquire, by Target …")
+            self.context.message.emit(f"target plan saved as {path}: record it in Record > Rig, by Target …")

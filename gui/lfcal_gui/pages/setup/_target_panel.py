@@ -98,7 +98,7 @@ class TargetPanel(QWidget):
         self.stop_button = _button("Stop", "Look no longer: nothing is planned then", self.stop_asked)
         self.save_button = _button(
             "Save target plan …",
-            "Write where the target goes in each frame (.json): page Acquire records it, by Target …",
+            "Write where the target goes in each frame (.json): Record > Rig records it, by Target …",
             self.save_asked,
         )
         self.costs = QLabel()

@@ -390,7 +390,7 @@ class Page(BasePage):
             self.context.history.add(
                 self.context.taken("setup", f"Save plan {Path(path).name}", path, lambda: scan_step(state, path))
             )
-            chosen = "" if half is None else f", and {list_beside(path).name} for Positions on page Acquire"
+            chosen = "" if half is None else f", and {list_beside(path).name} for Positions in Record > Rig"
             self.context.message.emit(f"plan saved as {path}{chosen}")
 
 

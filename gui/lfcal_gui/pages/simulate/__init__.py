@@ -1,4 +1,4 @@
-"""Simulate: only the effects the scene calls for, and what accuracy costs in time."""
+"""Record > Compute: compute H with the effects that it needs, and show what accuracy costs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def state(project: ProjectState) -> PageState:
 
 PAGE = PageSpec(
     "simulate",
-    "Simulate",
+    "Compute",
     "Compute the PSF of the described camera",
     order=70,
     package=__name__,

@@ -1,4 +1,4 @@
-"""The Simulate page: what the user chose and gave, and previews of single positions. No Qt."""
+"""Record > Compute: what the user chose and gave, and previews of single positions. No Qt."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulate: only the effects the scene calls for, and what accuracy costs in time."""
+"""Record > Compute: compute H with the effects that it needs, and show what accuracy costs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulate: what accuracy costs, pictures of one position, and the settings and effects at the right."""
+"""Record > Compute: what accuracy costs, pictures of one position, and the settings and effects at the right."""
 
 from __future__ import annotations
 

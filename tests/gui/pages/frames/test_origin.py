@@ -1,4 +1,4 @@
-"""The Frames page takes frames that are a part of the sensor once their place is stated."""
+"""Record > Folder takes frames that are a part of the sensor once their place is stated."""
 
 from __future__ import annotations
 

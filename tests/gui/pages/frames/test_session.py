@@ -12,7 +12,7 @@ PLAN = small_plan((3, 4), 2)
 
 
 def test_the_white_image_of_a_session_is_found(tmp_path: Path) -> None:
-    """The page Acquire writes them there; Frames took the session without them."""
+    """Record > Rig writes them there; Frames took the session without them."""
     record(tmp_path, PLAN, rig_for(PLAN), CAREFUL)
     plain = import_folder(str(tmp_path), FrameSettings(), None)
     assert (plain.settings.white, plain.settings.dark) == ("", "")

@@ -334,7 +334,7 @@ def test_the_lattice_is_measured_where_the_project_has_a_white_image(tmp_path: P
     assert "lattice measured in white" in found.words
     wanted = demultiplex_lattice(frame, fit_lattice(white), mask("MURA", 5))
     np.testing.assert_allclose(found.spatial.samples, wanted, atol=1e-4)
-    # of another size it is no white image of this frame: that of Frames is left out, the page's own refused
+    # of another size it is no white image of this frame: that of Record > Folder is left out, the page's own refused
     small = replace(measured, image=saved(tmp_path, small=frame[:300])["small"])
     with pytest.raises(InputError, match="project's camera"):
         drain(iter_reconstruct(small, camera.sensor, camera=camera))

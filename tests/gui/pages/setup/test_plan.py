@@ -63,7 +63,7 @@ def test_a_half_cell_scan_is_shown_and_saved_with_its_positions(
     page.save_plan(str(tmp_path / "plan.json"))
     assert ScanPlan.from_json((tmp_path / "plan.json").read_text()) == plan
     assert len(RedoList.read(tmp_path / "plan_positions.json").positions) == 36
-    assert "plan_positions.json for Positions on page Acquire" in said[-1]
+    assert "plan_positions.json for Positions in Record > Rig" in said[-1]
     odd = ScanPlan.for_camera(camera_of((7.0, 12.0), 1), virtual_depths=(3.0,), cutout=31)
     window.project.update("camera", camera=odd.camera, plan=odd)
     assert (
