@@ -39,6 +39,9 @@ GATHER_MS, JUDGE_MS = 40, 1500
 ELSEWHERE_S = 10.0
 """For how long after a click another page stays in view when H is made."""
 
+MAKING = {"acquire", "frames"}
+"""Pages whose jobs make H; what they make is shown."""
+
 SESSION = "session counts"
 
 
@@ -83,7 +86,7 @@ class Leading(QObject):
         self._window, self._page, self._shown = window, page, shown
         self._tried: Stamp | None = None
         self._judging = 0
-        self._pressed = -ELSEWHERE_S
+        self._pressed, self._watching = -ELSEWHERE_S, False
         self._gathering, self._judge = QTimer(self), QTimer(self)
         for timer, ms, action in (
             (self._gathering, GATHER_MS, self.gather),
@@ -97,13 +100,11 @@ class Leading(QObject):
         context.state_changed.connect(self._follow)
         context.told_changed.connect(self.look)
         context.jobs.changed.connect(lambda _: self.look())
+        context.jobs.changed.connect(lambda _: self._watch())
         context.jobs.finished.connect(self._finished)
         context.jobs.queued.connect(self._give_way)
         context.matrices.changed.connect(lambda _: self.look())
         context.made.connect(self._show_made)
-        app = QApplication.instance()
-        if app is not None:
-            app.installEventFilter(self)
 
     # -- gathering -------------------------------------------------------------------------------------
     def look(self) -> None:
@@ -215,8 +216,19 @@ class Leading(QObject):
         if place == "record" or time.monotonic() - self._pressed > ELSEWHERE_S:
             self.context.go.emit(page, payload)
 
+    def _watch(self) -> None:
+        """Follow clicks and keys while H is being made.
+
+        A filter of the application is called for each of the tens of thousands of events that a page sends while it is
+        built, so there is none at other times.
+        """
+        making = not MAKING.isdisjoint(self.context.jobs.running_pages())
+        if making != self._watching and (app := QApplication.instance()) is not None:
+            self._watching, self._pressed = making, -ELSEWHERE_S if making else self._pressed
+            (app.installEventFilter if making else app.removeEventFilter)(self)
+
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Notice clicks and keys in the window."""
+        """Note when the window was last clicked or typed in."""
         if event.type() in (QEvent.Type.MouseButtonPress, QEvent.Type.KeyPress) and isinstance(watched, QWidget):
             if watched.window() is self._window:
                 self._pressed = time.monotonic()

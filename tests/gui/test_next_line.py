@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QFileDialog, QPushButton
 from pytestqt.qtbot import QtBot
 
+from lfcal.base.progress import Progress
 from lfcal.base.sample import sample_session
 from lfcal_gui._next_line import HELD_S, NextLine
 from lfcal_gui.models import Step
@@ -170,3 +172,25 @@ def test_a_step_that_was_left_out_stays_so_in_the_project(window: MainWindow, qt
     QTest.keyClick(window, Qt.Key.Key_Return, Qt.KeyboardModifier.ControlModifier)
     leads_to(window, qtbot, "Connect camera and stage")
     assert window.context.state.plan is not None and "setup.white" in window.context.state.settings["declined"]
+
+
+@pytest.mark.parametrize("clicked", [False, True])
+def test_h_is_shown_when_it_is_made_unless_one_works_elsewhere(
+    window: MainWindow, qtbot: QtBot, clicked: bool
+) -> None:
+    begun, end = threading.Event(), threading.Event()
+
+    def work() -> Any:
+        yield Progress(0, 1)
+        begun.set()
+        end.wait(GUARD_MS / 1e3)
+        return None
+
+    window.go("setup")
+    window.jobs.start("Assemble", "frames", work, lambda _: window.context.made.emit("psf", None))
+    qtbot.waitUntil(begun.is_set, timeout=GUARD_MS)
+    if clicked:
+        QTest.mouseClick(window.shown, Qt.MouseButton.LeftButton)
+    end.set()
+    idle(window.jobs, qtbot)
+    assert (window.shown.spec.key == "setup") == clicked
