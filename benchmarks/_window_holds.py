@@ -111,11 +111,12 @@ def visit_all(folder: Path) -> dict[str, float]:
     """Return the longest hold (ms) of the first look at each page of a new window."""
     from PySide6.QtWidgets import QApplication
 
-    from lfcal_gui.app import make_window, parse
+    from lfcal_gui.app import begin, make_window, parse
 
-    app = QApplication(["lfcal"])
-    window = make_window(app, parse([]), folder=folder)
+    app, options = QApplication(["lfcal"]), parse([])
+    window = make_window(app, options, folder=folder)
     window.show()
+    begin(window, options)
     held = LongestTurn(app, lambda: window.jobs.busy)
     held.do("", lambda: None)
     for spec in window.specs:

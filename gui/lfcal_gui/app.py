@@ -110,6 +110,7 @@ def begin(window: MainWindow, options: argparse.Namespace) -> None:
     window.files.begin(options.project)
     if options.project is None:
         (window.tools.sample if options.demo else window.tools.begin)()
+    window.import_pages()
 
 
 def safe_now(window: MainWindow) -> Sequence[str]:

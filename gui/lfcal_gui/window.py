@@ -178,6 +178,10 @@ class MainWindow(QMainWindow):
             self.layouts.restore(key, made)
         return self._pages[key]
 
+    def import_pages(self) -> None:
+        """Import the pages in the background, so that the first look at one only builds its widgets."""
+        self.jobs.load("pages", lambda: [page_class(spec) for spec in self.specs], lambda _: None)
+
     def go_place(self, place: str) -> None:
         """Show a place as it was left."""
         views = self.views(place)
