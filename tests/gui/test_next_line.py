@@ -175,9 +175,7 @@ def test_a_step_that_was_left_out_stays_so_in_the_project(window: MainWindow, qt
 
 
 @pytest.mark.parametrize("clicked", [False, True])
-def test_h_is_shown_when_it_is_made_unless_one_works_elsewhere(
-    window: MainWindow, qtbot: QtBot, clicked: bool
-) -> None:
+def test_h_is_shown_when_it_is_made_unless_one_works_elsewhere(window: MainWindow, qtbot: QtBot, clicked: bool) -> None:
     begun, end = threading.Event(), threading.Event()
 
     def work() -> Any:
