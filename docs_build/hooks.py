@@ -24,6 +24,8 @@ BESIDE = {
     "CHANGELOG.md": "changelog.md",
     "LICENSE": "licence.md",
     "sample_data/README.md": "sample_data.md",
+    "tests/hard_cases/TABLE.md": "hard_cases.md",
+    "tests/mutants/TABLE.md": "mutants.md",
     "lfcal/psf/schema/lfcal-psf-2.schema.json": "lfcal-psf-2.schema.json",
     "lfcal/psf/schema/lfcal-psf-4.schema.json": "lfcal-psf-4.schema.json",
 }

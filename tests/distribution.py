@@ -15,14 +15,23 @@ import pytest
 DOCS = Path(__file__).parents[1] / "docs"
 
 
-def code_of(page: str) -> list[str]:
-    """Return the Python blocks of a page of the documentation."""
-    return re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(encoding="utf-8"), re.DOTALL)
+def text_of(page: str, section: str = "") -> str:
+    """Return a page of the documentation, or its section (``## section``)."""
+    text = (DOCS / page).read_text(encoding="utf-8")
+    if not section:
+        return text
+    (found,) = (part for part in re.split(r"(?m)^## ", text)[1:] if part.startswith(f"{section}\n"))
+    return found
 
 
-def names_of(page: str) -> dict[str, Any]:
-    """Return the names that the only Python block of a page makes, run as it stands."""
-    (block,) = code_of(page)
+def code_of(page: str, section: str = "") -> list[str]:
+    """Return the Python blocks of a page of the documentation, or of its section (``## section``)."""
+    return re.findall(r"```python\n(.*?)```", text_of(page, section), re.DOTALL)
+
+
+def names_of(page: str, section: str = "") -> dict[str, Any]:
+    """Return the names that the only Python block of a page or section makes."""
+    (block,) = code_of(page, section)
     names: dict[str, Any] = {}
     exec(block, names)
     return names

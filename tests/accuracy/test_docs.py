@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from lfcal.accuracy import PLACES, Subject, measure_curve
 from lfcal.psf import PSFMatrix
+from tests.distribution import names_of
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 def test_the_place_of_the_documentation_measures() -> None:
-    text = (DOCS / "adding_a_place.md").read_text(encoding="utf-8")
-    names: dict[str, Any] = {}
-    exec(re.findall(r"```python\n(.*?)```", text, re.S)[0], names)
+    names = names_of("extending.md", "A place of accuracy")
     H = PSFMatrix(np.random.default_rng(0).random((1, 6, 6, 3, 3)).astype(np.float32))
     curve = measure_curve(names["MEAN_LIGHT"], Subject.of_matrix(H, "H"), 10)
     assert curve.stopped == "" and len(curve.rungs) == 5

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,12 +10,11 @@ from lfcal.acquire.session import record
 from lfcal.devices.protocols import CameraDevice, StageDevice
 from lfcal.devices.registry import Backend
 from tests.acquire.rigs import CAREFUL, frames_of, small_plan
-
-PAGE = Path(__file__).parents[2] / "docs" / "adding_a_device.md"
+from tests.distribution import code_of
 
 
 def test_the_documented_backend_works(tmp_path: Path) -> None:
-    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    blocks = code_of("extending.md", "A device")
     assert len(blocks) == 1
     lines = [line for line in blocks[0].splitlines() if line.strip()]
     assert len(lines) <= 40

@@ -7,16 +7,16 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-import pytest
 import yaml
 
 import lfcal
 from docs_build.screens import SCENES, SHOWN
 from lfcal.accuracy import PLACES
+from tests.distribution import code_of
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-MADE = {"changelog.md", "licence.md", "sample_data.md"}
+MADE = {"changelog.md", "licence.md", "sample_data.md", "hard_cases.md", "mutants.md"}
 """Pages that are made of other files while the site is built."""
 
 
@@ -75,7 +75,7 @@ def test_what_the_commands_of_the_pages_install_is_there() -> None:
 
 
 def test_the_map_names_every_package() -> None:
-    text = (DOCS / "map.md").read_text(encoding="utf-8")
+    text = (DOCS / "contributing.md").read_text(encoding="utf-8")
     packages = {path.parent.name for path in (ROOT / "lfcal").glob("*/__init__.py")}
     assert not {name for name in packages if f" {name}/" not in text}
 
@@ -90,10 +90,9 @@ def test_the_projection_formula_says_where_voxels_and_pixels_count_from() -> Non
     assert not without
 
 
-@pytest.mark.parametrize("page", sorted(path.name for path in DOCS.glob("adding_a*.md")))
-def test_modules_that_pages_show_say_what_they_are(page: str) -> None:
-    """As the tests of the architecture ask of every module of lfcal and its window."""
-    blocks = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(encoding="utf-8"), re.DOTALL)
-    modules = [block for block in blocks if re.search(r"^(def|class) ", block, re.MULTILINE)]
-    # a backend is a package of its own, to which they do not apply
-    assert modules and (page == "adding_a_device.md" or all(block.startswith('"""') for block in modules))
+def test_modules_of_parts_that_are_shown_have_docstrings() -> None:
+    """As the tests of the architecture require of every module of lfcal."""
+    for section in ("A frame format", "An effect", "A quality metric", "A fault", "A solver", "A page of the window"):
+        blocks = code_of("extending.md", section)
+        modules = [block for block in blocks if re.search(r"^(def|class) ", block, re.MULTILINE)]
+        assert modules and all(block.startswith('"""') for block in modules), section

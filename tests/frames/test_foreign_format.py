@@ -26,7 +26,7 @@ def frames() -> np.ndarray:
 def test_the_documented_format_reads_frames(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, frames: np.ndarray
 ) -> None:
-    (block,) = code_of("adding_a_format.md")
+    (block,) = code_of("extending.md", "A frame format")
     install(monkeypatch, tmp_path, "lab_formats", block, {"lfcal.formats": "flat = lab_formats:FORMAT"})
     fresh: Registry = Registry(
         "image format", "lfcal.frames.formats", "FORMAT", "lfcal.formats", order=lambda f: (f.rank, f.name)
@@ -48,7 +48,7 @@ def test_the_documented_format_reads_frames(
 def test_open_frames_finds_it_in_an_installed_package(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, frames: np.ndarray
 ) -> None:
-    (block,) = code_of("adding_a_format.md")
+    (block,) = code_of("extending.md", "A frame format")
     install(monkeypatch, tmp_path, "lab_formats", block, {"lfcal.formats": "flat = lab_formats:FORMAT"})
     path = flat(tmp_path / "run.flat", frames)
     code = (

@@ -19,15 +19,14 @@ from lfcal_gui.base_page import page_class
 from lfcal_gui.models.page import PageSpec, PageState, available_pages, page_registry
 from lfcal_gui.models.project import Project
 from lfcal_gui.window import MainWindow
+from tests.distribution import text_of
 from tests.gui.waiting import GUARD_MS, idle
-
-DOCUMENT = Path(__file__).parents[2] / "docs" / "adding_a_page.md"
 
 
 @pytest.fixture
 def pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[PageSpec, ...]]:
     """Write the four files as the document names them; find the page by its entry point."""
-    text = DOCUMENT.read_text(encoding="utf-8")
+    text = text_of("extending.md", "A page of the window")
     blocks = re.findall(r"`(notes/\w+\.py)`.*?```python\n(.*?)```", text, re.DOTALL)
     assert [name for name, _ in blocks] == [f"notes/{name}.py" for name in ("__init__", "model", "panel", "page")]
     for name, code in blocks:

@@ -1,4 +1,4 @@
-"""Write docs/hard_cases.md from the hard cases' own figures: ``python -m tests.hard_cases.table``."""
+"""Measure the hard cases and write their table, TABLE.md: ``python -m tests.hard_cases.table``."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from tests.hard_cases.record import HardCase, load_cases
 
 __all__ = ["PAGE", "page", "row"]
 
-PAGE = Path(__file__).parents[2] / "docs" / "hard_cases.md"
+PAGE = Path(__file__).with_name("TABLE.md")
 HEAD = """# Hard cases
 
-Each line is a test in `tests/hard_cases/`. The figure is what the test measured when this page was written by
-`python -m tests.hard_cases.table`; the test fails where the figure exceeds the bound. For each line
-`tests/hard_cases/mutants.py` has the naive form: put in the place of the code it makes the figure exceed the bound.
+Each line is a test in `tests/hard_cases/`. The test fails if the figure exceeds the bound.
+`python -m tests.hard_cases.table` measured the figures and wrote this page. `tests/hard_cases/mutants.py` has the
+simple code of each line, whose figure exceeds the bound.
 """
 COLUMNS = ("case", "what would go wrong", "what is measured", "figure", "bound")
 
@@ -24,7 +24,7 @@ def row(case: HardCase, figure: float) -> str:
 
 
 def page(cases: dict[str, HardCase]) -> str:
-    """Return the page, every figure measured anew."""
+    """Return the page, every figure measured again."""
     parts = [HEAD]
     for module in sorted({case.module for case in cases.values()}):
         own = [case for case in cases.values() if case.module == module]

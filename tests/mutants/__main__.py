@@ -21,7 +21,7 @@ def main() -> int:
     parser.add_argument("--list", action="store_true", help="only show them")
     parser.add_argument("--again", metavar="TEXT", help="judge those anew whose name contains this")
     parser.add_argument("--place", type=Path, default=ROOT / "build" / "mutants", help="where the copy lives")
-    parser.add_argument("--page", type=Path, default=ROOT / "docs" / "mutants.md")
+    parser.add_argument("--page", type=Path, default=ROOT / "tests" / "mutants" / "TABLE.md")
     options = parser.parse_args()
     mutants = choose(options.count, options.seed)
     if options.list:

@@ -37,21 +37,18 @@ def page(verdicts: Sequence[tuple[Mutant, Verdict]], seed: int, judged: Mapping[
     )
     return f"""# Mutants
 
-Would the tests see a mistake? One small mistake at a time is put into a copy of the sources, and the tests that mirror
-its file (`tests/psf/test_cutout.py` for `lfcal/psf/cutout.py`) are run, the long ones too if the quick ones see
-nothing; no other test counts. Files and places are drawn with a seed, packages and kinds of mistakes take turns. What
-survives and could be seen is a missing test: it is written, and the mutant judged again. An edit of the sources may
-draw others. So the figure below is one of tests that mutants have asked for: of 60 drawn anew, 41, 42 and 43 were
-killed at first (seeds 2, 1 and 3), and 56, 58 and 56 after their turn.
+Do the tests detect a mistake? One small mistake at a time is put into a copy of the sources. Then the tests of
+that file run (`tests/psf/test_cutout.py` for `lfcal/psf/cutout.py`), and the long ones if the quick ones pass. A
+mutant that survives shows a missing test. Of 60 new mutants, 41, 42 and 43 were killed at first (seeds 2, 1 and 3).
+After the missing tests were written, 56, 58 and 56 were killed.
 
 ```sh
-python -m tests.mutants                      # {len(verdicts)} mutants of seed {seed}; goes on where it was stopped
+python -m tests.mutants                      # {len(verdicts)} mutants of seed {seed}; resumes where it stopped
 python -m tests.mutants --seed 2 --list      # others
 ```
 
-**{killed} of {len(verdicts)} are killed ({100 * killed / max(1, len(verdicts)):.0f} %)**, {counted["hangs"]} of them by
-hanging; of the {counted["survived"]} that survive {equal} cannot be told from the original by any test, for the reason
-given.
+**{killed} of {len(verdicts)} are killed ({100 * killed / max(1, len(verdicts)):.0f} %)**, {counted["hangs"]} of them
+because the test hangs. {counted["survived"]} survive. No test can detect {equal} of these, for the reason given.
 
 | place | kind | mistake | what became of it |
 | --- | --- | --- | --- |

@@ -16,7 +16,7 @@ from lfcal.reconstruct.solvers.solver import OPTIONS, Solver, SolverRun
 from tests.distribution import code_of, in_a_new_process, install
 from tests.reconstruct.oracles import dense, lenslet_psf
 
-PAGE = code_of("adding_a_solver.md")
+PAGE = code_of("extending.md", "A solver")
 
 
 @pytest.fixture
@@ -56,7 +56,7 @@ def test_the_documented_solver_minimises_squares(foreign):
     for _ in range(200):
         g = np.maximum(g + step * A.T @ (image.ravel() - 2.0 - A @ g), 0)
     names = {"P": P, "image": image, "reconstruct": reconstruct, "SolverChoice": SolverChoice}
-    exec(PAGE[1], names)  # the page's second block, as it stands
+    exec(PAGE[1], names)  # the section's second block
     result = names["result"]
     assert np.allclose(result.volume.ravel(), g, rtol=1e-10)
     assert result.history[-1].residual < 0.1 * result.history[0].residual and len(result.history) == 200

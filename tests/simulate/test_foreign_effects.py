@@ -21,7 +21,7 @@ from lfcal.simulate.staging import outlook_of
 from tests.distribution import code_of, in_a_new_process, install
 from tests.simulate.common import BASE, FAST, difference, responses, small_camera, small_plan
 
-PAGE = code_of("adding_an_effect.md")
+PAGE = code_of("extending.md", "An effect")
 Install = Callable[[str, str], None]
 
 

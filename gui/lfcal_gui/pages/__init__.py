@@ -5,5 +5,5 @@
 - ``panel``: the widgets; they show display records and emit what the user asked for
 - ``model``, ``model_*``: pure functions and frozen records; no Qt
 
-`lfcal_gui.models.page.PAGES` finds them; docs/adding_a_page.md shows a complete one.
+`lfcal_gui.models.page.PAGES` finds them; docs/extending.md shows a complete one.
 """

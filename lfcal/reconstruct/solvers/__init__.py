@@ -1,4 +1,4 @@
-"""Solvers, found by registry; other distributions bring theirs (``docs/adding_a_solver.md``).
+"""Solvers, found by registry; other distributions bring theirs (``docs/extending.md``).
 
 - ``choice``: all solvers by name; ``solver``: what one is; ``records``: what it reports
 - ``multiplicative`` (Richardson-Lucy alone, with a penalty, extrapolated), ``ordered_subsets`` (of pixels, of views),

@@ -1,7 +1,7 @@
 """Physical effects as objects: an ideal camera is the empty tuple.
 
 An effect is one class in one module, which names it in its ``EFFECTS``; other distributions bring theirs through the
-entry point group ``lfcal.effects`` (``docs/adding_an_effect.md``).
+entry point group ``lfcal.effects`` (``docs/extending.md``).
 
 - ``base``: what every effect is
 - ``outlook``: the a-priori numbers all estimates are built from

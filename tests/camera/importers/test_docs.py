@@ -1,20 +1,17 @@
-"""The example of a format in ``docs/camera.md`` is one."""
+"""The documented camera format works, and the page lists all formats."""
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
-from typing import Any
 
 from lfcal.camera import CAMERA_FORMATS, ImportOptions
+from tests.distribution import names_of
 
 PAGE = Path(__file__).parents[3] / "docs/camera.md"
 
 
 def test_a_format_of_your_own() -> None:
-    text = PAGE.read_text(encoding="utf-8")
-    found: dict[str, Any] = {}
-    exec(re.search(r"```python\n(.*?)```", text, re.DOTALL)[1], found)  # type: ignore[index]
+    found = names_of("extending.md", "A camera format")
     form, note = found["FORMAT"], "# lab camera\npitch = 125\n"
     assert form.recognises(note)
     imported = form.read(note, Path("x.lab"), ImportOptions({"optics.magnification": 40.0}))
