@@ -1,11 +1,11 @@
-"""H for other programs: ``.h5``, MATLAB ``.mat``, ``.npy``, TIFF stacks."""
+"""H for other programs: ``.h5``, MATLAB ``.mat``, ``.npy``, ``.npz``, TIFF stacks."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -28,7 +28,9 @@ from lfcal.base.h5 import H5File, new_h5
 from lfcal.psf._chunk_codec import copy_plane
 from lfcal.psf._matlab import MatOptions, create_mat_data, iter_write_mat, mat_notes, mat_plane, mat_written
 from lfcal.psf._tiff_export import iter_write_tiff, tiff_files
+from lfcal.psf.codes import Code, code_of, iter_write_npz, refused_by
 from lfcal.psf.layout import Stored
+from lfcal.psf.lens_centre import lens_centre_of
 from lfcal.psf.light import empty_positions, empty_words
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.saving import MatrixPlanes, iter_save, open_planes
@@ -84,7 +86,12 @@ class ExportOptions:
     position
         TIFF: position (y, x) of which a stack over depth is written, instead of every position.
     allow_missing
-        ``.mat``, ``.npy``, TIFF: write zeros where a position was never recorded, which these formats cannot mark.
+        ``.mat``, ``.npy``, ``.npz``, TIFF: write zeros where a position was never recorded, which these formats cannot
+        mark.
+    code
+        Code that reads the file, one of `lfcal.psf.codes.CODES`; it states order, centring and names of variables.
+    quality
+        ``.mat``, ``.npz``, TIFF: word for the quality of H, written into the file.
     """
 
     compress: bool | None = None
@@ -95,6 +102,8 @@ class ExportOptions:
     interpolation: str | None = None
     position: tuple[int, int] | None = None
     allow_missing: bool | None = None
+    code: str | None = None
+    quality: str | None = None
 
     def given(self) -> dict[str, Any]:
         """Return what was said, by name."""
@@ -105,7 +114,23 @@ class ExportOptions:
     def mat(self) -> MatOptions:
         """What of it concerns a ``.mat`` file."""
         names = {entry.name for entry in fields(MatOptions)}
-        return MatOptions(**{name: value for name, value in self.given().items() if name in names})
+        known = {name: value for name, value in self.given().items() if name in names}
+        return MatOptions(**known, cells=self.code == "olaf")
+
+    @property
+    def reader(self) -> Code | None:
+        """The code that reads the file, where one is named."""
+        return None if self.code is None else code_of(self.code)
+
+    def for_code(self, matrix: PSFMatrix) -> ExportOptions:
+        """Return the options with what the code that reads the file needs."""
+        code = self.reader
+        if code is None:
+            return self
+        if code.suffix == ".mat":
+            centred = lens_centre_of(matrix) is not None
+            return replace(self, rows_first=True, lens_centred=centred)
+        return replace(self, position=self.position or (0, 0)) if not code.one_lens else self
 
 
 def _write_h5(
@@ -118,7 +143,21 @@ def _write_h5(
 def _write_mat(
     matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions, run: RunChoice | None
 ) -> Work[Path]:
-    return iter_write_mat(matrix, path, options.mat) if run is None else _iter_units(matrix, Path(path), options, run)
+    if run is None or options.mat.cells:  # cells are too many for files of units
+        return iter_write_mat(matrix, path, options.mat)
+    return _iter_units(matrix, Path(path), options, run)
+
+
+def _write_npz(
+    matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions, run: RunChoice | None
+) -> Work[Path]:
+    return iter_write_npz(
+        matrix,
+        Path(path),
+        include_transpose=options.include_transpose is not False,
+        compress=options.compress is not False,
+        quality=options.quality or "",
+    )
 
 
 def _write_npy(
@@ -131,7 +170,7 @@ def _write_tiff(
     matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions, run: RunChoice | None
 ) -> Work[Path]:
     # without units: a TIFF of several planes is one file for each already, or small
-    return iter_write_tiff(matrix, path, position=options.position)
+    return iter_write_tiff(matrix, path, position=options.position, quality=options.quality or "")
 
 
 class _Writer(NamedTuple):
@@ -144,11 +183,15 @@ class _Writer(NamedTuple):
 _UNMARKED = frozenset({"allow_missing"})
 """Of formats that hold nothing but values."""
 
-_TIFF = _Writer(_write_tiff, frozenset({"position"}) | _UNMARKED)
+_CODED = _UNMARKED | {"code", "quality"}
+"""Of formats that another code reads."""
+
+_TIFF = _Writer(_write_tiff, frozenset({"position"}) | _CODED)
 WRITERS = {
     ".h5": _Writer(_write_h5, frozenset({"compress", "dtype"})),
-    ".mat": _Writer(_write_mat, frozenset(entry.name for entry in fields(MatOptions)) | _UNMARKED),
+    ".mat": _Writer(_write_mat, frozenset(entry.name for entry in fields(MatOptions)) - {"cells"} | _CODED),
     ".npy": _Writer(_write_npy, _UNMARKED),
+    ".npz": _Writer(_write_npz, frozenset({"include_transpose", "compress"}) | _CODED),
     ".tif": _TIFF,
     ".tiff": _TIFF,
 }
@@ -168,8 +211,10 @@ def export_notes(matrix: PSFMatrix, path: str | os.PathLike[str], options: Expor
 
     Missing positions, and conventions of the codes that read ``.mat`` files.
     """
-    suffix = Path(path).suffix.lower()
-    notes = mat_notes(matrix, options.mat) if suffix == ".mat" else ()
+    suffix, code = Path(path).suffix.lower(), options.reader
+    notes = mat_notes(matrix, options.for_code(matrix).mat) if suffix in (".mat", ".npz") else ()
+    if code is not None and code.use:
+        notes = (*notes, code.use)
     words = empty_words(matrix) if _exports_empty(matrix, options) else ""
     if not words:
         return notes
@@ -197,20 +242,24 @@ def iter_export(
     interpolation: str | None = None,
     position: tuple[int, int] | None = None,
     allow_missing: bool | None = None,
+    code: str | None = None,
+    quality: str | None = None,
     run: RunChoice | None = None,
 ) -> Work[Path]:
     """Write ``matrix`` in the format of the suffix.
 
-    ``.h5`` H file, ``.mat`` MATLAB v7.3 (H, Ht, Nnum, CAindex, x3objspace, anchor, lensCentre), ``.npy``, ``.tif``
-    hyperstacks. For the options see `ExportOptions`; what readers of the file take otherwise, `export_notes` says.
-    With ``run``, a matrix that was opened from a file is written in units of a plane, by whom and after which earlier
-    run that says: planes that are done stay for the next run. TIFF has no units.
+    ``.h5`` H file, ``.mat`` MATLAB v7.3 (H, Ht, Nnum, CAindex, x3objspace, anchor, lensCentre), ``.npy``, ``.npz`` (H,
+    Ht), ``.tif`` hyperstacks. With ``code`` the file is what that code reads. For the options see `ExportOptions`; what
+    readers of the file take otherwise, `export_notes` says. With ``run``, a matrix that was opened from a file is
+    written in units of a plane, by whom and after which earlier run that says: planes that are done stay for the next
+    run. TIFF has no units.
 
     Raises
     ------
     InputError
-        For an unknown suffix, or an option that its format does not use; or for missing positions that its format
-        cannot mark, without ``allow_missing``. With a ``run`` where the matrix has no file.
+        For an unknown suffix, or an option that its format does not use; for missing positions that its format cannot
+        mark, without ``allow_missing``; or for an H that ``code`` cannot use. With a ``run`` where the matrix has no
+        file.
     StorageError
         If the file cannot be written; with a ``run`` as `lfcal.work.iter_made`.
 
@@ -224,10 +273,19 @@ def iter_export(
     write npy file 2 of 2
     """
     options = ExportOptions(
-        compress, dtype, include_transpose, rows_first, lens_centred, interpolation, position, allow_missing
+        compress,
+        dtype,
+        include_transpose,
+        rows_first,
+        lens_centred,
+        interpolation,
+        position,
+        allow_missing,
+        code,
+        quality,
     )
     suffix = check_export(matrix, path, options)
-    return WRITERS[suffix].write(matrix, path, options, run)
+    return WRITERS[suffix].write(matrix, path, options.for_code(matrix), run)
 
 
 export = drained(
@@ -254,6 +312,15 @@ def check_export(matrix: PSFMatrix, path: str | os.PathLike[str], options: Expor
         if name not in WRITERS[suffix].uses:
             used = ", ".join(sorted(WRITERS[suffix].uses)) or "none"
             raise InputError.expected(f"options of {suffix} files", used, name, "leave it out")
+    code = options.reader
+    if suffix == ".npz" and code is None:
+        raise InputError.expected("code of an .npz file", "pyolaf", "none", "name it (--for), or write .npy")
+    if code is not None:
+        if suffix != code.suffix:
+            raise InputError.expected(f"file for {code.title}", code.suffix, suffix, "name the file so")
+        problem = refused_by(code, matrix, options.position)
+        if problem is not None:
+            raise problem
     check_missing(matrix, suffix, options)
     check_other_file(matrix.path, path)
     return suffix

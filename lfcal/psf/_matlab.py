@@ -20,6 +20,7 @@ from lfcal.base import Clock, InputError, Work, require_space
 from lfcal.base.h5 import new_h5
 from lfcal.psf._rearranged import PlacedPlanes
 from lfcal.psf._transpose import depth_sum
+from lfcal.psf.codes import write_cells
 from lfcal.psf.lens_centre import first_pixel, lens_centre_of, lens_centred, sampling
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.store import store_plane
@@ -95,6 +96,10 @@ class MatOptions:
         Roll the positions so that a micro-image centre falls on pixel ceil(Nnum/2) of the period.
     interpolation
         With ``lens_centred``: how patterns are moved by what whole pixels leave; ``"nearest"`` leaves it.
+    cells
+        Store ``H{y,x,z}(t, s)``, a cell array of patterns, as oLaF does.
+    quality
+        Word for the quality of H, written as the variable ``quality``; empty: none.
     """
 
     include_transpose: bool = True
@@ -102,6 +107,8 @@ class MatOptions:
     compress: bool = True
     lens_centred: bool = False
     interpolation: str = "nearest"
+    cells: bool = False
+    quality: str = ""
 
 
 StoreMatPlane = Callable[[str, int, Any], tuple[int, int]]
@@ -158,6 +165,11 @@ def iter_write_mat(
     with new_h5(target, header=mat_header(), libver=("earliest", "v110")) as file:
         done, crops = 0, []
         for name in ("H", "Ht")[:copies]:
+            if options.cells:
+                for planes in write_cells(file, name, written if name == "H" else written.T, compress=options.compress):
+                    yield clock.at(done + planes)
+                done += len(written)
+                continue
             data = create_mat_data(file, name, written, options)
             for z in range(len(written)):
                 crop = store(name, z, data)
@@ -165,7 +177,9 @@ def iter_write_mat(
                     crops.append(crop)
                 done += 1
                 yield clock.at(done)
-        _write_small(file, {**small, "CAindex": np.array(crops, np.float64).T})  # MATLAB sees (nz, 2)
+        if crops:
+            small["CAindex"] = np.array(crops, np.float64).T  # MATLAB sees (nz, 2)
+        _write_small(file, small)
     return target
 
 
@@ -219,6 +233,7 @@ def _small(matrix: PSFMatrix, options: MatOptions) -> dict[str, NDArray[np.float
         "cutout": _pair(matrix.cutout, options),
         **({"x3objspace": (matrix.depths * 1e-6)[:, None]} if matrix.knows_depths else {}),
         "axisOrder": ROWS_FIRST if options.rows_first else COLUMNS_FIRST,
+        **({"quality": options.quality} if options.quality else {}),
     }
     first = np.array(first_pixel(matrix))
     at = None if lens is None else np.array(lens.position)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from lfcal.psf._export import ExportOptions, check_missing, export_files, export_notes
 from lfcal.psf._transpose import depth_sum, ht_slice
 from lfcal.psf.assembly import AssembledPlanes, AssemblyProgress, planes_of_frames
+from lfcal.psf.codes import CODES
 from lfcal.psf.cutout import INTERPOLATIONS, Window
 from lfcal.psf.denoising import mean_noise
 from lfcal.psf.facts import Origin
@@ -29,6 +30,7 @@ __all__ = [
     "AS_IS",
     "AUTO",
     "CHECK",
+    "CODES",
     "FORMAT",
     "INTERPOLATIONS",
     "MAT_ORDERS",

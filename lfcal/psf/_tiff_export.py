@@ -39,8 +39,10 @@ def tiff_files(matrix: PSFMatrix, path: str | os.PathLike[str], position: Positi
     return [target.with_name(f"{target.stem}_z{z:03d}{target.suffix}") for z in range(len(matrix))]
 
 
-def iter_write_tiff(matrix: PSFMatrix, path: str | os.PathLike[str], *, position: Position | None = None) -> Work[Path]:
-    """Write patterns as hyperstacks.
+def iter_write_tiff(
+    matrix: PSFMatrix, path: str | os.PathLike[str], *, position: Position | None = None, quality: str = ""
+) -> Work[Path]:
+    """Write patterns as hyperstacks; a word for the ``quality`` of H goes into the file's description.
 
     With ``position`` (y, x) a single stack over depth, ``ZYX``. Without, every position: one file ``TZYX`` (positions y
     slow, x fast), or of an H above 1 GiB one ``TYX`` for each plane, ``NAME_z000.tif`` …
@@ -61,14 +63,14 @@ def iter_write_tiff(matrix: PSFMatrix, path: str | os.PathLike[str], *, position
         _check_position(matrix, position)
         y, x = position
         stack = np.stack([matrix[z, y, x] for z in range(len(matrix))])
-        _write(target, stack[None], matrix, range(len(matrix)), [position])
+        _write(target, stack[None], matrix, range(len(matrix)), [position], quality)
         yield clock.at(len(matrix))
     elif files == [target]:
-        yield from _write_one(matrix, target, clock)
+        yield from _write_one(matrix, target, clock, quality)
     else:
         for z, file in enumerate(files):
             plane = matrix.plane(z)
-            _write(file, plane.reshape(-1, 1, *matrix.cutout), matrix, [z], list(np.ndindex(*matrix.period)))
+            _write(file, plane.reshape(-1, 1, *matrix.cutout), matrix, [z], list(np.ndindex(*matrix.period)), quality)
             yield clock.at(z + 1)
     return target
 
@@ -78,22 +80,27 @@ def _check_position(matrix: PSFMatrix, position: Position) -> None:
         raise InputError.expected("position (y, x)", f"inside {matrix.period}", position, "choose another")
 
 
-def _write_one(matrix: PSFMatrix, target: Path, clock: Clock) -> Work[None]:
+def _write_one(matrix: PSFMatrix, target: Path, clock: Clock, quality: str) -> Work[None]:
     nz, ny, nx = matrix.shape[:3]
     pages = np.empty((ny * nx, nz, *matrix.cutout), matrix.dtype)
     for z in range(nz):
         pages[:, z] = matrix.plane(z).reshape(-1, *matrix.cutout)
         yield clock.at(z)
-    _write(target, pages, matrix, range(nz), list(np.ndindex(ny, nx)))
+    _write(target, pages, matrix, range(nz), list(np.ndindex(ny, nx)), quality)
     yield clock.at(nz)
 
 
 def _write(
-    file: Path, pages: NDArray[Any], matrix: PSFMatrix, planes: Sequence[int], positions: Sequence[Position]
+    file: Path,
+    pages: NDArray[Any],
+    matrix: PSFMatrix,
+    planes: Sequence[int],
+    positions: Sequence[Position],
+    quality: str,
 ) -> None:
     """Write patterns ``(positions, planes, nt, ns)``."""
     pixel, spacing = _pixel_um(matrix, planes), _spacing_um(matrix, planes)
-    about = _description(matrix, planes)
+    about = _description(matrix, planes) + (f"\nquality: {quality}" if quality else "")
     named = [f"z={depth:g} um" if math.isfinite(depth) else f"plane={z}" for z, depth in enumerate(matrix.known_depths)]
     labels = [f"{named[z]} y={y} x={x}" for y, x in positions for z in planes]
     if matrix.dtype.name in IMAGEJ_TYPES and pages.nbytes < IMAGEJ_BYTES:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.records.assembly import COMPRESSIONS, INTERPOLATIONS, STORED_TYPES, AssemblySettings
+from lfcal.records.assembly import CODE_NAMES, COMPRESSIONS, INTERPOLATIONS, STORED_TYPES, AssemblySettings
 from lfcal.records.corrections import CorrectionRecipe
 from lfcal.records.light_fields import LightFieldSettings, ProjectionSettings, VoxelGrid
 from lfcal.records.option import (
@@ -58,6 +58,7 @@ from lfcal.records.solvers import (
 )
 
 __all__ = [
+    "CODE_NAMES",
     "COMPRESSIONS",
     "INTERPOLATIONS",
     "OWN_SOLVERS",

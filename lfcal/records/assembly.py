@@ -10,6 +10,7 @@ __all__ = ["AssemblySettings"]
 
 COMPRESSIONS: tuple[str, ...] = ("gzip", "zstd", "none")
 STORED_TYPES: tuple[str, ...] = ("rounded", "float32")
+CODE_NAMES: tuple[str, ...] = ("olaf", "prevedel", "pyolaf", "flfm")
 INTERPOLATIONS: tuple[str, ...] = ("nearest", "linear", "cubic", "fourier")
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from lfcal.base import InputError, Work
 from lfcal.records import (
+    CODE_NAMES,
     INTERPOLATIONS,
     STORED_TYPES,
     opt,
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from lfcal.psf import ExportOptions, PSFMatrix
     from lfcal.work import RunChoice
 
-__all__ = ["EXPORT", "ExportH5", "ExportMat", "ExportNpy", "ExportTiff", "ExportedFiles"]
+__all__ = ["EXPORT", "ExportFor", "ExportH5", "ExportMat", "ExportNpy", "ExportTiff", "ExportedFiles"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +71,10 @@ class _Export(CopyTask):
     suffixes: ClassVar[tuple[str, ...]]
 
     out: Path = required(
-        "File to write. Its suffix is the format: .mat, .h5, .npy or .tif.", label="File", short="-o", file="out"
+        "File to write. Its suffix is the format: .mat, .h5, .npy, .tif; for pyolaf .npz.",
+        label="File",
+        short="-o",
+        file="out",
     )
 
     def __post_init__(self) -> None:
@@ -255,16 +259,55 @@ class ExportTiff(_ExportView):
             return tuple(export_files(self.exported(H), self.out, self.position))
 
 
-KINDS: tuple[type[_Export], ...] = (ExportMat, ExportH5, ExportNpy, ExportTiff)
+@record
+class ExportFor(_Export):
+    """Export H and Ht as one deconvolution code reads them."""
+
+    input_words: ClassVar[str] = "a file for one code (--for)"
+    suffixes: ClassVar[tuple[str, ...]] = (".mat", ".npz", ".tif")
+
+    code: str = required(
+        "Code that reads the file. It states the order of axes, the centring and the names of variables.",
+        flag="--for",
+        choices=CODE_NAMES,
+        chooses=True,
+    )
+    quality: str = opt("", "Word for the quality of H, such as good, written into the file.", empty="none")
+    no_ht: bool = opt(False, "Leave out Ht, which halves the file.", label="Without Ht")
+    position: tuple[int, int] | None = opt(
+        None,
+        "For FLFM, of an H with several positions: the one (Y,X) whose patterns are written.",
+        empty="the only one",
+        read=read_position,
+        show=show_pair,
+    )
+    uncompressed: bool = _uncompressed()
+    allow_missing: bool = _missing()
+
+    def __post_init__(self) -> None:
+        """Check every value, and the suffix of the file."""
+        super().__post_init__()
+        from lfcal.psf import CODES
+
+        code = CODES[self.code]
+        if self.out.suffix.lower() != code.suffix:
+            raise InputError.expected(
+                "out", f"a {code.suffix} file for {code.title}", self.out.name, "name the file so"
+            )
+
+
+KINDS: tuple[type[_Export], ...] = (ExportMat, ExportH5, ExportNpy, ExportTiff, ExportFor)
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
     """Return the format that the name of the file asks for."""
     suffix = Path(given["out"]).suffix.lower()
-    for kind in KINDS:
+    if given.get("code"):
+        return ExportFor
+    for kind in KINDS[:-1]:
         if suffix in kind.suffixes:
             return kind
-    known = " ".join(suffix for kind in KINDS for suffix in kind.suffixes)
+    known = " ".join(suffix for kind in KINDS[:-1] for suffix in kind.suffixes)
     raise InputError.expected("--out", known, suffix or "no suffix", "name the file so")
 
 
@@ -272,6 +315,7 @@ EXPORT = TaskSet(
     "export",
     KINDS,
     kind_of,
-    "lfcal export H.h5 -o H.mat",
-    "Export H (and Ht) for a deconvolution code or another program.\n\nThe suffix of the file is its format.",
+    "lfcal export H.h5 --for olaf -o H.mat",
+    "Export H (and Ht) for a deconvolution code or another program.\n\n"
+    "The suffix of the file is its format. --for writes what one code reads.",
 )

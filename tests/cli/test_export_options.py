@@ -123,7 +123,7 @@ def test_one_position_as_a_stack_and_an_uncompressed_file(lfcal: Lfcal, H: PSFMa
     ("name", "options", "words"),
     [
         ("x.mat", ("--transposed",), "expected a .h5 file or a .npy file or a .tif file, got a .mat file"),
-        ("x.npy", ("--no-ht",), "expected a .mat file, got a .npy file"),
+        ("x.npy", ("--no-ht",), "expected a .mat file or a file for one code (--for), got a .npy file"),
         ("x.h5", ("--rows-first",), "expected a .mat file, got a .h5 file"),
         ("x.npy", ("--uncompressed",), "expected a .mat file or a .h5 file"),
         ("x.mat", ("--position", "1,1"), "expected a .tif file"),
@@ -133,6 +133,10 @@ def test_one_position_as_a_stack_and_an_uncompressed_file(lfcal: Lfcal, H: PSFMa
         ("x.tif", ("--resume",), "expected work that is done in units, got a .tif file"),
         ("x.tif", ("--position", "1"), "--position: expected y,x, got '1'"),
         ("x", ("--no-ht",), "got no suffix"),
+        ("x.tif", ("--for", "olaf"), "expected a .mat file for oLaF, got x.tif"),
+        ("x.mat", ("--for", "other"), "expected olaf or prevedel or pyolaf or flfm"),
+        ("x.npz", ("--for", "pyolaf", "--rows-first"), "expected a .mat file, got a file for one code"),
+        ("x.tif", ("--for", "flfm"), "H for FLFM: expected one pattern for each plane, got 3 x 3 positions"),
     ],
 )
 def test_what_a_format_would_ignore_is_refused(

@@ -1,0 +1,197 @@
+"""The deconvolution codes that H is exported for: the layout that each reads, and what it cannot use.
+
+The layouts follow the public sources of these codes (`Code.source`).
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lfcal.base import Clock, InputError, Work, npy_header, replace_whole, require_space, storage_errors
+from lfcal.psf.lens_centre import lens_centre_of, lens_centred
+from lfcal.psf.matrix import PSFMatrix
+
+__all__ = ["CODES", "Code", "code_of", "codes_for", "iter_write_npz", "refused_by", "write_cells"]
+
+OWN_CODE = "reconstruct with lfcal, or export a plain file"
+
+
+@dataclass(frozen=True)
+class Code:
+    """What a deconvolution code reads.
+
+    Attributes
+    ----------
+    name, title
+        As options say it, and as its authors write it.
+    suffix
+        Of its file.
+    order
+        Axes of H as the code indexes them.
+    stored
+        Container and type of the values.
+    use
+        What a user of the code must do, in a line; empty: nothing.
+    source
+        Where its source is published.
+    one_lens
+        Whether it repeats one lens of a square grid, whose period has an odd number of pixels; otherwise it has one
+        pattern for each plane.
+    """
+
+    name: str
+    title: str
+    suffix: str
+    order: str
+    stored: str
+    use: str
+    source: str
+    one_lens: bool = True
+
+
+CODES = {
+    code.name: code
+    for code in (
+        Code(
+            "olaf",
+            "oLaF",
+            ".mat",
+            "H{y,x,z}(t,s)",
+            "cells of single, MATLAB 7.3",
+            "call oLaF's projections with range 'full': a measured H has no symmetry to mirror",
+            "https://gitlab.lrz.de/IP/olaf",
+        ),
+        Code(
+            "prevedel",
+            "Prevedel",
+            ".mat",
+            "H(t,s,y,x,z)",
+            "single, MATLAB 7.3",
+            "",
+            "https://doi.org/10.1038/nmeth.2964",
+        ),
+        Code(
+            "pyolaf",
+            "pyolaf",
+            ".npz",
+            "H[y,x,z][t,s]",
+            "float32, NumPy",
+            "make the sparse patterns as docs/formats_h.md shows, and call pyolaf's projections with crange 'full'",
+            "https://github.com/lambdaloop/pyolaf",
+        ),
+        Code(
+            "flfm",
+            "FLFM",
+            ".tif",
+            "PSF[z,t,s]",
+            "float32, TIFF",
+            "crop or pad light field and PSF to one size: the code multiplies their Fourier transforms",
+            "https://github.com/ssec-jhu/flfm",
+            one_lens=False,
+        ),
+    )
+}
+"""Codes by name."""
+
+
+def code_of(name: str) -> Code:
+    """Return a code; raises `InputError` for an unknown one."""
+    if name not in CODES:
+        raise InputError.expected("code", " or ".join(CODES), repr(name), "choose one")
+    return CODES[name]
+
+
+def refused_by(code: Code, matrix: PSFMatrix, position: tuple[int, int] | None = None) -> InputError | None:
+    """Return why a code cannot use ``matrix``, as one line; None where it can.
+
+    Parameters
+    ----------
+    code, matrix
+        The code, and H.
+    position
+        Position (y, x) whose patterns are chosen.
+    """
+
+    def needs(expected: str, got: str, action: str = OWN_CODE) -> InputError:
+        return InputError.expected(f"H for {code.title}", expected, got, action)
+
+    ny, nx = matrix.period
+    if matrix.is_transposed:
+        return needs("H", "HT", "export H, which brings HT along")
+    if matrix.dtype != np.float32:
+        return needs("float32 values", str(matrix.dtype), "make an H file with the stored type float32 first")
+    if not code.one_lens:
+        several = position is None and (ny, nx) != (1, 1)
+        words = "choose a position if the optics are shift-invariant"
+        return needs("one pattern for each plane", f"{ny} x {nx} positions", words) if several else None
+    if matrix.camera is not None and matrix.camera.lattice.kind != "square":
+        return needs("lenses on a square grid", f"a {matrix.camera.lattice.kind} array")
+    if ny != nx or ny % 2 == 0:
+        return needs("a square period of an odd number of pixels", f"{ny} x {nx}")
+    return None
+
+
+def codes_for(matrix: PSFMatrix) -> tuple[Code, ...]:
+    """Return the codes that can use ``matrix``."""
+    return tuple(code for code in CODES.values() if refused_by(code, matrix) is None)
+
+
+# -- files -------------------------------------------------------------------------------------------------
+def _written(matrix: PSFMatrix) -> PSFMatrix:
+    """Return H with a lens where the codes expect it, as far as H says where its lenses are."""
+    lens = lens_centre_of(matrix)
+    return matrix if lens is None else lens_centred(matrix, lens)
+
+
+def write_cells(file: Any, name: str, matrix: PSFMatrix, *, compress: bool = True) -> Iterator[int]:
+    """Write ``matrix`` into an open MATLAB file as the cell array ``name{y,x,z}`` of patterns ``(t, s)``.
+
+    Yields the number of planes that are written.
+    """
+    import h5py
+
+    nz, ny, nx = matrix.shape[:3]
+    store: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if compress else {}
+    # HDF5 has MATLAB's axes reversed: the cells are (z, x, y), a pattern is (s, t)
+    references = np.empty((nz, nx, ny), dtype=h5py.ref_dtype)
+    group = file.require_group("#refs#")
+    for z in range(nz):
+        plane = matrix.plane(z)
+        for y, x in np.ndindex(ny, nx):
+            cell = group.create_dataset(f"{name}_{z}_{y}_{x}", data=plane[y, x].T, track_times=False, **store)
+            cell.attrs["MATLAB_class"] = np.bytes_(b"single")
+            references[z, x, y] = cell.ref
+        yield z + 1
+    cells = file.create_dataset(name, data=references, dtype=h5py.ref_dtype, track_times=False)
+    cells.attrs["MATLAB_class"] = np.bytes_(b"cell")
+
+
+def iter_write_npz(
+    matrix: PSFMatrix, path: Path, *, include_transpose: bool, compress: bool, quality: str
+) -> Work[Path]:
+    """Write ``H`` and ``Ht`` ``(z, y, x, t, s)``, lens-centred, to an ``.npz`` file."""
+    written = _written(matrix)
+    views = {"H": written, **({"Ht": written.T} if include_transpose else {})}
+    require_space(path.parent, len(views) * matrix.nbytes, what=path.name)
+    clock, done = Clock("write npz file", len(views) * len(matrix)), 0
+    method = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
+    small = {"quality": np.array(quality), "order": np.array("zyxts")}
+    if matrix.knows_depths:
+        small["depths_um"] = matrix.depths
+    with storage_errors(path), replace_whole(path) as part, zipfile.ZipFile(part, "w", method, compresslevel=1) as file:
+        for name, view in views.items():
+            with file.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                entry.write(npy_header(view.shape, np.dtype(np.float32)))
+                for z in range(len(view)):
+                    entry.write(np.ascontiguousarray(view.plane(z), np.float32).data)
+                    done += 1
+                    yield clock.at(done)
+        for name, values in small.items():
+            file.writestr(f"{name}.npy", npy_header(values.shape, values.dtype) + values.tobytes())
+    return path

@@ -1,0 +1,194 @@
+"""H for one code: read back in the layout of that code, by its own projection."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+import tifffile
+from numpy.typing import NDArray
+from PIL import Image, ImageSequence
+
+from lfcal.base import InputError
+from lfcal.camera import preset
+from lfcal.psf import CODES, PSFMatrix, export, export_notes, lens_centre_of
+from lfcal.psf._export import ExportOptions
+from lfcal.psf.codes import codes_for
+from lfcal.psf.lens_centre import lens_centred
+from lfcal.reconstruct import Projector
+from lfcal.records import CODE_NAMES
+from tests.psf.test_lens_centre import conv2_same, forward_project, matlab, square_camera
+
+Array = NDArray[Any]
+N = 3
+SNIPPET = (Path(__file__).parents[2] / "docs" / "formats_h.md").read_text(encoding="utf-8")
+
+
+def matrix() -> PSFMatrix:
+    values = np.random.default_rng(0).random((2, N, N, 5, 5), np.float32)
+    return PSFMatrix(values, camera=square_camera(N, 31), anchor=(4, 6), depths=[1.0, 2.0])
+
+
+def expected(volume: Array) -> Array:
+    """Return the image of a volume ``(rows, columns, z)`` by lfcal, with a lens on pixel ceil(N/2) of each period."""
+    H = matrix()
+    lens = lens_centre_of(H)
+    assert lens is not None and not lens.agrees
+    seen: Array = Projector(lens_centred(H, lens), volume.shape[:2], anchor=(0.0, 0.0)).forward(
+        volume.transpose(2, 0, 1)
+    )
+    return seen
+
+
+def volume() -> Array:
+    return np.random.default_rng(1).random((9, 9, 2))
+
+
+def project(H: Array, light: Array) -> Array:
+    """LFM_forwardProject.m of oLaF, range 'full': ``H[aa, bb, cc]`` is a pattern, lenses about the middle pixel."""
+    half, middle = (N + 1) // 2, (light.shape[0] + 1) // 2
+    lenses = middle + N * np.arange(-2, 3)
+    total = np.zeros(light.shape[:2])
+    for cc in range(light.shape[2]):
+        for aa, bb in np.ndindex(N, N):
+            rows, columns = (lenses - half + k + 1 - 1 for k in (aa, bb))
+            rows, columns = (at[(at >= 0) & (at < light.shape[0])] for at in (rows, columns))
+            space = np.zeros(light.shape[:2])
+            space[np.ix_(rows, columns)] = light[np.ix_(rows, columns)][..., cc]
+            total += conv2_same(space, np.asarray(H[aa, bb, cc]))
+    return total
+
+
+def cells(path: Path, name: str) -> Array:
+    """Return a cell array as MATLAB sees it."""
+    with h5py.File(path) as file:
+        assert file[name].attrs["MATLAB_class"] == b"cell"
+        stored = file[name][...].T
+        found = np.empty(stored.shape, object)
+        for at in np.ndindex(stored.shape):
+            cell = file[stored[at]]
+            assert cell.attrs["MATLAB_class"] == b"single" and cell.dtype == np.float32
+            found[at] = cell[...].T
+        return found
+
+
+def text(path: Path, name: str) -> str:
+    with h5py.File(path) as file:
+        return bytes(file[name][:, 0].tolist()).decode()
+
+
+def test_every_code_is_named_by_the_task_too() -> None:
+    assert tuple(CODES) == CODE_NAMES and all(code.source.startswith("https://") for code in CODES.values())
+
+
+def test_olaf_projects_with_the_cells_of_its_file(tmp_path: Path) -> None:
+    path = export(matrix(), tmp_path / "H.mat", code="olaf", quality="good")
+    H, Ht, light = cells(path, "H"), cells(path, "Ht"), volume()
+    assert H.shape == Ht.shape == (N, N, 2)
+    np.testing.assert_allclose(project(H, light), expected(light), rtol=1e-5)
+    image = np.random.default_rng(2).random((9, 9))
+    back = np.stack([project(Ht[..., z : z + 1], image[..., None]) for z in range(2)], -1)
+    assert (expected(light) * image).sum() == pytest.approx((light * back).sum())
+    assert text(path, "quality") == "good"
+    with h5py.File(path) as file:
+        assert "CAindex" not in file and file["Nnum"][()] == N
+
+
+def test_prevedels_code_projects_with_its_file(tmp_path: Path) -> None:
+    path = export(matrix(), tmp_path / "H.mat", code="prevedel", quality="good")
+    found = matlab(path)
+    assert found["H"].dtype == np.float32 and text(path, "axisOrder") == "tsyxz" and text(path, "quality") == "good"
+    np.testing.assert_allclose(forward_project(found["H"], volume(), found["CAindex"]), expected(volume()), rtol=1e-5)
+
+
+def test_pyolaf_projects_with_the_patterns_that_the_manual_makes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    export(matrix(), tmp_path / "H_pyolaf.npz", code="pyolaf", quality="good")
+    monkeypatch.chdir(tmp_path)
+    snippet = next(part.partition("```")[0] for part in SNIPPET.split("```python\n") if "H_pyolaf.npz" in part)
+    made: dict[str, Any] = {}
+    exec(compile(snippet, "formats_h.md", "exec"), made)
+    dense = np.empty(made["H"].shape, object)
+    for at in np.ndindex(dense.shape):
+        dense[at] = made["H"][at].todense()
+    np.testing.assert_allclose(project(dense, volume()), expected(volume()), rtol=1e-5)
+    with np.load("H_pyolaf.npz") as file:
+        assert file["quality"] == "good" and file["depths_um"].tolist() == [1.0, 2.0] and file["H"].dtype == np.float32
+
+
+def test_pyolaf_itself_takes_the_patterns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    project = pytest.importorskip("pyolaf.project", reason="pip install pyolaf==0.2.1")
+    from scipy.sparse import csr_matrix
+
+    path = export(matrix(), tmp_path / "H_pyolaf.npz", code="pyolaf")
+    with np.load(path) as file:
+        stored = file["H"]
+    H = np.empty((N, N, 2), object)
+    for z, y, x in np.ndindex(stored.shape[:3]):
+        H[y, x, z] = csr_matrix(stored[z, y, x])
+    steps = N * np.arange(-1, 2)
+    centres = np.stack(np.meshgrid(steps, steps, indexing="ij"), -1)
+    half = np.array([(N + 1) // 2] * 2)
+    resolution = {"TexNnum": np.array([N, N]), "TexNnum_half": half, "texMask": np.ones((N, N), int)}
+    resolution = {name: np.asarray(value) for name, value in (resolution | {"texScaleFactor": np.ones(2)}).items()}
+    light = volume()
+    light[:, [0, -1]] = light[[0, -1]] = 0  # its volume lies a pixel off its image
+    seen = project.LFM_forwardProject(
+        H, np.roll(light, (1, 1), (0, 1)), {"vox": centres}, resolution, np.array([9, 9]), "full"
+    )
+    np.testing.assert_allclose(np.asarray(seen)[1:-1, 1:-1], expected(light)[1:-1, 1:-1], rtol=1e-4)
+
+
+def test_flfm_reads_a_pattern_for_each_plane(tmp_path: Path) -> None:
+    values = np.random.default_rng(0).random((3, 1, 1, 5, 7), np.float32)
+    path = export(PSFMatrix(values, depths=[1.0, 2.0, 3.0]), tmp_path / "psf.tif", code="flfm", quality="good")
+    with Image.open(path) as image:  # as its JaxIO.open does
+        pages = [np.asarray(page) for page in ImageSequence.Iterator(image)]
+    np.testing.assert_array_equal(np.stack(pages), values[:, 0, 0])
+    with tifffile.TiffFile(path) as file:
+        assert file.imagej_metadata is not None and "quality: good" in file.imagej_metadata["Info"]
+    chosen = export(matrix(), tmp_path / "one.tif", code="flfm", position=(1, 2))
+    np.testing.assert_array_equal(tifffile.imread(chosen), np.asarray(matrix())[:, 1, 2])
+
+
+@pytest.mark.parametrize(
+    ("shape", "code", "words"),
+    [
+        ((1, 4, 4, 5, 5), "olaf", "a square period of an odd number of pixels, got 4 x 4"),
+        ((1, 3, 5, 5, 5), "prevedel", "a square period of an odd number of pixels, got 3 x 5"),
+        ((1, 3, 5, 5, 5), "pyolaf", "a square period of an odd number of pixels, got 3 x 5"),
+        ((1, 3, 3, 5, 5), "flfm", "one pattern for each plane, got 3 x 3 positions"),
+    ],
+)
+def test_what_a_code_cannot_use_is_refused_in_a_line(
+    tmp_path: Path, shape: tuple[int, ...], code: str, words: str
+) -> None:
+    H = PSFMatrix(np.ones(shape, np.float32))
+    assert CODES[code] not in codes_for(H)
+    with pytest.raises(InputError, match=words) as raised:
+        export(H, tmp_path / f"H{CODES[code].suffix}", code=code)
+    assert "\n" not in str(raised.value) and not list(tmp_path.iterdir())
+
+
+def test_hexagonal_arrays_and_other_numbers_are_refused(tmp_path: Path) -> None:
+    H = matrix()
+    assert [code.name for code in codes_for(H)] == ["olaf", "prevedel", "pyolaf"] and not codes_for(H.T)
+    hexagonal = PSFMatrix(np.ones((1, N, N, 5, 5), np.float32), camera=preset("bench"), depths=[5.0])
+    with pytest.raises(InputError, match="lenses on a square grid, got a hexagonal array"):
+        export(hexagonal, tmp_path / "H.mat", code="olaf")
+    with pytest.raises(InputError, match="float32 values, got uint16"):
+        export(PSFMatrix(np.ones((1, N, N, 5, 5), np.uint16)), tmp_path / "H.mat", code="olaf")
+    with pytest.raises(InputError, match=r"code of an \.npz file"):
+        export(H, tmp_path / "H.npz")
+    with pytest.raises(InputError, match=r"file for pyolaf: expected \.npz, got \.mat"):
+        export(H, tmp_path / "H.mat", code="pyolaf")
+
+
+def test_a_code_says_how_its_file_is_used() -> None:
+    notes = export_notes(matrix(), "H.mat", ExportOptions(code="olaf"))
+    assert notes == ("call oLaF's projections with range 'full': a measured H has no symmetry to mirror",)
+    assert not export_notes(matrix(), "H.mat", ExportOptions(code="prevedel"))
