@@ -9,6 +9,7 @@
 - ``frame_plan``, ``live_coverage``: whole frames of a target instead of cutouts of a point, and what they show so far
 - ``recording``: frames on the disk that survive a crash and a power cut; a session as a `FrameSource`
 - ``redo``, ``finish``: positions to record again; H from a session; packing
+- ``earlier``: what earlier runs recorded; ``stills``: white and dark frames of the whole sensor
 - ``setup``, ``spots``: live set-up
 
 Devices are those of `lfcal.devices`.

@@ -92,7 +92,7 @@ def test_a_camera_that_is_still_read(
 def test_a_session_folder_that_is_still_looked_into(
     window: MainWindow, tmp_path: Path, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import lfcal_gui.pages.acquire._folder_choice as module
+    import lfcal_gui.pages.acquire._choices as module
 
     held = Held(module.folder_state)
     page: Any = window.page("acquire")

@@ -11,8 +11,7 @@ import pyqtgraph as pg
 from pytestqt.qtbot import QtBot
 
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.pages.acquire._error_view import ErrorView
-from lfcal_gui.pages.acquire._record_pictures import RecordPictures
+from lfcal_gui.pages.acquire._pictures import ErrorView, RecordPictures
 from lfcal_gui.pages.acquire.panel import AcquirePanel
 from lfcal_gui.pages.fit._found_tabs import FoundTabs
 from lfcal_gui.pages.fit.panel import FitPanel

@@ -9,7 +9,7 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from lfcal_gui.models.shot import Shot
-from lfcal_gui.pages.acquire._error_view import ErrorView
+from lfcal_gui.pages.acquire._pictures import ErrorView
 from lfcal_gui.pages.fit.rounds_view import DecadePlot
 from lfcal_gui.widgets.blank import NOTHING
 from lfcal_gui.widgets.cost_curve import CostCurve

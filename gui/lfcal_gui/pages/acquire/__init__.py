@@ -1,14 +1,12 @@
 """Record > Rig: connect the devices, record a session, and follow its quality.
 
-- ``panel``: the picture and what stands next to it; ``setup_panel``: the live view, ``record_panel``: the session
-- ``page``, ``setup_tab``, ``record_tab``: what they do; ``_moves``: of the stage; ``_measuring``: by a few moves;
-  ``_after``: what is made of a session
-- ``_folder_choice``, ``_target_choice``: where it is recorded, and what is shown to the camera
-- ``_record_pictures``, ``_error_view``, ``_device_panel``, ``stage_panel``: widgets of the panels
-- ``_lab``, ``_lab_panel``, ``model_lab``: large buttons for a dark lab
-- ``model``: settings; ``model_live``: frames and their numbers; ``model_findings``: what a few moves find;
-  ``model_stills``: white and dark frames; ``model_station``: the devices; ``model_recorder``: a recording as it grows;
-  ``model_earlier``: what earlier runs recorded; ``model_until``: one that ends when H is known
+- ``page``: the page; ``panel``: its layout
+- ``setup_tab``, ``setup_panel``: devices and live view; ``_devices``, ``_stage``, ``_measuring``: parts of it
+- ``record_tab``, ``record_panel``: a recording; ``_pictures``: its pictures; ``_words``: its state in words
+- ``_after``, ``step``: what is made of a session; ``_choices``: its folder and its target
+- ``_lab``: large buttons for a dark lab
+- ``model``: settings; ``model_live``: live frames; ``model_station``: the devices; ``model_recorder``: a recording as it
+  grows; ``model_folder``: what a folder holds
 """
 
 from __future__ import annotations

@@ -1,23 +1,155 @@
-"""A dark lab: large buttons, red on black, and one button for whatever comes next."""
+"""A dark lab: large buttons, red on black, and one button for the next step."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from PySide6.QtCore import QObject
-from PySide6.QtWidgets import QPushButton
+from PySide6.QtCore import QObject, Signal
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
 
+from lfcal.acquire import still_files
+from lfcal.camera import ScanPlan
 from lfcal_gui.context import Context
-from lfcal_gui.pages.acquire._lab_panel import LabPanel
-from lfcal_gui.pages.acquire.model_lab import KEYS, Standing, next_step
-from lfcal_gui.pages.acquire.model_stills import still_files
 from lfcal_gui.pages.acquire.panel import AcquirePanel
 from lfcal_gui.pages.acquire.record_tab import RecordTab
 from lfcal_gui.pages.acquire.setup_tab import SetupTab
 from lfcal_gui.theme import NIGHT, current_theme
+from lfcal_gui.widgets import card
 
-__all__ = ["Lab"]
+__all__ = ["KEYS", "Lab", "LabPanel", "Standing", "next_step"]
+
+KEYS = (("next", "F9"), ("start", "F6"), ("pause", "F7"), ("stop", "F8"), ("abort", "Shift+F8"))
+"""Buttons and their keys, in the order in which they stand."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How a sitting stands.
+
+    Attributes
+    ----------
+    connected, busy
+        Whether there are devices, and whether something uses or opens them.
+    found
+        What was measured by moving: ``"stage"`` a fit with its ``axes``, ``"exposure"`` a time for each plane (s).
+    begun, complete
+        Whether the folder has a recording, and whether that is whole.
+    redo
+        Positions to be recorded again.
+    dark, white
+        Whether those frames are there.
+    """
+
+    connected: bool = False
+    busy: bool = False
+    found: Mapping[str, Any] = field(default_factory=dict)
+    begun: bool = False
+    complete: bool = False
+    redo: int = 0
+    dark: bool = False
+    white: bool = False
+
+
+def next_step(now: Standing, plan: ScanPlan) -> tuple[str, str]:
+    """Return key and words of what comes next; the key is empty where nothing can be begun now."""
+    if now.busy:
+        return "", "at work"
+    if not now.connected:
+        return "connect", "Connect"
+    if now.complete:
+        return _afterwards(now)
+    if now.begun:  # what was measured before it began is not asked for again
+        return "start", "Go on recording"
+    stage, exposure = now.found.get("stage"), now.found.get("exposure")
+    if stage is None:
+        return "stage", "Measure the stage"
+    if stage.axes != plan.stage:
+        return "use stage", "Use measured axes"
+    if exposure is None:
+        return "exposure", "Find exposures"
+    if tuple(exposure) != tuple(plan.exposures):
+        return "use exposure", "Use exposures"
+    return "start", "Record"
+
+
+def _afterwards(now: Standing) -> tuple[str, str]:
+    if now.redo:
+        return "redo", f"Record {now.redo} again"
+    if not now.dark:
+        return "dark", "Dark frames"
+    if not now.white:
+        return "white", "White image"
+    return "assemble", "Assemble H …"
+
+
+TIPS = {
+    "next": "What comes next in a sitting: connect, measure, record, dark and white frames, assemble",
+    "start": "Record every position, or go on with the session",
+    "pause": "Finish the current position, then wait; again: go on",
+    "stop": "Finish the current position, then stop; the session can be resumed",
+    "abort": "Stop the stage now; what is recorded is safe",
+}
+
+
+class LabPanel(QWidget):
+    """The tabs of the page, and below them, where it is wanted, status and buttons in large.
+
+    Signals
+    -------
+    pressed(key)
+        A button of `lfcal_gui.pages.acquire._lab.KEYS`.
+    """
+
+    pressed = Signal(str)
+
+    def __init__(self, tabs: QWidget) -> None:
+        super().__init__()
+        self.bar, column = card()
+        self.status = QLabel("")
+        self.status.setProperty("role", "big")
+        self.status.setWordWrap(True)
+        self.status.setAccessibleName("status of the recording")
+        # long words go on in the next line, and never make the window wider
+        self.status.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        column.addWidget(self.status)
+        row = QHBoxLayout()
+        row.setSpacing(8)
+        self.buttons: dict[str, QPushButton] = {}
+        for key, shortcut in KEYS:
+            button = QPushButton()
+            button.setProperty("role", "big")
+            button.setToolTip(f"{TIPS[key]} ({shortcut})")
+            button.clicked.connect(lambda _=False, key=key: self.pressed.emit(key))
+            # the words change, the place does not
+            button.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+            self.buttons[key] = button
+            row.addWidget(button, 2 if key == "next" else 1)
+        column.addLayout(row)
+        outer = QVBoxLayout(self)
+        outer.setContentsMargins(0, 0, 0, 0)
+        outer.setSpacing(8)
+        outer.addWidget(tabs, 1)
+        outer.addWidget(self.bar)
+        self.bar.hide()
+
+    def show_button(self, key: str, words: str, *, enabled: bool) -> None:
+        """Show what a button does, with its key."""
+        button = self.buttons[key]
+        button.setText(f"{words}\n{dict(KEYS)[key]}")
+        button.setAccessibleName(f"{words} ({key})")
+        button.setEnabled(enabled)
+
+    def show_status(self, words: str) -> None:
+        """Show how the recording is."""
+        self.status.setText(words)
+
+    def press(self, key: str) -> None:
+        """Press a button by its key, where it is shown and can be pressed."""
+        if self.bar.isVisible():
+            self.buttons[key].click()
 
 
 class Lab(QObject):

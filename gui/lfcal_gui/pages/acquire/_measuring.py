@@ -2,27 +2,38 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QFileDialog, QMessageBox
 
+from lfcal.acquire import iter_stills, still_files
+from lfcal.acquire.setup import OpticalAxis, StageFit, check_stage
+from lfcal.base import InputError, format_length, format_seconds
 from lfcal.camera import ScanPlan
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState, WindowJob
-from lfcal_gui.pages.acquire import model_findings as findings
 from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.pages.acquire.model_station import Station
-from lfcal_gui.pages.acquire.model_stills import ASKED, KINDS, iter_stills, still_files
-from lfcal_gui.pages.acquire.setup_panel import FINDINGS, SetupPanel
+from lfcal_gui.pages.acquire.setup_panel import FINDINGS, STILLS, SetupPanel
 from lfcal_gui.saving import may_replace
 
-__all__ = ["SetupMeasuring"]
+__all__ = ["SetupMeasuring", "axis_words", "exposure_words", "fit_words", "still_taker"]
 
 MEASURING = "measuring …"
+
+ASKED = {
+    "white": "Put an even light, or a diffuser, before the lens, with the iris as in the session.\n"
+    "The live view should be bright everywhere and saturated nowhere; change the exposure if it is not.",
+    "dark": "Cover the lens, and leave the exposure as it is.",
+}
+"""What the user does first."""
 
 
 class SetupMeasuring(QObject):
@@ -93,7 +104,7 @@ class SetupMeasuring(QObject):
 
     def _start(self, key: str, work: Callable[[], Any], done: Callable[[Any], None]) -> None:
         """Use the devices for a job whose result stands below its button."""
-        title = {name: text for name, text, _ in (*FINDINGS, *KINDS)}[key]
+        title = {name: text for name, text, _ in (*FINDINGS, *STILLS)}[key]
         self.panel.show_result(key, MEASURING)
         self._job = self.context.jobs.start(
             title,
@@ -123,7 +134,9 @@ class SetupMeasuring(QObject):
         exposure = self.panel.exposure.value() / 1e3
         self._start(
             kind,
-            lambda: iter_stills(station, plan, exposure, Path(folder), kind),
+            lambda: iter_stills(
+                still_taker(station, plan, exposure, kind), plan, Path(folder), kind, light=station.rig.light
+            ),
             lambda found: self.panel.show_result(kind, found.words()),
         )
 
@@ -134,13 +147,13 @@ class SetupMeasuring(QObject):
             return
         self.found[key] = found
         if key == "stage":
-            words, good = findings.fit_words(found, plan)
+            words, good = fit_words(found, plan)
             self.context.attention.emit("acquire", not good)
             self.panel.show_result(key, words, good=good, usable=found.axes != plan.stage)
         elif key == "axis":
-            self.panel.show_result(key, findings.axis_words(found, plan))
+            self.panel.show_result(key, axis_words(found, plan))
         else:
-            self.panel.show_result(key, findings.exposure_words(found, plan), usable=True)
+            self.panel.show_result(key, exposure_words(found, plan), usable=True)
 
     def use(self, key: str) -> None:
         """Take what was found into the plan."""
@@ -153,7 +166,7 @@ class SetupMeasuring(QObject):
             self.context.attention.emit("acquire", False)
             self.panel.show_result(key, "Taken into the plan. Measure again to check.")
         elif self.context.project.update("exposures as measured", plan=replace(plan, exposure_s=found)):
-            self.panel.show_result(key, findings.exposure_words(found, plan))
+            self.panel.show_result(key, exposure_words(found, plan))
 
     def _job_finished(self, job: WindowJob) -> None:
         if job.number != self._job:
@@ -169,3 +182,58 @@ class SetupMeasuring(QObject):
 def _scene(plan: ScanPlan) -> tuple[Any, ...]:
     """Return what exposures and the optical axis are found for."""
     return plan.camera, plan.depths_um
+
+
+def still_taker(station: Station, plan: ScanPlan, exposure_s: float, kind: str) -> Callable[[int], NDArray[Any]]:
+    """Return what takes frame ``k``; the simulator's source is a point, so its white scene is simulated as a whole."""
+    if station.name == "sim" and kind == "white":
+        from lfcal.simulate import SimulatedCamera
+
+        scene = SimulatedCamera(plan, ())
+        return lambda k: np.rint(scene.white_frame(k)).astype(np.uint16)
+
+    def take(_: int) -> NDArray[Any]:
+        look = station.look(exposure_s, plan)
+        if look.frame is None or look.state.trouble:
+            raise InputError.expected("frame", "one", look.state.trouble or "none", "check the camera")
+        return np.array(look.frame.data)
+
+    return take
+
+
+def fit_words(fit: StageFit, plan: ScanPlan) -> tuple[str, bool]:
+    """Return the fit of the stage as rich text, and whether the plan agrees with it."""
+    try:
+        check_stage(fit, plan)
+        verdict, good = "<b>The stage moves the image as the plan says.</b>", True
+    except InputError as error:
+        verdict, good = f"<b>{error}</b>", False
+    right, down = fit.scale
+    axes = fit.axes
+    return (
+        f"{verdict}<br>scale right {right:.4f}, down {down:.4f} (1: as planned); rotation "
+        f"{math.degrees(fit.rotation_rad):+.2f}°; residual {fit.residual_px:.3f} px rms<br>image right is stage "
+        f"{axes.right}, down {axes.down}"
+    ), good
+
+
+def axis_words(axis: OpticalAxis, plan: ScanPlan) -> str:
+    """Return where the optical axis is, as rich text."""
+    right, down = axis.object_um
+    row, column = axis.image_px
+    off = [p - c for p, c in zip(axis.image_px, plan.camera.sensor.centre_px, strict=True)]
+    return (
+        f"<b>Optical axis</b> at right {format_length(right)}, down {format_length(down)} from the plan's origin; "
+        f"image at row {row:.1f}, column {column:.1f} px ({off[0]:+.1f}, {off[1]:+.1f} px from the sensor's centre); "
+        f"residual {axis.residual_px:.2f} px rms"
+    )
+
+
+def exposure_words(found: tuple[float, ...], plan: ScanPlan) -> str:
+    """Return the exposure of each plane as rich text."""
+    rows = "".join(
+        f"<tr><td style='padding-right:10px'>{format_length(z)}</td><td><b>{format_seconds(t)}</b></td>"
+        f"<td style='padding-left:10px'>was {format_seconds(old)}</td></tr>"
+        for z, t, old in zip(plan.depths_um, found, plan.exposures, strict=True)
+    )
+    return f"<b>Exposure for 70 % of the range</b><table>{rows}</table>"

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire import LiveFrame
-from lfcal.base import LfcalError, format_seconds
+from lfcal.base import InputError, LfcalError, format_seconds
 from lfcal.camera import ScanPlan, StageAxes
+from lfcal.frames import Position
 from lfcal.psf import Cutout, PSFMatrix
 from lfcal_gui.pages.acquire.model_station import Look, cut
-from lfcal_gui.pages.acquire.model_target import places_px
 
 if TYPE_CHECKING:
     from lfcal.targets import TargetPlan
@@ -27,8 +27,10 @@ __all__ = [
     "age_words",
     "expected_words",
     "live_picture",
+    "places_px",
     "plane_at",
     "plane_to_go",
+    "points_px",
     "predicted_pattern",
     "recorded_picture",
     "stage_arrows",
@@ -181,6 +183,25 @@ def recorded_picture(
     if point is None or reference is None or reference.shape != plan.shape:
         return _compared(made, None)
     return _compared(made, predicted_pattern(plan, reference, stage_um, point))
+
+
+def places_px(
+    plan: ScanPlan | TargetPlan, position: Position | None
+) -> tuple[tuple[float, float] | None, NDArray[np.float64] | None]:
+    """Return where a frame's image of the point is as planned, or else those of a target's points; None: not known."""
+    if position is None:
+        return None, None
+    if not isinstance(plan, ScanPlan):
+        return None, points_px(plan, position)
+    row, column = plan.image_px(position).tolist()
+    return (row, column), None
+
+
+def points_px(plan: TargetPlan, position: Position) -> NDArray[np.float64]:
+    """Return where a frame's images are, as planned, ``(n, 2)`` as (row, column); positions count frames."""
+    if position.z >= len(plan.offsets_px) or position.x >= len(plan.offsets_px[position.z]):
+        raise InputError.expected("frame of the target", "one of its plan", tuple(position), "open the plan's session")
+    return plan.points(position.z, position.x).pixels
 
 
 def stage_arrows(axes: StageAxes) -> tuple[tuple[str, float, float], ...]:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
 import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,25 +13,26 @@ from numpy.typing import NDArray
 
 from lfcal.acquire import (
     Control,
+    CoverageState,
+    EarlierFrames,
+    EarlierRuns,
     Kind,
     LiveCoverage,
     LiveQuality,
     Options,
     Outcome,
+    PlaneSum,
     Preview,
     QualityState,
     RedoList,
     ScheduledFrame,
     coarse_order,
-    frame_grid,
-    frame_positions,
     window_shape,
 )
 from lfcal.base import Progress, Work, format_seconds
 from lfcal.camera import ScanPlan
 from lfcal.frames import Position
 from lfcal.tasks import Acquire, AcquireTarget, AcquireUntil
-from lfcal_gui.pages.acquire.model_earlier import EarlierFrames, EarlierRuns, PlaneSum
 from lfcal_gui.pages.acquire.model_station import Station
 
 if TYPE_CHECKING:
@@ -44,19 +43,16 @@ if TYPE_CHECKING:
 __all__ = [
     "QUANTITIES",
     "CoveredByHand",
-    "FolderState",
     "RecordPicture",
     "Recorder",
-    "folder_state",
+    "coverage_picture",
     "lamp_words",
+    "picture_of",
     "record_picture",
 ]
 
 QUANTITIES = (("energy", "energy (counts)"), ("residual", "position residual (px)"), ("saturated", "saturated (px)"))
 """What the map and the curves show."""
-
-
-ELSEWHERE = "the folder holds a session of {}; lfcal acquire --resume goes on with it"
 
 
 ASK_S = 0.1
@@ -206,129 +202,6 @@ def _watching(plan: ScanPlan | TargetPlan, options: Options) -> LiveQuality | Li
 
 
 @dataclass(frozen=True, eq=False)
-class FolderState:
-    """What a session folder holds.
-
-    Attributes
-    ----------
-    there
-        ``(nz, ny, nx)`` which positions are acknowledged; None: the folder holds no session.
-    how
-        How the last run ended.
-    problem
-        Why the folder cannot be read, or empty.
-    plan, options
-        Of the session.
-    chosen
-        ``(nz, ny, nx)`` the positions that were chosen to be recorded; None: all of the plan.
-    target
-        The plan of a target whose frames are recorded: then ``there`` counts these, ``(frames,)``.
-    recordings
-        Names of the files with its frames, oldest first.
-    free_bytes
-        Space on its disk; None where that is not known.
-    """
-
-    there: NDArray[np.bool_] | None = None
-    how: str = ""
-    problem: str = ""
-    plan: ScanPlan | None = None
-    options: Options | None = None
-    chosen: NDArray[np.bool_] | None = None
-    target: TargetPlan | None = None
-    recordings: tuple[str, ...] = ()
-    free_bytes: float | None = None
-
-    @property
-    def counts(self) -> tuple[int, int]:
-        """Number of positions, or frames of a target, that are safe, and number of all."""
-        if self.there is None:
-            return 0, 0
-        if self.chosen is None:
-            return int(self.there.sum()), self.there.size
-        return int(self.there[self.chosen].sum()), int(self.chosen.sum())
-
-    def known(self, but: Sequence[Position] = ()) -> EarlierRuns | None:
-        """Return what is acknowledged, without positions to record again; None: nothing is."""
-        if self.there is None or self.plan is None:
-            return None
-        if self.target is None:
-            grid = self.plan.shape[:3]
-            flat = np.flatnonzero(self.there)
-        else:
-            grid = frame_grid(self.target)
-            flat = np.ravel_multi_index(tuple(frame_positions(self.target)[self.there].T), grid)
-        again = np.ravel_multi_index(tuple(np.array(but, np.intp).reshape(-1, 3).T), grid, mode="clip")
-        return EarlierRuns(np.setdiff1d(flat, again), grid, self.recordings)
-
-    @property
-    def complete(self) -> bool:
-        """Whether every position that is to be recorded is."""
-        if self.there is None:
-            return False
-        return bool(self.there.all() if self.chosen is None else self.there[self.chosen].all())
-
-    def planes(self) -> tuple[int, ...]:
-        """Return the planes of which every position is recorded."""
-        if self.there is None or self.target is not None:
-            return ()
-        return tuple(np.flatnonzero(self.there.reshape(len(self.there), -1).all(axis=1)).tolist())
-
-    def words(self) -> str:
-        """Return the state in a line."""
-        if self.problem:
-            return self.problem
-        if self.there is None:
-            return "a new session"
-        done, total = int(self.there.sum()), self.there.size
-        if self.target is not None:
-            return f"{done} of {total} frames of a target safe on disk" + (
-                f"; the last run: {self.how}" if self.how else ""
-            )
-        if self.chosen is not None:
-            of = f"{done} of {int(self.chosen.sum())} chosen positions safe on disk, of {total} of the plan"
-            return of + (f"; the last run: {self.how}" if self.how else "")
-        return f"{done} of {total} positions safe on disk" + (f"; the last run: {self.how}" if self.how else "")
-
-
-def folder_state(folder: str) -> FolderState:
-    """Return what is recorded in ``folder``; a damaged session is a problem in words, not an error."""
-    return replace(_state_of(folder), free_bytes=_free_bytes(folder))
-
-
-def _free_bytes(folder: str) -> float | None:
-    """Return the space on the disk of a folder that may not be there yet."""
-    path = Path(folder)
-    there = next((one for one in (path, *path.parents) if one.is_dir()), None) if folder else None
-    try:
-        return None if there is None else float(shutil.disk_usage(there).free)
-    except OSError:
-        return None
-
-
-def _state_of(folder: str) -> FolderState:
-    from lfcal.acquire import SessionFile
-    from lfcal.base import LfcalError
-
-    if folder and (Path(folder) / "regions.json").exists():
-        return FolderState(problem=ELSEWHERE.format("several regions of the field"))
-    if not folder or not (Path(folder) / "session.json").exists():
-        return FolderState()
-    try:
-        session = SessionFile.read(Path(folder))
-        there = session.acknowledged(Path(folder))
-    except (LfcalError, OSError) as error:
-        return FolderState(problem=str(error))
-    how = session.runs[-1].how if session.runs else ""
-    if session.target is not None:
-        target: TargetPlan = session.target  # type: ignore[assignment]  # a session's frame plan is a target's
-        there = there[tuple(frame_positions(target).T)]
-        return FolderState(there, how, "", session.plan, session.options, None, target, session.recordings)
-    chosen = session.chosen if session.redo[0] else None
-    return FolderState(there, how, "", session.plan, session.options, chosen, None, session.recordings)
-
-
-@dataclass(frozen=True, eq=False)
 class RecordPicture:
     """A recording at one moment, as it is drawn.
 
@@ -423,3 +296,36 @@ def lamp_words(lamp: NDArray[np.float64]) -> str:
         return ""
     change = 100 * (lamp[:, 1] / lamp[0, 1] - 1)
     return f"lamp {change[-1]:+.2f} % after {format_seconds(float(lamp[-1, 0] - lamp[0, 0]))}, {len(lamp)} references"
+
+
+def coverage_picture(state: CoverageState, z: int) -> RecordPicture:
+    """Return what to draw of a target's recording: frames that show each position, the light of each frame."""
+    shown = state.shown[z]
+    seen = np.flatnonzero(np.isfinite(state.light))
+    number = np.asarray(seen + 1.0, np.float64)
+    none = np.zeros(0)
+    curves = {
+        "energy": (number, state.light[seen]),
+        "residual": (none, none),
+        "saturated": (number, state.saturated[seen].astype(np.float64)),
+    }
+    alarms = tuple(one.line for one in state.alarms)
+    return RecordPicture(
+        shown.astype(np.float64),
+        shown > 0,
+        np.zeros((1, 1)),
+        curves,
+        alarms,
+        lamp_words(state.lamp),
+        False,
+        state.done,
+        state.total,
+        covered=True,
+    )
+
+
+def picture_of(made: Recorder, z: int, quantity: str, earlier: NDArray[np.bool_] | None) -> RecordPicture:
+    """Return what to draw of a recording, of single points or of a target; arguments as of `record_picture`."""
+    if isinstance(made.quality, LiveCoverage):
+        return coverage_picture(made.quality.state(), z)
+    return record_picture(made.quality.state(z), made.order, z, quantity, earlier, made.earlier.sum_of(z))

@@ -13,9 +13,8 @@ from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.models import PageSpec, ProjectState, kept_verdict
 from lfcal_gui.pages.acquire import takes
-from lfcal_gui.pages.acquire._lab import Lab
+from lfcal_gui.pages.acquire._lab import KEYS, Lab
 from lfcal_gui.pages.acquire.model import AcquireSettings
-from lfcal_gui.pages.acquire.model_lab import KEYS
 from lfcal_gui.pages.acquire.panel import AcquirePanel
 from lfcal_gui.pages.acquire.record_tab import RecordTab
 from lfcal_gui.pages.acquire.setup_tab import SetupTab

@@ -27,10 +27,10 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from lfcal_gui.pages.acquire._record_pictures import RecordPictures
+from lfcal_gui.pages.acquire._pictures import RecordPictures
+from lfcal_gui.pages.acquire._words import ErrorCurve
 from lfcal_gui.pages.acquire.model import EXTENTS, FIELDS, MORE, UNTIL
 from lfcal_gui.pages.acquire.model_recorder import QUANTITIES, RecordPicture
-from lfcal_gui.pages.acquire.model_until import ErrorCurve
 from lfcal_gui.widgets import ElidedLabel, Folded, Form, card, choice_box, line, name_controls
 
 __all__ = ["BUTTONS", "RecordPanel"]

@@ -10,7 +10,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, QTimer, Signal
 
-from lfcal.acquire import check_fixed
+from lfcal.acquire import EarlierFrames, check_fixed
 from lfcal.base import LfcalError, StorageError, format_length
 from lfcal.camera import ScanPlan
 from lfcal.frames import Position
@@ -18,15 +18,20 @@ from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
 from lfcal_gui.models import Hold, ProjectState, plane_words, said_in_window
 from lfcal_gui.pages.acquire._after import Afterwards
-from lfcal_gui.pages.acquire._folder_choice import FolderChoice
-from lfcal_gui.pages.acquire._status import advice_words, asked_words, automatic_words, end_words, progress_words
-from lfcal_gui.pages.acquire._target_choice import TargetChoice
+from lfcal_gui.pages.acquire._choices import FolderChoice, TargetChoice
+from lfcal_gui.pages.acquire._words import (
+    advice_words,
+    asked_words,
+    automatic_words,
+    check_goal,
+    end_words,
+    error_curve,
+    progress_words,
+)
 from lfcal_gui.pages.acquire.model import AcquireSettings
-from lfcal_gui.pages.acquire.model_earlier import EarlierFrames
-from lfcal_gui.pages.acquire.model_recorder import FolderState, Recorder, RecordPicture, folder_state
+from lfcal_gui.pages.acquire.model_folder import FolderState, folder_state
+from lfcal_gui.pages.acquire.model_recorder import Recorder, RecordPicture, picture_of
 from lfcal_gui.pages.acquire.model_station import Station
-from lfcal_gui.pages.acquire.model_target import picture_of
-from lfcal_gui.pages.acquire.model_until import check_goal, error_curve
 from lfcal_gui.pages.acquire.record_panel import RecordPanel
 from lfcal_gui.pages.acquire.setup_tab import SetupTab
 from lfcal_gui.pages.acquire.step import REDO_FILE, step

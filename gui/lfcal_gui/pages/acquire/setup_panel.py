@@ -19,15 +19,13 @@ from PySide6.QtWidgets import (
 from lfcal.camera import ScanPlan
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.models import CUTOUT, Overlay, Shot, Symbols, cutout_of
-from lfcal_gui.pages.acquire._device_panel import DevicePanel
-from lfcal_gui.pages.acquire._fault_panel import FaultPanel
+from lfcal_gui.pages.acquire._devices import DevicePanel, FaultPanel
+from lfcal_gui.pages.acquire._stage import StagePanel
 from lfcal_gui.pages.acquire.model_live import LivePicture, age_words, expected_words, plane_to_go
-from lfcal_gui.pages.acquire.model_stills import KINDS
-from lfcal_gui.pages.acquire.stage_panel import StagePanel
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import NOTHING, AxisArrows, Contrast, ElidedLabel, Picture, card, heading, line
 
-__all__ = ["FINDINGS", "SetupPanel"]
+__all__ = ["FINDINGS", "STILLS", "SetupPanel"]
 
 EXPOSURE, PAIR = 104, 104
 """Least width of the box of the exposure, and height of the two small pictures (px)."""
@@ -51,6 +49,12 @@ FINDINGS = (
 )
 """Key, title and meaning of what can be found."""
 
+STILLS = (
+    ("white", "White image", "Frames of an even light: lattice and fall of light are measured in them"),
+    ("dark", "Dark frames", "Frames without any light, of the whole sensor: a white image needs them"),
+)
+"""Key, title and meaning of what can be taken."""
+
 OVERLAYS = (
     ("lattice", "Lattice", "Micro-image centres of the described camera, coloured by lens type"),
     ("cutout", "Cutout", "Where the plan expects the image (cross) and the cutout around it (square)"),
@@ -71,7 +75,7 @@ class SetupPanel(QWidget):
     plane_asked(z)
         Go to a plane of the plan, where something is expected.
     find_asked(key), use_asked(key)
-        Measure one of `FINDINGS`, or record one of `KINDS`; take what was found into the plan.
+        Measure one of `FINDINGS`, or record one of `STILLS`; take what was found into the plan.
     """
 
     exposure_edited = Signal(float)
@@ -193,7 +197,7 @@ class SetupPanel(QWidget):
         widget = QWidget()
         column = QVBoxLayout(widget)
         column.setContentsMargins(0, 0, 0, 0)
-        for title, offered in (("Find by moving", FINDINGS), ("White and dark", KINDS)):
+        for title, offered in (("Find by moving", FINDINGS), ("White and dark", STILLS)):
             column.addWidget(self._find_card(title, offered))
         return widget
 

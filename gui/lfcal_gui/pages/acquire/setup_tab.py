@@ -17,10 +17,10 @@ from lfcal.devices.simulated import DeviceFault
 from lfcal.psf import PSFMatrix
 from lfcal_gui.context import Context
 from lfcal_gui.models import ProjectState
+from lfcal_gui.pages.acquire._devices import fault_words
 from lfcal_gui.pages.acquire._measuring import SetupMeasuring
-from lfcal_gui.pages.acquire._moves import StageMoves
+from lfcal_gui.pages.acquire._stage import StageMoves
 from lfcal_gui.pages.acquire.model import AcquireSettings
-from lfcal_gui.pages.acquire.model_faults import fault_words
 from lfcal_gui.pages.acquire.model_live import LivePicture, Pace, live_picture, recorded_picture, stage_arrows
 from lfcal_gui.pages.acquire.model_station import Station, open_station
 from lfcal_gui.pages.acquire.setup_panel import SetupPanel

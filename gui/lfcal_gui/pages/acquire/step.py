@@ -1,19 +1,105 @@
-"""A recording, and H made of it, as commands. No Qt."""
+"""A recording, and H made of it, as commands and in units. No Qt."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from lfcal.acquire import RedoList
-from lfcal.base import InputError
+from lfcal.base import InputError, Work
 from lfcal.frames import CorrectionRecipe
-from lfcal.tasks import RunSettings
+from lfcal.tasks import Assemble, AssembleTarget, RunSettings, load_job
 from lfcal_gui.models import PLAN_FILE, CommandStep, ProjectState, needed_plan
 from lfcal_gui.pages.acquire.model import AcquireSettings
-from lfcal_gui.pages.acquire.model_assembly import task_of
 
-__all__ = ["REDO_FILE", "assembled", "step"]
+if TYPE_CHECKING:
+    from lfcal.frames import CorrectionRecipe
+    from lfcal.psf import AssemblyReport
+
+__all__ = [
+    "REDO_FILE",
+    "assembled",
+    "iter_assembly",
+    "iter_made",
+    "new_file",
+    "remade",
+    "shown_first",
+    "step",
+    "task_of",
+]
+
+
+def task_of(folder: Path, out: Path, recipe: CorrectionRecipe) -> Assemble | AssembleTarget:
+    """Return the task that makes H of a session."""
+    from lfcal.acquire import NAME, SessionFile
+
+    of_points = (folder / NAME).is_file() and SessionFile.read(folder).target is not None
+    return (AssembleTarget if of_points else Assemble)(frames=folder, out=out, corrections=recipe)
+
+
+def iter_assembly(folder: Path, out: Path, planes: list[int] | None, recipe: CorrectionRecipe) -> Work[AssemblyReport]:
+    """Assemble H of a session: single planes at once, for more may be recorded meanwhile, and all of it in units.
+
+    Planes that are done stay where it is stopped; called again it continues with them.
+
+    Raises
+    ------
+    InputError
+        As `lfcal.acquire.finish.iter_assemble_session`.
+    """
+    from lfcal.acquire import iter_assemble_session
+
+    if planes is not None:
+        return (yield from iter_assemble_session(folder, out, planes=planes, recipe=recipe))
+    return (yield from iter_made(task_of(folder, out, recipe)))
+
+
+def iter_made(task: Assemble | AssembleTarget) -> Work[AssemblyReport]:
+    """Make H in units; called again it continues with the planes that are done."""
+    (made,) = yield from task.work(RunSettings(resume=True))
+    return made.report
+
+
+def new_file(psf: Path) -> Path:
+    """Return a file next to an H that does not exist: ``H-2.h5`` for ``H.h5``."""
+    stem, _, number = psf.stem.rpartition("-")
+    stem, first = (stem, int(number) + 1) if stem and number.isdigit() else (psf.stem, 2)
+    return next(path for k in range(first, first + 10_000) if not (path := psf.with_name(f"{stem}-{k}.h5")).exists())
+
+
+def remade(folder: Path, psf: Path, out: Path, recipe: CorrectionRecipe) -> Assemble | AssembleTarget:
+    """Return the task that makes the H ``psf`` of a session again, with the same settings, into ``out``.
+
+    Raises
+    ------
+    InputError
+        If it is not H of all planes of this session.
+    """
+    from lfcal.acquire import SessionFile
+    from lfcal.psf import open_psf
+
+    session = SessionFile.read(folder)
+    with open_psf(psf) as matrix:
+        known, shape = matrix.provenance, matrix.shape[:3]
+    if known.get("session", session.identity) != session.identity or shape != session.plan.shape[:3]:
+        wanted = f"H of all planes of the session in {folder}"
+        raise InputError.expected(psf.name, wanted, "another H", "choose the folder of its session in Record > Rig")
+    made: Any = known.get("task")
+    if psf.suffix == ".h5" and isinstance(made, dict) and made.get("task") == "assemble":
+        task, _ = load_job(psf, {"frames": str(folder), "out": str(out)})
+        if isinstance(task, (Assemble, AssembleTarget)):
+            return task
+    return task_of(folder, out, recipe)
+
+
+def shown_first(places: Sequence[tuple[int, int, int]]) -> tuple[int, int, int]:
+    """Return the position (z, y, x) to look at: in the plane with most of ``places``."""
+    z = int(np.bincount([place[0] for place in places]).argmax())
+    return next(place for place in places if place[0] == z)
+
 
 REDO_FILE = "lfcal-redo.json"
 

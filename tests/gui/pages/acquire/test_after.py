@@ -14,6 +14,7 @@ from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 
 from lfcal.acquire import SessionFile
+from lfcal.acquire.stills import recipe_of
 from lfcal.base.errors import InputError, StorageError
 from lfcal.base.progress import drain
 from lfcal.base.sample import sample_recording
@@ -26,8 +27,7 @@ from lfcal.work import parts_folder
 from lfcal_gui.context import Context
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.acquire.model import AcquireSettings
-from lfcal_gui.pages.acquire.model_assembly import iter_assembly, remade
-from lfcal_gui.pages.acquire.model_stills import recipe_of
+from lfcal_gui.pages.acquire.step import iter_assembly, remade
 from tests.acquire.rigs import small_plan
 from tests.gui.waiting import GUARD_MS, idle
 from tests.psf.test_joining import contents

@@ -11,6 +11,7 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from lfcal.acquire.control import Control
+from lfcal.acquire.earlier import EarlierFrames
 from lfcal.acquire.live_coverage import LiveCoverage
 from lfcal.acquire.live_quality import LiveQuality, QualityState
 from lfcal.acquire.schedule import window_shape
@@ -23,9 +24,8 @@ from lfcal.frames.source import Position
 from lfcal_gui.context import Context
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.acquire.model import AcquireSettings
-from lfcal_gui.pages.acquire.model_earlier import EarlierFrames
-from lfcal_gui.pages.acquire.model_recorder import Recorder, folder_state, record_picture
-from lfcal_gui.pages.acquire.model_target import coverage_picture
+from lfcal_gui.pages.acquire.model_folder import folder_state
+from lfcal_gui.pages.acquire.model_recorder import Recorder, coverage_picture, record_picture
 from lfcal_gui.pages.acquire.page import Page
 from tests.acquire.rigs import CAREFUL, rig_for, small_plan
 from tests.acquire.test_live_coverage import small_target

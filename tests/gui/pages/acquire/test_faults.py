@@ -14,8 +14,8 @@ from lfcal.devices.simulated.backend import inject, simulated_rig
 from lfcal.devices.simulated.faults import FAULTS, DeviceFault
 from lfcal_gui.context import Context
 from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.acquire._devices import COUNTED, KINDS, fault_words
 from lfcal_gui.pages.acquire.model import AcquireSettings
-from lfcal_gui.pages.acquire.model_faults import COUNTED, KINDS, fault_words
 from lfcal_gui.pages.acquire.page import Page
 from tests.acquire.rigs import small_plan
 from tests.gui.conftest import OpenPage

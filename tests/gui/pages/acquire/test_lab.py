@@ -18,8 +18,8 @@ from lfcal.devices import Frame
 from lfcal.devices.simulated._camera import SimCamera
 from lfcal_gui.models.display import colour_table
 from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.acquire._lab import KEYS, Standing, next_step
 from lfcal_gui.pages.acquire.model import AcquireSettings
-from lfcal_gui.pages.acquire.model_lab import KEYS, Standing, next_step
 from lfcal_gui.pages.acquire.page import Page
 from lfcal_gui.theme import DARK, LIGHT, NIGHT, apply_theme, current_theme
 from lfcal_gui.window import MainWindow

@@ -18,9 +18,10 @@ from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.psf import PSFMatrix
 from lfcal.tasks import Acquire
 from lfcal_gui.models.project import ProjectState
-from lfcal_gui.pages.acquire import model_findings, model_live
+from lfcal_gui.pages.acquire import _measuring, model_live
 from lfcal_gui.pages.acquire.model import FIELDS, MORE, UNTIL, AcquireSettings, target_of
-from lfcal_gui.pages.acquire.model_recorder import Recorder, folder_state, record_picture
+from lfcal_gui.pages.acquire.model_folder import folder_state
+from lfcal_gui.pages.acquire.model_recorder import Recorder, record_picture
 from lfcal_gui.pages.acquire.model_station import Station, cut, open_station, read_target
 from tests.acquire.rigs import small_plan
 
@@ -180,17 +181,17 @@ def test_arrows_point_where_the_image_goes(right: str, down: str) -> None:
 def test_a_wrong_sign_is_said() -> None:
     positions = np.array([[0, 0, 0], [0, 0, 3], [0, 2, 0], [0, 2, 3]])
     stage, image = PLAN.stage_um(positions), PLAN.image_px(positions)
-    words, good = model_findings.fit_words(fit_stage(PLAN, 0, stage, image), PLAN)
+    words, good = _measuring.fit_words(fit_stage(PLAN, 0, stage, image), PLAN)
     assert good and "as the plan says" in words
     mirrored = image.copy()
     mirrored[:, 1] = 2 * mirrored[:, 1].mean() - mirrored[:, 1]
-    words, good = model_findings.fit_words(fit_stage(PLAN, 0, stage, mirrored), PLAN)
+    words, good = _measuring.fit_words(fit_stage(PLAN, 0, stage, mirrored), PLAN)
     assert not good and "wrong way" in words and "mirrored" in words
 
 
 def test_other_words_have_their_units() -> None:
-    assert "px rms" in model_findings.axis_words(OpticalAxis((1.0, -2.0), (40.0, 50.0), 0.1), PLAN)
-    words = model_findings.exposure_words((0.01, 0.02), PLAN)
+    assert "px rms" in _measuring.axis_words(OpticalAxis((1.0, -2.0), (40.0, 50.0), 0.1), PLAN)
+    words = _measuring.exposure_words((0.01, 0.02), PLAN)
     assert "10 ms" in words and "20 ms" in words
     with pytest.raises(InputError):
         target_of(PLAN, 9)

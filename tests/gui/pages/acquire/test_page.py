@@ -21,7 +21,7 @@ from lfcal_gui.context import Context
 from lfcal_gui.models import Symbols
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.acquire.model import AcquireSettings
-from lfcal_gui.pages.acquire.model_recorder import folder_state
+from lfcal_gui.pages.acquire.model_folder import folder_state
 from lfcal_gui.pages.acquire.page import Page
 from lfcal_gui.pages.acquire.step import step
 from lfcal_gui.theme import DARK, LIGHT, apply_theme

@@ -15,20 +15,27 @@ from pytestqt.qtbot import QtBot
 from lfcal.acquire import Options
 from lfcal.acquire.finish import iter_assemble_session
 from lfcal.acquire.session import iter_record
+from lfcal.acquire.stills import Stills, iter_stills, recipe_of, still_files
 from lfcal.base.errors import InputError, StorageError
-from lfcal.base.progress import drain
+from lfcal.base.progress import Work, drain
 from lfcal.base.sample import sample_session
 from lfcal.camera import ScanPlan
 from lfcal_gui.context import Context
 from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.acquire._measuring import still_taker
 from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.pages.acquire.model_station import Station, open_station
-from lfcal_gui.pages.acquire.model_stills import iter_stills, recipe_of, still_files
 from tests.acquire.rigs import small_plan
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS
 
 PLAN = small_plan((3, 4), 2, settle_s=0.0)
+
+
+def taken(station: Station, plan: ScanPlan, exposure_s: float, folder: Path, kind: str) -> Work[Stills]:
+    """Take frames as the page does."""
+    take = still_taker(station, plan, exposure_s, kind)
+    return iter_stills(take, plan, folder, kind, light=station.rig.light)
 
 
 @pytest.fixture
@@ -45,7 +52,7 @@ def station() -> Iterator[Station]:
 
 
 def test_dark_frames_are_taken_without_light_and_the_light_is_on_again(station: Station, tmp_path: Path) -> None:
-    found = drain(iter_stills(station, PLAN, 0.02, tmp_path, "dark"))
+    found = drain(taken(station, PLAN, 0.02, tmp_path, "dark"))
     assert found.files == still_files(tmp_path, "dark") and found.level < 0.02
     frames = [tifffile.imread(path) for path in found.files]
     black = PLAN.camera.sensor.black_level
@@ -55,7 +62,7 @@ def test_dark_frames_are_taken_without_light_and_the_light_is_on_again(station: 
 
 
 def test_light_is_on_again_when_dark_frames_are_stopped(station: Station, tmp_path: Path) -> None:
-    work = iter_stills(station, PLAN, 0.02, tmp_path, "dark")
+    work = taken(station, PLAN, 0.02, tmp_path, "dark")
     next(work)
     work.close()
     frame = station.look(0.02, PLAN).frame
@@ -67,7 +74,7 @@ def test_a_session_folder_that_is_a_file_is_told_before_a_frame_is_taken(station
     """It ended in the traceback of a job, after all frames had been taken."""
     (folder := tmp_path / "session.h5").write_bytes(b"a file")
     with pytest.raises(StorageError, match=r"session\.h5 is a file; check the path"):
-        next(iter_stills(station, PLAN, 0.02, folder, "dark"))
+        next(taken(station, PLAN, 0.02, folder, "dark"))
     assert folder.read_bytes() == b"a file" and not recipe_of(folder).white
 
 
@@ -75,13 +82,13 @@ def test_a_point_is_no_white_image_and_light_is_no_dark_one(station: Station, tm
     station.name = "other"
     station.jog(0, 1e4)
     with pytest.raises(InputError, match="expose longer"):
-        drain(iter_stills(station, PLAN, 1e-5, tmp_path, "white"))
+        drain(taken(station, PLAN, 1e-5, tmp_path, "white"))
     station.jog(0, -1e4)
     with pytest.raises(InputError, match="white frames: expected"):
-        drain(iter_stills(station, PLAN, 0.02, tmp_path, "white"))
+        drain(taken(station, PLAN, 0.02, tmp_path, "white"))
     station.rig = replace(station.rig, light=None)
     with pytest.raises(InputError, match="cover the lens"):
-        drain(iter_stills(station, PLAN, 20.0, tmp_path, "dark"))
+        drain(taken(station, PLAN, 20.0, tmp_path, "dark"))
     assert not list(tmp_path.iterdir())
 
 
@@ -92,7 +99,7 @@ def test_a_session_with_white_and_dark_frames_is_assembled_by_them(tmp_path: Pat
     station = open_station(plan, "sim", {"optics": "pattern"})
     assert recipe_of(tmp_path).white == ""
     for kind in ("dark", "white"):
-        drain(iter_stills(station, plan, 0.02, tmp_path, kind))
+        drain(taken(station, plan, 0.02, tmp_path, kind))
     assert recipe_of(tmp_path).white == tmp_path / "white"
     drain(station.use(iter_record(tmp_path, plan, station.rig, Options(keep_free_bytes=0))))
     station.close()

@@ -19,8 +19,8 @@ from lfcal.targets import Target, TargetPlan, Wishes, plan_target
 from lfcal_gui.context import Context
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.acquire.model import AcquireSettings
-from lfcal_gui.pages.acquire.model_recorder import FolderState, folder_state
-from lfcal_gui.pages.acquire.model_target import points_px
+from lfcal_gui.pages.acquire.model_folder import FolderState, folder_state
+from lfcal_gui.pages.acquire.model_live import points_px
 from lfcal_gui.pages.acquire.page import Page
 from lfcal_gui.pages.acquire.step import step
 from lfcal_gui.widgets.period_map import PeriodMap

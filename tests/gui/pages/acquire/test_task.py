@@ -14,6 +14,7 @@ import pytest
 
 from lfcal.acquire import Options, RedoList, SessionFile
 from lfcal.acquire.recording.source import RecordingSource
+from lfcal.acquire.stills import recipe_of
 from lfcal.base import drain
 from lfcal.devices import Rig, open_rig
 from lfcal.frames import open_frames
@@ -22,11 +23,9 @@ from lfcal.records import rows
 from lfcal.tasks import Acquire, AcquireTarget, AcquireUntil, RunSettings, job_of, load_job
 from lfcal_gui.models import CommandStep, ProjectState, check_of, fields_of, options_in, shown_of
 from lfcal_gui.pages.acquire.model import FIELDS, HELD, MORE, UNTIL, AcquireSettings
-from lfcal_gui.pages.acquire.model_assembly import iter_assembly
 from lfcal_gui.pages.acquire.model_recorder import Recorder
 from lfcal_gui.pages.acquire.model_station import Station, open_station
-from lfcal_gui.pages.acquire.model_stills import recipe_of
-from lfcal_gui.pages.acquire.step import assembled, step
+from lfcal_gui.pages.acquire.step import assembled, iter_assembly, step
 from tests.acquire.rigs import small_plan
 from tests.cli import conftest
 from tests.cli.conftest import Run

@@ -1,4 +1,4 @@
-"""Frames that earlier runs of a session recorded, read from its files while the window stays in use. No Qt."""
+"""Frames that earlier runs of a session recorded, read from its files in the background."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire import SAMPLE, LiveCoverage, LiveQuality
+from lfcal.acquire.live_coverage import SAMPLE, LiveCoverage
+from lfcal.acquire.live_quality import LiveQuality
 from lfcal.acquire.recording import RECORD, RecordingFile
 from lfcal.base import FileFormatError
 
@@ -114,7 +115,7 @@ class EarlierFrames:
     """Gives ``quality`` what earlier runs recorded, and adds up the frames of the plane in view.
 
     Records are read first; frames of a plane for `SECONDS` at most, in an order that is spread over the period. Of
-    the sums `MEMORY` is kept. `want` is called in the window's thread, `read` in another.
+    the sums `MEMORY` is kept. `want` and `read` may be called in two threads.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Which plan is recorded: the project's scan, or a target's that stands for it."""
+"""The folder of a session, and the plan of a target that is recorded in the place of the scan."""
 
 from __future__ import annotations
 
@@ -7,19 +7,77 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtWidgets import QFileDialog, QWidget
+from PySide6.QtWidgets import QFileDialog, QLineEdit, QWidget
 
-from lfcal.base import InputError
+from lfcal.base import InputError, read_text
 from lfcal.camera import ScanPlan
 from lfcal_gui.context import Context
 from lfcal_gui.pages.acquire.model import AcquireSettings, moved
-from lfcal_gui.pages.acquire.model_recorder import FolderState
-from lfcal_gui.pages.acquire.model_target import read_target_plan
+from lfcal_gui.pages.acquire.model_folder import FolderState, folder_state
 
 if TYPE_CHECKING:
     from lfcal.targets import TargetPlan
 
-__all__ = ["TargetChoice"]
+__all__ = ["FolderChoice", "TargetChoice"]
+
+CHOSEN, LOOKED_INTO = "acquire folder chosen", "acquire folder"
+
+
+class FolderChoice:
+    """The project's session folder.
+
+    Parameters
+    ----------
+    context, edit
+        Of the page, and where the folder stands.
+    seen
+        Called with what the project's folder holds.
+    refused
+        Called with why one is not taken.
+    """
+
+    def __init__(
+        self,
+        context: Context,
+        edit: QLineEdit,
+        seen: Callable[[FolderState], None],
+        refused: Callable[[str], None],
+    ) -> None:
+        self.context, self.edit = context, edit
+        self._seen, self._refused = seen, refused
+
+    def ask(self, then: Callable[[], None] | None = None) -> None:
+        """Ask for a folder, and do ``then`` once it is taken."""
+        path = QFileDialog.getExistingDirectory(self.edit, "Folder of the session")
+        if path:
+            self.take(path, then)
+
+    def take(self, path: str, then: Callable[[], None] | None = None) -> None:
+        """Record into (or go on in) another folder, unless what it holds is damaged."""
+
+        def seen(found: FolderState) -> None:
+            if found.problem:
+                self.edit.setText(self.context.state.recording)
+                self._refused(found.problem)
+            else:
+                self.context.project.update("session folder", recording=path)
+                if then is not None:
+                    then()
+
+        self.context.jobs.drop(CHOSEN)
+        self.context.jobs.load(CHOSEN, lambda: folder_state(path), seen, self._refused)
+
+    def look(self) -> None:
+        """Look into the project's folder."""
+        path = self.context.state.recording
+        self.context.jobs.drop(LOOKED_INTO)  # it may hang
+        self.context.jobs.load(LOOKED_INTO, lambda: folder_state(path), self._seen)
+
+    def let_go(self) -> None:
+        """Open none any more for the project before."""
+        self.context.jobs.drop(CHOSEN)
+        self.context.jobs.drop(LOOKED_INTO)
+
 
 GROUP = "acquire target"
 
@@ -62,7 +120,7 @@ class TargetChoice:
             self._read("")
 
         self.context.jobs.drop(GROUP)
-        self.context.jobs.load(GROUP, lambda: read_target_plan(path), seen, self._read)
+        self.context.jobs.load(GROUP, lambda: _read_target_plan(path), seen, self._read)
 
     def clear(self) -> None:
         """Record the scan of a single point again."""
@@ -76,7 +134,7 @@ class TargetChoice:
         self.plan, self._path = None, path
         self.context.jobs.drop(GROUP)
         if path:
-            self.context.jobs.load(GROUP, lambda: read_target_plan(path), self._seen, self._read)
+            self.context.jobs.load(GROUP, lambda: _read_target_plan(path), self._seen, self._read)
 
     def _seen(self, plan: TargetPlan) -> None:
         self.plan = plan
@@ -117,3 +175,10 @@ class TargetChoice:
         if folder.there is not None and folder.target != found:
             raise InputError.expected("folder", "a session of this target", "another session", remedy)
         return found
+
+
+def _read_target_plan(path: str) -> TargetPlan:
+    """Return the plan of a target in a file; raises `LfcalError` where there is none."""
+    from lfcal.targets import TargetPlan  # here: a page is shown before simulators are loaded
+
+    return TargetPlan.from_json(read_text(Path(path)))

@@ -1,4 +1,4 @@
-"""Which devices to use: backend, its options, why one is absent; connect and disconnect."""
+"""Which devices to use, their options, and the faults of the simulated ones."""
 
 from __future__ import annotations
 
@@ -8,11 +8,68 @@ from typing import Any
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QStandardItemModel
-from PySide6.QtWidgets import QComboBox, QFormLayout, QLabel, QLineEdit, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QComboBox,
+    QFormLayout,
+    QLabel,
+    QLineEdit,
+    QListWidget,
+    QPushButton,
+    QSpinBox,
+    QVBoxLayout,
+    QWidget,
+)
 
-from lfcal_gui.widgets import card, line, set_role
+from lfcal.base import LfcalError
+from lfcal.devices.simulated import CAMERA_FAULTS, FAULTS, GAUGE_FAULTS, STAGE_FAULTS, DeviceFault, parse_faults
+from lfcal_gui.widgets import Folded, card, choice_box, line, set_role
 
-__all__ = ["DevicePanel"]
+__all__ = ["COUNTED", "KINDS", "DevicePanel", "FaultPanel", "fault_words"]
+
+_SAID = {
+    "move fails": "a move fails",
+    "stops short": "the stage stops short",
+    "drifts": "the stage creeps after arrival",
+    "never arrives": "the stage never arrives",
+    "stage vanishes": "the stage is unplugged",
+    "encoder off": "the stage reads a wrong place",
+    "loses steps": "the stage loses steps",
+    "times out": "no frame comes in time",
+    "incomplete": "a frame lacks parts",
+    "stale": "an old frame comes again",
+    "wrong shape": "a frame has another shape",
+    "vanishes": "the camera is unplugged",
+    "clock jumps": "the camera's clock jumps",
+    "bumped": "the table is bumped",
+    "blank": "a blank frame",
+    "repeats": "an earlier content comes again",
+    "frozen": "the picture is frozen",
+    "torn": "a frame is torn",
+    "region slips": "the region read slips",
+    "dark level": "the dark level rises",
+    "clamps exposure": "the exposure is clamped",
+    "lamp dims": "the lamp dims",
+    "too warm": "the room is too warm (gauge)",
+    "lamp low": "the lamp is low (gauge)",
+}
+COUNTED = {
+    **dict.fromkeys(STAGE_FAULTS, "move"),
+    **dict.fromkeys(CAMERA_FAULTS, "frame"),
+    **dict.fromkeys(GAUGE_FAULTS, "reading"),
+}
+"""What the calls of each kind of fault are."""
+
+KINDS = tuple((kind, _SAID.get(kind, kind)) for kind in FAULTS)
+"""Pairs of kind and words, for a list."""
+
+
+def fault_words(fault: DeviceFault, *, now: bool = False) -> str:
+    """Return a fault in a line; ``now``: its calls are counted from now."""
+    counted = COUNTED[fault.kind]
+    last = f" to {fault.at + fault.times - 1}" if fault.times > 1 else ""
+    after = " from now" if now else ""
+    return f"{counted} {fault.at}{last}{after}: {_SAID.get(fault.kind, fault.kind)}"
+
 
 CONNECT = "Take hold of camera and stage, to see live frames and to record; nothing moves yet"
 SHORT = re.compile(r"[.;,(\[@]| of the | after | the image| separated ")
@@ -188,3 +245,126 @@ class DevicePanel(QWidget):
         else:
             self._emit()
             self.connect_asked.emit()
+
+
+MOST = 1_000_000
+HINT = "Try what a fault does before it happens: they strike the next time the simulator is connected."
+NOW = "The simulator is connected: a fault strikes so many calls from now, also while it records."
+
+
+class FaultPanel(QWidget):
+    """A list of faults, and a line to add one.
+
+    Signals
+    -------
+    edited(text)
+        The faults changed; ``text`` is the simulator's option ``faults``.
+    injected(fault)
+        A fault is to strike the simulator that is connected, counted from now.
+    """
+
+    edited = Signal(str)
+    injected = Signal(object)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._faults: list[DeviceFault] = []
+        self._connected = False
+        self.kind = choice_box(KINDS, "What shall go wrong, to rehearse what the recording does about it")
+        self.kind.setAccessibleName("kind of fault")
+        self.kind.currentIndexChanged.connect(lambda _: self._count())
+        self.at, self.times = QSpinBox(), QSpinBox()
+        self.at.setRange(0, MOST)
+        self.times.setRange(1, MOST)
+        self.at.setAccessibleName("call at which the fault begins")
+        self.times.setAccessibleName("calls that the fault lasts")
+        self.times.setToolTip("How many calls in a row are affected")
+        self.counted = QLabel()
+        self.add, self.remove = QPushButton("Add"), QPushButton("Remove")
+        self.add.setToolTip("Add this fault to the list")
+        self.remove.setToolTip("Take the marked fault from the list")
+        self.add.clicked.connect(self._add)
+        self.remove.clicked.connect(self._remove)
+        self.list = QListWidget()
+        self.list.setAccessibleName("faults of the simulator")
+        self.list.setToolTip("What will go wrong, and when; mark one to take it away")
+        self.list.setMaximumHeight(84)
+        self.list.currentRowChanged.connect(lambda _: self._enable())
+        self.hint = QLabel(HINT)
+        self.hint.setProperty("role", "hint")
+        self.hint.setWordWrap(True)
+        self.fold = Folded("Faults of the simulator", "Rehearse what a recording does about faults, before it is real")
+        column = self.fold.column
+        column.addWidget(self.hint)
+        column.addWidget(self.kind)
+        column.addLayout(line("At", self.at, self.counted, stretch=1))
+        column.addLayout(line("Lasts", self.times, self.add, stretch=1))
+        column.addWidget(self.list)
+        column.addLayout(line(self.remove, stretch=0))
+        outer = QVBoxLayout(self)
+        outer.setContentsMargins(0, 0, 0, 0)
+        outer.addWidget(self.fold)
+        self._count()
+        self._show()
+
+    def set_faults(self, text: str) -> None:
+        """Show the faults of an option; one that cannot be read is told at connecting."""
+        try:
+            faults = parse_faults(text)
+        except LfcalError:
+            faults = []
+        if faults != self._faults:
+            self._faults = faults
+            self._show()
+        if faults:
+            self.fold.open()
+
+    def set_connected(self, connected: bool, *, busy: bool = False) -> None:
+        """Faults of the list are of devices that are not connected yet; of those that are, one strikes from now on."""
+        if connected != self._connected:
+            self._connected = connected
+            self.hint.setText(NOW if connected else HINT)
+            self.add.setText("Strike" if connected else "Add")
+            self.add.setToolTip("Let this fault happen now" if connected else "Add this fault to the list")
+            self._count()
+        for widget in (self.kind, self.at, self.times, self.add):
+            widget.setEnabled(not busy)
+        self.list.setEnabled(not (connected or busy))
+        self._enable()
+
+    # -- inside ----------------------------------------------------------------------------------------
+    def _count(self) -> None:
+        counted = COUNTED[self.kind.currentData()]
+        self.counted.setText(f". {counted} from now" if self._connected else f". {counted}")
+        since = "now on" if self._connected else "connecting on"
+        self.at.setToolTip(f"The {counted} at which it begins, counted from 0, from {since}")
+
+    def _add(self) -> None:
+        fault = DeviceFault(self.kind.currentData(), self.at.value(), self.times.value())
+        if self._connected:
+            self.hint.setText(f"{NOW}\nLast: {fault_words(fault, now=True)}")
+            self.injected.emit(fault)
+            return
+        self._changed([*self._faults, fault])
+
+    def _remove(self) -> None:
+        row = self.list.currentRow()
+        if 0 <= row < len(self._faults):
+            self._changed([fault for k, fault in enumerate(self._faults) if k != row])
+
+    def _changed(self, faults: list[DeviceFault]) -> None:
+        self._faults = faults
+        self._show()
+        self.edited.emit(";".join(fault.text() for fault in faults))
+
+    def _show(self) -> None:
+        row = self.list.currentRow()
+        self.list.clear()
+        self.list.addItems([fault_words(fault) for fault in self._faults])
+        self.list.setCurrentRow(min(max(row, 0), len(self._faults) - 1))
+        self.list.setVisible(bool(self._faults))
+        self.remove.setVisible(bool(self._faults))
+        self._enable()
+
+    def _enable(self) -> None:
+        self.remove.setEnabled(self.list.isEnabled() and self.list.currentRow() >= 0)

@@ -1,4 +1,4 @@
-"""White and dark frames of the whole sensor: taken, checked, written beside the session. No Qt."""
+"""White and dark frames of the whole sensor: taken, checked, and written into the session's folder."""
 
 from __future__ import annotations
 
@@ -12,24 +12,13 @@ from numpy.typing import NDArray
 
 from lfcal.base import Clock, InputError, Work, check_writable, replace_whole
 from lfcal.camera import ScanPlan
+from lfcal.devices import Light
 from lfcal.frames import CorrectionRecipe
-from lfcal_gui.pages.acquire.model_station import Station
 
-__all__ = ["ASKED", "KINDS", "Stills", "iter_stills", "recipe_of", "still_files"]
+__all__ = ["Stills", "iter_stills", "recipe_of", "still_files"]
 
 COUNT = 8
-KINDS = (
-    ("white", "White image", "Frames of an even light: lattice and fall of light are measured in them"),
-    ("dark", "Dark frames", "Frames without any light, of the whole sensor: a white image needs them"),
-)
-"""Key, title and meaning of what can be taken."""
-
-ASKED = {
-    "white": "Put an even light, or a diffuser, before the lens, with the iris as in the session.\n"
-    "The live view should be bright everywhere and saturated nowhere; change the exposure if it is not.",
-    "dark": "Cover the lens, and leave the exposure as it is.",
-}
-"""What the user does first."""
+"""Frames of each kind."""
 
 PARTS = 4
 """Parts of the sensor along rows and columns, of which so many must be lit to a share of the brightest."""
@@ -67,8 +56,21 @@ def recipe_of(folder: Path) -> CorrectionRecipe:
     return CorrectionRecipe(white=white, dark=dark) if white else CorrectionRecipe()
 
 
-def iter_stills(station: Station, plan: ScanPlan, exposure_s: float, folder: Path, kind: str) -> Work[Stills]:
-    """Take frames of the whole sensor, check them, and write them as 16-bit TIFF; the light is on again afterwards.
+def iter_stills(
+    take: Callable[[int], NDArray[Any]], plan: ScanPlan, folder: Path, kind: str, *, light: Light | None = None
+) -> Work[Stills]:
+    """Take frames of the whole sensor, check them, and write them as 16-bit TIFF.
+
+    Parameters
+    ----------
+    take
+        Returns frame ``k`` of the whole sensor, ``(rows, columns)`` (counts).
+    plan
+        Plan of the session; its sensor states black level and range.
+    folder, kind
+        Folder of the session; ``"white"`` or ``"dark"``.
+    light
+        Switched off for dark frames, and on again afterwards.
 
     Raises
     ------
@@ -81,8 +83,7 @@ def iter_stills(station: Station, plan: ScanPlan, exposure_s: float, folder: Pat
     for path in files:
         check_writable(path)
     clock, frames = Clock(f"{kind} frames", COUNT), []
-    light = station.rig.light if kind == "dark" else None
-    take = _taker(station, plan, exposure_s, kind)
+    light = light if kind == "dark" else None
     try:
         if light is not None:
             light.switch(False)
@@ -100,23 +101,6 @@ def iter_stills(station: Station, plan: ScanPlan, exposure_s: float, folder: Pat
             tifffile.imwrite(part, frame)
     yield clock.at(COUNT)
     return Stills(kind, files, level)
-
-
-def _taker(station: Station, plan: ScanPlan, exposure_s: float, kind: str) -> Callable[[int], NDArray[Any]]:
-    """Return what takes frame ``k``; the simulator's source is a point, so its white scene is simulated as a whole."""
-    if station.name == "sim" and kind == "white":
-        from lfcal.simulate import SimulatedCamera
-
-        scene = SimulatedCamera(plan, ())
-        return lambda k: np.rint(scene.white_frame(k)).astype(np.uint16)
-
-    def take(_: int) -> NDArray[Any]:
-        look = station.look(exposure_s, plan)
-        if look.frame is None or look.state.trouble:
-            raise InputError.expected("frame", "one", look.state.trouble or "none", "check the camera")
-        return np.array(look.frame.data)
-
-    return take
 
 
 def _checked(mean: NDArray[np.float64], plan: ScanPlan, kind: str) -> float:
