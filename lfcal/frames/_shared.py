@@ -7,6 +7,7 @@ from lfcal.frames.cfa import cfa_from, check_cfa, pattern_side
 from lfcal.frames.channels import ThinnedSource, colour_scan, colours_of
 from lfcal.frames.damage import SelectedSource, frame_errors
 from lfcal.frames.described import stated_noise
+from lfcal.frames.formats import split_dataset
 from lfcal.frames.half_cell import with_partners
 from lfcal.frames.opening import COMPONENTS, RECORDINGS, SOURCES, TABLES, files_of, open_component
 from lfcal.frames.orientation import AUTO, CHECK
@@ -54,6 +55,7 @@ __all__ = [
     "parse_origin",
     "part_refusal",
     "pattern_side",
+    "split_dataset",
     "stated_noise",
     "stated_origin",
     "with_partners",

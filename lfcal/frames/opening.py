@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from lfcal.base import FileFormatError, Registry, StorageError
 from lfcal.camera import ScanPlan
-from lfcal.frames.formats import image_suffixes
+from lfcal.frames.formats import image_suffixes, split_dataset
 from lfcal.frames.manifest import Manifest
 from lfcal.frames.orientation import AS_IS
 from lfcal.frames.part import check_origin
@@ -61,8 +61,8 @@ def open_frames(
     ----------
     path
         A folder of images, a manifest or another program's list (``.csv``, ``.tsv``, ``.txt``, ``.json``; its files
-        lie beside it), a file of many frames
-        (multi-page TIFF, ``.npy``, HDF5), the folder of a recorded session, or a scan plan (``.json``).
+        lie beside it), a file of many frames (multi-page TIFF, ``.npy``, HDF5, also with the dataset:
+        ``scan.h5::/entry/data/data``), the folder of a recorded session, or a scan plan (``.json``).
     manifest
         Manifest or its file; a folder's own ``manifest.json`` or ``manifest.csv`` is found without it.
     pattern
@@ -106,7 +106,7 @@ def open_frames(
     ...     print(len(source), source.shape, source.info(100).position, source.read(100).max())
     1254 (80, 96) Position(z=0, y=3, x=31) 3184
     """
-    path = Path(path)
+    path, inside = split_dataset(path)
     if not path.exists():
         raise StorageError(f"{path}: no such file or folder; check the path")
     shape = None if plan_shape is None else check_plan_shape(plan_shape)
@@ -120,7 +120,7 @@ def open_frames(
             order,
             shape,
             colour,
-            dataset,
+            dataset or inside,
             nan,
             blank,
             skip_damaged,
@@ -178,7 +178,7 @@ def files_of(source: Path | str | None) -> list[Path]:
     """Return an input file, or what commands read of an input folder: its frames, tables and recordings."""
     if source is None or not str(source):
         return []
-    path = Path(source)
+    path, _ = split_dataset(source)
     if not path.is_dir():
         return [path]
     suffixes = image_suffixes() | TABLES

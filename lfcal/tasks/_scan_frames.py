@@ -82,7 +82,7 @@ class ScanFrames:
         own = source.metadata.plan
         if own is None and found is None:
             source.close()
-            raise no_plan(frames if frames.is_dir() else frames.parent)
+            raise no_plan(_folder(frames))
         # a plan that is named replaces the recorded one: its cutout and anchor may have been corrected since.
         if own is None or plan is None:
             return source, own or found  # type: ignore[return-value]  # one of them is there
@@ -116,8 +116,15 @@ def find_plan(frames: Path, plan: Path | None) -> ScanPlan | None:
 
 def _plans(frames: Path, plan: Path | None) -> list[Path]:
     """Return where a plan lies: beside the frames, or one folder above, where lfcal simulate puts it."""
-    folder = frames if frames.is_dir() else frames.parent
+    folder = _folder(frames)
     return [plan] if plan else [p for p in (folder / "plan.json", folder.parent / "plan.json") if p.is_file()]
+
+
+def _folder(frames: Path) -> Path:
+    from lfcal.frames import split_dataset
+
+    file, _ = split_dataset(frames)
+    return file if file.is_dir() else file.parent
 
 
 def no_plan(folder: Path) -> InputError:

@@ -182,10 +182,11 @@ class _Reconstruct(Task):
 
     def _prepare(self, stack: ExitStack, workers: int | None, *, warm: bool = False) -> FrameRun:
         """Open H, look at the first frame, and choose how to project."""
+        from lfcal.frames import split_dataset
         from lfcal.psf import regions_of
         from lfcal.reconstruct import FrameRun, SharedOptics, SolverChoice, files_of_regions
 
-        if not self.frames.exists():
+        if not split_dataset(self.frames)[0].exists():
             raise StorageError(f"{self.frames}: no such file or folder; check the path")
         choice = SolverChoice.of(self.solver)  # wrong settings are found before anything is read
         check_mat_files(self.mat_order, self.psf, *files_of_regions(self.psf, self.regions))
@@ -264,9 +265,10 @@ class Reconstruct(_Reconstruct):
         return self._iter_volumes(run or RunSettings(), "", warm=False)
 
     def _iter_volumes(self, run: RunSettings, suffix: str, *, warm: bool) -> Work[tuple[Reconstructed, ...]]:
+        from lfcal.frames import split_dataset
         from lfcal.reconstruct import frames_of, targets_of
 
-        frames = frames_of(self.frames) if self.frames.exists() else []
+        frames = frames_of(self.frames) if split_dataset(self.frames)[0].exists() else []
         targets = targets_of(frames, self.out, suffix or None)
         if suffix:
             outs = dict.fromkeys(targets.values())

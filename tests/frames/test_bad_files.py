@@ -197,7 +197,7 @@ BAD_H5: dict[str, tuple[Callable[[h5py.File], object], type[LfcalError], str]] =
         UnsafeFileError,
         "ExternalLink",
     ),
-    "soft link": (lambda f: f.__setitem__("frames", h5py.SoftLink("/x")), UnsafeFileError, "SoftLink"),
+    "dead link": (lambda f: f.__setitem__("frames", h5py.SoftLink("/x")), FileFormatError, "a dataset of this name"),
     "external storage": (
         lambda f: f.create_dataset("frames", (2, 3, 4), "u2", external=[("/etc/passwd", 0, 48)]),
         UnsafeFileError,
@@ -215,8 +215,8 @@ BAD_H5: dict[str, tuple[Callable[[h5py.File], object], type[LfcalError], str]] =
         "TB",
     ),
     "two axes": (lambda f: f.create_dataset("frames", data=FRAME), FileFormatError, "numbers with axes"),
-    "two stacks": (lambda f: [f.create_dataset(k, data=STACK) for k in "ab"], FileFormatError, "got a, b; name"),
-    "no stack": (lambda f: f.create_group("g"), FileFormatError, "got none; name the dataset"),
+    "two stacks": (lambda f: [f.create_dataset(k, data=STACK) for k in "ab"], FileFormatError, "name it as a.h5::/"),
+    "no stack": (lambda f: f.create_group("g"), FileFormatError, "got none; check the file"),
     "positions of another count": (
         lambda f: [f.create_dataset("frames", data=STACK), f.create_dataset("positions", data=np.zeros((3, 3), int))],
         FileFormatError,

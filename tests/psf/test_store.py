@@ -139,9 +139,6 @@ def _bad_files(folder: Path) -> dict[str, Path]:
         pass
     with _plain(path("external_link")) as file:
         file["H"] = h5py.ExternalLink(str(folder / "elsewhere.h5"), "/H")
-    with _plain(path("soft_link")) as file:
-        file["other"] = values()
-        file["H"] = h5py.SoftLink("/other")
     with _plain(path("external_storage")) as file:
         file.create_dataset("H", SHAPE, "f4", external=[(str(folder / "raw.bin"), 0, h5py.h5f.UNLIMITED)])
     with _plain(path("virtual")) as file:
@@ -170,7 +167,7 @@ def test_files_that_must_not_be_believed(tmp_path: Path) -> None:
             open_psf(path)
         assert "\n" not in str(error.value), name
         assert isinstance(error.value, FileFormatError | InputError), name
-    unsafe = {"external_link", "soft_link", "external_storage", "virtual", "huge", "strings"}
+    unsafe = {"external_link", "external_storage", "virtual", "huge", "strings"}
     for name in unsafe:
         with pytest.raises(UnsafeFileError):
             open_psf(tmp_path / f"{name}.h5")

@@ -23,6 +23,9 @@ __all__ = ["MAX_BYTES", "Attributes", "H5Data", "H5File", "damage"]
 MAX_BYTES = 1 << 44
 """A dataset with a declared size above this (17.6 TB) is refused."""
 
+MAX_LINKS = 16
+"""Soft links that are followed to one entry; more are taken for a circle."""
+
 
 def _opened(path: Path) -> Any:
     import h5py
@@ -42,8 +45,8 @@ def _opened(path: Path) -> Any:
 class H5File:
     """An HDF5 file opened for reading; everything asked of it is checked and answers with one-line errors.
 
-    Names are paths within the file: ``H``, ``regions/corner/H``, empty for the root. Soft and external links are never
-    followed. Used as a context manager, or closed with `close`.
+    Names are paths within the file: ``H``, ``regions/corner/H``, empty for the root. Soft links are followed within the
+    file, external links never. Used as a context manager, or closed with `close`.
 
     Parameters
     ----------
@@ -124,6 +127,30 @@ class H5File:
             entry = self._file[name]
             return tuple(entry.shape or ()) if isinstance(entry, h5py.Dataset) else ()
 
+    def datasets(self) -> dict[str, tuple[int, ...]]:
+        """Return name and shape of every dataset of plain numbers in the file, each once, by hard links alone."""
+        import h5py
+
+        found: dict[str, tuple[int, ...]] = {}
+        seen: set[Any] = set()
+        pending = [("", self._file)]
+        while pending:
+            place, group = pending.pop()
+            with damage(self.path, place):
+                for key in group:
+                    if not isinstance(group.get(key, getlink=True), h5py.HardLink):
+                        continue
+                    entry, name = group[key], f"{place}/{key}".lstrip("/")
+                    mark = h5py.h5o.get_info(entry.id).addr
+                    if mark in seen:
+                        continue
+                    seen.add(mark)
+                    if isinstance(entry, h5py.Group):
+                        pending.append((name, entry))
+                    elif isinstance(entry, h5py.Dataset) and entry.dtype.kind in "iuf":
+                        found[name] = tuple(entry.shape or ())
+        return found
+
     def dataset(
         self, name: str, *, max_bytes: int = MAX_BYTES, dtype: np.dtype[Any] | None = None, holes: bool = False
     ) -> H5Data:
@@ -178,12 +205,16 @@ class H5File:
         return FileFormatError.expected(f"{self.path}:/{name}", wanted, got, "take the file from its source again")
 
     def _object(self, name: str) -> Any:
-        """Return the entry ``name``, reached by hard links alone."""
+        """Return the entry ``name``, reached by links within the file."""
         import h5py
 
         entry: Any = self._file
+        parts, links = name.split("/")[::-1], 0
         with damage(self.path, name):
-            for part in (p for p in name.split("/") if p):
+            while parts:
+                part = parts.pop()
+                if part in ("", "."):
+                    continue
                 # by the list: see `Attributes`
                 names = [str(key) for key in entry] if isinstance(entry, h5py.Group) else []
                 if part not in names:
@@ -192,13 +223,15 @@ class H5File:
                         f"{self.path}:/{name}", "a dataset of this name", f"only {only}", "check the file"
                     )
                 link = entry.get(part, getlink=True)
-                # a link may lead to any file of this machine
+                if isinstance(link, h5py.SoftLink) and links < MAX_LINKS:
+                    parts, links = [*parts, *link.path.split("/")[::-1]], links + 1
+                    entry = self._file if link.path.startswith("/") else entry
+                    continue
+                # an external link may lead to any file of this machine
                 if not isinstance(link, h5py.HardLink):
+                    kind = "a chain of soft links" if isinstance(link, h5py.SoftLink) else type(link).__name__
                     raise UnsafeFileError.expected(
-                        f"{self.path}:/{name}",
-                        "data stored in the file itself",
-                        type(link).__name__,
-                        "copy the data in",
+                        f"{self.path}:/{name}", "data stored in the file itself", kind, "copy the data in"
                     )
                 entry = entry[part]
         return entry

@@ -27,7 +27,7 @@ from lfcal.frames.corrections.steps import (
     difference_variance,
 )
 from lfcal.frames.described import DescribedSource
-from lfcal.frames.formats import image_suffixes, open_image
+from lfcal.frames.formats import image_suffixes, open_image, split_dataset
 from lfcal.frames.orientation import AS_IS
 from lfcal.frames.source import FrameSource
 from lfcal.records import CorrectionRecipe
@@ -134,7 +134,7 @@ def _images(place: Path) -> list[Path]:
         if not files:
             raise InputError.expected(f"calibration frames in {place}", "at least one image", "none", "check it")
         return files
-    if not place.exists():
+    if not split_dataset(place)[0].exists():
         raise StorageError(f"{place}: no such file or folder; check the path")
     return [place]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lfcal.frames.formats.codecs import codec_fact
-from lfcal.frames.formats.image_file import FORMATS, image_suffixes, open_image, read_image
+from lfcal.frames.formats.image_file import FORMATS, image_suffixes, open_image, read_image, split_dataset
 
 __all__ = [
     "FORMATS",
@@ -11,4 +11,5 @@ __all__ = [
     "image_suffixes",
     "open_image",
     "read_image",
+    "split_dataset",
 ]

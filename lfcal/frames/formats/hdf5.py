@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from pathlib import Path
 from typing import Any
@@ -19,19 +20,29 @@ __all__ = ["Hdf5Image"]
 _COMPRESSING = {1: "deflate", 32000: "lzf", 32001: "blosc", 32004: "lz4", 32008: "bitshuffle", 32015: "zstd"}
 """Names of the filters that compress, by their numbers."""
 
+_NEXUS_DEPTH = 8
+"""Groups that NeXus ``default`` attributes may lead through."""
+
+_DARK = re.compile(r"dark|background", re.IGNORECASE)
+
+_CALIBRATION = re.compile(r"(?:^|[/_])(?:dark|white|flat|bright|background)s?(?:[/_]|$)", re.IGNORECASE)
+"""Names of datasets that hold dark or white frames."""
+
 
 class Hdf5Image(ImageFile):
     """A dataset with axes (frame, row, column) or (z, y, x, row, column) of an HDF5 file.
 
-    Beside the frames, in the same group, ``positions`` (frame, 3) as z, y, x, ``exposure_s`` (frame) and
-    ``mask`` (row, column; 0: no measurement) are read where they are there.
+    From the group of the frames, ``positions`` (frame, 3) as z, y, x, ``exposure_s`` (frame) and ``mask`` (row, column;
+    0: no measurement) are read where they are there.
 
     Parameters
     ----------
     path
         The file.
     dataset
-        Name of the dataset; None takes ``frames``, or the only one with three or five axes.
+        Path of the dataset within the file; None takes ``frames``, the signal that NeXus attributes name
+        (``default``, ``signal``), or the only dataset with three or five axes that is not named as dark or white
+        frames.
 
     Raises
     ------
@@ -42,6 +53,7 @@ class Hdf5Image(ImageFile):
     def __init__(self, path: Path, dataset: str | None = None) -> None:
         self.path = path
         self._lock = threading.Lock()
+        self._others: list[str] = []
         self._file = H5File(path)
         try:
             self._open(dataset)
@@ -67,6 +79,8 @@ class Hdf5Image(ImageFile):
         # filters that may lose something are none of those that are read
         names = [_COMPRESSING[number] for number in self._data.filters if number in _COMPRESSING]
         metadata: dict[str, Any] = {"codec": codec_fact(names[0] if names else "none")}
+        if self._others:
+            metadata["order_notes"] = tuple(self._note(other) for other in self._others)
         if len(self._lead) == 3:
             metadata["plan_shape"] = self._lead
         folder = name.rpartition("/")[0]
@@ -78,15 +92,36 @@ class Hdf5Image(ImageFile):
         self.metadata = metadata
 
     def _choose(self) -> str:
-        found = [key for key in self._file.names() if len(self._file.dataset_shape(key)) in (3, 5)]
-        if "frames" in found or "frames" in self._file:
+        if "frames" in self._file:
             return "frames"
+        if (signal := self._signal()) and len(self._file.dataset(signal).shape) in (3, 5):
+            return signal
+        stacks = {name: shape for name, shape in self._file.datasets().items() if len(shape) in (3, 5)}
+        found = [name for name in stacks if not _CALIBRATION.search(name)] or list(stacks)
+        self._others = [name for name in stacks if name not in found]
         if len(found) != 1:
-            got = ", ".join(found[:8]) or "none"
-            raise FileFormatError.expected(
-                str(self.path), "one dataset of frames, or one named frames", got, "name the dataset"
-            )
-        return str(found[0])
+            got = ", ".join(f"/{name} {stacks[name]}" for name in found[:8]) or "none"
+            remedy = f"name it as {self.path.name}::/{found[0]}" if found else "check the file"
+            raise FileFormatError.expected(str(self.path), "one dataset of frames", got, remedy)
+        return found[0]
+
+    def _note(self, name: str) -> str:
+        option = "--dark" if _DARK.search(name) else "--white"
+        return f"{self.path.name} also holds /{name}: to correct with it give {option} {self.path}::/{name}"
+
+    def _signal(self) -> str:
+        """Return the dataset that NeXus attributes lead to from the root, empty where they lead to none."""
+        place = ""
+        for _ in range(_NEXUS_DEPTH):
+            values = self._file.attributes(place).plain()
+            signal, below = (_text(values.get(key)) for key in ("signal", "default"))
+            name = f"{place}/{signal or below}".lstrip("/")
+            if not (signal or below) or name not in self._file:
+                break
+            if signal:
+                return name
+            place = name
+        return ""
 
     def _table(self, name: str, shape: tuple[int, ...]) -> NDArray[Any]:
         data = self._file.dataset(name)
@@ -113,6 +148,13 @@ class Hdf5Image(ImageFile):
         """Close the file."""
         with self._lock:
             self._file.close()
+
+
+def _text(value: Any) -> str:
+    """Return an attribute that is text, empty for any other: old NeXus files mark the dataset with a number."""
+    if isinstance(value, bytes):
+        return value.decode(errors="replace")
+    return value if isinstance(value, str) else ""
 
 
 FORMAT: Format = Format(

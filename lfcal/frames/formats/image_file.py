@@ -40,6 +40,7 @@ __all__ = [
     "image_suffixes",
     "open_image",
     "read_image",
+    "split_dataset",
 ]
 
 MAX_SIDE = 200_000
@@ -212,12 +213,12 @@ def open_image(path: str | os.PathLike[str], *, colour: str | None = None, datas
     Parameters
     ----------
     path
-        The file.
+        The file; of an HDF5 file also with the dataset, ``scan.h5::/entry/data/data``.
     colour
         ``"R"``, ``"G"`` or ``"B"``: the component taken of a lossless colour image. Without it a colour image is
         refused, as its samples have been through a camera's processing.
     dataset
-        The stack of an HDF5 file; None takes ``frames`` or the only one.
+        The stack of an HDF5 file, as `Hdf5Image`.
 
     Raises
     ------
@@ -236,15 +237,22 @@ def open_image(path: str | os.PathLike[str], *, colour: str | None = None, datas
     1 (80, 96) uint16
     >>> image.close()
     """
-    path = Path(path)
+    path, inside = split_dataset(path)
     if colour is not None and colour not in ("R", "G", "B"):
         raise InputError.expected("colour", "R, G or B", repr(colour), "choose one of these")
     head = _head(path)
     for form in FORMATS:
         if form.recognises(head, path):
-            return form.open(path, colour, dataset)
+            return form.open(path, colour, dataset or inside)
     names = ", ".join(form.name for form in FORMATS)
     raise FileFormatError.expected(str(path), names, _guess(head), _remedy(head))
+
+
+def split_dataset(path: str | os.PathLike[str]) -> tuple[Path, str | None]:
+    """Return the file and the dataset that ``scan.h5::/entry/data/data`` names; without ``::`` the path and None."""
+    whole = Path(path)
+    file, mark, name = os.fspath(path).partition("::")
+    return (whole, None) if not mark or whole.exists() else (Path(file), name.strip("/") or None)
 
 
 def read_image(path: str | os.PathLike[str], page: int = 0, *, colour: str | None = None) -> NDArray[Any]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, StorageError
 from lfcal.frames.aligned import shifted
-from lfcal.frames.formats import image_suffixes, open_image
+from lfcal.frames.formats import image_suffixes, open_image, split_dataset
 
 __all__ = ["CalibrationFrame", "find_frames"]
 
@@ -82,7 +82,7 @@ def find_frames(path: Path) -> tuple[list[CalibrationFrame], dict[str, Any]]:
     LfcalError
         If there are none, or one cannot be opened.
     """
-    if not path.exists():
+    if not split_dataset(path)[0].exists():
         raise StorageError(f"{path}: no such file or folder; check the path")
     found: list[CalibrationFrame] = []
     facts: dict[str, Any] = {}
