@@ -5,8 +5,8 @@
 - ``record_tab``, ``record_panel``: a recording; ``_pictures``: its pictures; ``_words``: its state in words
 - ``_after``, ``step``: what is made of a session; ``_choices``: its folder and its target
 - ``_lab``: large buttons for a dark lab
-- ``model``: settings; ``model_live``: live frames; ``model_station``: the devices; ``model_recorder``: a recording as it
-  grows; ``model_folder``: what a folder holds
+- ``model``: settings; ``model_live``: live frames; ``model_station``: the devices; ``model_recorder``: a recording
+  as it grows; ``model_folder``: what a folder holds
 """
 
 from __future__ import annotations
