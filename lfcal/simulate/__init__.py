@@ -7,7 +7,7 @@
 - ``staging``, ``response``: effects put to work on one plane
 - ``plane_task``: one plane of H, and all that decides its values
 - ``simulate``: H, in memory, in a file or in units; ``progressive``: in passes
-- ``sensor``: sensor frames of a simulated session
+- ``sensor``: sensor frames of a simulated session; ``noise_forecast``: the noise that a scan leaves in H
 - ``volume``: light fields of extended objects through the same H
 """
 

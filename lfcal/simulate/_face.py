@@ -15,6 +15,13 @@ from lfcal.simulate.accuracy import (
     predict_seconds,
 )
 from lfcal.simulate.engines import Sampling
+from lfcal.simulate.noise_forecast import (
+    ExpectedLight,
+    ScanChoice,
+    iter_expected_light,
+    not_stated_for_noise,
+    scan_choices,
+)
 from lfcal.simulate.progressive import iter_refine_psf
 from lfcal.simulate.sensor import SimulatedCamera, expose, iter_write_session, write_session
 from lfcal.simulate.simulate import iter_simulate_psf, simulate_psf
@@ -22,13 +29,16 @@ from lfcal.simulate.volume import iter_light_field, light_field, plume, points, 
 
 __all__ = [
     "EffectSelection",
+    "ExpectedLight",
     "Ladder",
     "LadderProgress",
     "PlannedEffect",
     "Sampling",
+    "ScanChoice",
     "SimulatedCamera",
     "draw_ladder",
     "expose",
+    "iter_expected_light",
     "iter_ladder",
     "iter_light_field",
     "iter_refine_psf",
@@ -36,11 +46,13 @@ __all__ = [
     "iter_write_session",
     "ladder",
     "light_field",
+    "not_stated_for_noise",
     "plan_effects",
     "plume",
     "points",
     "predict_bytes",
     "predict_seconds",
+    "scan_choices",
     "simulate_psf",
     "vesicle",
     "write_session",

@@ -1,0 +1,246 @@
+"""The noise that a scan leaves in H, before anything is recorded, and what less of it costs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from lfcal.base import Clock, Work, check_number
+from lfcal.camera import Camera, Forecast, ScanPlan, Sensor, assumed_of, quantities_of
+from lfcal.simulate.accuracy import few_seconds
+from lfcal.simulate.effects import LensletDiffraction
+from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate.staging import outlook_of
+
+__all__ = ["PLANNED_PEAK", "ExpectedLight", "ScanChoice", "iter_expected_light", "not_stated_for_noise", "scan_choices"]
+
+PLANNED_PEAK = 0.8
+"""Share of the full well that the brightest pixel of a session is planned to reach."""
+
+TOLERANCE = 0.1
+"""Of the simulated patterns: their noise needs no better."""
+
+POSITIONS = (5, 3, 2)
+"""Positions along each axis of the period that are simulated, at most."""
+
+LONGEST_S = 6.0
+"""CPU-seconds above which fewer positions are simulated."""
+
+BINS = 160
+"""Levels of light that are distinguished in a plane, equally far apart on a logarithmic scale."""
+
+DIMMEST = 1e-7
+"""Light of a pixel over that of the brightest one, below which pixels are dark."""
+
+DESCRIBED = ("sensor.full_well_e", "sensor.read_noise_e", "sensor.bit_depth")
+"""Values without which the noise of a sensor is not known."""
+
+PEAKS = (0.05, 0.1, 0.2, 0.4, 0.8)
+AVERAGES = (1, 2, 4, 8, 16, 32, 64)
+SAME = 0.01
+"""Relative difference in time and noise up to which two choices are one."""
+
+
+def not_stated_for_noise(camera: Camera) -> tuple[str, ...]:
+    """Return the names of assumed values on which the noise of H depends; empty: all are stated or measured.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from lfcal.camera import Marks, preset
+    >>> from lfcal.simulate import not_stated_for_noise
+    >>> camera = replace(preset("bench"), marks=Marks.of({"sensor.read_noise_e": "assumed"}))
+    >>> not_stated_for_noise(camera)
+    ('read noise',)
+    """
+    paths = assumed_of(camera, DESCRIBED)
+    return tuple(q.label for q in quantities_of(camera) if q.path in paths)
+
+
+@dataclass(frozen=True, eq=False)
+class ExpectedLight:
+    """How bright the pixels of the patterns of a scan are: levels of light in units of H.
+
+    Attributes
+    ----------
+    levels
+        ``(planes, levels)`` mean light of the pixels of each level, as a share of what a pattern holds.
+    pixels
+        ``(planes, levels)`` their number in a pattern.
+    brightest
+        ``(planes,)`` light of the brightest pixel.
+
+    Examples
+    --------
+    >>> from lfcal.base import drain
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.simulate import ExpectedLight, iter_expected_light
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0, 4.0), cutout=55)
+    >>> light: ExpectedLight = drain(iter_expected_light(plan))
+    >>> print(" and ".join(f"{100 * share:.0f} %" for share in light.noise(plan)))
+    21 % and 41 %
+    """
+
+    levels: NDArray[np.float64]
+    pixels: NDArray[np.float64]
+    brightest: NDArray[np.float64]
+
+    def noise(self, plan: ScanPlan, peak: float = PLANNED_PEAK) -> tuple[float, ...]:
+        """Return the expected relative RMS error of each plane of H by the sensor's noise.
+
+        Photon noise, dark current, read noise and rounding of frames whose mean dark frame is subtracted; samples below
+        zero are cut off. What does not average out (the response of pixels, a wrong position) is not part of it.
+
+        Parameters
+        ----------
+        plan
+            The scan that the light is of, also with other exposures or averages.
+        peak
+            Share of the full well that the brightest pixel of the scan reaches.
+        """
+        check_number("brightest pixel (share of the full well)", peak, above=0, at_most=1)
+        sensor, seconds = plan.camera.sensor, np.array(plan.exposures)
+        rate = peak * sensor.full_well_e / float((self.brightest * seconds).max())
+        found = []
+        for levels, pixels, exposure in zip(self.levels, self.pixels, seconds.tolist(), strict=True):
+            light = levels * rate * exposure
+            off = _squared_error(light, sensor, exposure, plan.frames_averaged)
+            found.append(math.sqrt(float((pixels * off).sum() / (pixels * light**2).sum())))
+        return tuple(found)
+
+
+def _squared_error(light_e: NDArray[np.float64], sensor: Sensor, exposure_s: float, frames: int) -> NDArray[np.float64]:
+    """Return the mean squared error (electrons) of the mean of frames, less the mean of many dark frames."""
+    gain, dark = sensor.electrons_per_count, sensor.dark_current_e_s * exposure_s
+    constant = sensor.read_noise_e**2 + gain**2 / 12 + dark
+    without = sensor.black_level * gain + dark
+    level, _ = _cut_off(np.array([without]), np.array([constant]))
+    mean, variance = _cut_off(without + light_e, constant + light_e)
+    found: NDArray[np.float64] = (mean - level - light_e) ** 2 + variance / frames
+    return found
+
+
+def _cut_off(
+    mean: NDArray[np.float64], variance: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return mean and variance of normal deviates that are zero where they are negative."""
+    spread = np.sqrt(np.maximum(variance, 1e-12))
+    above, density = ndtr(mean / spread), np.exp(-((mean / spread) ** 2) / 2) / math.sqrt(2 * math.pi)
+    first = mean * above + spread * density
+    second = (mean**2 + spread**2) * above + mean * spread * density
+    return first, np.maximum(second - first**2, 0.0)
+
+
+def iter_expected_light(plan: ScanPlan, workers: int | None = None) -> Work[ExpectedLight]:
+    """Simulate some patterns of every plane, diffraction at the lenslets included, and return their light.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.simulate import iter_expected_light
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0, 4.0), cutout=55)
+    >>> [step.count for step in iter_expected_light(plan)]
+    ['0 of 2', '1 of 2', '2 of 2']
+    """
+    effects, planes = (LensletDiffraction(),), len(plan.depths_um)
+    clock, found = Clock("expected light", planes), []
+    responses = [PlaneResponse(plan, z, effects, tolerance=TOLERANCE) for z in range(planes)]
+    for side in POSITIONS:
+        seconds = (few_seconds(outlook_of(plan, z), one.level, TOLERANCE, side**2) for z, one in enumerate(responses))
+        if sum(seconds) <= LONGEST_S:
+            break
+    ys, xs = (np.unique(np.linspace(0, n - 1, side).round().astype(np.intp)) for n in plan.period)
+    for z, response in enumerate(responses):
+        yield clock.at(z)
+        found.append(_levels(response.rows(ys, xs, workers), ys.size * xs.size))
+    yield clock.at(planes)
+    levels, pixels, brightest = (np.array(part) for part in zip(*found, strict=True))
+    return ExpectedLight(levels, pixels, brightest)
+
+
+def _levels(values: NDArray[np.float32], patterns: int) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Return mean light and number of the pixels of each level, and the light of the brightest pixel."""
+    light = np.maximum(values.ravel().astype(np.float64), 0.0)
+    top = float(light.max()) or 1.0
+    share = np.log(np.maximum(light / top, DIMMEST)) / math.log(DIMMEST)
+    level = np.minimum((share * BINS).astype(np.intp), BINS - 1)
+    count, total = np.bincount(level, minlength=BINS), np.bincount(level, light, BINS)
+    return total / np.maximum(count, 1), count / patterns, top
+
+
+# -- time against accuracy -----------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class ScanChoice:
+    """A way to record the positions of a plan.
+
+    Attributes
+    ----------
+    plan
+        The plan with its exposures and averages.
+    peak
+        Share of the full well that the brightest pixel reaches.
+    seconds
+        Recording time (s).
+    noise
+    XX
+
+    Examples
+    --------
+    >>> from lfcal.base import drain
+    >>> from lfcal.camera import Forecast, ScanPlan, preset
+    >>> from lfcal.simulate import ScanChoice, iter_expected_light, scan_choices
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0, 4.0), cutout=55)
+    >>> choices = scan_choices(plan, drain(iter_expected_light(plan)), 0.8, Forecast.of(plan))
+    >>> one: ScanChoice = choices[-3]
+    >>> print(f"{one.plan.frames_averaged} frames: {one.seconds:.0f} s, {100 * one.noise:.1f} %")
+    16 frames: 488 s, 7.8 %
+    """
+
+    plan: ScanPlan
+    peak: float
+    seconds: float
+    noise: float
+
+
+def scan_choices(plan: ScanPlan, light: ExpectedLight, peak: float, forecast: Forecast) -> tuple[ScanChoice, ...]:
+    """Return ways to record a plan, the fastest first, the plan as it is among them.
+
+    Shorter exposures are faster. The light is the same, so that the brightest pixel reaches less of the full well. The
+    exposure is never longer than at `PLANNED_PEAK`, or at the ``peak`` that is given where that is higher: from there,
+    more frames are averaged.
+
+    Parameters
+    ----------
+    plan, light
+        The scan and its light.
+    peak
+        Share of the full well that the brightest pixel reaches at the plan's exposures.
+    forecast
+        Of the plan: speed of the stage and frame rate are those it was made with.
+    """
+    highest = max(peak, PLANNED_PEAK)
+    ways = [(one, 1) for one in PEAKS if one < highest] + [(highest, count) for count in AVERAGES]
+    own = _choice(plan, light, peak, forecast, (peak, plan.frames_averaged))
+    found = [_choice(plan, light, peak, forecast, way) for way in ways]
+    others = [one for one in found if not (_same(one.seconds, own.seconds) and _same(one.noise, own.noise))]
+    return tuple(sorted((*others, own), key=lambda one: (one.seconds, -one.noise)))
+
+
+def _same(one: float, other: float) -> bool:
+    return math.isclose(one, other, rel_tol=SAME)
+
+
+def _choice(plan: ScanPlan, light: ExpectedLight, peak: float, cost: Forecast, way: tuple[float, int]) -> ScanChoice:
+    wanted, frames = way
+    times, more = wanted / peak, frames / plan.frames_averaged
+    made = plan
+    if way != (peak, plan.frames_averaged):
+        exposures = tuple(float(f"{times * seconds:.4g}") for seconds in plan.exposures)
+        made = replace(plan, exposure_s=exposures, frames_averaged=frames)
+    hours = cost.settle_hours + cost.move_hours + more * (cost.exposure_hours * times + (cost.readout_hours or 0.0))
+    noise = math.sqrt(float(np.mean(np.square(light.noise(made, wanted)))))
+    return ScanChoice(made, wanted, 3600 * hours, noise)
