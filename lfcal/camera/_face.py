@@ -11,7 +11,7 @@ from lfcal.camera.forecast import Forecast
 from lfcal.camera.importers import CAMERA_FORMATS, Imported, ImportOptions, import_camera, read_camera, read_raytrix_xml
 from lfcal.camera.lattice import LensletLattice, LensType
 from lfcal.camera.main_lens import MainLens, Microscope
-from lfcal.camera.plan import ScanPlan
+from lfcal.camera.plan import ScanPlan, moved_onto_sensor
 from lfcal.camera.presets import PRESETS, preset
 from lfcal.camera.quantities import QUANTITIES, Quantity, has_value, quantities_of, value_at
 from lfcal.camera.regions import RegionPlan
@@ -45,6 +45,7 @@ __all__ = [
     "doubts",
     "has_value",
     "import_camera",
+    "moved_onto_sensor",
     "preset",
     "quantities_of",
     "read_camera",

@@ -108,28 +108,32 @@ class Forecast:
         _, ny, nx, nt, ns = plan.shape
         per_plane = ny * nx
         pixels = math.prod(plan.camera.sensor.shape)
-        order = plan.order_indices() if positions is None else positions
-        frames = len(order) * plan.frames_averaged
-        planes = np.bincount(order[:, 0], minlength=len(plan.depths_um)).tolist()
+        if positions is None:
+            planes = [per_plane] * len(plan.depths_um)
+        else:
+            planes = np.bincount(positions[:, 0], minlength=len(plan.depths_um)).tolist()
+        count = sum(planes)
+        frames = count * plan.frames_averaged
         entries = plan.n_positions * nt * ns
         return cls(
-            positions=len(order),
+            positions=count,
             frames=frames,
             exposure_hours=sum(plan.exposures[z] * n for z, n in enumerate(planes)) * plan.frames_averaged / 3600,
-            settle_hours=len(order) * plan.settle_s / 3600,
-            move_hours=_travel_um(plan, order) / stage_um_per_s / 3600,
+            settle_hours=count * plan.settle_s / 3600,
+            move_hours=_travel_um(plan, positions) / stage_um_per_s / 3600,
             readout_hours=readout_hours(frames, frames_per_s),
             # cameras deliver up to 8 bits in one byte, up to 16 in two
             frame_bytes=frames * pixels * (1 if plan.camera.sensor.bit_depth <= 8 else 2),
-            cutout_bytes=2 * len(order) * nt * ns,
+            cutout_bytes=2 * count * nt * ns,
             h_float32_bytes=4 * entries,
             h_rounded_bytes=21 * entries // 8,
             assembly_bytes=2 * per_plane * nt * ns * 4,
         )
 
 
-def _travel_um(plan: ScanPlan, order: NDArray[np.intp]) -> float:
+def _travel_um(plan: ScanPlan, positions: NDArray[np.intp] | None) -> float:
     """Return the way of the stage, its longest axis counted in each move (µm)."""
+    # all steps of a row are equal: without gaps the ends of the rows do
+    path = plan.stage_um(plan.row_ends() if positions is None else positions)
     # the axes run at the same time, so a move lasts as long as its longest component
-    path = plan.stage_um(order)
     return float(np.abs(np.diff(path, axis=0)).max(axis=1).sum()) if len(path) > 1 else 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,16 @@ from lfcal.camera.main_lens import Microscope
 from lfcal.camera.shadow import cutout_for
 from lfcal.camera.stage import StageAxes
 
-__all__ = ["MAX_WAIT_S", "HalfCell", "ScanPlan", "checked_depths", "checked_exposures", "depths_of", "half_cell"]
+__all__ = [
+    "MAX_WAIT_S",
+    "HalfCell",
+    "ScanPlan",
+    "checked_depths",
+    "checked_exposures",
+    "depths_of",
+    "half_cell",
+    "moved_onto_sensor",
+]
 
 MAX_DEFOCUS = 0.5
 """Depth over an objective's focal length up to which its aperture is taken as that of the focal plane: at -1 the source
@@ -364,6 +373,13 @@ class ScanPlan:
             rows[1::2] = nx - 1 - rows[1::2]
         return index.reshape(3, -1).T
 
+    def row_ends(self) -> NDArray[np.intp]:
+        """Return the first and the last position of every row ``(2 * planes * ny, 3)`` as (z, y, x) in scan order."""
+        ny, nx = self.period
+        ends: NDArray[np.intp] = replace(self, period=(ny, 2)).order_indices() if nx > 1 else self.order_indices()
+        ends[:, 2] *= nx - 1
+        return ends
+
     def in_scan_order(self, positions: ArrayLike) -> NDArray[np.intp]:
         """Return some positions ``(n, 3)`` as (z, y, x) in scan order, each once.
 
@@ -437,6 +453,69 @@ def _check_on_sensor(plan: ScanPlan) -> None:
                 f"{lo:.0f} to {hi:.0f}",
                 "move the anchor inwards or choose a smaller cutout",
             )
+
+
+def moved_onto_sensor(plan: ScanPlan, *, cutout: tuple[int, int] | None = None) -> ScanPlan:
+    """Return the plan with another cutout, its scan moved by as little as keeps every cutout on the sensor.
+
+    Along each axis the scan moves by whole periods of the array where there is such a place, so that a position has the
+    pattern that it had; else by whole pixels. Frames that are resampled have periods of broken numbers of pixels.
+
+    Parameters
+    ----------
+    plan
+        A plan.
+    cutout
+        Pixels ``(nt, ns)``; None: those of the plan.
+
+    Raises
+    ------
+    InputError
+        If the cutouts of all positions together are larger than the sensor, or no cutout.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, moved_onto_sensor, preset
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3], cutout=63, anchor=(40, 144))
+    >>> moved_onto_sensor(plan, cutout=(101, 101)).anchor  # 19 positions are a period
+    (59.0, 144.0)
+    """
+    window = plan.cutout if cutout is None else cutout
+    check_cutout(*window)
+    anchor, period_px = list(plan.anchor), plan.cell_camera.period_px
+    for axis, name in enumerate(("rows", "columns")):
+        low, high = _anchors_on_sensor(plan, window[axis], axis)
+        if low > high:
+            size = plan.camera.sensor.shape[axis]
+            most = math.floor((size - _span(plan, axis)) * plan.resample_factors[axis])
+            wanted = f"at most {most - 1 + most % 2} {name} on a sensor of {size}"
+            raise InputError.expected("cutout", wanted, window[axis], "choose a smaller cutout")
+        anchor[axis] = _nearest_place(plan, anchor[axis], plan.cells[axis] * period_px[axis], low, high)
+    return replace(plan, cutout=window, anchor=(anchor[0], anchor[1]))
+
+
+def _span(plan: ScanPlan, axis: int) -> float:
+    """Return the way from the first position to the last one along an axis (sensor pixels)."""
+    return (plan.period[axis] - 1) / plan.resample_factors[axis]
+
+
+def _anchors_on_sensor(plan: ScanPlan, cutout: int, axis: int) -> tuple[float, float]:
+    """Return the lowest and the highest pixel of an anchor along an axis with which all cutouts are on the sensor."""
+    half = (cutout - 1) / 2 / plan.resample_factors[axis]
+    return math.ceil(half - 0.5), math.floor(plan.camera.sensor.shape[axis] - 0.5 - half - _span(plan, axis))
+
+
+def _nearest_place(plan: ScanPlan, anchor: float, period_px: float, low: float, high: float) -> float:
+    """Return the place nearest to an anchor with its pixel in a range, by whole periods, else by whole pixels."""
+    pixel = math.floor(anchor + 0.5)
+    if low <= pixel <= high:
+        return anchor
+    sign, away = (1, low - pixel) if pixel < low else (-1, pixel - high)
+    shift = math.ceil(away / period_px) * period_px
+    if not plan.resample:
+        shift = round(shift) if round(shift) >= away else round(shift + period_px)
+    moved = anchor + sign * shift
+    return moved if low <= math.floor(moved + 0.5) <= high else anchor + sign * away
 
 
 HALF_PERIOD_TOL_PX = 0.05

@@ -8,6 +8,7 @@
 - ``plane_task``: one plane of H, and all that decides its values
 - ``simulate``: H, in memory, in a file or in units; ``progressive``: in passes
 - ``sensor``: sensor frames of a simulated session; ``noise_forecast``: the noise that a scan leaves in H
+- ``assumed_values``: what hangs on values that are only assumed
 - ``volume``: light fields of extended objects through the same H
 """
 

@@ -14,6 +14,7 @@ from lfcal.simulate.accuracy import (
     predict_bytes,
     predict_seconds,
 )
+from lfcal.simulate.assumed_values import AssumedEffect, iter_assumed_effects
 from lfcal.simulate.engines import Sampling
 from lfcal.simulate.noise_forecast import (
     ExpectedLight,
@@ -28,6 +29,7 @@ from lfcal.simulate.simulate import iter_simulate_psf, simulate_psf
 from lfcal.simulate.volume import iter_light_field, light_field, plume, points, vesicle
 
 __all__ = [
+    "AssumedEffect",
     "EffectSelection",
     "ExpectedLight",
     "Ladder",
@@ -38,6 +40,7 @@ __all__ = [
     "SimulatedCamera",
     "draw_ladder",
     "expose",
+    "iter_assumed_effects",
     "iter_expected_light",
     "iter_ladder",
     "iter_light_field",

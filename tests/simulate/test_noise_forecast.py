@@ -14,11 +14,21 @@ from lfcal.camera import Forecast, Marks, ScanPlan, preset
 from lfcal.frames import ArraySource, CorrectionRecipe, corrected_view
 from lfcal.psf import Cutout, assemble
 from lfcal.simulate import ExpectedLight, ScanChoice, iter_expected_light, not_stated_for_noise, scan_choices
-from lfcal.simulate.effects import DarkCurrent, LensletDiffraction, Quantisation, ReadNoise, Saturation, ShotNoise
+from lfcal.simulate.effects import (
+    DarkCurrent,
+    IrisShape,
+    LensletDiffraction,
+    LensTypeDefocus,
+    Quantisation,
+    ReadNoise,
+    Saturation,
+    ShotNoise,
+    Telecentricity,
+)
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 from lfcal.simulate.sensor.noise import FrameKind
 
-OPTICS = (LensletDiffraction(),)
+OPTICS = (LensTypeDefocus(), LensletDiffraction(), IrisShape(), Telecentricity())
 NOISE = (DarkCurrent(), ShotNoise(), Saturation(), ReadNoise(), Quantisation())
 
 

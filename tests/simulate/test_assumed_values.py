@@ -1,0 +1,72 @@
+"""What hangs on assumed values, compared with whole simulations of cameras that differ."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lfcal.base import drain
+from lfcal.camera import Camera, Forecast, MainLens, Marks, ScanPlan, cutout_for, preset, quantities_of
+from lfcal.simulate import AssumedEffect, iter_assumed_effects, simulate_psf
+from lfcal.simulate.effects import IrisShape, LensTypeDefocus
+
+
+def assumed(camera: Camera, *paths: str) -> Camera:
+    return replace(camera, marks=Marks.of(dict.fromkeys(paths, "assumed")))
+
+
+def weigh(camera: Camera, virtual: tuple[float, ...] = (3.0, 4.0), **options: object) -> dict[str, AssumedEffect]:
+    plan = ScanPlan.for_camera(camera, virtual_depths=virtual, **options)  # type: ignore[arg-type]
+    return {one.path: one for one in drain(iter_assumed_effects(plan))}
+
+
+def test_an_f_number_weighs_what_two_simulations_differ() -> None:
+    camera = assumed(preset("bench"), "optics.f_number", "sensor.prnu")
+    plan = ScanPlan.for_camera(camera, virtual_depths=(4.0,), cutout=55)
+    found = drain(iter_assumed_effects(plan))
+    assert [one.path for one in found] == ["optics.f_number", "sensor.prnu"]
+    assert found[1].largest == 0 and found[1].words == "no change"
+    assert isinstance(camera.optics, MainLens)
+    Hs = []
+    for share in (1.0, 0.88, 1.12):
+        other = replace(camera, optics=replace(camera.optics, f_number=camera.optics.f_number * share))
+        Hs.append(np.asarray(simulate_psf(replace(plan, camera=other), (LensTypeDefocus(), IrisShape()), "geometric")))
+    off = max(np.abs(H - Hs[0]).sum() / Hs[0].sum() for H in Hs[1:])
+    assert found[0].pattern == pytest.approx(off, rel=0.1)
+    assert found[0].words == f"H by up to {100 * found[0].pattern:.0f} %"
+    sides = [cutout_for(replace(camera, optics=replace(camera.optics, f_number=n)), plan.depths_um) for n in (3.52, 4)]
+    assert found[0].cutout == pytest.approx(sides[0] / sides[1] - 1)
+
+
+def test_a_pixel_pitch_weighs_on_the_time() -> None:
+    camera = assumed(preset("lfm_20x05"), "sensor.pixel_um")
+    plan = ScanPlan.for_camera(camera, depths_um=(-10.0, 10.0), cutout=55)
+    (found,) = drain(iter_assumed_effects(plan))
+    hours = Forecast.of(plan).hours
+    other = replace(camera, sensor=replace(camera.sensor, pixel_um=camera.sensor.pixel_um * 0.9))
+    changed = Forecast.of(ScanPlan.for_camera(other, depths_um=(-10.0, 10.0), cutout=55)).hours
+    assert found.seconds == pytest.approx(changed / hours - 1) and found.seconds > 0.1
+
+
+def test_a_value_that_may_make_the_scan_impossible_comes_first() -> None:
+    camera = preset("bench")
+    camera = replace(camera, lattice=replace(camera.lattice, rotation_rad=math.radians(1.9)))
+    found = weigh(assumed(camera, "optics.f_number", "lattice.rotation_rad"))
+    assert list(found) == ["lattice.rotation_rad", "optics.f_number"]
+    assert found["lattice.rotation_rad"].words == "the scan may not be possible"
+
+
+@pytest.mark.parametrize("name", ["bench", "lfm_20x05"])
+def test_every_value_of_a_camera_can_be_weighed(name: str) -> None:
+    camera = preset(name)
+    paths = [one.path for one in quantities_of(camera)]
+    plan = ScanPlan.for_camera(
+        assumed(camera, *paths), depths_um=(camera.depth_of(3.0),) if name == "bench" else (5.0,)
+    )
+    found = {one.path: one for one in drain(iter_assumed_effects(plan))}
+    assert set(found) == set(paths) and all(one.largest >= 0 for one in found.values())
+    assert found["lattice.kind"].largest > 1, "another array is another H"
+    assert found["sensor.read_noise_e"].largest == 0 and found["lattice.gap_um"].pattern > 0.1
