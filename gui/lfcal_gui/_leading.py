@@ -12,13 +12,16 @@ from PySide6.QtCore import QEvent, QObject, QTimer, Signal
 from PySide6.QtWidgets import QApplication, QWidget
 
 from lfcal.base import Work
+from lfcal_gui._leaving_out import LeavingOut
 from lfcal_gui._next_line import NextLine
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
-from lfcal_gui.jobs import WindowJob
+from lfcal_gui.jobs import JobState, WindowJob
 from lfcal_gui.models import (
+    FORECASTS,
     PAGES,
     FittedCamera,
+    Paces,
     ProjectState,
     Sitting,
     Stamp,
@@ -42,7 +45,7 @@ ELSEWHERE_S = 10.0
 MAKING = {"acquire", "frames"}
 """Pages whose jobs make H; what they make is shown."""
 
-SESSION = "session counts"
+SESSION, PACES = "session counts", "paces"
 
 
 def _iter_judged(project: ProjectState, fitted: FittedCamera | None) -> Work[Any]:
@@ -86,6 +89,9 @@ class Leading(QObject):
         self._window, self._page, self._shown = window, page, shown
         self._tried: Stamp | None = None
         self._judging = 0
+        self._paces = Paces.of(context.kept_texts(PACES))
+        self.own: dict[str, Callable[[], object]] = {"h.leave_out": LeavingOut(context).begin}
+        """What a button of the line does that is no page's."""
         self._pressed, self._watching = -ELSEWHERE_S, False
         self._gathering, self._judge = QTimer(self), QTimer(self)
         for timer, ms, action in (
@@ -122,7 +128,15 @@ class Leading(QObject):
             self._judging = 0
         if job.page == "acquire":
             self._count()
+        self._time(job)
         self.look()
+
+    def _time(self, job: WindowJob) -> None:
+        """Correct later forecasts by how long a job took."""
+        forecast = self.context.told.get(job.page, {}).get(FORECASTS.get(job.kind, ""))
+        if job.state is JobState.DONE and isinstance(forecast, float):
+            self._paces.take(job.kind, forecast, time.monotonic() - job.started)
+            self.context.keep_texts(PACES, self._paces.texts())
 
     def _count(self) -> None:
         """Count what the session's folder holds, in the background: a disk may hang."""
@@ -140,8 +154,8 @@ class Leading(QObject):
         """Show what comes next now."""
         context = self.context
         state, (page, place) = context.state, self._shown()
-        matrix = context.matrix(state.psf)
-        found = sitting_of(state, context.told, context.jobs.jobs(), page=page, place=place, matrix=matrix)
+        matrix, paces = context.matrix(state.psf), self._paces
+        found = sitting_of(state, context.told, context.jobs.jobs(), page=page, place=place, matrix=matrix, paces=paces)
         if self._judge_wanted(found):
             self._judge.start()
         if found != self.sitting or self.line.step is None:
@@ -157,6 +171,9 @@ class Leading(QObject):
             for job in self.context.jobs.jobs():
                 if job.active and job.kind == name:
                     self.context.jobs.cancel(job.number)
+            return
+        if action in self.own:
+            self.own[action]()
             return
         self.context.go.emit(page, None)
         if not self._page(page).do(name):
@@ -212,8 +229,8 @@ class Leading(QObject):
         """Show what was made, unless the person is at work elsewhere: then the rail says it."""
         if current_theme().red:  # in a dark lab the large buttons stay under the hand
             return
-        _, place = self._shown()
-        if place == "record" or time.monotonic() - self._pressed > ELSEWHERE_S:
+        shown, place = self._shown()
+        if place == "record" or shown == page or time.monotonic() - self._pressed > ELSEWHERE_S:
             self.context.go.emit(page, payload)
 
     def _watch(self) -> None:
@@ -224,7 +241,7 @@ class Leading(QObject):
         """
         making = not MAKING.isdisjoint(self.context.jobs.running_pages())
         if making != self._watching and (app := QApplication.instance()) is not None:
-            self._watching, self._pressed = making, -ELSEWHERE_S if making else self._pressed
+            self._watching = making
             (app.installEventFilter if making else app.removeEventFilter)(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:

@@ -19,7 +19,7 @@ from lfcal.frames.corrections import (
     find_defects,
     iter_find_defects,
 )
-from lfcal.frames.damage import iter_undamaged
+from lfcal.frames.damage import iter_undamaged, without_positions
 from lfcal.frames.formats import open_image, read_image
 from lfcal.frames.manifest import FrameEntry, Manifest, read_manifest, write_manifest
 from lfcal.frames.opening import open_frames
@@ -93,5 +93,6 @@ __all__ = [
     "read_image",
     "read_manifest",
     "scan_positions",
+    "without_positions",
     "write_manifest",
 ]

@@ -1,8 +1,8 @@
-"""Frames that cannot be read any more: named with their position, and left out where that is asked for."""
+"""Frames that are left out: those that cannot be read any more, and those of positions that were found bad."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Clock, FileFormatError, Region, StorageError, Work, worker_count
+from lfcal.base import Clock, FileFormatError, InputError, Region, StorageError, Work, worker_count
 from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, LeftOut, Position, Samples
 from lfcal.frames.view import SourceView
 
-__all__ = ["SelectedSource", "frame_errors", "iter_undamaged"]
+__all__ = ["SelectedSource", "frame_errors", "iter_undamaged", "without_positions"]
 
 BLOCK = 64
 
@@ -122,3 +122,37 @@ def iter_undamaged(source: FrameSource, *, workers: int | None = None) -> Work[S
             "frames", "some that can be read", f"{len(left_out)} damaged ones", "record or copy them again"
         )
     return SelectedSource(source, chosen, (*source.metadata.left_out, *left_out.values()))
+
+
+def without_positions(source: FrameSource, positions: Collection[tuple[int, int, int]]) -> FrameSource:
+    """Return a source without the frames of some positions.
+
+    Parameters
+    ----------
+    source
+        Frames of a scan.
+    positions
+        Positions (z, y, x); those without a frame change nothing.
+
+    Raises
+    ------
+    InputError
+        If no frame remains.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import ArraySource, without_positions
+    >>> frames = ArraySource(np.zeros((3, 4, 4), np.uint16), [(0, 0, 0), (0, 0, 1), (0, 0, 2)])
+    >>> rest = without_positions(frames, [(0, 0, 1)])
+    >>> print([tuple(rest.info(k).position) for k in range(len(rest))])
+    [(0, 0, 0), (0, 0, 2)]
+    """
+    unwanted = set(map(tuple, positions))
+    chosen = np.array([k for k in range(len(source)) if tuple(source.info(k).position) not in unwanted], np.int64)
+    if not len(chosen):
+        got = f"all {len(source)} of them in the list of positions to leave out"
+        raise InputError.expected("frames", "some that are used", got, "shorten the list")
+    if isinstance(source, SelectedSource):  # so that frames are numbered as they are in the files
+        return SelectedSource(source.source, source.chosen[chosen], source.metadata.left_out)
+    return SelectedSource(source, chosen, source.metadata.left_out)

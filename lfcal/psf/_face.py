@@ -5,7 +5,7 @@ from __future__ import annotations
 from lfcal.psf._export import export, iter_export
 from lfcal.psf._transpose import transpose
 from lfcal.psf._verify import MatrixCheck, iter_verify, verify
-from lfcal.psf.assembly import assemble, assemble_plan, iter_assemble, iter_assemble_plan
+from lfcal.psf.assembly import assemble, assemble_plan, forecast_assembly, iter_assemble, iter_assemble_plan
 from lfcal.psf.assembly_report import AssemblyReport
 from lfcal.psf.cutout import Cutout, find_cutout
 from lfcal.psf.denoising import denoised
@@ -35,6 +35,7 @@ __all__ = [
     "denoised",
     "export",
     "find_cutout",
+    "forecast_assembly",
     "iter_assemble",
     "iter_assemble_plan",
     "iter_export",

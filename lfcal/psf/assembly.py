@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import os
+import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -41,6 +42,7 @@ __all__ = [
     "assemble",
     "assemble_plan",
     "find_plan_cutout",
+    "forecast_assembly",
     "iter_assemble",
     "iter_assemble_plan",
     "known_of",
@@ -52,6 +54,9 @@ FRAME_FACTS = ("codec", "origin")
 
 SAMPLED = 24
 """Frames that a cutout is chosen by."""
+
+QUICK_S = 2e-3
+"""Processor time of a frame (s) below which more threads assemble no faster."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -551,6 +556,50 @@ assemble_plan = drained(
     1254 frames: <PSFMatrix (z, y, x, t, s) = (2, 19, 33, 55, 55), float32, camera 'bench (sample session)'>
     """,
 )
+
+
+def forecast_assembly(source: FrameSource, plan: ScanPlan, *, count: int = 12, workers: int | None = None) -> float:
+    """Return about how many seconds it takes to assemble H, from a few frames that are read, corrected and cropped.
+
+    Parameters
+    ----------
+    source
+        Frames, corrected: `lfcal.frames.corrected_view`.
+    plan
+        Positions, anchor and cutout.
+    count
+        Number of frames that are timed, spread over the scan; the median of their processor times counts.
+    workers
+        Threads that will assemble; None: every processor.
+
+    Raises
+    ------
+    InputError, FileFormatError, StorageError
+        What reading the frames raises.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lfcal.camera import ScanPlan
+    >>> from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
+    >>> from lfcal.psf import forecast_assembly
+    >>> plan = ScanPlan.from_json(Path("session/plan.json").read_text())
+    >>> with open_frames("session/frames", plan=plan) as frames:
+    ...     seconds = forecast_assembly(corrected_view(frames, CorrectionRecipe(), plan), plan)
+    >>> print(0 < seconds < 600)
+    True
+    """
+    infos = tuple(source.info(k) for k in range(len(source)))
+    gatherer = Gatherer(source, infos, Cutout.for_plan(plan, outside="zero"))
+    times = []
+    # the first one pays for what is loaded or compiled once
+    for index in (0, *np.linspace(0, len(source) - 1, min(count, len(source)), dtype=int).tolist()):
+        start = time.thread_time()
+        gatherer.pattern(np.array([index]))
+        times.append(time.thread_time() - start)
+    each = float(np.median(times[1:]))
+    # threads hold each other up where a frame is quicker than what the interpreter does for it
+    return each * len(source) / (worker_count(workers) if each > QUICK_S else 1)
 
 
 def find_plan_cutout(source: FrameSource, plan: ScanPlan, settings: AssemblySettings) -> Cutout:

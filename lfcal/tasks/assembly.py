@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
     from lfcal.campaign import Points
     from lfcal.fit import Filler
-    from lfcal.frames import CorrectedSource, Frames, FrameSource
+    from lfcal.frames import CorrectedSource, Frames, FrameSource, Position
     from lfcal.psf import AssembledPlanes, AssemblyReport, Reopening
     from lfcal.targets import TargetPlan
     from lfcal.work import RunChoice
@@ -259,6 +259,14 @@ class Assemble(AssembleRegions):
         empty="not filled",
         more=True,
     )
+    leave_out: Path | None = opt(
+        None,
+        "Positions whose frames are not used: a list (.json) as lfcal inspect writes it.",
+        label="Leave out positions",
+        file="in",
+        empty="all are used",
+        more=True,
+    )
     settings: AssemblySettings = panel(AssemblySettings(), "Cutout and storage")
 
     @property
@@ -311,14 +319,13 @@ class Assemble(AssembleRegions):
         self, part: ChannelPart, scan: ScanPlan, recipe: CorrectionRecipe, choice: RunChoice | None, workers: int | None
     ) -> Work[Assembled]:
         """Make one H of frames that are open: leave out what is damaged, and correct the rest."""
-        from lfcal.frames import corrected_view, iter_undamaged
+        from lfcal.frames import SelectedSource, corrected_view
         from lfcal.psf import Reopening
 
-        start, frames = time.perf_counter(), part.source
-        left_out: list[int] = []
-        if self.skip_damaged:
-            frames = yield from iter_undamaged(frames, workers=workers)
-            left_out = sorted(set(range(len(part.source))) - set(frames.chosen.tolist()))
+        start = time.perf_counter()
+        frames = yield from self.iter_used(part.source, workers)
+        chosen = frames.chosen.tolist() if isinstance(frames, SelectedSource) else range(len(frames))
+        left_out = sorted(set(range(len(part.source))) - set(chosen))
         reopening: Reopening | None = None
         if choice is not None:
             # what H is made of, whatever is written where
@@ -330,6 +337,21 @@ class Assemble(AssembleRegions):
         made = yield from self.iter_part(part, scan, recipe, view, AssemblyRun(choice, reopening, workers))
         name = part.name if self.channel == "each" else ""
         return replace(made, name=name, seconds=time.perf_counter() - start)
+
+    def iter_used(self, frames: FrameSource, workers: int | None = None) -> Work[FrameSource]:
+        """Return the frames that H is made of: without damaged ones and positions to leave out, where that is asked."""
+        from lfcal.frames import iter_undamaged, without_positions
+
+        if self.skip_damaged:
+            frames = yield from iter_undamaged(frames, workers=workers)
+        return without_positions(frames, self.positions_left_out) if self.leave_out else frames
+
+    @property
+    def positions_left_out(self) -> tuple[Position, ...]:
+        """Positions whose frames are not used; raises `FileFormatError` where their file holds no such list."""
+        from lfcal.acquire import RedoList
+
+        return () if self.leave_out is None else RedoList.read(self.leave_out).positions
 
     def iter_part(
         self, part: ChannelPart, scan: ScanPlan, recipe: CorrectionRecipe, view: CorrectedSource, how: AssemblyRun
@@ -360,6 +382,7 @@ class Assemble(AssembleRegions):
         fill = self._fill(part.plan, how.workers)
         known: dict[str, Any] = {"intake": list(notes)} if notes else {}
         known |= {} if fill is None else {"filled": fill.provenance}
+        known |= {"positions_left_out": [list(one) for one in self.positions_left_out]} if self.leave_out else {}
         known |= {"task": self.to_dict(absolute=True, outputs=False)}
         reopening = how.reopening
         if reopening is not None:
@@ -382,8 +405,8 @@ class Assemble(AssembleRegions):
         from lfcal.frames import files_of
         from lfcal.work import stamp_of
 
-        given = [str(self.corrections.dark), str(self.corrections.white), str(self.fill or "")]
-        others = {os.path.abspath(path) for name in given for path in files_of(name) if path.is_file()}
+        own = (self.corrections.dark, self.corrections.white, self.fill or "", self.leave_out or "")
+        others = {os.path.abspath(path) for name in map(str, own) for path in files_of(name) if path.is_file()}
         return stamp_of([*self.source.files(frames), *sorted(others)])
 
     def _fill(self, plan: ScanPlan, workers: int | None) -> Filler | None:

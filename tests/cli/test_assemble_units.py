@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
+from lfcal.acquire import RedoList
+from lfcal.camera import ScanPlan
 from lfcal.frames import CorrectionRecipe
 from lfcal.psf import open_psf
 from lfcal.records import from_dict
@@ -67,6 +69,28 @@ def test_the_same_file_by_whoever(lfcal: Lfcal, scan: Path, dtype: str, executor
     assert [one.err.splitlines()[-1]] == [two.err.splitlines()[-1]] and "left out: " in two.err
     with open_psf("two.h5") as H:
         assert H.recorded[0, 1, 1] == 0 and H.recorded[1, 0, 2] == 2 and H.recorded[1, 2, 3] == 0
+
+
+@pytest.mark.parametrize("more", [(), ("--executor", "processes", "--workers", 1)], ids=["at once", "in units"])
+def test_positions_that_are_left_out(lfcal: Lfcal, scan: Path, more: tuple[object, ...]) -> None:
+    RedoList.of([(0, 2, 3), (1, 0, 2), (0, 1, 1)]).write(scan / "redo.json")
+    run = lfcal(*WORDS, "-o", "H.h5", "--leave-out", "redo.json", *more)
+    assert run.code == 0, run.err
+    whole = lfcal(*WORDS, "-o", "whole.h5")
+    assert whole.code == 0 and "left out: " in run.err, "the damaged frame still is"
+    with open_psf("H.h5") as H, open_psf("whole.h5") as before:
+        gone = np.argwhere((H.recorded == 0) & (before.recorded > 0)).tolist()
+        assert gone == [[0, 2, 3], [1, 0, 2]], "all frames of a position, and no other"
+        assert not H[0, 2, 3].any() and np.array_equal(H[0, 2, 2], before[0, 2, 2])
+        assert H.provenance["positions_left_out"] == [[0, 2, 3], [1, 0, 2], [0, 1, 1]]
+        assert len(H.provenance["left_out"]) == 1
+
+
+def test_a_list_of_all_positions_is_refused(lfcal: Lfcal, session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(session)
+    RedoList.of(list(np.ndindex(*ScanPlan.from_json(Path("plan.json").read_text()).shape[:3]))).write(Path("redo.json"))
+    run = lfcal("assemble", "frames", "-o", "H.h5", "--leave-out", "redo.json")
+    assert run.code == 2 and "positions to leave out; shorten the list" in run.err and not Path("H.h5").exists()
 
 
 @pytest.mark.long

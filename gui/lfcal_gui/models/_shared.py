@@ -66,6 +66,7 @@ from lfcal_gui.models.measure import line_profile, region_numbers, sampled, valu
 from lfcal_gui.models.mishaps import Mishap, Mishaps, safe_words
 from lfcal_gui.models.next_step import Sitting, Step, next_step, rail_words
 from lfcal_gui.models.opening import OpeningSettings, stated_order
+from lfcal_gui.models.pace import FORECASTS, Paces
 from lfcal_gui.models.page import (
     PAGES,
     PLACES,
@@ -76,6 +77,7 @@ from lfcal_gui.models.page import (
 )
 from lfcal_gui.models.project import Hold, Project, ProjectState, RecentProjects, read_project
 from lfcal_gui.models.record_form import check_of, fields_of, options_in, shown_of, text_in_form, value_in
+from lfcal_gui.models.remaking import WithoutBad, iter_made, new_file, shown_first, without_bad
 from lfcal_gui.models.shot import CUTOUT, Label, Levels, Outline, Overlay, Shot, Symbols, Tint, cutout_of, scale_bar
 from lfcal_gui.models.solid import BEGIN, Projection, Solid, Viewpoint, project_solid, turned
 from lfcal_gui.models.stamp import Stamp, stamp_of
@@ -93,6 +95,7 @@ __all__ = [
     "COMPARED_TIPS",
     "CUTOUT",
     "DIVERGING",
+    "FORECASTS",
     "PAGES",
     "PLACES",
     "PLAN_FILE",
@@ -122,6 +125,7 @@ __all__ = [
     "OpeningSettings",
     "Outline",
     "Overlay",
+    "Paces",
     "Place",
     "Project",
     "ProjectState",
@@ -139,6 +143,7 @@ __all__ = [
     "Verdict",
     "Viewpoint",
     "WindowJob",
+    "WithoutBad",
     "asked_seconds",
     "available_pages",
     "axis_labels",
@@ -164,6 +169,7 @@ __all__ = [
     "going_on",
     "iter_compare",
     "iter_compared",
+    "iter_made",
     "iter_measure",
     "keep",
     "kept_verdict",
@@ -173,6 +179,7 @@ __all__ = [
     "manual_folder",
     "needed_file",
     "needed_plan",
+    "new_file",
     "next_step",
     "notes_of",
     "nothing",
@@ -195,6 +202,7 @@ __all__ = [
     "section_of",
     "session_counts",
     "shades",
+    "shown_first",
     "shown_of",
     "sitting_of",
     "stamp_of",
@@ -219,4 +227,5 @@ __all__ = [
     "with_described",
     "with_exported",
     "with_verdict",
+    "without_bad",
 ]

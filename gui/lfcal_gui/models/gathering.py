@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 from lfcal.base import Progress
 from lfcal_gui.models.job import JobState, WindowJob
 from lfcal_gui.models.next_step import JOBS, Place, Sitting
+from lfcal_gui.models.pace import Paces
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.models.stamp import stamp_of
-from lfcal_gui.models.verdict import kept_verdict
+from lfcal_gui.models.verdict import Verdict, kept_verdict
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
@@ -71,6 +72,7 @@ def sitting_of(
     page: str = "",
     place: str = "",
     matrix: PSFMatrix | None = None,
+    paces: Paces | None = None,
 ) -> Sitting:
     """Return the sitting.
 
@@ -82,6 +84,8 @@ def sitting_of(
         Key of the page that is looked at, and of its place.
     matrix
         The project's H, None while it is not open.
+    paces
+        What forecasts are corrected by.
     """
     stamp = stamp_of(project.psf)
     path = exported_to(project)
@@ -100,6 +104,7 @@ def sitting_of(
         h_camera=matrix is None or matrix.camera is not None,
         h_bytes=0.0 if matrix is None else 2.0 * matrix.nbytes,
         verdict=kept_verdict(project),
+        filled=_filled(kept_verdict(project), matrix),
         exported=path,
         exported_bytes=0.0 if file is None else float(file[2]),
         light_field=bool(project.light_field),
@@ -107,7 +112,18 @@ def sitting_of(
         **_costs(project.plan),
         **_job(jobs),
     )
-    return replace(found, **{name: value for facts in told.values() for name, value in facts.items()})
+    reported = {name: value for facts in told.values() for name, value in facts.items()}
+    return replace(found, **(reported if paces is None else paces.corrected(reported)))
+
+
+def _filled(verdict: Verdict | None, matrix: PSFMatrix | None) -> int:
+    """Return how many of the bad positions a model has filled already."""
+    from lfcal.psf import Origin
+
+    if verdict is None or matrix is None:
+        return 0
+    origin = (matrix.T if matrix.is_transposed else matrix).facts.origin
+    return 0 if origin is None else sum(int(origin[place]) >= Origin.MODEL for place in verdict.redo)
 
 
 def _source(project: ProjectState, page: str) -> Literal["rig", "folder", "compute"]:

@@ -72,8 +72,9 @@ class Sitting:
         Positions that are safe, and all; the plane under way from 0; what is left (s).
     job, job_words, job_left_s
         Kind of the job under way, one of `JOBS`, with its stage and what is left.
-    h, h_camera, h_bytes, verdict
-        Whether there is an H; whether its file names a camera; its size; its verdict, None where it was not judged.
+    h, h_camera, h_bytes, verdict, filled
+        Whether there is an H; whether its file names a camera; its size; its verdict, None where it was not judged;
+        number of bad positions that a model has filled.
     exported, exported_bytes
         File that H was exported to.
     light_field, volume, voxels, reconstruct_s
@@ -117,6 +118,7 @@ class Sitting:
     h_camera: bool = False
     h_bytes: float = 0.0
     verdict: Verdict | None = None
+    filled: int = 0
     exported: str = ""
     exported_bytes: float = 0.0
     light_field: bool = False
@@ -128,6 +130,13 @@ class Sitting:
     def unfinished(self) -> bool:
         """Whether a session was begun and is not complete."""
         return 0 < self.done < self.total
+
+    @property
+    def bad(self) -> int:
+        """Number of bad positions that a click repairs: with a rig all of them, else those that are not yet filled."""
+        if self.verdict is None or not self.verdict.few:
+            return 0
+        return self.verdict.bad if self.rig else max(0, self.verdict.bad - self.filled)
 
     @property
     def needs_h(self) -> bool:
@@ -348,14 +357,19 @@ def _judge(s: Sitting) -> Step | None:
 
 def _few_bad(s: Sitting) -> Step | None:
     v = s.verdict
-    if v is None or not v.few:
+    if v is None or not s.bad:
         return None
-    many = _count(v.bad, "position")
+    many = _count(s.bad, "position")
+    bad = many.replace(" ", " bad ")
     rest = "good" if v.rest == "good" else "usable"
     if s.rig:
         words = f"record {many} again; the rest of H is {rest}."
         return Step("Next", words, f"Record {many}", "acquire.redo", "h", optional=v.usable)
-    words = f"look at {_count(v.bad, 'bad position')}; the rest of H is {rest}."
+    if s.folder or s.total:
+        words = f"leave {bad} out of H, filled by the fit; the rest is {rest}."
+        button = "Leave it out" if s.bad == 1 else "Leave them out"
+        return Step("Next", words, button, "h.leave_out", "h", optional=v.usable)
+    words = f"look at {bad}; the rest of H is {rest}."
     return Step("Next", words, "Show them", "quality.worst", "h", optional=True)
 
 
@@ -481,9 +495,8 @@ def _rail_h(s: Sitting) -> RailWords:
         return RailWords("none yet")
     if s.job == "judge":
         return RailWords("judging")
-    v = s.verdict
-    if v is not None and v.few:
-        return RailWords(f"{v.bad:,} to redo", "fair")
+    if s.bad:
+        return RailWords(f"{s.bad:,} to redo", "fair")
     marks: dict[str, Mark] = {"good": "good", "usable": "good", "not judged": "", "bad": "bad"}
     word = _worth(s)
     return RailWords("in doubt" if word == "not fully judged" else word, marks.get(word, "fair"))

@@ -138,6 +138,30 @@ TABLE = (
         {"h": "5 to redo"},
     ),
     (
+        replace(H, verdict=FEW, folder=True),
+        "Next: leave 5 bad positions out of H, filled by the fit; the rest is good.",
+        "h.leave_out",
+        {"h": "5 to redo"},
+    ),
+    (
+        replace(H, verdict=replace(FEW, bad=1), folder=True),
+        "Next: leave 1 bad position out of H, filled by the fit; the rest is good.",
+        "h.leave_out",
+        {"h": "1 to redo"},
+    ),
+    (
+        replace(H, verdict=replace(FEW, merit="good"), folder=True, filled=5),
+        "Next: export H and HT, 179.0 MB: H is good.",
+        "psf.export",
+        {"h": "good"},
+    ),
+    (
+        replace(H, verdict=replace(FEW, merit="good"), filled=5, rig=True),
+        "Next: record 5 positions again; the rest of H is good.",
+        "acquire.redo",
+        {"h": "5 to redo"},
+    ),
+    (
         replace(
             H, corrections=("dark",), verdict=Verdict("bad", remedy="dark", cause="background", failed=1, checks=39)
         ),
@@ -195,6 +219,8 @@ OPTIONAL = {
     "quality.judge",
     "quality.why",
     "quality.worst",
+    "acquire.redo",
+    "h.leave_out",
 }
 
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from lfcal.acquire import recipe_of
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
-from lfcal_gui.models import CommandStep, Filling
+from lfcal_gui.models import CommandStep, Filling, iter_made, new_file, shown_first
 from lfcal_gui.pages.acquire.record_panel import RecordPanel
-from lfcal_gui.pages.acquire.step import assembled, iter_assembly, iter_made, new_file, remade, shown_first
+from lfcal_gui.pages.acquire.step import assembled, iter_assembly, remade
 from lfcal_gui.saving import ask_target, may_replace
 
 if TYPE_CHECKING:

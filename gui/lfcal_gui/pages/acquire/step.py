@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from lfcal.acquire import RedoList
 from lfcal.base import InputError, Work
 from lfcal.frames import CorrectionRecipe
 from lfcal.tasks import Assemble, AssembleTarget, RunSettings, load_job
-from lfcal_gui.models import PLAN_FILE, CommandStep, ProjectState, needed_plan
+from lfcal_gui.models import PLAN_FILE, CommandStep, ProjectState, iter_made, needed_plan
 from lfcal_gui.pages.acquire.model import AcquireSettings
 
 if TYPE_CHECKING:
@@ -23,13 +21,13 @@ __all__ = [
     "REDO_FILE",
     "assembled",
     "iter_assembly",
-    "iter_made",
-    "new_file",
     "remade",
-    "shown_first",
     "step",
     "task_of",
 ]
+
+
+REDO_FILE = "lfcal-redo.json"
 
 
 def task_of(folder: Path, out: Path, recipe: CorrectionRecipe) -> Assemble | AssembleTarget:
@@ -57,19 +55,6 @@ def iter_assembly(folder: Path, out: Path, planes: list[int] | None, recipe: Cor
     return (yield from iter_made(task_of(folder, out, recipe)))
 
 
-def iter_made(task: Assemble | AssembleTarget) -> Work[AssemblyReport]:
-    """Make H in units; called again it continues with the planes that are done."""
-    (made,) = yield from task.work(RunSettings(resume=True))
-    return made.report
-
-
-def new_file(psf: Path) -> Path:
-    """Return a file next to an H that does not exist: ``H-2.h5`` for ``H.h5``."""
-    stem, _, number = psf.stem.rpartition("-")
-    stem, first = (stem, int(number) + 1) if stem and number.isdigit() else (psf.stem, 2)
-    return next(path for k in range(first, first + 10_000) if not (path := psf.with_name(f"{stem}-{k}.h5")).exists())
-
-
 def remade(folder: Path, psf: Path, out: Path, recipe: CorrectionRecipe) -> Assemble | AssembleTarget:
     """Return the task that makes the H ``psf`` of a session again, with the same settings, into ``out``.
 
@@ -93,15 +78,6 @@ def remade(folder: Path, psf: Path, out: Path, recipe: CorrectionRecipe) -> Asse
         if isinstance(task, (Assemble, AssembleTarget)):
             return task
     return task_of(folder, out, recipe)
-
-
-def shown_first(places: Sequence[tuple[int, int, int]]) -> tuple[int, int, int]:
-    """Return the position (z, y, x) to look at: in the plane with most of ``places``."""
-    z = int(np.bincount([place[0] for place in places]).argmax())
-    return next(place for place in places if place[0] == z)
-
-
-REDO_FILE = "lfcal-redo.json"
 
 
 def step(

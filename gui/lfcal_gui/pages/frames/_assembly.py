@@ -37,7 +37,9 @@ def iter_assembly(opened: Opened, path: str) -> Work[AssemblyReport]:
         "from": asdict(chosen),
         "plan": opened.plan.to_dict(),
         "stamp": stamp_of_files(
-            opened.folder, chosen.dark, chosen.white, chosen.manifest, str(task.fill or ""), but=path
+            opened.folder,
+            *(chosen.dark, chosen.white, chosen.manifest, str(task.fill or ""), str(task.leave_out or "")),
+            but=path,
         ),
     }
     part = ChannelPart(given.frames, opened.plan, given.recipe.channel, Path(path))

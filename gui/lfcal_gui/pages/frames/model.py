@@ -281,11 +281,10 @@ def open_source(folder: str, settings: FrameSettings, plan: ScanPlan | None) -> 
 
 def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opened:
     """Open frames and corrections as the settings say; raises what opening raises."""
-    from lfcal.frames import ThinnedSource, colour_scan, corrected_view, iter_undamaged
+    from lfcal.frames import ThinnedSource, colour_scan, corrected_view
 
-    source = open_source(folder, settings, plan)
-    if settings.skip_damaged:
-        source = drain(iter_undamaged(source))
+    source: FrameSource = open_source(folder, settings, plan)
+    source = drain(task_of(settings, folder, "H.h5").iter_used(source))
     # of a colour picture it is one colour already
     channel = "" if source.metadata.colour else settings.channel
     plan = source.metadata.plan or plan

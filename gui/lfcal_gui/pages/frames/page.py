@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QFileDialog
 from lfcal.base import InputError
 from lfcal.frames import Position
 from lfcal.frames.lists import TABLE_SUFFIXES
-from lfcal.psf import FoundOrientation, find_orientation
+from lfcal.psf import FoundOrientation, find_orientation, forecast_assembly
 from lfcal.tasks import Assemble
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
@@ -51,6 +51,8 @@ class Page(BasePage):
         """Which way the frames lie, as soon as that is known."""
         self._ready: ImportedFrames | None = None
         """Frames that are open already when the project takes them."""
+        self._seconds: float | None = None
+        """About how long H of the open frames takes, by a few of them."""
         self.loaded: Loaded | None = None
         self.dialog: ImportDialog | None = None
         self.position = Position(0, 0, 0)
@@ -147,6 +149,7 @@ class Page(BasePage):
             unread=why,
             frames=0 if opened is None else int((opened.frames >= 0).sum()),
             fresh=self._fresh,
+            make_s=self._seconds,
             corrections=("dark",) if settings.dark and not settings.use_dark else (),
         )
 
@@ -237,7 +240,7 @@ class Page(BasePage):
             self.context.jobs.drop("frames open")
             self.notice.clear()
         self.panel.choices.show_settings(settings)
-        self.opened = self.found = self.loaded = None
+        self.opened = self.found = self.loaded = self._seconds = None
         self.hint.setText(self.spec.hint)
         self.assemble_button.setEnabled(False)
         if not state.frames:
@@ -309,6 +312,17 @@ class Page(BasePage):
             lambda found: self._take_orientation(opened, found),
             self.context.message.emit,
         )
+        self.context.jobs.compute(
+            "frames forecast",
+            lambda: forecast_assembly(opened.delivered.corrected, opened.plan),
+            lambda seconds: self._forecasted(opened, seconds),
+            lambda _: None,  # a frame that cannot be read is reported where it is looked at
+        )
+
+    def _forecasted(self, opened: Opened, seconds: float) -> None:
+        if opened is self.opened:
+            self._seconds = seconds
+            self._tell()
 
     def _take_orientation(self, opened: Opened, found: FoundOrientation) -> None:
         if opened is self.opened:

@@ -24,6 +24,7 @@ from lfcal_gui.pages.simulate.model import (
     kept_pass,
     matrix_task,
     pattern_of,
+    used_rung,
 )
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict, verdict_of
 from lfcal_gui.pages.simulate.model_files import read_settings, settings_text
@@ -405,6 +406,9 @@ class Page(BasePage):
         # points are numbered in the curve that is on screen, not in the one that has grown meanwhile
         self._curve = curves.of(key).get(PLACE)
         self.panel.show_cost(self._curve, self.settings, self._seconds)
+        rung = used_rung(self._curve, self.settings)
+        facts = {} if rung is None else {"compute_s": rung.cost, "error": rung.error}
+        self.context.tell(self.spec.key, **facts)
         took = curves.took(key, PLACE)
         button = "" if self._measuring else "Measure again" if took else "Measure"
         self.panel.curve.show_status(took, button)

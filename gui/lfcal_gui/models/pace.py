@@ -1,0 +1,62 @@
+"""How fast this machine really is: what jobs took, over what was forecast for them. No Qt."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from statistics import median
+
+__all__ = ["FORECASTS", "Paces"]
+
+FORECASTS = {"make": "make_s", "compute": "compute_s"}
+"""Kinds of jobs with a forecast, and the field of `Sitting` that has it."""
+
+KEPT = 5
+"""Runs of a kind that count, the newest."""
+
+
+@dataclass
+class Paces:
+    """Corrects forecasts by the real runs of each kind of job; the median counts, as a resumed run is shorter.
+
+    Examples
+    --------
+    >>> from lfcal_gui.models.pace import Paces
+    >>> paces = Paces()
+    >>> paces.take("make", forecast=2.0, seconds=3.0)
+    >>> print(paces.corrected({"make_s": 4.0, "frames": 12}))
+    {'make_s': 6.0, 'frames': 12}
+    """
+
+    runs: dict[str, list[float]] = field(default_factory=dict)
+
+    def take(self, kind: str, forecast: float, seconds: float) -> None:
+        """Take over how long a job took."""
+        if forecast > 0 and seconds > 0:
+            self.runs[kind] = [*self.runs.get(kind, ()), seconds / forecast][-KEPT:]
+
+    def corrected(self, facts: Mapping[str, object]) -> dict[str, object]:
+        """Return facts of a sitting with forecasts as this machine is."""
+        found = dict(facts)
+        for kind, name in FORECASTS.items():
+            seconds, runs = found.get(name), self.runs.get(kind)
+            if runs and isinstance(seconds, float):
+                found[name] = seconds * median(runs)
+        return found
+
+    def texts(self) -> list[str]:
+        """Return what is kept between starts, a text for each kind."""
+        return [" ".join((kind, *(f"{run:.4g}" for run in runs))) for kind, runs in self.runs.items()]
+
+    @classmethod
+    def of(cls, texts: Iterable[str]) -> Paces:
+        """Return what `texts` gave; what is no such text is left out."""
+        found: dict[str, list[float]] = {}
+        for kind, *runs in map(str.split, texts):
+            try:
+                values = [float(run) for run in runs]
+            except ValueError:
+                continue
+            if kind in FORECASTS and values and all(0 < value < 1e6 for value in values):
+                found[kind] = values[-KEPT:]
+        return cls(found)
