@@ -42,7 +42,7 @@ def open_frames(
     plan_shape: Sequence[int] | None = None,
     colour: str | None = None,
     dataset: str | None = None,
-    nan: str = "reject",
+    nan: str = "auto",
     blank: str = "reject",
     skip_damaged: bool = False,
     columns: str = "",
@@ -74,7 +74,7 @@ def open_frames(
     colour, dataset
         As in `open_image`.
     nan, blank
-        As in `lfcal.frames.sources.folder.check_frame`.
+        As in `lfcal.frames.FolderSource`.
     skip_damaged
         Do not let damaged frames stand in the way of opening, where `lfcal.frames.iter_undamaged` leaves them out
         afterwards; damaged dark frames of a recorded session are left out of their mean.

@@ -46,6 +46,7 @@ class ScanFrames:
     skip_damaged: bool = False
     orientation: str = "as is"
     origin: tuple[int, int] | None = None
+    nan: str = "auto"
 
     @property
     def beside(self) -> Path | None:
@@ -78,6 +79,7 @@ class ScanFrames:
             skip_damaged=self.skip_damaged,
             orientation=self.orientation,
             origin=self.origin,
+            nan=self.nan,
         )
         own = source.metadata.plan
         if own is None and found is None:

@@ -251,6 +251,13 @@ class Assemble(AssembleRegions):
         None, "Number of the first position in names or lists.", at_least=0, at_most=1, empty="found", more=True
     )
     origin: str = origin_field("the whole sensor, or as the session states")
+    nan: str = opt(
+        "auto",
+        "NaN in frames of floats. auto: mask pixels that never have a value, refuse others. mask: mask all.",
+        label="NaN in frames",
+        choices=("auto", "mask", "refuse"),
+        more=True,
+    )
     fill: Path | None = opt(
         None,
         "Folder of a fit of this scan (lfcal fit). Its model fills missing positions, which stay marked.",
@@ -274,7 +281,18 @@ class Assemble(AssembleRegions):
         """How the frames are opened."""
         from lfcal.frames import parse_origin
 
-        names = ("frames", "plan", "manifest", "pattern", "order", "columns", "first", "skip_damaged", "orientation")
+        names = (
+            "frames",
+            "plan",
+            "manifest",
+            "pattern",
+            "order",
+            "columns",
+            "first",
+            "skip_damaged",
+            "orientation",
+            "nan",
+        )
         return ScanFrames(**{name: getattr(self, name) for name in names}, origin=parse_origin(self.origin))
 
     def files(self, way: str) -> tuple[Path, ...]:
@@ -480,6 +498,7 @@ def assemble(
     columns: str = "",
     first: int | None = None,
     origin: str = "",
+    nan: str = "auto",
     skip_damaged: bool = False,
     orientation: str = "check",
     shift: str = "0",

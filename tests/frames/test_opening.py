@@ -242,14 +242,40 @@ def test_nan_is_refused_or_masked(tmp_path: Path) -> None:
     frame = FRAMES[0, 0, 0].astype(np.float32)
     frame[3, 4], frame[5, 6] = np.nan, -np.inf
     tifffile.imwrite(tmp_path / "y0_x0.tif", frame)
-    source = open_frames(tmp_path, pattern="y{y}_x{x}.tif")
+    source = open_frames(tmp_path, pattern="y{y}_x{x}.tif", nan="refuse")
     with pytest.raises(FileFormatError, match=r"y0_x0\.tif, \(.*\): expected finite values, got 2 NaN or infinite"):
         source.read(0)
     with pytest.raises(FileFormatError, match="got 1 NaN"):
         source.read(0, (slice(0, 4), slice(0, 10)))
-    read = open_frames(tmp_path, pattern="y{y}_x{x}.tif", nan="mask").read(0)
-    assert np.argwhere(np.isnan(read)).tolist() == [[3, 4], [5, 6]]
-    assert np.array_equal(read[~np.isnan(read)], frame[np.isfinite(frame)])
+    found = open_frames(tmp_path, pattern="y{y}_x{x}.tif", nan="mask").samples(0)
+    assert found.valid is not None and np.argwhere(~found.valid).tolist() == [[3, 4], [5, 6]]
+    assert np.array_equal(found.values[found.valid], frame[found.valid])
+    around = [frame[r, c] for r in (2, 3, 4) for c in (3, 4, 5) if (r, c) != (3, 4)]
+    assert min(around) <= found.values[3, 4] <= max(around)
+
+
+def test_pixels_that_never_have_a_value_are_masked(tmp_path: Path) -> None:
+    """Dead pixels and the border of a registration are NaN in every frame (hexrdgui#1753, corgidrp#892)."""
+    frames = np.array([FRAMES[0, 0, k] for k in range(3)], np.float32)
+    frames[:, :, -6:], frames[:, 3, 4] = np.nan, np.inf
+    for k, frame in enumerate(frames):
+        tifffile.imwrite(tmp_path / f"y0_x{k}.tif", frame)
+    with open_frames(tmp_path, pattern="y{y}_x{x}.tif") as source:
+        (note,) = source.metadata.notes
+        assert note == f"{frames.shape[1] * 6 + 1} pixels have no value (NaN or infinity) in any frame: they are masked"
+        for k in range(3):
+            found, mask = source.samples(k), source.info(k).mask
+            assert mask is not None and np.array_equal(mask, np.isfinite(frames[k]))
+            assert found.valid is not None and np.array_equal(found.valid, mask)
+            assert np.isfinite(found.values).all() and np.array_equal(found.values[mask], frames[k][mask])
+    frames[1, 7, 7] = np.nan
+    tifffile.imwrite(tmp_path / "y0_x1.tif", frames[1])
+    with open_frames(tmp_path, pattern="y{y}_x{x}.tif") as source:
+        source.read(0)
+        with pytest.raises(FileFormatError, match=r"y0_x1\.tif.*got 1 NaN or infinite; .*--nan mask"):
+            source.read(1)
+    with pytest.raises(FileFormatError, match="NaN"):
+        open_frames(tmp_path, pattern="y{y}_x{x}.tif", nan="refuse").read(0)
 
 
 @pytest.mark.parametrize("orientation", [3, 6, 8])
@@ -290,7 +316,7 @@ CANNOT: dict[str, tuple[dict[str, Any], str]] = {
         {"order": "raster", "plan_shape": (2, 3, 5)},
         "frames: expected 30 for a scan of 2 x 3 x 5, got 24",
     ),
-    "unknown NaN policy": ({"pattern": NAMES, "nan": "ignore"}, "NaN in frames: expected reject or mask"),
+    "unknown NaN policy": ({"pattern": NAMES, "nan": "ignore"}, "NaN in frames: expected auto or mask or refuse"),
     "unknown colour": ({"pattern": NAMES, "colour": "r"}, "colour: expected R, G or B"),
 }
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from lfcal.frames.corrections._corrected import CorrectedSource, corrected
 from lfcal.frames.corrections.chain import CorrectionChain
-from lfcal.frames.corrections.defects import Defects, find_defects, iter_find_defects
+from lfcal.frames.corrections.defects import Defects, find_defects, iter_find_defects, repair_nan
 from lfcal.frames.corrections.recipe import (
     check_turned_colours,
     corrected_view,
@@ -41,4 +41,5 @@ __all__ = [
     "first_image",
     "iter_find_defects",
     "read_average",
+    "repair_nan",
 ]

@@ -27,7 +27,7 @@ class FrameOptions:
     plan_shape: tuple[int, int, int] | None = None
     colour: str | None = None
     dataset: str | None = None
-    nan: str = "reject"
+    nan: str = "auto"
     blank: str = "reject"
     skip_damaged: bool = False
     columns: str = ""

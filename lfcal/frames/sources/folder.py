@@ -7,6 +7,7 @@ import weakref
 from collections import Counter
 from collections.abc import Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,12 +20,15 @@ from lfcal.frames.damage import frame_errors
 from lfcal.frames.formats import ImageFile, open_image
 from lfcal.frames.manifest import FrameEntry, Manifest, resolve_inside
 from lfcal.frames.part import stated_origin
-from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, check_index, check_mask
+from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, Samples, check_index, check_mask, masked, observed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["FolderSource", "check_frame"]
+__all__ = ["NAN_MODES", "FolderSource", "check_frame", "without_nan"]
+
+NAN_MODES = ("auto", "mask", "refuse")
+"""What happens to NaN and infinity in frames; see `FolderSource`."""
 
 MAX_OPEN = 128
 """Files of many pages that are kept open at once."""
@@ -37,7 +41,7 @@ _OF_PAGES = (
 
 
 def check_frame(
-    frame: NDArray[Any], name: str, *, nan: str = "reject", blank: str = "reject", bit_depth: int | None = None
+    frame: NDArray[Any], name: str, *, nan: str = "refuse", blank: str = "reject", bit_depth: int | None = None
 ) -> NDArray[Any]:
     """Return ``frame`` if its values can be those of a sensor; readers return other values too without an error.
 
@@ -48,8 +52,7 @@ def check_frame(
     name
         Named in messages.
     nan
-        ``"reject"`` frames of floats with NaN or infinity, or ``"mask"`` them: infinity becomes NaN too, which
-        `Defects` repairs.
+        ``"refuse"`` frames of floats with NaN or infinity, or ``"mask"`` them: infinity becomes NaN too.
     blank
         ``"reject"`` frames that hold one value only, or ``"accept"`` them.
     bit_depth
@@ -63,9 +66,9 @@ def check_frame(
     if frame.dtype.kind == "f":
         bad = ~np.isfinite(frame)
         count = int(np.count_nonzero(bad))
-        if count and nan == "reject":
+        if count and nan == "refuse":
             raise FileFormatError.expected(
-                name, "finite values", f"{count} NaN or infinite", "take the frame again, or mask them"
+                name, "finite values", f"{count} NaN or infinite", "take the frame again, or mask them (--nan mask)"
             )
         if count:
             frame[bad] = np.nan
@@ -85,6 +88,19 @@ def check_frame(
     return frame
 
 
+def without_nan(frame: NDArray[Any], cfa: str = "") -> NDArray[Any]:
+    """Return a frame whose NaN are the mean of their nearest neighbours of one colour; far from any, the median."""
+    from lfcal.frames.corrections import repair_nan
+
+    values = np.array(frame, np.float32)
+    repair_nan(values, (0, 0), np.zeros(3), cfa)
+    lost = np.isnan(frame)
+    filled = np.array(frame)
+    filled[lost] = values[lost]
+    filled[np.isnan(filled)] = np.nanmedian(values) if not np.isnan(values).all() else 0.0
+    return filled
+
+
 class FolderSource(Frames):
     """The frames that a manifest lists in the files of a folder.
 
@@ -99,7 +115,11 @@ class FolderSource(Frames):
         Which frame is where.
     colour, dataset
         As in `open_image`.
-    nan, blank
+    nan
+        What happens to NaN and infinity in frames of floats. ``"auto"``: pixels that have no value in the first, the
+        middle and the last frame are masked, others refused. ``"mask"``: all are masked. ``"refuse"``. Samples of
+        masked pixels are not valid; they are read as the mean of their nearest neighbours.
+    blank
         As in `check_frame`.
     skip_damaged
         Take shape and dtype from the first frame that can be read.
@@ -128,14 +148,14 @@ class FolderSource(Frames):
         *,
         colour: str | None = None,
         dataset: str | None = None,
-        nan: str = "reject",
+        nan: str = "auto",
         blank: str = "reject",
         skip_damaged: bool = False,
         notes: tuple[str, ...] = (),
         facts: Mapping[str, Any] | None = None,
         origin: tuple[int, int] | None = None,
     ) -> None:
-        check_choice("NaN in frames", nan, ("reject", "mask"))
+        check_choice("NaN in frames", nan, NAN_MODES)
         check_choice("blank frames", blank, ("reject", "accept"))
         self.root = Path(root)
         self.manifest = manifest
@@ -163,6 +183,27 @@ class FolderSource(Frames):
         mask = found.pop("mask", None)
         self._mask = None if mask is None else check_mask(mask, self._shape, str(root))
         self._metadata = FrameMetadata.of(found | {"notes": notes})
+        if nan == "auto" and self._dtype.kind == "f":
+            self._mask_fixed()
+
+    def _mask_fixed(self) -> None:
+        """Mask the pixels that have no value in any of three frames; without such pixels none is masked."""
+        fixed: NDArray[np.bool_] | None = None
+        for number in dict.fromkeys((0, len(self) // 2, len(self) - 1)):
+            entry = self.manifest.entries[number]
+            try:
+                with self._image(entry.file) as image:
+                    bad = ~np.isfinite(image.read(entry.page))
+            except (FileFormatError, StorageError):  # said when the frame is read
+                continue
+            if bad.shape != self._shape or not bad.any():
+                return
+            fixed = bad if fixed is None else fixed & bad
+        if fixed is None or not fixed.any():
+            return
+        self._mask = ~fixed if self._mask is None else self._mask & ~fixed
+        words = f"{int(fixed.sum())} pixels have no value (NaN or infinity) in any frame: they are masked"
+        self._metadata = replace(self._metadata, notes=(*self._metadata.notes, words))
 
     def _inspect_any(self) -> tuple[tuple[int, int], np.dtype[Any], dict[str, Any]]:
         """Return what the first frame that can be read, and the manifest, say."""
@@ -255,10 +296,33 @@ class FolderSource(Frames):
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
         """Return frame ``index``, or a part of it, as a new array, checked by `check_frame`."""
+        return self._values(index, region)[0]
+
+    def samples(self, index: int, region: Region | None = None) -> Samples:
+        """Return what `read` returns; samples that are saturated, masked, or have no value are marked."""
+        values, lost = self._values(index, region)
+        found = observed(values, self._metadata.saturation, self._metadata.noise)
+        for mask in (self._mask if self._mask is None or region is None else self._mask[region], lost):
+            found = found if mask is None else masked(found, mask)
+        return found
+
+    def _values(self, index: int, region: Region | None) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
+        """Return a frame without NaN, and where it had a value; None: everywhere."""
         entry = self.manifest.entries[check_index(index, len(self))]
         label = self.info(index).label
         with frame_errors(label, entry.position):
-            return self._read(entry, label, region)
+            frame = self._read(entry, label, region)
+            if self._dtype.kind != "f" or not (lost := np.isnan(frame)).any():
+                return frame, None
+            known = self._mask if self._mask is None or region is None else self._mask[region]
+            if self._nan == "auto" and (stray := int((lost if known is None else lost & known).sum())):
+                raise FileFormatError.expected(
+                    label,
+                    "finite values",
+                    f"{stray} NaN or infinite",
+                    "take the frame again, or mask them (--nan mask)",
+                )
+            return without_nan(frame, self._metadata.cfa), ~lost
 
     def _read(self, entry: FrameEntry, label: str, region: Region | None) -> NDArray[Any]:
         with self._image(entry.file) as image:
@@ -275,7 +339,8 @@ class FolderSource(Frames):
         return self._checked(frame, label, self._blank if region is None else "accept")
 
     def _checked(self, frame: NDArray[Any], label: str, blank: str) -> NDArray[Any]:
-        return check_frame(frame, label, nan=self._nan, blank=blank, bit_depth=self._metadata.bit_depth)
+        nan = "refuse" if self._nan == "refuse" else "mask"
+        return check_frame(frame, label, nan=nan, blank=blank, bit_depth=self._metadata.bit_depth)
 
     def close(self) -> None:
         """Close the files that are kept open."""
