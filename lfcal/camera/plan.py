@@ -363,21 +363,25 @@ class ScanPlan:
 
         Serpentine turns round at the end of each row and of each plane: every move is one step.
         """
-        nz, ny, nx = self.shape[:3]
-        index = np.indices((nz, ny, nx), dtype=np.intp)
+        return self._ordered(self.period[1])
+
+    def _ordered(self, columns: int) -> NDArray[np.intp]:
+        """Return the positions of rows of so many columns."""
+        nz, ny = len(self.depths_um), self.period[0]
+        index = np.indices((nz, ny, columns), dtype=np.intp)
         if self.order == "serpentine":
             # odd planes run backwards, so that each plane starts where the last one ended
             index[1, 1::2] = ny - 1 - index[1, 1::2]
             # counted over all planes, so the direction alternates across the change of plane too
-            rows = index[2].reshape(nz * ny, nx)
-            rows[1::2] = nx - 1 - rows[1::2]
+            rows = index[2].reshape(nz * ny, columns)
+            rows[1::2] = columns - 1 - rows[1::2]
         return index.reshape(3, -1).T
 
     def row_ends(self) -> NDArray[np.intp]:
-        """Return the first and the last position of every row ``(2 * planes * ny, 3)`` as (z, y, x) in scan order."""
-        ny, nx = self.period
-        ends: NDArray[np.intp] = replace(self, period=(ny, 2)).order_indices() if nx > 1 else self.order_indices()
-        ends[:, 2] *= nx - 1
+        """Return the first and the last position ``(n, 3)`` of every row as (z, y, x) in scan order."""
+        columns = self.period[1]
+        ends = self._ordered(min(columns, 2))
+        ends[:, 2] *= columns - 1
         return ends
 
     def in_scan_order(self, positions: ArrayLike) -> NDArray[np.intp]:

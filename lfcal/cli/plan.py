@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.base import format_bytes, format_length, format_seconds
+from lfcal.base import format_bytes, format_length, format_seconds, format_share
 from lfcal.cli._console import print_table, print_written
 from lfcal.tasks import WITHOUT_READOUT, Planned
 
@@ -86,8 +87,16 @@ def _rows(one: Planned) -> list[list[str]]:
         ["H, rounded", f"{format_bytes(forecast.h_rounded_bytes)} at most"],
         ["HT, where it is exported (float32)", format_bytes(forecast.ht_float32_bytes)],
         ["memory to assemble (two planes)", format_bytes(forecast.assembly_bytes)],
+        *_noise(one.facts.get("noise")),
         *([["half-cell scan", _other_half(ny // 2, nx // 2)]] if half else []),
     ]
+
+
+def _noise(planes: tuple[float, ...] | None) -> list[list[str]]:
+    if planes is None:
+        return []
+    whole = math.sqrt(sum(share**2 for share in planes) / len(planes))
+    return [["expected noise of H (rms)", f"{format_share(whole)}, worst plane {format_share(max(planes))}"]]
 
 
 def _readout(frames: int, hours: float) -> str:

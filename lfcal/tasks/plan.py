@@ -14,6 +14,7 @@ from lfcal.records import (
     read_depths,
     read_orientation,
     read_pair,
+    read_share,
     read_virtual_depths,
     record,
     required,
@@ -326,6 +327,16 @@ class PlanScan(_PlanOfCamera):
     half_cell: bool = opt(
         False, "Record half of a hexagonal period, where the other half has the same patterns.", more=True
     )
+    peak: float | str | None = opt(
+        None,
+        "Forecast the noise of H if the brightest pixel reaches this share of the full well.",
+        label="Brightest pixel",
+        above=0,
+        at_most=1,
+        empty="no forecast of the noise",
+        read=read_share,
+        more=True,
+    )
     list_file: Path | None = opt(
         None,
         "List of the positions of a half-cell scan to write (.json), for lfcal acquire.",
@@ -349,7 +360,19 @@ class PlanScan(_PlanOfCamera):
             from lfcal.acquire import RedoList
 
             RedoList.of(half.tolist()).write(self.list_file)
+        if self.peak is not None:
+            planned.facts["noise"] = yield from self._noise(plan, float(self.peak))
         return (planned,)
+
+    def _noise(self, plan: ScanPlan, peak: float) -> Work[tuple[float, ...] | None]:
+        """Return the expected noise of each plane of H; None, with a note, where the sensor is not described."""
+        from lfcal.simulate import iter_expected_light, not_stated_for_noise
+
+        if unknown := not_stated_for_noise(plan.camera):
+            note(f"the noise of H is not forecast: {' and '.join(unknown)} only assumed")
+            return None
+        light = yield from iter_expected_light(plan)
+        return light.noise(plan, peak)
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:

@@ -58,10 +58,10 @@ def test_a_cutout_that_fits_nowhere_is_refused_with_the_largest_that_fits() -> N
 
 
 @pytest.mark.parametrize("order", ["serpentine", "raster"])
-@pytest.mark.parametrize("period", [(3, 4), (4, 3), (1, 5), (5, 1), (2, 2)])
+@pytest.mark.parametrize("period", [(3, 4), (4, 3), (1, 5), (5, 1), (2, 2), (19, 33)])
 def test_the_ends_of_the_rows_are_in_scan_order(order: str, period: tuple[int, int]) -> None:
     depths = tuple(BENCH.depth_of(v) for v in (3.0, 4.0, 5.0))
-    plan = ScanPlan(BENCH, period, (41, 41), depths, (150, 144), order=order)
+    plan = ScanPlan(BENCH, period, (41, 41), depths, (150, 144), order=order, resample=period == (19, 33))
     ends, every = plan.row_ends(), plan.order_indices()
     last = period[1] - 1
     wanted = every[(every[:, 2] == 0) | (every[:, 2] == last)]

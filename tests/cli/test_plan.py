@@ -4,12 +4,13 @@ import json
 import re
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from lfcal.camera import ScanPlan, preset
+from lfcal.camera import Marks, ScanPlan, preset
 from lfcal.cli import main
 from lfcal.tasks import load_camera
 
@@ -146,3 +147,18 @@ def test_camera_files_that_are_none(run: Run, tmp_path: Path) -> None:
         (tmp_path / name).write_bytes(data)
         code, _, err = run("plan", str(tmp_path / name), "--depths", "0")
         assert code == 2 and len(err.strip().splitlines()) == 1
+
+
+def test_the_noise_of_h_is_forecast_where_the_sensor_is_described(run: Run, tmp_path: Path) -> None:
+    code, out, err = run("plan", "bench", "--virtual-depths", "3,4", "--cutout", "55", "--peak", "80 %")
+    assert (code, err) == (0, "") and re.search(r"expected noise of H \(rms\) +2\.\d %, worst plane 2\.\d %", out)
+    four = run(
+        "plan", "bench", "--virtual-depths", "3,4", "--cutout", "55", "--peak", "0.8", "--average", "4", "--json"
+    )
+    one = run("plan", "bench", "--virtual-depths", "3,4", "--cutout", "55", "--peak", "0.8", "--json")
+    noise = [json.loads(found[1])["noise"] for found in (one, four)]
+    assert [n / 2 for n in noise[0]] == pytest.approx(noise[1], rel=1e-2)
+    camera = replace(preset("bench"), marks=Marks.of({"sensor.read_noise_e": "assumed"}))
+    (tmp_path / "c.json").write_text(camera.to_json())
+    code, out, err = run("plan", str(tmp_path / "c.json"), "--virtual-depths", "3,4", "--peak", "0.8")
+    assert code == 0 and "noise of H is not forecast: read noise only assumed" in err and "noise of H (" not in out
