@@ -32,10 +32,15 @@ QLabel[role="next"] {{ font-size: 11pt; font-weight: 500; color: {text}; }}
 QLabel[role="heading"] {{ font-weight: 600; color: {text}; }}
 QLabel[role="hint"] {{ color: {muted}; }}
 QLabel[role="error"] {{ color: {bad}; }}
-QLabel[mark] {{ font-size: 8pt; }}
-QLabel[mark="assumed"] {{ color: {fair}; }}
-QLabel[mark="measured"], QLabel[mark="stated"] {{ color: {good}; }}
-QLabel[mark="derived"] {{ color: {muted}; }}
+QToolButton[role="mark"], QToolButton[role="reset"] {{ border: 1px solid transparent; border-radius: 4px;
+    background: transparent; padding: 0; }}
+QToolButton[role="mark"][mark="assumed"] {{ color: {fair}; border-color: {fair}; }}
+QToolButton[mark="measured"], QToolButton[mark="stated"] {{ color: {good}; }}
+QToolButton[mark="derived"] {{ color: {muted}; }}
+QToolButton[role="reset"] {{ color: {accent}; }}
+QToolButton[role="mark"][mark="assumed"]:hover, QToolButton[role="reset"]:hover {{ background: {raised}; }}
+QToolButton[role="mark"]:focus, QToolButton[role="reset"]:focus {{ border: 2px solid {accent}; }}
+*[changed="true"] {{ font-weight: 600; }}
 QLabel[role="value"] {{ font-weight: 600; }}
 QFrame[role="card"] {{ background: {panel}; border: 1px solid {line}; border-radius: 6px; }}
 QFrame#rail {{ background: {panel}; border: none; border-right: 1px solid {line}; }}
@@ -68,7 +73,12 @@ QPushButton[role="tight"] {{ padding: 2px 8px; }}
 QToolButton[role="bare"] {{ border: none; background: transparent; font-size: 13pt; padding: 2px 6px; color: {text}; }}
 QToolButton[role="bare"]::menu-indicator {{ image: none; }}
 QPushButton[role="primary"] {{ background: {accent}; color: {accent_text}; border-color: {accent}; font-weight: 600; }}
-QToolButton[role="fold"] {{ border: none; background: transparent; font-weight: 600; padding: 0; color: {text}; }}
+QPushButton[role="fold"] {{ border: 1px solid transparent; border-radius: 4px; background: transparent;
+    font-weight: 600; padding: 3px 0; color: {text}; text-align: left; }}
+QPushButton[role="fold"][ruled="true"] {{ border-top: 1px solid {line}; border-radius: 0; }}
+QPushButton[role="fold"]:hover {{ color: {accent}; }}
+QPushButton[role="fold"]:checked {{ background: transparent; }}
+QPushButton[role="fold"]:focus {{ border: 2px solid {accent}; border-radius: 4px; }}
 QPushButton[role="big"] {{ font-size: 16pt; font-weight: 600; min-height: 54px; padding: 4px 10px; }}
 QLabel[role="big"] {{ font-size: 17pt; font-weight: 600; color: {text}; }}
 QPushButton[role="primary"]:disabled {{ background: {raised}; color: {muted}; border-color: {line}; }}
@@ -81,8 +91,9 @@ QCheckBox::indicator {{ width: 13px; height: 13px; border: 1px solid {muted}; bo
 QCheckBox::indicator:checked {{ background: {accent}; border-color: {accent}; }}
 QCheckBox::indicator:disabled {{ border-color: {line}; }}
 QComboBox {{ min-height: 22px; }}
-QWidget[dense="true"] QLineEdit {{ padding: 1px 6px; }}
+QWidget[dense="true"] QLineEdit {{ padding: 1px 4px; }}
 QWidget[dense="true"] QPushButton {{ padding: 3px 10px; }}
+QWidget[dense="true"] QPushButton[role="fold"] {{ padding: 3px 0; }}
 QWidget[dense="true"] QPushButton[role="tight"] {{ padding: 3px 6px; }}
 QWidget[dense="true"] QComboBox {{ min-height: 17px; max-height: 17px; }}
 QLineEdit[invalid="true"] {{ border: 1px solid {bad}; }}

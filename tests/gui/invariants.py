@@ -19,7 +19,7 @@ from lfcal_gui.pages.quality.model import listed_metrics
 from lfcal_gui.pages.setup.model import values_of as values_of_camera
 from lfcal_gui.pages.setup.model_scan import values_of as values_of_plan
 from lfcal_gui.pages.setup.model_target import PlanSettings
-from lfcal_gui.widgets.form import Form
+from lfcal_gui.widgets.folded_form import FoldedForm
 from lfcal_gui.window import MainWindow
 
 __all__ = ["check_window"]
@@ -125,7 +125,7 @@ def _psf_pictures(page: Any) -> None:
         np.testing.assert_array_equal(panel.main_view.values, wanted, f"another pattern than {at} is shown")
 
 
-def _form(form: Form, values: dict[str, Any]) -> None:
+def _form(form: FoldedForm, values: dict[str, Any]) -> None:
     """Hold fields that are not refused against what the project holds."""
     for key, field in form.fields.items():
         editor = form.editor(key)
@@ -154,9 +154,9 @@ def _setup(window: MainWindow, page: Any) -> None:
     if plan is not None:
         values |= {**PlanSettings.of(window.context.state).shown(), **values_of_plan(plan)}
     assert inspector.scan.isHidden() == (plan is None) == (not inspector.no_plan.isHidden())
-    for form in set(inspector.forms.values()):
-        if plan is not None or form.fields.keys() <= values.keys():
-            _form(form, values)
+    _form(inspector.values, values)
+    if plan is not None:
+        _form(inspector.scan, values)
 
 
 def _quality(window: MainWindow, page: Any) -> None:

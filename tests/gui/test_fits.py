@@ -47,7 +47,7 @@ def test_values_and_scan_are_whole_beside_the_picture(window: MainWindow, width:
     page: Any = window.page("setup")
     assert scrolled(page) == [] and page.panel.area.width() == wide
     inspector = page.panel.inspector
-    for fold in (inspector.values, inspector.more):
+    for fold in (inspector.values, inspector.scan):
         fold.open()
     settle()
     assert inspector.minimumSizeHint().width() <= page.panel.area.viewport().width(), "nothing is cut at the right"

@@ -59,10 +59,10 @@ def test_a_whole_sitting(window: MainWindow, qtbot: QtBot, recorded: Path, tmp_p
     assert frames.position == (0, 0, 1)
     moved = frames.panel.view.overlays[0].points[:, 1]
     assert (moved == columns + 1).all() and np.ptp(columns) > 0, "the cutout moves one pixel with the point"
-    frames.panel.choices.boxes["use_dark"].setChecked(False)
+    frames.panel.choices.editor("use_dark").setChecked(False)
     assert not FrameSettings.of(window.project.state).use_dark
     window.project.undo()
-    assert frames.panel.choices.boxes["use_dark"].isChecked()
+    assert frames.panel.choices.editor("use_dark").isChecked()
     idle(window.jobs, qtbot)
     target = tmp_path / "H.h5"
     with qtbot.waitSignal(window.jobs.finished, timeout=GUARD_MS) as end:
@@ -120,7 +120,7 @@ def test_a_new_window_is_whole_under_its_title_bar() -> None:
 
 def test_undo_through_the_menu(window: MainWindow) -> None:
     camera: Any = window.page("setup")
-    editor = camera.panel.inspector.forms["optics.f_number"].editor("optics.f_number")
+    editor = camera.panel.inspector.values.editor("optics.f_number")
     editor.setText("8")
     editor.textEdited.emit("8")
     assert window.project.state.camera.optics.f_number == 8  # type: ignore[union-attr]
@@ -133,7 +133,7 @@ def test_undo_through_the_menu(window: MainWindow) -> None:
 
 def test_what_does_not_pass_is_marked_and_not_taken(window: MainWindow) -> None:
     camera: Any = window.page("setup")
-    form = camera.panel.inspector.forms["optics.f_number"]
+    form = camera.panel.inspector.values
     editor = form.editor("optics.f_number")
     for text in ("-1", "abc", "", "1e999", "nan"):
         editor.setText(text)

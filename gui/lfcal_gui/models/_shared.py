@@ -46,7 +46,7 @@ from lfcal_gui.models.display import (
 from lfcal_gui.models.doctor import doctor_html, doctor_text
 from lfcal_gui.models.filling import Filling
 from lfcal_gui.models.fitted import FittedCamera
-from lfcal_gui.models.form import Field, parse, text_of
+from lfcal_gui.models.form import UNKNOWN, Field, means, parse, same, text_of
 from lfcal_gui.models.frame_view import FrameNumbers, frame_numbers, lattice_points, render_tile, visible_tile
 from lfcal_gui.models.gathering import (
     exported_to,
@@ -100,6 +100,7 @@ __all__ = [
     "PLACES",
     "PLAN_FILE",
     "SCALES",
+    "UNKNOWN",
     "Both",
     "Claim",
     "CommandStep",
@@ -177,6 +178,7 @@ __all__ = [
     "levels_of",
     "line_profile",
     "manual_folder",
+    "means",
     "needed_file",
     "needed_plan",
     "new_file",
@@ -197,6 +199,7 @@ __all__ = [
     "render_tile",
     "safe_words",
     "said_in_window",
+    "same",
     "sampled",
     "scale_bar",
     "section_of",

@@ -9,7 +9,10 @@ from typing import Any
 
 from lfcal.base import InputError, check_commas
 
-__all__ = ["Field", "parse", "text_of"]
+__all__ = ["UNKNOWN", "Field", "means", "parse", "same", "text_of"]
+
+UNKNOWN: Any = object()
+"""In the place of a value or default that is not known."""
 
 _WANTED = {"float": "a number", "int": "a whole number", "floats": "numbers separated by ', ' or ';'"}
 
@@ -39,6 +42,12 @@ class Field:
         What an empty entry means, in a word or two.
     read
         Of ``"text"``: what a text means, if several texts mean the same; it may raise `InputError`.
+    default
+        Value that a reset restores, as the form shows it; `UNKNOWN`: there is none.
+    group
+        Heading of the field where it is folded.
+    late
+        Whether a text is reported when typing ends, not letter by letter.
     """
 
     key: str
@@ -52,6 +61,9 @@ class Field:
     endless: bool = False
     empty: str = ""
     read: Callable[[str], Any] | None = None
+    default: Any = UNKNOWN
+    group: str = ""
+    late: bool = False
 
 
 def text_of(field: Field, value: Any) -> str:
@@ -87,6 +99,24 @@ def parse(field: Field, text: str) -> Any:
         return tuple(_number(field, part) for part in text.replace(";", ",").split(",") if part.strip())
     except ValueError:
         raise InputError.expected(field.label, _WANTED[field.kind], repr(text), "correct it") from None
+
+
+def means(field: Field, text: str, value: Any) -> bool:
+    """Return whether ``text`` already says ``value``, in whatever words: "5.0" is 5."""
+    try:
+        if field.read is not None and isinstance(value, str):
+            return bool(field.read(text) == field.read(value))
+        return bool(parse(field, text) == value)
+    except InputError:
+        return False
+
+
+def same(field: Field, one: Any, other: Any) -> bool:
+    """Return whether two values of a field are the same for the user."""
+    if field.kind in ("choice", "bool"):
+        return bool(one == other)
+    text = text_of(field, one)
+    return text == text_of(field, other) or (bool(text) and means(field, text, other))
 
 
 def _number(field: Field, text: str) -> float:

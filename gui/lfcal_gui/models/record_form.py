@@ -8,7 +8,7 @@ from typing import Any
 
 from lfcal.base import InputError
 from lfcal.records import FieldRow, read_names, read_share, rows, show_share
-from lfcal_gui.models.form import Field
+from lfcal_gui.models.form import UNKNOWN, Field
 
 __all__ = ["check_of", "fields_of", "options_in", "shown_of", "text_in_form", "value_in"]
 
@@ -58,20 +58,21 @@ def _field(row: FieldRow) -> Field:
         optional=row.optional,
         empty=empty,
         read=(lambda text: _value(row, text)) if opt.read or row.many else None,
+        default=UNKNOWN if row.default is MISSING else _shown(row, row.default),
+        group=row.panel,
     )
 
 
 def shown_of(record: type, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a form shows: ``values`` by the names of their fields, and the defaults of all others."""
-    found = {}
-    for row in rows(record):
-        value = values.get(row.name, row.default)
-        if row.many and isinstance(value, tuple):
-            found[row.name] = "; ".join(map(row.text, value))
-        else:
-            plain = row.opt.read is None and (KINDS.get(row.kind) or row.choices)
-            found[row.name] = value if plain else text_in_form(row, value)
-    return found
+    return {row.name: _shown(row, values.get(row.name, row.default)) for row in rows(record)}
+
+
+def _shown(row: FieldRow, value: Any) -> Any:
+    if row.many and isinstance(value, tuple):
+        return "; ".join(map(row.text, value))
+    plain = row.opt.read is None and (KINDS.get(row.kind) or row.choices)
+    return value if plain else text_in_form(row, value)
 
 
 def text_in_form(row: FieldRow, value: Any) -> str:

@@ -21,7 +21,7 @@ from lfcal_gui.widgets.cost_curve import CostCurve
 from lfcal_gui.widgets.enlarging import toggle_in, whole_page
 from lfcal_gui.widgets.fitted_text import FittedBrowser, lines_px
 from lfcal_gui.widgets.folded import Folded
-from lfcal_gui.widgets.form import Form
+from lfcal_gui.widgets.folded_form import FoldedForm
 from lfcal_gui.widgets.headed_card import HeadedCard
 from lfcal_gui.widgets.naming import name_controls
 from lfcal_gui.widgets.period_map import PeriodMap
@@ -46,7 +46,7 @@ __all__ = [
     "ElidedLabel",
     "FittedBrowser",
     "Folded",
-    "Form",
+    "FoldedForm",
     "HeadedCard",
     "LinePlot",
     "PeriodMap",

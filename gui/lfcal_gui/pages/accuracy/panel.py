@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QListWidge
 from lfcal.accuracy import PLACES, Curve
 from lfcal_gui.models import axis_labels, points_of
 from lfcal_gui.pages.accuracy.model import FIELDS, AccuracySettings, words_of
-from lfcal_gui.widgets import CostCurve, Form, card, column_area
+from lfcal_gui.widgets import CostCurve, FoldedForm, card, column_area
 
 __all__ = ["AccuracyPanel"]
 
@@ -62,9 +62,8 @@ class AccuracyPanel(QWidget):
 
     def _settings_card(self) -> QFrame:
         frame, column = card("Measurement")
-        self.form = Form(FIELDS)
-        for key in self.form.fields:
-            self.form.editor(key).setMinimumWidth(56)
+        self.form = FoldedForm(FIELDS)
+        self.form.set_defaults(vars(AccuracySettings()))
         column.addWidget(self.form)
         return frame
 

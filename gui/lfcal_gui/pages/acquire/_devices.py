@@ -10,9 +10,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import (
     QComboBox,
-    QFormLayout,
     QLabel,
-    QLineEdit,
     QListWidget,
     QPushButton,
     QSpinBox,
@@ -22,7 +20,8 @@ from PySide6.QtWidgets import (
 
 from lfcal.base import LfcalError
 from lfcal.devices.simulated import CAMERA_FAULTS, FAULTS, GAUGE_FAULTS, STAGE_FAULTS, DeviceFault, parse_faults
-from lfcal_gui.widgets import Folded, card, choice_box, line, set_role
+from lfcal_gui.models import Field
+from lfcal_gui.widgets import Folded, FoldedForm, card, choice_box, line, set_role
 
 __all__ = ["COUNTED", "KINDS", "DevicePanel", "FaultPanel", "fault_words"]
 
@@ -74,6 +73,7 @@ def fault_words(fault: DeviceFault, *, now: bool = False) -> str:
 CONNECT = "Take hold of camera and stage, to see live frames and to record; nothing moves yet"
 SHORT = re.compile(r"[.;,(\[@]| of the | after | the image| separated ")
 """Where the first words of what an option means end; its tip has them all."""
+OPTIONS = "Settings of this driver; empty ones take their default"
 LET_GO = "Let camera and stage go, for another program or other settings; the stage stays where it is"
 
 
@@ -97,10 +97,10 @@ class DevicePanel(QWidget):
         self._options: dict[str, Mapping[str, str]] = {}
         self._has_stage: dict[str, bool] = {}
         self._reasons: dict[str, str] = {}
-        self._editors: dict[str, QLineEdit] = {}
+        self._given: dict[str, str] = {}
         self._connected = False
         self._make_choices()
-        self._make_options()
+        self.options = FoldedForm()
         self.reason = QLabel("looking for devices …")
         self.reason.setProperty("role", "hint")
         self.reason.setWordWrap(True)
@@ -112,9 +112,9 @@ class DevicePanel(QWidget):
         column.addWidget(self.backend)  # its names are long
         column.addLayout(line(self.stage_label, self.stage, stretch=1))
         column.addWidget(self.reason)
-        column.addWidget(self.options_box)
-        column.addLayout(line(self.more, self.button, stretch=1))
-        self.options_box.hide()
+        column.addWidget(self.options)
+        column.addWidget(self.button)
+        self._column = column
         outer = QVBoxLayout(self)
         outer.setContentsMargins(0, 0, 0, 0)
         outer.addWidget(frame)
@@ -133,17 +133,6 @@ class DevicePanel(QWidget):
         self.stage.setSizeAdjustPolicy(policy)
         self.stage.activated.connect(lambda _: self._emit())
         self.stage_label = QLabel("Stage")
-
-    def _make_options(self) -> None:
-        self.options_box = QWidget()
-        self.options_form = QFormLayout(self.options_box)
-        self.options_form.setContentsMargins(0, 0, 0, 0)
-        self.options_form.setVerticalSpacing(4)
-        self.options_form.setLabelAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-        self.more = QPushButton("Options")
-        self.more.setCheckable(True)
-        self.more.setToolTip("Settings of this driver; empty ones take their default")
-        self.more.toggled.connect(self.options_box.setVisible)
 
     # -- showing ---------------------------------------------------------------------------------------
     def set_backends(
@@ -178,7 +167,7 @@ class DevicePanel(QWidget):
         self._connected = connected
         self.button.setText("Disconnect" if connected else "Connecting …" if busy else "Connect")
         self.button.setToolTip(LET_GO if connected else CONNECT)
-        for widget in (self.backend, self.stage, self.options_box):
+        for widget in (self.backend, self.stage, self.options):
             widget.setEnabled(not connected and not busy)
         self._show_reason()
         if words:
@@ -211,32 +200,27 @@ class DevicePanel(QWidget):
             self._say("The simulator needs no hardware." if name == "sim" else "Ready to connect.", bad=False)
 
     def _show_options(self, backend: str, given: Mapping[str, str]) -> None:
-        if set(self._editors) == set(self._options.get(backend, {})):
-            for key, editor in self._editors.items():
-                if editor.text() != given.get(key, ""):
-                    editor.setText(given.get(key, ""))
-            return
-        while self.options_form.rowCount():
-            self.options_form.removeRow(0)
-        self._editors = {}
-        for key, meaning in self._options.get(backend, {}).items():
-            editor = QLineEdit(given.get(key, ""))
-            editor.setPlaceholderText(SHORT.split(meaning.replace(" really", ""), maxsplit=1)[0])
-            editor.setToolTip(meaning)
-            editor.setAccessibleName(key)
-            editor.setMinimumWidth(60)
-            editor.editingFinished.connect(self._emit)
-            self.options_form.addRow(key, editor)
-            self._editors[key] = editor
-        self.more.setVisible(bool(self._editors))
+        options = self._options.get(backend, {})
+        if tuple(self.options.fields) != tuple(options):
+            old, self.options = self.options, FoldedForm((), _fields(options), "Options", OPTIONS)
+            self.options.edited.connect(self._option_edited)
+            self._column.replaceWidget(old, self.options)
+            old.hide()
+            old.deleteLater()
+        self._given = {key: given.get(key, "") for key in options}
+        self.options.set_values(self._given)
 
     def _backend_chosen(self, _: int) -> None:
         self._show_options(self.backend.currentData(), {})
         self._show_reason()
         self._emit()
 
+    def _option_edited(self, key: str, value: str) -> None:
+        self._given[key] = value
+        self._emit()
+
     def _emit(self) -> None:
-        given = tuple((key, e.text().strip()) for key, e in self._editors.items() if e.text().strip())
+        given = tuple((key, value) for key, value in self._given.items() if value)
         self.edited.emit(self.backend.currentData() or "sim", given, self.stage.currentData() or "")
 
     def _pressed(self) -> None:
@@ -245,6 +229,21 @@ class DevicePanel(QWidget):
         else:
             self._emit()
             self.connect_asked.emit()
+
+
+def _fields(options: Mapping[str, str]) -> tuple[Field, ...]:
+    return tuple(
+        Field(
+            key,
+            key,
+            tip=meaning,
+            kind="text",
+            empty=SHORT.split(meaning.replace(" really", ""), maxsplit=1)[0],
+            default="",
+            late=True,
+        )
+        for key, meaning in options.items()
+    )
 
 
 MOST = 1_000_000

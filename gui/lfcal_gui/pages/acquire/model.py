@@ -14,7 +14,7 @@ from lfcal.base import InputError, check_choice
 from lfcal.camera import ScanPlan
 from lfcal.records import rows
 from lfcal.tasks import Acquire, AcquireTarget, AcquireUntil
-from lfcal_gui.models import Field, PageSettings, fields_of, shown_of, value_in
+from lfcal_gui.models import UNKNOWN, Field, PageSettings, fields_of, shown_of, value_in
 
 if TYPE_CHECKING:
     from lfcal.campaign import Goal
@@ -41,10 +41,13 @@ ORDER = Field(
     "Order",
     kind="choice",
     choices=(("serpentine", "serpentine"), ("raster", "raster"), ("coarse", "coarse grid first")),
+    default="serpentine",
     tip="Serpentine has no long return moves; raster scans every row in the same direction; coarse "
     "records all planes on a coarse grid first and the rest afterwards",
 )
-AVERAGED = Field("frames_averaged", "Frames averaged", "", "Exposures averaged at each position", kind="int")
+AVERAGED = Field("frames_averaged", "Frames averaged", "", "Exposures averaged at each position", kind="int", default=1)
+
+_MORE = fields_of(Acquire, without=HELD, more=True)
 
 RARE = ("positions", "unknowns")
 """Fields that are folded, though their task shows them first."""
@@ -56,7 +59,8 @@ UNTIL = tuple(one for one in _ENDS if one.key not in RARE)
 """What ends a recording that is not of every position."""
 MORE = (
     *(one for one in (*fields_of(Acquire, without=HELD), *_ENDS) if one.key in RARE),
-    *fields_of(Acquire, without=HELD, more=True),
+    # the plan has an origin
+    *(replace(one, default=UNKNOWN if one.key == "origin" else one.default) for one in _MORE),
 )
 
 BEGUN = ("order", "bracket", "margin", "darks", "dark_every", "reference_every", "controls", "positions")

@@ -31,7 +31,7 @@ from lfcal_gui.pages.acquire._pictures import RecordPictures
 from lfcal_gui.pages.acquire._words import ErrorCurve
 from lfcal_gui.pages.acquire.model import EXTENTS, FIELDS, MORE, UNTIL
 from lfcal_gui.pages.acquire.model_recorder import QUANTITIES, RecordPicture
-from lfcal_gui.widgets import ElidedLabel, Folded, Form, card, choice_box, line, name_controls
+from lfcal_gui.widgets import ElidedLabel, FoldedForm, card, choice_box, line, name_controls
 
 __all__ = ["BUTTONS", "RecordPanel"]
 
@@ -100,7 +100,8 @@ class RecordPanel(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.form, self.more, self.until = self.forms = [Form(one, dense=True) for one in (FIELDS, MORE, UNTIL)]
+        rare = "More settings of a recording", "Exposures, faults, holds, stage and drift"
+        self.form, self.until = self.forms = FoldedForm(FIELDS, MORE, *rare), FoldedForm(UNTIL)
         self._picture: RecordPicture | None = None
         self._curve: ErrorCurve | None = None
         self._last_curve: ErrorCurve | None = None
@@ -208,20 +209,14 @@ class RecordPanel(QWidget):
         self.extent.currentIndexChanged.connect(lambda _: self.extent_asked.emit(self.extent.currentData()))
         column.addWidget(self.extent)
         column.addWidget(self.until)
-        more = Folded("More settings of a recording", "Exposures, faults, holds, stage and drift")
-        for form in (self.form, self.more):
-            for key in form.fields:
-                form.editor(key).setMinimumWidth(56)
         column.addWidget(self.form)
-        more.column.addWidget(self.more)
-        positions = self.more.editor("positions")
+        positions = self.form.editor("positions")
         assert isinstance(positions, QLineEdit)
         browse = positions.addAction(
             self.style().standardIcon(QStyle.StandardPixmap.SP_DirOpenIcon), QLineEdit.ActionPosition.TrailingPosition
         )
         browse.setToolTip("Choose the file of the list")
         browse.triggered.connect(lambda: self._choose_list(positions))
-        column.addWidget(more)
         return widget
 
     def _choose_list(self, editor: QLineEdit) -> None:
@@ -275,7 +270,7 @@ class RecordPanel(QWidget):
         self.extent.setCurrentIndex([key for key, _ in EXTENTS].index(extent))
         blocker.unblock()
         for form in self.forms:
-            form.set_values({key: values[key] for key in form.fields})
+            form.set_values(values)
         self.until.setVisible(extent == "error")
 
     def set_planes(self, count: int) -> None:

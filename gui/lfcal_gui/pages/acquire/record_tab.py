@@ -202,11 +202,11 @@ class RecordTab(QObject):
         station, settings = self.setup.station, AcquireSettings.of(state)
         # what has no effect is not shown
         automatic = station is not None and bool(station.devices.automatic)
-        panel.more.set_shown("allow_automatic", automatic or settings.allow_automatic)
-        panel.more.set_shown("steady", bool(settings.suspend))
-        panel.more.set_shown("cover", settings.cover or station is None or station.rig.light is None)
-        panel.more.set_shown("positions", settings.extent == "whole" and not settings.target)
-        panel.more.set_shown("unknowns", settings.extent == "error")
+        panel.form.set_shown("allow_automatic", automatic or settings.allow_automatic)
+        panel.form.set_shown("steady", bool(settings.suspend))
+        panel.form.set_shown("cover", settings.cover or station is None or station.rig.light is None)
+        panel.form.set_shown("positions", settings.extent == "whole" and not settings.target)
+        panel.form.set_shown("unknowns", settings.extent == "error")
         self._show_error()
         backend = settings.backend if station is None else ""
         measured = "stage" in self.setup.measuring.found

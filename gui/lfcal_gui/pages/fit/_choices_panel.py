@@ -20,7 +20,7 @@ from lfcal.fit import Fit
 from lfcal.tasks import FitMatrix
 from lfcal_gui.models import ProjectState, check_of, fields_of, shown_of, typeset
 from lfcal_gui.pages.fit.model import HELD, START, FitSettings, Offer, group_rows
-from lfcal_gui.widgets import Folded, Form, WrappedLabel, card, choice_box, scrolling, set_role
+from lfcal_gui.widgets import FoldedForm, WrappedLabel, card, choice_box, scrolling, set_role
 
 __all__ = ["ChoicesPanel"]
 
@@ -66,20 +66,14 @@ class ChoicesPanel(QWidget):
     def _source_card(self) -> QFrame:
         frame, column = card("Patterns and start")
         self.source, self.use, self.start, self.noise = (_wrapped() for _ in range(4))
-        self.form = Form((START, *fields_of(FitMatrix, without=HELD, more=False)), dense=True)
-        self.more = Form(fields_of(FitMatrix, without=HELD, more=True), dense=True)
-        for form in (self.form, self.more):
-            form.check = check_of(FitMatrix)
-            form.edited.connect(self.edited.emit)
-            for key in form.fields:
-                form.editor(key).setMinimumWidth(56)
-        folded = Folded("More", "Effects that the simulation begins with, and what H is saved")
-        folded.column.addWidget(self.more)
+        some, rare = (fields_of(FitMatrix, without=HELD, more=more) for more in (False, True))
+        self.form = FoldedForm((START, *some), rare, tip="Effects that the simulation begins with, and what H is saved")
+        self.form.check = check_of(FitMatrix)
+        self.form.edited.connect(self.edited.emit)
         column.addWidget(self.source)
         column.addWidget(self.form)
         for label in (self.use, self.start, self.noise):
             column.addWidget(label)
-        column.addWidget(folded)
         return frame
 
     def _groups_card(self) -> QFrame:
@@ -131,8 +125,7 @@ class ChoicesPanel(QWidget):
         Groups of ``lacking`` are grey, with what the camera would need for them.
         """
         values = {**shown_of(FitMatrix, vars(settings)), "camera": settings.camera}
-        for form in (self.form, self.more):
-            form.set_values({key: values[key] for key in form.fields})
+        self.form.set_values(values)
         blockers = [QSignalBlocker(self.way), QSignalBlocker(self.groups)]
         self.way.setCurrentIndex(0 if settings.auto else 1)
         groups = fit.groups if fit is not None and settings.auto else None
@@ -178,7 +171,7 @@ class ChoicesPanel(QWidget):
 
     def set_running(self, running: bool) -> None:
         """Keep choices as they are while a fit is at work."""
-        for widget in (self.form, self.more, self.way, self.groups):
+        for widget in (self.form, self.way, self.groups):
             widget.setEnabled(not running)
 
     def _toggled(self, item: QListWidgetItem) -> None:

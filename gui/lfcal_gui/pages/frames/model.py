@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -113,13 +113,6 @@ class FrameSettings(PageSettings):
     def option_values(self) -> dict[str, Any]:
         """The other fields by their names, as the record has them."""
         return options_in(Assemble, dict(self.options))
-
-    @property
-    def changed(self) -> int:
-        """Number of settings that differ from what is found and done by default."""
-        own = [f.name for f in fields(self) if f.name not in ("dark", "white", "options")]
-        default = FrameSettings()
-        return len(self.options) + sum(bool(getattr(self, name) != getattr(default, name)) for name in own)
 
     def usable(self) -> None:
         """Raise `InputError` where the orientation has no name, or the origin is no place."""

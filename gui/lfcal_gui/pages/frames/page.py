@@ -56,7 +56,7 @@ class Page(BasePage):
         self.loaded: Loaded | None = None
         self.dialog: ImportDialog | None = None
         self.position = Position(0, 0, 0)
-        self.noticed = Noticed(context, self.notice, partial(self._set, "orientation"))
+        self.noticed = Noticed(context, self.notice, partial(self._edited, "orientation"))
         self.filling = Filling()
         """H as it fills while it is assembled."""
         self._assembling = self._opening = self._again = self._fresh = False
@@ -83,9 +83,7 @@ class Page(BasePage):
         panel.plane_asked.connect(lambda z: self.go_to(self.position._replace(z=z)))
         panel.position_asked.connect(lambda y, x: self.go_to(Position(self.position.z, y, x)))
         panel.play_toggled.connect(lambda on: self.play_timer.start() if on else self.play_timer.stop())
-        panel.choices.correction_toggled.connect(self._correct)
-        panel.choices.setting_chosen.connect(self._set)
-        panel.choices.option_edited.connect(self._set_option)
+        panel.choices.edited.connect(self._edited)
         panel.before_toggled.connect(lambda _: self._show_pixels())
         panel.lattice_toggled.connect(lambda _: self._show_overlays())
         panel.three_toggled.connect(self._show_three)
@@ -137,7 +135,7 @@ class Page(BasePage):
     def _correct_dark(self) -> None:
         """Subtract the dark frames, and make H again once the frames are open."""
         self._again = True
-        self._correct("use_dark", True)
+        self._edited("use_dark", True)
 
     def _tell(self) -> None:
         """Report the state of the frames."""
@@ -153,15 +151,13 @@ class Page(BasePage):
             corrections=("dark",) if settings.dark and not settings.use_dark else (),
         )
 
-    def _correct(self, key: str, on: bool) -> None:
-        changes: dict[str, Any] = {key: on}
-        settings = replace(self.settings, **changes).into(self.context.state)
-        named = "damaged frames" if key == "skip_damaged" else f"{key.removeprefix('use_')} correction"
-        self.context.project.update(named, settings=settings)
-
-    def _set(self, key: str, value: str) -> None:
+    def _edited(self, key: str, value: Any) -> None:
+        if not hasattr(self.settings, key):
+            self._set_option(key, value)
+            return
+        named = f"{key.removeprefix('use_')} correction" if key.startswith("use_") else key.replace("_", " ")
         changes: dict[str, Any] = {key: value}
-        self.context.project.update(key, settings=replace(self.settings, **changes).into(self.context.state))
+        self.context.project.update(named, settings=replace(self.settings, **changes).into(self.context.state))
 
     def _set_option(self, key: str, value: Any) -> None:
         """Take another field of the task; of values that exclude each other the new one is refused."""
@@ -377,7 +373,7 @@ class Page(BasePage):
                 self.loaded = None
                 self.panel.show_missing(words, "This frame cannot be read.")
                 if not opened.chosen.skip_damaged:
-                    self.noticed.offer_without(words, lambda: self._correct("skip_damaged", True))
+                    self.noticed.offer_without(words, lambda: self._edited("skip_damaged", True))
 
         self.panel.show_reading("Reading the frame …")
         self.context.jobs.compute("frames load", lambda: load_frame(opened, where), loaded, failed)

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QComboBox, QGridLayout, QHBoxLayout, QLabel, QPush
 from lfcal_gui.models import Field, Shot
 from lfcal_gui.pages.multiplex.model_fields import FIELDS, ROUTE_FIELDS
 from lfcal_gui.pages.multiplex.model_scene import Reconstructions, shown
-from lfcal_gui.widgets import Form, Picture, card, line, link, set_role, share_contrast
+from lfcal_gui.widgets import FoldedForm, Picture, card, line, link, set_role, share_contrast
 
 __all__ = ["MultiplexPictures"]
 
@@ -70,10 +70,7 @@ class MultiplexPictures(QWidget):
         specs = {spec.key: spec for spec in FIELDS}
         row = QHBoxLayout()
         row.setSpacing(12)
-        self.forms = tuple(Form(tuple(specs[key] for key in keys), dense=True) for keys in ROUTE_FIELDS)
-        for form in self.forms:
-            for key in form.fields:
-                form.editor(key).setMinimumWidth(56)
+        self.forms = tuple(FoldedForm(tuple(specs[key] for key in keys)) for keys in ROUTE_FIELDS)
         for form in self.forms:
             row.addWidget(form, 1, Qt.AlignmentFlag.AlignTop)
         row.addLayout(self._file_buttons(specs))

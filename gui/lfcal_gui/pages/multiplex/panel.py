@@ -33,7 +33,7 @@ from lfcal_gui.pages.multiplex.model_compare import ModulatorComparison, number
 from lfcal_gui.pages.multiplex.model_fields import FIELDS, ROUTE_FIELDS
 from lfcal_gui.pages.multiplex.search_view import SearchView
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets import LINES, Form, LinePlot, Picture, card, column_area, set_role, shown_tone
+from lfcal_gui.widgets import LINES, FoldedForm, LinePlot, Picture, card, column_area, set_role, shown_tone
 
 __all__ = ["MultiplexPanel"]
 
@@ -77,14 +77,13 @@ class MultiplexPanel(QWidget):
         super().__init__(parent)
         specs = {spec.key: spec for spec in FIELDS}
         elsewhere = (*SCENE_FIELDS, *(key for keys in ROUTE_FIELDS for key in keys))
-        self.form = Form(tuple(f for key, f in specs.items() if key not in elsewhere))
-        self.scene_form = Form(tuple(specs[key] for key in SCENE_FIELDS))
-        for form in (self.form, self.scene_form):
-            for key in form.fields:
-                form.editor(key).setMinimumWidth(56)
+        self.form = FoldedForm(tuple(f for key, f in specs.items() if key not in elsewhere))
+        self.scene_form = FoldedForm(tuple(specs[key] for key in SCENE_FIELDS))
         self.pictures = MultiplexPictures()
         self.figures, self.search = FiguresView(), SearchView()
         self.forms = (self.form, self.scene_form, self.search.form, *self.pictures.forms)
+        for form in self.forms:
+            form.set_defaults(vars(MultiplexSettings()))
         self.tabs = QTabWidget()
         tabs = (self._modulator_tab(), "Modulator and gain", GAIN), (self.pictures, "Reconstruction", PICTURES)
         tabs = (*tabs, (self.figures, "Figures of the paper", FIGURES), (self.search, "Search", SEARCH))

@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QLabel, QPushButton, QWi
 from lfcal_gui.models import Shot
 from lfcal_gui.pages.multiplex.model_fields import SEARCH_FIELDS
 from lfcal_gui.pages.multiplex.model_search import FoundDesign
-from lfcal_gui.widgets import Form, Picture, card, set_role
+from lfcal_gui.widgets import FoldedForm, Picture, card, set_role
 
 __all__ = ["SearchView"]
 
@@ -34,7 +34,7 @@ class SearchView(QWidget):
         row.setSpacing(8)
         frame, column = card("Search")
         frame.setMaximumWidth(300)
-        self.form = Form(SEARCH_FIELDS)
+        self.form = FoldedForm(SEARCH_FIELDS)
         column.addWidget(self.form)
         self.buttons: dict[str, QPushButton] = {}
         tips = (

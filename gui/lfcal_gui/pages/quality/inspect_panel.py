@@ -8,9 +8,9 @@ from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from lfcal_gui.pages.quality.evidence_view import EvidenceView
-from lfcal_gui.pages.quality.model import FaultRow, MetricRow, QualitySettings, camera_choices
+from lfcal_gui.pages.quality.model import FIELDS, FaultRow, MetricRow, QualitySettings, camera_choices
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets import FittedBrowser, Folded, Form, RowsTable, card, heading, split
+from lfcal_gui.widgets import FittedBrowser, FoldedForm, RowsTable, card, heading, split
 
 __all__ = ["InspectPanel"]
 
@@ -78,26 +78,19 @@ class InspectPanel(QWidget):
         self.redo.hide()
         words.addWidget(self.redo, 0, Qt.AlignmentFlag.AlignLeft)
         words.addStretch()
-        against = Folded("What H is compared with", "Camera, session, number of patterns and time of the inspection")
-        against.setFixedWidth(FORM)
-        self._form_at = against.column
-        self.form = self._make_form(QualitySettings())
+        tip = "Camera, session, number of patterns and time of the inspection"
+        self.form = FoldedForm(more=FIELDS, title="What H is compared with", tip=tip, framed=True)
+        self.form.edited.connect(self.edited.emit)
+        self.form.setFixedWidth(FORM)
         self.folder_button = QPushButton("Fit folder …")
         self.folder_button.setToolTip("Compare with the camera of a fit that was saved")
         self.folder_button.clicked.connect(lambda: self.folder_asked.emit())
-        self._form_at.addWidget(self.form)
-        self._form_at.addWidget(self.folder_button)
+        self.form.fold_line(self.folder_button)
         row = QHBoxLayout()
         row.setSpacing(12)
         row.addLayout(words, 1)
-        row.addWidget(against, 0, Qt.AlignmentFlag.AlignTop)
+        row.addWidget(self.form, 0, Qt.AlignmentFlag.AlignTop)
         return row
-
-    def _make_form(self, settings: QualitySettings) -> Form:
-        form = Form(camera_choices(settings))
-        form.edited.connect(self.edited.emit)
-        self._fit = settings.fit
-        return form
 
     def _tables(self) -> QWidget:
         frame, column = card()
@@ -149,12 +142,7 @@ class InspectPanel(QWidget):
     # -- showing ---------------------------------------------------------------------------------------
     def show_settings(self, settings: QualitySettings) -> None:
         """Show what the user chose."""
-        if settings.fit != self._fit:
-            old, check = self.form, self.form.check
-            self.form = self._make_form(settings)
-            self.form.check = check
-            self._form_at.replaceWidget(old, self.form)
-            old.deleteLater()
+        self.form.set_choices("camera", camera_choices(settings))
         self.form.set_values({key: getattr(settings, key) for key in self.form.fields})
 
     def show_all(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -62,6 +62,7 @@ FIELDS = (
         "Camera",
         kind="choice",
         choices=CAMERAS,
+        default="fitted",
         tip="The camera that patterns are compared with: as page Fit found it for this H, or as H describes it.",
     ),
 )
@@ -317,9 +318,6 @@ def kept_of(inspection: Inspection) -> Verdict:
     return verdict_of(judgement_of(inspection), worst_positions(inspection), ny * nx, checks)
 
 
-def camera_choices(settings: QualitySettings) -> tuple[Field, ...]:
-    """Return the fields of the form; a fit's folder stands among the cameras once it was named."""
-    if not settings.fit:
-        return FIELDS
-    saved = ("saved", f"of the fit {Path(settings.fit).name}")
-    return tuple(replace(one, choices=(*CAMERAS, saved)) if one.key == "camera" else one for one in FIELDS)
+def camera_choices(settings: QualitySettings) -> tuple[tuple[str, str], ...]:
+    """Return the cameras to compare with: also that of a fit whose folder was chosen."""
+    return (*CAMERAS, ("saved", f"of the fit {Path(settings.fit).name}")) if settings.fit else CAMERAS

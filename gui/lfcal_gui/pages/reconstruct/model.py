@@ -64,7 +64,7 @@ CHECKED = tuple(
 )
 """Fields of the task that are checked as it checks them, whether the solver uses them or not."""
 
-FIELDS = (
+FIELDS: tuple[Field, ...] = (
     Field(
         "solver",
         "Solver",
@@ -159,6 +159,8 @@ FIELDS = (
     _short("lattice", "found"),
     ROWS["regions"],
 )
+
+FIELDS = tuple(replace(one, group=ROWS[one.key].group if one.key in ROWS else one.group) for one in FIELDS)
 
 RARE = frozenset(
     {

@@ -49,9 +49,8 @@ class Page(BasePage):
         self.volume_file = VolumeFile(self)
         self.volume_file.loaded.connect(self._volume_loaded)
         self.set_panel(self.panel)
-        for form in (self.panel.form, self.panel.more):
-            form.check = self._check
-            form.edited.connect(self._edited)
+        self.panel.form.check = self._check
+        self.panel.form.edited.connect(self._edited)
         self.panel.pressed.connect(self._pressed)
         self.panel.open_asked.connect(self.choose_light_field)
         self.panel.make_asked.connect(self.make_light_field)
@@ -122,8 +121,7 @@ class Page(BasePage):
         said = f"H: {Path(state.psf).name}, {nz} planes, period {nx} × {ny} px, cutout {ns} × {nt} px"
         self.hint.setText("; ".join(filter(None, (said, empty_words(matrix)))))
         settings = self.settings
-        for form in (self.panel.form, self.panel.more):
-            form.set_values({key: getattr(settings, key) for key in form.fields})
+        self.panel.form.set_values(vars(settings))
         self.panel.show_device(settings.device)
         self.panel.show_solver(settings)
         self._show_file()
@@ -157,7 +155,7 @@ class Page(BasePage):
         buttons["stop"].setEnabled(running)
         buttons["more"].setEnabled(done and same and not running)
         buttons["save"].setEnabled(done)
-        for widget in (self.panel.form, self.panel.more, self.panel.open, self.panel.make):
+        for widget in (self.panel.form, self.panel.open, self.panel.make):
             widget.setEnabled(not running)
         if not running:
             self.panel.show_solver(self.settings)

@@ -30,8 +30,7 @@ from lfcal_gui.pages.reconstruct.model import FIELDS, RARE, ReconstructSettings,
 from lfcal_gui.pages.reconstruct.model_device import DEVICE, NO_DEVICE
 from lfcal_gui.widgets import (
     ElidedLabel,
-    Folded,
-    Form,
+    FoldedForm,
     LinePlot,
     Picture,
     WrappedLabel,
@@ -75,13 +74,11 @@ class ReconstructPanel(QWidget):
 
     def __init__(self, jobs: Jobs | None = None, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.form, self.more = (
-            Form(tuple(field for field in FIELDS if (field.key in RARE) is rare), dense=True) for rare in (False, True)
-        )
+        some, rare = (tuple(field for field in FIELDS if (field.key in RARE) is rare) for rare in (False, True))
+        tip = "End by tolerance, place of H, margin of the volume, memory, precision"
+        self.form = FoldedForm(some, rare, tip=tip)
+        self.form.set_defaults(vars(ReconstructSettings()))
         self.no_device = NO_DEVICE
-        for form in (self.form, self.more):
-            for key in form.fields:
-                form.editor(key).setMinimumWidth(56)
         self.volume = VolumeView(jobs)
         self.light_field = Picture(legend=False)
         self.light_field.blank.words = "Open a light field, or make one."
@@ -99,7 +96,7 @@ class ReconstructPanel(QWidget):
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(8)
-        row.addWidget(column_area(284, self._input_card(), self._run_card(), self._settings_card(), self._more()))
+        row.addWidget(column_area(284, self._input_card(), self._run_card(), self._settings_card()))
         self.split = split(self._volume_card(), self._side(), sizes=(3, 2))
         row.addWidget(self.split, 1)
 
@@ -158,11 +155,6 @@ class ReconstructPanel(QWidget):
         column.addWidget(self.solver_words)
         column.addWidget(self.form)
         return frame
-
-    def _more(self) -> QWidget:
-        folded = Folded("More settings", "End by tolerance, place of H, margin of the volume, memory, precision")
-        folded.column.addWidget(self.more)
-        return folded
 
     def _volume_card(self) -> QWidget:
         frame, column = card()
@@ -224,10 +216,8 @@ class ReconstructPanel(QWidget):
         name, by_itself = settings.solver, settings.ends_by_itself
         words = SOLVERS.get(name).title
         self.solver_words.setText(f"{words}. {NOT_BY_ITSELF}" if settings.stop and not by_itself else words)
-        for key in ("background", "read_noise", "saturation", "strength", "subsets"):
+        for key in ("background", "read_noise", "saturation", "strength", "subsets", "margin", "tolerance"):
             self.form.set_enabled(key, used_by(name, key))
-        for key in ("margin", "tolerance"):
-            self.more.set_enabled(key, used_by(name, key))
         for key in ("strength", "subsets"):  # the form has no room for rows that only other solvers use
             self.form.set_shown(key, used_by(name, key))
         self.form.set_enabled("iterations", not by_itself)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from PySide6.QtCore import Signal
@@ -10,19 +11,16 @@ from PySide6.QtWidgets import QComboBox, QPushButton, QVBoxLayout, QWidget
 
 from lfcal.camera import PRESETS, Camera, ScanPlan
 from lfcal.tasks import PlanScan
-from lfcal_gui.models import Field, fields_of
+from lfcal_gui.models import fields_of
 from lfcal_gui.pages.setup.model import values_of
 from lfcal_gui.pages.setup.model_fields import BASIC, LATTICE, LIGHT, MAIN_LENS, MICROSCOPE, SENSOR
 from lfcal_gui.pages.setup.model_marks import TIPS, mark_of, path_of
-from lfcal_gui.pages.setup.model_scan import BASIC_OF_SCAN, HELD
+from lfcal_gui.pages.setup.model_scan import BASIC_OF_SCAN, HELD, suggested_values
 from lfcal_gui.pages.setup.model_scan import values_of as values_of_plan
 from lfcal_gui.pages.setup.model_target import PlanSettings
-from lfcal_gui.widgets import Folded, Form, WrappedLabel, card, heading, line, set_role
+from lfcal_gui.widgets import FoldedForm, WrappedLabel, card, line, set_role
 
 __all__ = ["Inspector", "PresetBox"]
-
-LIST_PX = 226
-"""Width of fields of several numbers, which have a separate line."""
 
 GROUPS = (
     ("Main optics", (*MAIN_LENS, *MICROSCOPE[1:])),
@@ -30,6 +28,8 @@ GROUPS = (
     ("Sensor", SENSOR),
     ("Light", LIGHT),
 )
+FIELDS = {field.key: replace(field, group=title) for title, fields in GROUPS for field in fields}
+ALL_VALUES = "Every value of optics, lenslets, sensor and light, and where it comes from"
 
 MORE = "Anchor, stage axes, order, averages, half-cell scan, rates of the forecast; files of plans, and many points"
 
@@ -112,7 +112,7 @@ class Inspector(QWidget):
     def __init__(self, check: Callable[[str, Any], str], check_scan: Callable[[str, Any], str]) -> None:
         super().__init__()
         self.buttons: dict[str, QPushButton] = {}
-        self.forms: dict[str, Form] = {}
+        self._suggested: Camera | None = None
         self._assumed: tuple[str, ...] = ()
         self.setProperty("dense", True)
         column = QVBoxLayout(self)
@@ -121,9 +121,7 @@ class Inspector(QWidget):
         for part in (
             self._start(),
             self._camera(check),
-            self.values,
             self._scan(check_scan),
-            self.more,
             self._checks(),
         ):
             column.addWidget(part)
@@ -143,36 +141,28 @@ class Inspector(QWidget):
         column.addLayout(line(self._button("import"), self.presets, stretch=1))
         return frame
 
-    def _form(self, fields: tuple[Field, ...], check: Callable[[str, Any], str], edited: Any, *, marked: bool) -> Form:
-        form = Form(fields, marked=marked, dense=True)
-        form.check = check
-        form.edited.connect(edited)
-        form.confirmed.connect(lambda key: self.confirmed.emit((path_of(key),)))
-        self.forms |= dict.fromkeys(form.fields, form)
-        return form
-
     def _camera(self, check: Callable[[str, Any], str]) -> QWidget:
         frame, column = card("Camera")
-        every = {field.key: field for _, fields in GROUPS for field in fields}
-        basic = tuple(every[key] for key in BASIC)
-        column.addWidget(self._form(basic, check, self.edited, marked=True))
-        self.values = Folded("All values", "Every value of optics, lenslets, sensor and light, and where it comes from")
-        self.values.column.addLayout(line(self._button("confirm"), self._button("sensor")))
-        self.values.column.addLayout(line(self._button("dark"), self._button("save")))
-        for title, fields in GROUPS:
-            rest = tuple(field for field in fields if field.key not in BASIC)
-            if rest:
-                self.values.column.addWidget(heading(title))
-                self.values.column.addWidget(self._form(rest, check, self.edited, marked=True))
+        rest = tuple(field for key, field in FIELDS.items() if key not in BASIC)
+        self.values = FoldedForm(tuple(FIELDS[key] for key in BASIC), rest, "All values", ALL_VALUES)
+        self.values.check = check
+        self.values.edited.connect(self.edited)
+        self.values.confirmed.connect(lambda key: self.confirmed.emit((path_of(key),)))
+        self.values.fold_line(self._button("confirm"), self._button("sensor"), above=True)
+        self.values.fold_line(self._button("dark"), self._button("save"), above=True)
+        column.addWidget(self.values)
         return frame
 
     def _scan(self, check: Callable[[str, Any], str]) -> QWidget:
         frame, column = card("Scan")
         every = {field.key: field for field in fields_of(PlanScan, without=HELD)}
-        self.scan = self._form(tuple(every[key] for key in BASIC_OF_SCAN), check, self.scan_edited, marked=False)
-        for key in ("virtual_depths", "depths"):
-            self.scan.own_line(key, LIST_PX)
         rest = tuple(field for key, field in every.items() if key not in BASIC_OF_SCAN)
+        basic = tuple(every[key] for key in BASIC_OF_SCAN)
+        self.scan = FoldedForm(basic, rest, "Stage, order, targets", MORE)
+        self.scan.check = check
+        self.scan.edited.connect(self.scan_edited)
+        for key in ("virtual_depths", "depths"):
+            self.scan.own_line(key)
         self.refused = WrappedLabel()
         set_role(self.refused, "error")
         self.no_plan = QWidget()
@@ -184,11 +174,8 @@ class Inspector(QWidget):
         none.addLayout(line(self._button("make"), self._button("open")))
         for part in (self.no_plan, self.scan, self.refused):
             column.addWidget(part)
-        self.more = Folded("Stage, order, regions, targets", MORE)
-        self.rest = self._form(rest, check, self.scan_edited, marked=False)
-        self.more.column.addWidget(self.rest)
-        self.more.column.addLayout(line(self._button("again"), self._button("save_plan"), self._button("default")))
-        self.more.column.addLayout(line(self._button("target")))
+        self.scan.fold_line(self._button("again"), self._button("save_plan"), self._button("default"))
+        self.scan.fold_line(self._button("target"))
         return frame
 
     def _checks(self) -> QWidget:
@@ -204,16 +191,10 @@ class Inspector(QWidget):
     def show_camera(self, camera: Camera) -> None:
         """Show the values of a camera, and where they come from."""
         values = values_of(camera)
-        for form in set(map(self.forms.__getitem__, every_key())):
-            there = [key for key in form.fields if key in values]
-            for key in form.fields:
-                form.set_shown(key, key in values)
-            form.set_values({key: values[key] for key in there})
-            marks = {key: mark_of(camera, key) for key in there}
-            form.set_marks({key: (mark, TIPS[mark]) for key, mark in marks.items()})
+        marks = {key: mark_of(camera, key) for key in values}
+        self.values.set_state(values, {key: (mark, TIPS[mark]) for key, mark in marks.items()})
         self._assumed = camera.marks.paths("assumed")
-        assumed = f", {len(self._assumed)} assumed" if self._assumed else ""
-        self.values.head.setText(f"All {len(values)} values{assumed}")
+        self.values.head.name(f"All {len(values)} values")
         self.buttons["confirm"].setEnabled(bool(self._assumed))
 
     @property
@@ -225,13 +206,13 @@ class Inspector(QWidget):
         """Show the values of a plan, and why half of its period is ``refused``."""
         self.no_plan.setVisible(plan is None)
         self.scan.setVisible(plan is not None)
-        self.more.setVisible(plan is not None)
         self.refused.setText(refused)
         self.refused.setVisible(bool(refused))
         if plan is not None:
-            values = {**settings.shown(), **values_of_plan(plan)}
-            for form in (self.scan, self.rest):
-                form.set_values({key: values[key] for key in form.fields})
+            if plan.camera != self._suggested:
+                self._suggested = plan.camera
+                self.scan.set_defaults(suggested_values(plan.camera))
+            self.scan.set_values({**settings.shown(), **values_of_plan(plan)})
 
     def show_verdict(self, words: str, role: str, *, found: bool = False, measured: bool = False) -> None:
         """Say whether a white image agrees; ``found``: there is more to say of it, ``measured``: also its lattice."""
@@ -239,8 +220,3 @@ class Inspector(QWidget):
         set_role(self.verdict, role)
         self.buttons["details"].setVisible(found)
         self.buttons["take"].setVisible(measured)
-
-
-def every_key() -> tuple[str, ...]:
-    """Return the fields of the camera."""
-    return tuple(field.key for _, fields in GROUPS for field in fields)

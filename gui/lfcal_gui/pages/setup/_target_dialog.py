@@ -84,7 +84,7 @@ class TargetDialog(QDialog):
             return
         self.forget()
         # else the value before it would be planned with
-        if refused := self.panel.form.error or self.panel.more.error:
+        if refused := self.panel.form.error:
             self.panel.show_refusal(refused)
             return
         self._asked = asked = (plan, settings)

@@ -25,8 +25,7 @@ from lfcal_gui.pages.setup.model_target import (
 )
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import (
-    Folded,
-    Form,
+    FoldedForm,
     PeriodMap,
     RowsTable,
     WrappedLabel,
@@ -76,10 +75,11 @@ class TargetPanel(QWidget):
         super().__init__()
         self.found: PlannedTarget | None = None
         some, rare = (fields_of(PlanTarget, without=HELD_OF_TARGET, more=more) for more in (False, True))
-        self.form = Form(tuple(replace(one, empty=NO_TARGET) if one.key == "source" else one for one in some))
-        self.more = Form(rare)
-        self.form.own_line("source", 260)
-        self.form.own_line("pose", 260)
+        some = tuple(replace(one, empty=NO_TARGET) if one.key == "source" else one for one in some)
+        self.form = FoldedForm(some, rare, tip="Bounds of the pose, and light by which coded frames are judged")
+        self.form.set_defaults(PlanSettings().shown())
+        self.form.own_line("source")
+        self.form.own_line("pose")
         self._build_images()
         self._build_map()
         self.table = RowsTable(TABLE, 0, range(1, len(TABLE)))
@@ -107,10 +107,7 @@ class TargetPanel(QWidget):
         self.costs.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.note = WrappedLabel("")
         self.note.setProperty("role", "hint")
-        more = Folded("More settings", "Bounds of the pose, and light by which coded frames are judged")
-        more.column.addWidget(self.more)
         column.addWidget(self.form)
-        column.addWidget(more)
         column.addLayout(line(self.plan_button, self.stop_button))
         column.addWidget(self.costs)
         column.addWidget(self.note)
@@ -175,17 +172,14 @@ class TargetPanel(QWidget):
     # -- showing ---------------------------------------------------------------------------------------
     def follow(self, check: Callable[[str, Any], str], edited: Callable[[str, Any], None]) -> None:
         """Check values by ``check``, and report those that are edited."""
-        for form in (self.form, self.more):
-            form.check = check
-            form.edited.connect(edited)
+        self.form.check = check
+        self.form.edited.connect(edited)
 
     def show_settings(self, asked: PlanSettings, *, busy: bool) -> None:
         """Show what is asked for, and whether it is being planned."""
-        shown = asked.shown()
-        for form in (self.form, self.more):
-            form.set_values({key: shown[key] for key in form.fields})
-            for key in form.fields:
-                form.set_enabled(key, key == "source" or asked.many)
+        self.form.set_values(asked.shown())
+        for key in self.form.fields:
+            self.form.set_enabled(key, key == "source" or asked.many)
         self.plan_button.setEnabled(asked.many and not busy)
         self.stop_button.setEnabled(busy)
         self.save_button.setEnabled(self.found is not None)

@@ -29,6 +29,7 @@ __all__ = [
     "path_lines",
     "scan_path",
     "scan_task",
+    "suggested_values",
     "values_of",
 ]
 
@@ -83,6 +84,14 @@ def values_of(plan: ScanPlan) -> dict[str, Any]:
     }
     values = {**_values(plan), **planes}
     return {key: value for key, value in shown_of(PlanScan, values).items() if key in values}
+
+
+def suggested_values(camera: Camera) -> dict[str, Any]:
+    """Return what the form shows of the plan that the camera's geometry suggests; empty: it suggests none."""
+    try:
+        return values_of(default_plan(camera))
+    except LfcalError:
+        return {}
 
 
 def apply_change(plan: ScanPlan, key: str, value: Any) -> tuple[ScanPlan | None, str]:

@@ -24,7 +24,7 @@ from lfcal_gui.pages.simulate.model import (
     used_rung,
 )
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict
-from lfcal_gui.widgets import CostCurve, Folded, Form, Picture, card, heading, line, scrolling, split
+from lfcal_gui.widgets import CostCurve, Folded, FoldedForm, Picture, card, heading, line, scrolling, split
 
 __all__ = ["SimulatePanel"]
 
@@ -62,9 +62,15 @@ class SimulatePanel(QWidget):
         self.effect, self.frame, self.place = EffectPanel(), FramePanel(jobs), PlaceLine()
         self.table = EffectsTable()
         self.table.edit_asked.connect(self.show_effect)
-        self.forms = tuple(Form(fields, dense=True) for fields in FIELDS)
+        of_frames = "Sensor frames with noise, as a camera would record them on this plan"
+        self.forms = (
+            FoldedForm(FIELDS[0]),
+            FoldedForm((), FIELDS[1], tip="Level, passes, and the loss in the file of H", framed=True),
+            FoldedForm((), FIELDS[2], "Frames instead of H", of_frames, framed=True),
+        )
         for form in self.forms:
             form.check = refusal
+            form.set_defaults({key: shown(key, SimulateSettings()) for key in form.fields})
             form.edited.connect(self.edited.emit)
         left, column = card("What accuracy costs")
         column.addWidget(self.curve)
@@ -88,8 +94,6 @@ class SimulatePanel(QWidget):
     def _inspector(self) -> QScrollArea:
         self.better = _hint()
         self.unknown = _hint()
-        more = Folded("More settings", "Level, passes, and the loss in the file of H")
-        more.column.addWidget(self.forms[1])
         inner = QWidget()
         column = QVBoxLayout(inner)
         column.setContentsMargins(4, 0, 4, 0)
@@ -98,7 +102,8 @@ class SimulatePanel(QWidget):
         for widget in (self.better, self.forms[0], heading("Effects that this H needs")):
             column.addWidget(widget)
         column.addWidget(self.table, 1)
-        for widget in (self.unknown, more, self._frames(), self._files()):
+        self._frames()
+        for widget in (self.unknown, *self.forms[1:], self._files()):
             column.addWidget(widget)
         area = scrolling(inner)
         area.setMinimumWidth(INSPECTOR)
@@ -116,14 +121,11 @@ class SimulatePanel(QWidget):
             grid.setColumnStretch(k, 1)
         return grid
 
-    def _frames(self) -> Folded:
-        fold = Folded("Frames instead of H", "Sensor frames with noise, as a camera would record them on this plan")
+    def _frames(self) -> None:
         button = QPushButton("Simulate frames …")
         button.setToolTip("Write the frames of the whole plan to a folder, as a job")
         button.clicked.connect(lambda _=False: self.frames_asked.emit())
-        fold.column.addWidget(self.forms[2])
-        fold.column.addLayout(line(button))
-        return fold
+        self.forms[2].fold_line(button)
 
     def _files(self) -> Folded:
         fold = Folded("Magnitudes in a file", "Magnitudes and settings of effects, for other projects and commands")

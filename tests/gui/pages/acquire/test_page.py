@@ -79,7 +79,7 @@ def test_backends_say_why_they_are_absent(page: Page, qtbot: QtBot, context: Con
 
 def test_device_options_go_into_the_project_and_back(page: Page, context: Context) -> None:
     devices = page.panel.setup.devices
-    editor = devices.options_form.itemAt(0, devices.options_form.ItemRole.FieldRole).widget()
+    editor = devices.options.editor("optics")
     assert isinstance(editor, QLineEdit) and editor.accessibleName() == "optics"
     editor.setText("geometric")
     editor.editingFinished.emit()
@@ -365,7 +365,8 @@ def test_a_camera_that_stays_automatic_is_named_and_recorded_once_that_is_allowe
     qtbot.waitUntil(lambda: "Cannot begin" in record.status.text(), timeout=GUARD_MS)
     assert "got GainAuto = Continuous; switch this off" in record.detail.text() and "--" not in record.detail.text()
     assert not (tmp_path / "s").exists()
-    allow = record.more.editor("allow_automatic")
+    record.form.open()
+    allow = record.form.editor("allow_automatic")
     assert isinstance(allow, QCheckBox) and not allow.isHidden()
     allow.setChecked(True)
     assert AcquireSettings.of(context.state).options().allow_automatic
@@ -380,7 +381,7 @@ def test_a_camera_that_stays_automatic_is_named_and_recorded_once_that_is_allowe
 def test_a_lens_is_covered_by_hand_or_dark_frames_are_skipped(
     page: Page, context: Context, qtbot: QtBot, tmp_path: Path
 ) -> None:
-    record, cover = page.panel.record, page.panel.record.more.editor("cover")
+    record, cover = page.panel.record, page.panel.record.form.editor("cover")
     assert isinstance(cover, QCheckBox)
     cover.setChecked(True)
     page.record._field_edited("darks", 1)
@@ -428,14 +429,15 @@ def test_a_lens_is_covered_by_hand_or_dark_frames_are_skipped(
 def test_a_list_of_positions_is_chosen_by_its_button(
     page: Page, context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    editor = page.panel.record.more.editor("positions")
+    page.panel.record.form.open()
+    editor = page.panel.record.form.editor("positions")
     assert isinstance(editor, QLineEdit)
     monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: ("half.json", ""))
     (browse,) = editor.actions()
     browse.trigger()
     assert AcquireSettings.of(context.state).positions == editor.text() == "half.json"
     page.panel.record.extent.setCurrentIndex(1)
-    assert editor.isHidden() and not page.panel.record.more.editor("unknowns").isHidden()
+    assert editor.isHidden() and not page.panel.record.form.editor("unknowns").isHidden()
 
 
 def test_the_copied_command_leaves_the_check_of_the_stage_out_too(page: Page, context: Context) -> None:
@@ -446,7 +448,8 @@ def test_the_copied_command_leaves_the_check_of_the_stage_out_too(page: Page, co
 
 
 def test_settings_that_have_no_effect_are_not_shown(page: Page, context: Context, qtbot: QtBot) -> None:
-    hidden = {key: page.panel.record.more.editor(key) for key in ("allow_automatic", "steady", "cover", "unknowns")}
+    page.panel.record.form.open()
+    hidden = {key: page.panel.record.form.editor(key) for key in ("allow_automatic", "steady", "cover", "unknowns")}
     connect(page, qtbot)
     assert all(editor.isHidden() for editor in hidden.values())
     page.record._field_edited("suspend", "temperature=20:22")

@@ -363,7 +363,7 @@ def test_choices_are_undone_and_kept(page: Page, qtbot: QtBot) -> None:
     for form, key, text in (
         (choices.form, "noise", "-3,1"),
         (choices.form, "noise", "3, 1"),
-        (choices.more, "effects", "crosstalk=0.01; more.json"),
+        (choices.form, "effects", "crosstalk=0.01; more.json"),
     ):
         editor: Any = form.editor(key)
         editor.setText(text)
@@ -373,7 +373,7 @@ def test_choices_are_undone_and_kept(page: Page, qtbot: QtBot) -> None:
         assert editor.text() == text, "it is not replaced while it is typed"
     assert page.settings.noise == (3, 1) and choices.noise.text().startswith("Noise as given here")
     assert page.settings.effects == ("crosstalk=0.01", "more.json")
-    choices.more.editor("hybrid").setChecked(True)  # type: ignore[attr-defined]
+    choices.form.editor("hybrid").setChecked(True)  # type: ignore[attr-defined]
     assert page.settings.hybrid
     kept = FitSettings.of(ProjectState.from_json(project.state.to_json()))
     assert kept == page.settings

@@ -77,7 +77,7 @@ def test_damaged_frames_can_be_left_out_of_h(
     assert page.notice.isVisible() and page.notice.button.text() == "Leave out damaged frames"
     page.notice.button.click()
     idle(context.jobs, qtbot)
-    assert page.panel.choices.skip_damaged.isChecked() and FrameSettings.of(context.state).skip_damaged
+    assert page.panel.choices.editor("skip_damaged").isChecked() and FrameSettings.of(context.state).skip_damaged
     assert page.notice.label.text().startswith("1 damaged frame is left out")
     assert page.opened.frames[DAMAGED] < 0 and "damaged" in page.opened.left_out[0]
     page.assemble(str(tmp_path / "H.h5"))
@@ -88,13 +88,13 @@ def test_damaged_frames_can_be_left_out_of_h(
     assert "--skip-damaged" in made.arguments and "skip_damaged=True" in made.python
     context.project.undo()  # the H
     context.project.undo()
-    assert not page.panel.choices.skip_damaged.isChecked()
+    assert not page.panel.choices.editor("skip_damaged").isChecked()
     assert "--skip-damaged" not in step(context.state).arguments
 
 
 def test_what_is_subtracted_as_no_light_is_said(scan: Path, open_page: Any, context: Context, qtbot: QtBot) -> None:
     page = open_page("frames")
-    box = page.panel.choices.boxes["use_dark"]
+    box = page.panel.choices.editor("use_dark")
     page.open_folder(str(scan))
     idle(context.jobs, qtbot)
     assert not box.isChecked() and not box.isEnabled() and "No dark frame was found" in box.toolTip()

@@ -181,7 +181,7 @@ def test_planes_of_other_frames_or_corrections_are_not_gone_on_with(
     out = tmp_path / "H.h5"
     first = stopped(scanned, context, qtbot, out, door)
     np.save(scan / "0_0_0.npy", true_frame(0, 0, 0) * 2)
-    scanned.panel.choices.correction_toggled.emit("use_background", True)
+    scanned.panel.choices.edited.emit("use_background", True)
     idle(context.jobs, qtbot)
     door.open.set()
     door.made.clear()

@@ -85,7 +85,7 @@ def test_the_page_names_it_and_turns_the_frames(
     qtbot.waitUntil(lambda: page.opened is not None and page.found is not None, timeout=GUARD_MS)
     assert not page.notice.isVisible()
     assert FrameSettings.of(context.state).orientation == "mirror x"
-    assert page.panel.choices.orientation.currentData() == "mirror x"
+    assert page.panel.choices.editor("orientation").currentData() == "mirror x"
     assert assembled(qtbot, context, page, tmp_path / "H.h5") == {"applied": "mirror x", "found": None}
     assert commanded(mirrored, tmp_path / "C.h5", "mirror-x") == {"applied": "mirror x", "found": None}
     with open_psf(tmp_path / "H.h5") as ours, open_psf(tmp_path / "C.h5") as theirs:
@@ -139,7 +139,7 @@ def test_upright_frames_pass_with_what_was_found(
     qtbot.waitUntil(lambda: page.found is not None, timeout=GUARD_MS)
     record = assembled(qtbot, context, page, tmp_path / "H.h5")
     assert record["found"] == "as is" and record == commanded(folder, tmp_path / "C.h5", "check")
-    page._set("orientation", "mirror x")
+    page.panel.choices.edited.emit("orientation", "mirror x")
     shown(qtbot, page, "The frames lie upright as they are delivered, but are turned.")
     page.notice.button.click()
     assert FrameSettings.of(context.state).orientation == "check"
@@ -160,7 +160,7 @@ def test_what_cannot_be_told_is_said_with_h(qtbot: QtBot, context: Context, open
     page = open_page("frames")
     page.open_folder(str(tmp_path / "frames"))
     qtbot.waitUntil(lambda: page.found is not None, timeout=GUARD_MS)
-    page._set("use_background", True)
+    page.panel.choices.edited.emit("use_background", True)
     qtbot.waitUntil(lambda: page.found is not None, timeout=GUARD_MS)
     record = assembled(qtbot, context, page, tmp_path / "H.h5")
     assert "cannot be told" in record["note"] and f"H.h5: {record['note']}" in said
@@ -236,7 +236,7 @@ def test_a_new_folder_starts_upright(qtbot: QtBot, context: Context, open_page: 
     page = open_page("frames")
     page.open_folder(str(mirrored))
     qtbot.waitUntil(lambda: page.opened is not None, timeout=GUARD_MS)
-    page._set("orientation", "mirror x")
+    page.panel.choices.edited.emit("orientation", "mirror x")
     copy = mirrored.parent / "again"
     shutil.copytree(mirrored, copy, dirs_exist_ok=True)
     page.open_folder(str(copy))

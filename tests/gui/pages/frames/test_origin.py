@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
 
 from lfcal.base.errors import InputError
@@ -24,19 +26,20 @@ def test_the_first_pixel_is_stated_on_the_page(open_page: Any, context: Context,
     page = open_page("frames")
     page.open_folder(str(tmp_path / "f"))
     idle(context.jobs, qtbot)
-    edit = page.panel.choices.origin
+    edit = page.panel.choices.editor("origin")
     assert edit.text() == "" and "origin" not in " ".join(step(context.state).arguments)
-    edit.setText("5,")
-    assert not edit.hasAcceptableInput()
-    edit.setText("5, 6")
-    assert edit.hasAcceptableInput()
-    edit.editingFinished.emit()
+    QTest.keyClicks(edit, "5,")
+    QTest.keyClick(edit, Qt.Key.Key_Return)
+    assert edit.property("invalid") and not FrameSettings.of(context.state).origin
+    QTest.keyClicks(edit, " 6")
+    assert not FrameSettings.of(context.state).origin, "it is reported when typing ends"
+    QTest.keyClick(edit, Qt.Key.Key_Return)
     idle(context.jobs, qtbot)
     assert FrameSettings.of(context.state).origin == "5, 6"
     assert page.opened.source.info(0).origin == ORIGIN
     made = step(context.state)
     assert "origin='5, 6'" in made.python and any("origin" in word and "5, 6" in word for word in made.arguments)
-    page.panel.choices.boxes["use_background"].setChecked(True)
+    page.panel.choices.editor("use_background").setChecked(True)
     idle(context.jobs, qtbot)
     page.assemble(str(tmp_path / "H.h5"))
     idle(context.jobs, qtbot)

@@ -86,8 +86,8 @@ def test_playing_goes_through_the_positions_until_it_is_stopped(qtbot: QtBot, op
 
 def test_what_the_settings_say_is_what_the_widgets_show(qtbot: QtBot, context: Context, open_page: Any) -> None:
     page = open_page("frames")
-    pattern: QLineEdit = page.panel.choices.pattern
-    box: QComboBox = page.panel.choices.interpolation
+    pattern: QLineEdit = page.panel.choices.editor("pattern")
+    box: QComboBox = page.panel.choices.editor("interpolation")
     pattern.setText("z{z}_y{y}_x{x}.tif")
     pattern.editingFinished.emit()
     box.setCurrentIndex(box.findData("linear"))
@@ -250,7 +250,9 @@ def test_it_is_said_whether_the_frames_are_understood(scanned: Any, context: Con
     rows = {name: (number, remark) for name, number, remark in facts_of(opened)}
     assert rows["Frames"][0] == f"{len(opened.source):,}" and rows["Missing"][0] == f"{opened.missing}"
     assert "Some positions have no frame" in page.panel.found.text()
-    fold = page.panel.choices.fold
-    assert fold.head.text() == "How the frames are read"
-    page.panel.choices.boxes["use_defects"].setChecked(True)
-    assert fold.head.text() == "How the frames are read: 1 changed"
+    fold = page.panel.choices
+    assert (fold.head.text(), fold.head.words) == ("How the frames are read", "defaults")
+    page.panel.choices.editor("use_defects").setChecked(True)
+    assert fold.head.words == "1 changed" and fold.changed == ("use_defects",)
+    fold.reset("use_defects")
+    assert fold.head.words == "defaults" and not FrameSettings.of(context.state).use_defects

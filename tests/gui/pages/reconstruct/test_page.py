@@ -215,11 +215,11 @@ def test_form_and_project_follow_each_other(page: Page, context: Context, qtbot:
     assert form.editor("iterations").isEnabled() and not form.editor("iterations").isHidden()
     assert form.editor("gain").isHidden()
     for key, text, value in (("threshold", "2", 0.02), ("tolerance", "1e-4", 1e-4), ("memory", "2.5", 2.5)):
-        folded: Any = page.panel.more.editor(key)
+        folded: Any = page.panel.form.editor(key)
         folded.setText(text)
         folded.textEdited.emit(text)
         assert getattr(page.settings, key) == pytest.approx(value)
-    assert not page.panel.more.isVisibleTo(page.panel), "what is rarely needed is folded"
+    assert not page.panel.form.editor("margin").isVisibleTo(page.panel), "what is rarely needed is folded"
 
 
 def test_a_solver_that_cannot_end_as_asked_says_so(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:

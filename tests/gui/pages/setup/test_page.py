@@ -33,13 +33,13 @@ from tests.lattice.white_frames import barrel, draw_white
 
 
 def mark(page: Any, key: str) -> str:
-    found: str = page.panel.inspector.forms[key].mark(key).property("mark")
+    found: str = page.panel.inspector.values.mark(key).property("mark")
     return found
 
 
 def confirm(page: Any, key: str) -> None:
     """Click the word beside a field."""
-    page.panel.inspector.forms[key].mark(key).linkActivated.emit("confirm")
+    page.panel.inspector.values.mark(key).click()
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -49,13 +49,10 @@ def test_camera_shows_and_takes_presets(window: MainWindow, name: str) -> None:
     page.panel.inspector.presets.activated.emit(page.panel.inspector.presets.currentIndex())
     assert window.project.state.camera == preset(name)
     lens = isinstance(preset(name).optics, MainLens)
-    forms = page.panel.inspector.forms
-    assert forms["optics.f_number"].editor("optics.f_number").isHidden() == (not lens)
-    assert forms["optics.magnification"].editor("optics.magnification").isHidden() == lens
-    assert (
-        page.panel.inspector.forms["lattice.pitch_um"].editor("lattice.pitch_um").text()
-        == f"{preset(name).lattice.pitch_um:.10g}"
-    )
+    form = page.panel.inspector.values
+    assert form.editor("optics.f_number").isHidden() == (not lens)
+    assert form.editor("optics.magnification").isHidden() == lens
+    assert page.panel.inspector.values.editor("lattice.pitch_um").text() == f"{preset(name).lattice.pitch_um:.10g}"
     assert "px" in page.panel.facts.text()
     assert not page.panel.optics.grab().isNull()
 
@@ -100,8 +97,8 @@ def test_a_maker_s_file_shows_what_is_assumed_and_confirming_states_it(
     assert camera == import_camera(tmp_path / "c.xml").camera
     inspector = page.panel.inspector
     assert mark(page, "sensor.pixel_um") == "assumed" and mark(page, "lattice.pitch_um") == "derived"
-    assert inspector.forms["sensor.pixel_um"].editor("sensor.pixel_um").accessibleDescription()
-    assert inspector.values.head.isChecked() and "assumed" in inspector.values.head.text()
+    assert inspector.values.editor("sensor.pixel_um").accessibleDescription()
+    assert inspector.values.head.isChecked() and "assumed" in inspector.values.head.words
     assert "not applied" in page.notice.label.text() and "≈" in page.panel.facts.text()
     confirm(page, "sensor.pixel_um")
     assert context.project.state.camera.marks["sensor.pixel_um"] == "stated"
@@ -110,7 +107,7 @@ def test_a_maker_s_file_shows_what_is_assumed_and_confirming_states_it(
     assert mark(page, "sensor.pixel_um") == "assumed"
     inspector.buttons["confirm"].click()
     assert context.project.state.camera.marks.paths("assumed") == ()
-    assert "assumed" not in inspector.values.head.text() and "≈" not in page.panel.facts.text()
+    assert "assumed" not in inspector.values.head.words and "≈" not in page.panel.facts.text()
     assert context.project.unsaved and not inspector.buttons["confirm"].isEnabled()
 
 
@@ -127,7 +124,7 @@ def test_typing_states_a_value(open_page: OpenPage, context: Context) -> None:
     page = open_page("setup")
     camera = replace(preset("bench"), marks=Marks.of({"lattice.types": "assumed", "sensor.shape": "assumed"}))
     context.project.update("made", camera=camera)
-    QTest.keyClicks(page.panel.inspector.forms["sensor.rows"].editor("sensor.rows"), "0")
+    QTest.keyClicks(page.panel.inspector.values.editor("sensor.rows"), "0")
     assert context.project.state.camera.marks.paths("assumed") == ("lattice.types",)
     assert mark(page, "sensor.columns") == "stated"
 
@@ -188,7 +185,7 @@ def test_a_bent_lattice_and_its_residuals_are_drawn(
     assert float(np.nanmax(view.map.values)) < 0.3
     inspector.buttons["take"].click()
     taken = context.project.state.camera
-    form = inspector.forms["lattice.distortion"]
+    form = inspector.values
     assert taken.lattice.distortion is not None and mark(page, "lattice.distortion") == "measured"
     assert form.editor("lattice.distortion").text().startswith("radial, ")
 
@@ -234,7 +231,7 @@ def test_typing_a_number_is_one_step_and_keeps_the_plan(open_page: OpenPage, con
     page = open_page("setup")
     plan = ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0,), exposure_s=0.003, frames_averaged=4)
     context.project.update("made", plan=plan)
-    editor = page.panel.inspector.forms["optics.working_distance_um"].editor("optics.working_distance_um")
+    editor = page.panel.inspector.values.editor("optics.working_distance_um")
     said: list[str] = []
     for text in ("3", "31", "310", "310."):
         editor.setText(text)
@@ -252,7 +249,7 @@ def test_a_camera_that_cannot_scan_the_plan_says_that_it_is_let_go(open_page: Op
     page = open_page("setup")
     plan = ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0,))
     context.project.update("made", plan=plan)
-    editor = page.panel.inspector.forms["sensor.rows"].editor("sensor.rows")
+    editor = page.panel.inspector.values.editor("sensor.rows")
     editor.setText("20")
     editor.textEdited.emit("20")
     assert context.state.plan is None and "undo brings it back" in page.notice.label.text()
@@ -265,8 +262,7 @@ def test_nothing_of_the_camera_changes_while_it_records(open_page: OpenPage, con
     context.project.update("made", plan=ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0,)))
     before = context.state
     context.project.hold(Hold("a session is being recorded", ("camera", "plan")))
-    for key in ("optics.f_number", "cutout"):
-        form = page.panel.inspector.forms[key]
+    for key, form in (("optics.f_number", page.panel.inspector.values), ("cutout", page.panel.inspector.scan)):
         form.editor(key).setText("5")
         form.editor(key).textEdited.emit("5")
         assert form.error == "a session is being recorded"

@@ -76,7 +76,7 @@ def test_dragging_the_cutout_moves_the_scan_as_one_step(open_page: OpenPage, con
         page.panel.picture.dragged.emit(2, -1)
     moved = context.state.plan
     assert moved == replace(plan, anchor=(plan.anchor[0] + 6, plan.anchor[1] - 3))
-    assert page.panel.inspector.rest.editor("anchor").text() == "156,141"
+    assert page.panel.inspector.scan.editor("anchor").text() == "156,141"
     assert page.panel.picture.box.viewRect() == seen and page.panel.forecast.text() == rows
     page.panel.picture.dragged.emit(400, 0)
     assert context.state.plan == moved, "the scan stays on the sensor"

@@ -54,11 +54,11 @@ def test_a_half_cell_scan_is_shown_and_saved_with_its_positions(
     page: Any = window.page("setup")
     said: list[str] = []
     page.context.message.connect(said.append)
-    page.panel.inspector.rest.editor("half_cell").setChecked(True)
+    page.panel.inspector.scan.editor("half_cell").setChecked(True)
     assert "36 of 72 (half cell)" in page.panel.forecast.text() and len(list(page.panel.path_entries())) == 2
-    resample = page.panel.inspector.rest.editor("resample")
+    resample = page.panel.inspector.scan.editor("resample")
     resample.setChecked(True)
-    assert "half-cell scan: expected frames as they are" in page.panel.inspector.rest.error
+    assert "half-cell scan: expected frames as they are" in page.panel.inspector.scan.error
     assert window.project.state.plan == plan, "a half-cell scan takes frames as they are"
     page.save_plan(str(tmp_path / "plan.json"))
     assert ScanPlan.from_json((tmp_path / "plan.json").read_text()) == plan
@@ -72,7 +72,7 @@ def test_a_half_cell_scan_is_shown_and_saved_with_its_positions(
     )
     page.save_plan(str(tmp_path / "odd.json"))
     assert "half a pixel off" in page.notice.label.text() and not (tmp_path / "odd.json").exists()
-    page.panel.inspector.rest.editor("half_cell").setChecked(False)
+    page.panel.inspector.scan.editor("half_cell").setChecked(False)
     assert page.panel.inspector.refused.isHidden()
-    page.panel.inspector.rest.editor("half_cell").setChecked(True)
-    assert "half a pixel off" in page.panel.inspector.rest.error
+    page.panel.inspector.scan.editor("half_cell").setChecked(True)
+    assert "half a pixel off" in page.panel.inspector.scan.error

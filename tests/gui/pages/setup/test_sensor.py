@@ -70,7 +70,7 @@ def test_folders_are_measured_and_the_camera_takes_it(
     plan = window.project.state.plan
     assert plan is not None and plan.camera == after, "no noise moves an image"
     page: Any = window.page("setup")
-    form = page.panel.inspector.forms["sensor.dsnu_e"]
+    form = page.panel.inspector.values
     assert form.mark("sensor.dsnu_e").property("mark") == "measured"
     assert float(form.editor("sensor.dsnu_e").text()) == pytest.approx(after.sensor.dsnu_e)
     window.project.undo()

@@ -1,0 +1,551 @@
+"""The form of the window: fields in view, the others folded, with units, ranges and validation as you type."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtGui import QWheelEvent
+from PySide6.QtWidgets import QCheckBox, QComboBox, QFrame, QGridLayout, QLabel, QLineEdit, QToolButton, QWidget
+
+from lfcal.base import InputError
+from lfcal_gui.models import UNKNOWN, Field, means, parse, same, text_of
+from lfcal_gui.widgets.cards import heading, line
+from lfcal_gui.widgets.folded import FoldHead
+from lfcal_gui.widgets.words import set_look
+
+__all__ = ["FoldedForm"]
+
+SHORTEST = 5
+"""Letters of a choice that are seen in any case."""
+
+LEAST = 52
+"""Least width of a field (px)."""
+
+LONGEST = 16
+"""Letters of a label, or a unit, that stay in one line."""
+
+SEARCHED = 12
+"""Folded fields from which they can be searched."""
+
+SMALL = 18
+"""Side of the buttons next to a field (px)."""
+
+MARKS = {"stated": "✓", "measured": "✓", "assumed": "✓", "derived": "="}
+"""What is shown of where a value comes from."""
+
+LABEL, EDITOR, UNIT, MARK, RESET = range(5)
+"""Columns of the grid."""
+
+LINES = 3
+"""Rows of the grid for each field: label and editor, a long editor, and why a value is refused."""
+
+
+class _ChoiceBox(QComboBox):
+    """A choice that the wheel leaves alone, as it scrolls the column, and whose list is as wide as its words."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.setMinimumContentsLength(SHORTEST)
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        """Leave the wheel to the column, unless the choice has the keyboard."""
+        if self.hasFocus():
+            super().wheelEvent(event)
+        else:
+            event.ignore()
+
+    def showPopup(self) -> None:
+        """Show whole words."""
+        self.view().setMinimumWidth(self.view().sizeHintForColumn(0) + 2 * SMALL)
+        super().showPopup()
+
+
+@dataclass(eq=False)
+class _Row:
+    """The widgets of a field."""
+
+    field: Field
+    label: QLabel
+    editor: QWidget
+    unit: QLabel | None
+    line: int
+    rare: bool
+    shown: bool = True
+    mark: QToolButton | None = None
+    reset: QToolButton | None = None
+
+    def widgets(self) -> list[QWidget]:
+        return [one for one in (self.label, self.editor, self.unit, self.mark) if one is not None]
+
+    def found(self, words: Sequence[str]) -> bool:
+        """Return whether each of the words is in what is said of the field."""
+        said = f"{self.field.label} {self.field.unit} {self.field.group} {self.field.tip}".casefold()
+        return all(word in said for word in words)
+
+
+class FoldedForm(QFrame):
+    """Labels, fields and units in columns; what is rarely needed is folded.
+
+    The row of the fold says what differs from the defaults. A changed value is bold and can be reset. An assumed value
+    (`set_marks`) has a tick that confirms it.
+
+    A value that does not parse, or that ``check`` refuses, is marked red with the reason under the field; only
+    values that pass are reported. Where what was typed first did pass, as the 2 of "2,8", the value from before the
+    field was touched is reported again, and the refused text stays until the value becomes another one. Of several
+    reasons that of the field touched last is shown; a field that is disabled shows its value again, and has none.
+
+    Parameters
+    ----------
+    fields
+        Those in view.
+    more
+        Those that are folded.
+    title, tip
+        Name of the fold, and what is in it.
+    framed
+        Whether the form is a card.
+
+    Signals
+    -------
+    edited(key, value)
+        The user changed a value, and it passes.
+    confirmed(key)
+        The user confirms an assumed value.
+    """
+
+    edited = Signal(str, object)
+    confirmed = Signal(str)
+
+    def __init__(
+        self,
+        fields: Sequence[Field] = (),
+        more: Sequence[Field] = (),
+        title: str = "More settings",
+        tip: str = "Values that are rarely changed",
+        *,
+        framed: bool = False,
+        parent: QWidget | None = None,
+    ) -> None:
+        super().__init__(parent)
+        self.setProperty("role", "card" if framed else "")
+        self.setProperty("dense", True)
+        groups = list(dict.fromkeys(("", *(f.group for f in more))))
+        more = sorted(more, key=lambda f: groups.index(f.group))
+        self.fields = {f.key: f for f in (*fields, *more)}
+        self.check: Callable[[str, Any], str] = lambda key, value: ""
+        self._rows: dict[str, _Row] = {}
+        self._defaults = {f.key: f.default for f in self.fields.values() if f.default is not UNKNOWN}
+        # what each field stands for, and what it stood for before it was typed in
+        self._values: dict[str, Any] = {}
+        self._untouched: dict[str, Any] = {}
+        self._selected: dict[str, str] = {}
+        self._reported = self._last = ""
+        self._headings: dict[str, QLabel] = {}
+        self._folds = bool(more)
+        self._extras: list[QWidget] = []
+        self.head = FoldHead(title, tip)
+        self.reset_all = _small("↺", "reset", f"Reset {title.lower()}", "Restore the defaults of these values")
+        self.search: QLineEdit | None = None
+        self._error = QLabel("")
+        self._error.setProperty("role", "error")
+        self._error.setWordWrap(True)
+        self._build(fields, more)
+
+    # -- building --------------------------------------------------------------------------------------
+    def _build(self, fields: Sequence[Field], more: Sequence[Field]) -> None:
+        self._grid = QGridLayout(self)
+        self._grid.setContentsMargins(*((10, 4, 10, 4) if self.property("role") else (0, 0, 0, 0)))
+        self._grid.setHorizontalSpacing(5)
+        self._grid.setVerticalSpacing(3)
+        self._grid.setColumnStretch(EDITOR, 1)
+        if self._defaults:
+            self._grid.setColumnMinimumWidth(RESET, SMALL)
+        self._next = 0
+        for field in fields:
+            self._add(field, rare=False)
+        self.head.setProperty("ruled", bool(fields))
+        self._at_head = self._next
+        self._above = self._next + 1
+        if more:
+            self._grid.addWidget(self.reset_all, self._next, RESET)
+        if len(more) >= SEARCHED:
+            self.search = QLineEdit()
+            self.search.setPlaceholderText(f"Search {len(more)} values")
+            self.search.setAccessibleName("search values")
+            self.search.setToolTip("Show only the values whose name or description contains these words")
+            self.search.textChanged.connect(lambda _: self._show_rows())
+            self._grid.addWidget(self.search, self._above + LINES, LABEL, 1, RESET + 1)
+        self._next += 2 * LINES
+        for field in more:
+            self._add(field, rare=True)
+        self._grid.addWidget(self._error, self._next, LABEL, 1, RESET + 1)
+        self._next += 1
+        self.head.toggled.connect(lambda _: self._show_rows())
+        self.reset_all.clicked.connect(self._reset_folded)
+        self._show_error()
+        self._show_rows()
+        self._tell()
+
+    def _add(self, field: Field, *, rare: bool) -> None:
+        if rare and field.group and field.group not in self._headings:
+            title = self._headings[field.group] = heading(field.group)
+            self._grid.addWidget(title, self._next, LABEL, 1, RESET + 1)
+            self._next += 1
+        label, editor = QLabel(_lines(field.label)), self._editor(field)
+        unit = QLabel(_lines(field.unit)) if field.unit else None
+        if unit is not None:
+            unit.setProperty("role", "hint")
+            unit.setProperty("size", "caption")
+            self._grid.addWidget(unit, self._next, UNIT)
+        for widget in (label, editor):
+            widget.setToolTip(field.tip)
+        editor.setMinimumWidth(LEAST)
+        label.setBuddy(editor)
+        editor.setAccessibleName(field.label)
+        self._grid.addWidget(label, self._next, LABEL)
+        self._grid.addWidget(editor, self._next, EDITOR)
+        self._rows[field.key] = _Row(field, label, editor, unit, self._next, rare)
+        self._next += LINES
+
+    def _editor(self, field: Field) -> QWidget:
+        key = field.key
+        if field.kind == "choice":
+            box = _ChoiceBox()
+            for value, text in field.choices:
+                box.addItem(text, value)
+            box.currentIndexChanged.connect(lambda _=0: self._changed(key))
+            return box
+        if field.kind == "bool":
+            tick = QCheckBox()
+            tick.toggled.connect(lambda _=False: self._changed(key))
+            return tick
+        if field.kind == "shown":
+            label = QLabel()
+            label.setWordWrap(True)
+            return label
+        edit = QLineEdit()
+        edit.setPlaceholderText(field.empty)
+        if field.kind in ("float", "int"):
+            edit.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        edit.textEdited.connect(lambda _="": self._changed(key, ended=not field.late))
+        edit.editingFinished.connect(lambda: self._ended(key))
+        edit.selectionChanged.connect(lambda: self._select(key, edit))
+        return edit
+
+    def own_line(self, key: str) -> None:
+        """Give the field of a long text a line below its label."""
+        row = self._rows[key]
+        row.line += 1
+        self._grid.addWidget(row.editor, row.line, LABEL, 1, UNIT + 1)
+
+    def fold_line(self, *parts: QWidget, above: bool = False) -> None:
+        """Add widgets side by side to the fold, below or ``above`` its fields."""
+        holder = QWidget()
+        row = line(*parts)
+        row.setContentsMargins(0, 2, 0, 2)
+        holder.setLayout(row)
+        at = self._above if above else self._next
+        self._grid.addWidget(holder, at, LABEL, 1, RESET + 1)
+        if above:
+            self._above += 1
+        else:
+            self._next += 1
+        self._extras.append(holder)
+        self._show_rows()
+
+    # -- the fold --------------------------------------------------------------------------------------
+    def open(self) -> None:
+        """Show the folded fields."""
+        self.head.setChecked(True)
+
+    def set_shown(self, key: str, shown: bool) -> None:
+        """Show or hide one field with its label."""
+        if self._rows[key].shown != shown:
+            self._rows[key].shown = shown
+            self._show_rows()
+            self._tell()
+
+    def _show_rows(self) -> None:
+        opened, words = self.head.isChecked(), []
+        if self.search is not None:
+            self.search.setVisible(opened)
+            words = self.search.text().casefold().split()
+        groups: set[str] = set()
+        for row in self._rows.values():
+            seen = row.shown and (not row.rare or (opened and row.found(words)))
+            for widget in row.widgets():
+                widget.setVisible(seen)
+            if row.reset is not None:
+                row.reset.setVisible(seen and self._differs(row))
+            if seen and row.rare:
+                groups.add(row.field.group)
+        for name, title in self._headings.items():
+            title.setVisible(name in groups)
+        for extra in self._extras:
+            extra.setVisible(opened and not words)
+
+    def set_state(self, values: Mapping[str, Any], marks: Mapping[str, tuple[str, str]]) -> None:
+        """Show values and their marks; fields without a value are hidden."""
+        for key, row in self._rows.items():
+            row.shown = key in values
+        self.set_values(values)
+        self.set_marks(marks)
+        self._show_rows()
+
+    # -- marks -----------------------------------------------------------------------------------------
+    def set_marks(self, marks: Mapping[str, tuple[str, str]]) -> None:
+        """Show where values come from: a word of `MARKS`, and a tip. The tick of an assumed value confirms it."""
+        for key, (word, tip) in marks.items():
+            row = self._rows[key]
+            if row.mark is None:
+                row.mark = _small("", "mark", "", "")
+                row.mark.clicked.connect(lambda _=False, key=key: self.confirmed.emit(key))
+                self._grid.addWidget(row.mark, row.line, MARK)
+                QWidget.setTabOrder(row.editor, row.mark)
+                row.mark.setVisible(not row.label.isHidden())
+            assumed = word == "assumed"
+            row.mark.setText(MARKS[word])
+            row.mark.setFocusPolicy(Qt.FocusPolicy.StrongFocus if assumed else Qt.FocusPolicy.NoFocus)
+            row.mark.setAccessibleName(f"{row.field.label}: {word}" + ", confirm" * assumed)
+            row.mark.setToolTip(tip)
+            # screen readers read the description after the name
+            row.editor.setAccessibleDescription(tip)
+            set_look(row.mark, "mark", word)
+        self._tell()
+
+    def mark(self, key: str) -> QToolButton:
+        """Return what shows where the value of a field comes from; its property ``mark`` is the word."""
+        found = self._rows[key].mark
+        assert found is not None
+        return found
+
+    # -- defaults --------------------------------------------------------------------------------------
+    def set_defaults(self, defaults: Mapping[str, Any]) -> None:
+        """Change what values are compared with, and reset to; `UNKNOWN`: nothing."""
+        for key, value in defaults.items():
+            if key in self.fields:
+                self._defaults[key] = value
+        self._defaults = {key: value for key, value in self._defaults.items() if value is not UNKNOWN}
+        self._grid.setColumnMinimumWidth(RESET, SMALL if self._defaults else 0)
+        self._tell()
+
+    @property
+    def changed(self) -> tuple[str, ...]:
+        """Keys of the fields whose values differ from their defaults."""
+        return tuple(row.field.key for row in self._rows.values() if row.shown and self._differs(row))
+
+    def _differs(self, row: _Row) -> bool:
+        key = row.field.key
+        return key in self._defaults and not same(row.field, self._values.get(key), self._defaults[key])
+
+    def reset(self, key: str) -> None:
+        """Report the default of a field as its new value, or show why it is refused."""
+        row, value = self._rows[key], self._defaults[key]
+        why = self.check(key, value)
+        if why:
+            self._last = key
+            self._mark(row.editor, why)
+            self._show_error()
+            return
+        self._untouched.pop(key, None)
+        self._mark(row.editor, "")
+        self.edited.emit(key, value)
+
+    def _reset_folded(self) -> None:
+        for _ in range(2):  # one value may allow the next
+            for key in self.changed:
+                if self._rows[key].rare:
+                    self.reset(key)
+        self.head.setFocus()
+
+    def _tell(self) -> None:
+        """Show which values are changed, and say it in the row of the fold."""
+        changed = set(self.changed)
+        for key, row in self._rows.items():
+            differs = key in changed
+            if differs and row.reset is None:
+                row.reset = _small("↺", "reset", f"Reset {row.field.label}", "")
+                row.reset.clicked.connect(lambda _=False, key=key: self._reset_one(key))
+                self._grid.addWidget(row.reset, row.line, RESET)
+                QWidget.setTabOrder(row.mark or row.editor, row.reset)
+            if row.reset is not None:
+                row.reset.setToolTip(f"Default: {self._default_words(row)}")
+                row.reset.setVisible(differs and not row.label.isHidden())
+            for widget in (row.label, row.editor):
+                set_look(widget, "changed", differs)
+        if not self._folds:
+            return
+        rare = [row for row in self._rows.values() if row.rare and row.shown]
+        marks = [row.mark.property("mark") for row in rare if row.mark is not None]
+        assumed, count = marks.count("assumed"), len(changed & {row.field.key for row in rare})
+        said = [f"{count} changed" if count else "", f"{assumed} assumed" if assumed else ""]
+        known = any(row.field.key in self._defaults for row in rare)
+        self.head.say(", ".join(filter(None, said)) or ("defaults" if known else "all known" if marks else ""))
+        self.reset_all.setVisible(bool(count))
+        self._grid.addWidget(self.head, self._at_head, LABEL, 1, RESET if count else RESET + 1)
+
+    def _default_words(self, row: _Row) -> str:
+        value = self._defaults.get(row.field.key)
+        if row.field.kind == "bool":
+            return "on" if value else "off"
+        text = dict(row.field.choices).get(value) or text_of(row.field, value)
+        return f"{text} {row.field.unit}".strip() if text else row.field.empty or "empty"
+
+    def _reset_one(self, key: str) -> None:
+        self.reset(key)
+        self._rows[key].editor.setFocus()  # the button is gone
+
+    # -- values ----------------------------------------------------------------------------------------
+    def editor(self, key: str) -> QWidget:
+        """Return the widget of a field."""
+        return self._rows[key].editor
+
+    def set_values(self, values: Mapping[str, Any]) -> None:
+        """Show values without reporting them; a field being typed in keeps its text if it means the same.
+
+        Values without a field are left out.
+        """
+        for key, value in values.items():
+            if key not in self._rows:
+                continue
+            editor = self._rows[key].editor
+            blocker = QSignalBlocker(editor)
+            if isinstance(editor, QLineEdit):
+                self._set_text(key, editor, value)
+            elif isinstance(editor, QComboBox):
+                editor.setCurrentIndex(max(0, editor.findData(value)))
+            elif isinstance(editor, QCheckBox):
+                editor.setChecked(bool(value))
+            elif isinstance(editor, QLabel):
+                editor.setText(str(value))
+            blocker.unblock()
+            self._values[key] = value
+        self._show_error()
+        self._tell()
+
+    def set_choices(self, key: str, choices: tuple[tuple[Any, str], ...]) -> None:
+        """Offer other choices of a field."""
+        editor = self._rows[key].editor
+        assert isinstance(editor, QComboBox)
+        blocker = QSignalBlocker(editor)
+        editor.clear()
+        for value, text in choices:
+            editor.addItem(text, value)
+        editor.setCurrentIndex(max(0, editor.findData(self._values.get(key))))
+        blocker.unblock()
+
+    def _set_text(self, key: str, editor: QLineEdit, value: Any) -> None:
+        unchanged = self._stands_for(key, value)
+        if not unchanged and key != self._reported:  # changed elsewhere: what was typed before is over
+            self._untouched.pop(key, None)
+        if unchanged and (editor.property("reason") or (self.fields[key].late and editor.isModified())):
+            return  # the text that was refused can still be corrected, or typed to its end
+        if not editor.text() or not means(self.fields[key], editor.text(), value):
+            editor.setText(text_of(self.fields[key], value))
+            editor.setCursorPosition(0)  # of a long number the beginning counts
+        self._mark(editor, "")
+
+    def set_enabled(self, key: str, enabled: bool, why: str = "") -> None:
+        """Enable or disable one field with its label; ``why`` it is disabled is said in its tip meanwhile."""
+        row = self._rows[key]
+        if not enabled and isinstance(row.editor, QLineEdit) and row.editor.property("reason"):
+            self._mark(row.editor, "")
+            row.editor.setText(text_of(row.field, self._values.get(key)))
+            self._show_error()
+        for widget in row.widgets():
+            widget.setEnabled(enabled)
+        for widget in (row.editor, row.label):
+            widget.setToolTip(why or row.field.tip)
+
+    # -- typing ----------------------------------------------------------------------------------------
+    def _select(self, key: str, editor: QLineEdit) -> None:
+        """Remember a text that is selected whole: what is typed over it is a new beginning."""
+        if editor.selectedText() and editor.selectedText() == editor.text():
+            self._selected[key] = editor.text()
+
+    def _ended(self, key: str) -> None:
+        editor = self._rows[key].editor
+        assert isinstance(editor, QLineEdit)
+        if self.fields[key].late and not means(self.fields[key], editor.text(), self._values.get(key)):
+            self._changed(key)
+        self._untouched.pop(key, None)
+
+    def _read(self, key: str) -> tuple[Any, str]:
+        """Return what a field says, and why that is refused."""
+        editor, field = self._rows[key].editor, self.fields[key]
+        if isinstance(editor, QComboBox):
+            return editor.currentData(), ""
+        if isinstance(editor, QCheckBox):
+            return editor.isChecked(), ""
+        assert isinstance(editor, QLineEdit)
+        if self._selected.pop(key, editor.text()) not in editor.text():
+            self._untouched.pop(key, None)
+        self._untouched.setdefault(key, self._values.get(key, None if field.optional else UNKNOWN))
+        try:
+            return parse(field, editor.text()), ""
+        except InputError as refused:
+            return None, str(refused)
+
+    def _changed(self, key: str, *, ended: bool = True) -> None:
+        value, error = self._read(key)
+        error = error or self.check(key, value)
+        self._last = key
+        self._mark(self._rows[key].editor, error)
+        self._show_error()
+        if not ended:
+            return
+        if error:
+            value = self._untouched.get(key, UNKNOWN)
+            if value is UNKNOWN or self._stands_for(key, value):
+                return
+        self._values[key], self._reported = value, key
+        self._tell()
+        try:
+            self.edited.emit(key, value)
+        finally:
+            self._reported = ""
+
+    def _stands_for(self, key: str, value: Any) -> bool:
+        """Return whether the field was last shown, or reported, with this value."""
+        return key in self._values and text_of(self.fields[key], self._values[key]) == text_of(self.fields[key], value)
+
+    def _mark(self, editor: QWidget, error: str) -> None:
+        set_look(editor, "invalid", bool(error))
+        editor.setProperty("reason", error)
+
+    def _show_error(self) -> None:
+        errors = {k: str(r.editor.property("reason")) for k, r in self._rows.items() if r.editor.property("reason")}
+        key = self._last if self._last in errors else next(iter(errors), "")
+        self._error.setText(errors.get(key, ""))
+        self._error.setVisible(bool(errors))
+        if errors:
+            self._grid.addWidget(self._error, self._rows[key].line + 1, LABEL, 1, RESET + 1)
+
+    @property
+    def error(self) -> str:
+        """The reason shown, or empty."""
+        return self._error.text() if not self._error.isHidden() else ""
+
+
+def _small(text: str, role: str, name: str, tip: str) -> QToolButton:
+    button = QToolButton()
+    button.setText(text)
+    button.setProperty("role", role)
+    button.setAccessibleName(name)
+    button.setToolTip(tip)
+    button.setFixedSize(SMALL, SMALL)
+    button.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+    return button
+
+
+def _lines(text: str) -> str:
+    """Return a long label in two lines."""
+    if len(text) <= LONGEST or " " not in text:
+        return text
+    middle = min((k for k, letter in enumerate(text) if letter == " "), key=lambda k: abs(2 * k - len(text)))
+    return f"{text[:middle]}\n{text[middle + 1 :]}"
