@@ -7,6 +7,7 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import cv2
 import h5py
@@ -16,7 +17,7 @@ import pytest
 import tifffile
 
 from lfcal.base.errors import FileFormatError, InputError, StorageError
-from lfcal.frames import open_image, read_image
+from lfcal.frames import open_frames, open_image, read_image
 from lfcal.frames.formats.tiff import count_pages
 from tests.frames.scenes import session
 
@@ -178,3 +179,25 @@ def test_a_pipe_is_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.png")
     with pytest.raises(StorageError, match="is a pipe or a device"):
         read_image(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("compression", [None, "zlib"])
+def test_the_calibration_of_imagej_is_applied(tmp_path: Path, compression: str | None) -> None:
+    """ImageJ stores signed 16-bit samples as unsigned ones with an offset (tlnagy/TiffImages.jl, cpp-tiff#10)."""
+    signed = np.arange(-30, 30, dtype=np.int32).reshape(3, 4, 5)
+    words = "ImageJ=1.53t\nimages=3\nslices=3\ncf=0\nc0={}\nc1={}\nvunit=Gray Value\n"
+
+    def written(name: str, offset: float, slope: float) -> Path:
+        stored = np.rint((signed - offset) / slope).astype(np.uint16)
+        text = words.format(offset, slope)
+        options: dict[str, Any] = {"compression": compression, "photometric": "minisblack", "metadata": None}
+        tifffile.imwrite(tmp_path / name, stored, description=text, software=None, **options)
+        return tmp_path / name
+
+    image = open_image(written("signed.tif", -32768, 1))
+    assert image.dtype == np.int32
+    np.testing.assert_array_equal([image.read(k) for k in range(3)], signed)
+    np.testing.assert_array_equal(image.read_region(2, slice(1, 3), slice(2, 5)), signed[2, 1:3, 2:5])
+    with open_frames(written("half.tif", -100.5, 0.5), order="raster", plan_shape=(1, 1, 3)) as frames:
+        np.testing.assert_allclose(frames.read(1), signed[1], atol=0.26)
+        assert frames.metadata.notes == ("ImageJ's calibration is applied: -100.5 + 0.5 x the stored value",)

@@ -80,7 +80,7 @@ class Hdf5Image(ImageFile):
         names = [_COMPRESSING[number] for number in self._data.filters if number in _COMPRESSING]
         metadata: dict[str, Any] = {"codec": codec_fact(names[0] if names else "none")}
         if self._others:
-            metadata["order_notes"] = tuple(self._note(other) for other in self._others)
+            metadata["format_notes"] = tuple(self._note(other) for other in self._others)
         if len(self._lead) == 3:
             metadata["plan_shape"] = self._lead
         folder = name.rpartition("/")[0]

@@ -133,7 +133,9 @@ class TiffImage(ImageFile):
         self.shape = (int(page.imagelength), int(page.imagewidth))
         self.dtype = page.dtype.newbyteorder("=")
         check_declared(self.path, (*self.shape, self._samples), self.dtype.itemsize, self._size)
+        self._stored = self.dtype
         self._virtual = self._imagej_pages()
+        self._line = self._imagej_line()
         self.pages = max(self.pages, self._virtual)
         # TIFF stores 10, 12 or 14 bits packed; read, they fill 16
         known: dict[str, Any] = {} if bits in (8, 16, 32, 64) else {"bit_depth": bits}
@@ -148,6 +150,10 @@ class TiffImage(ImageFile):
             known |= ome_facts(text, self.pages, name=self.path.name, samples=self._samples)
         elif axes := self._scan_axes():
             known["scan_axes"] = axes
+        if self._line is not None:
+            offset, slope = self._line
+            self.dtype = np.dtype(np.int32 if slope == 1 and offset == int(offset) else np.float32)
+            known["format_notes"] = (f"ImageJ's calibration is applied: {offset:g} + {slope:g} x the stored value",)
         # Micro-Manager keeps its own metadata with every page
         own = page.tags.get(51123)
         if own is not None and isinstance(own.value, dict) and (roi := parse_roi(own.value.get("ROI"))):
@@ -187,6 +193,24 @@ class TiffImage(ImageFile):
         count = int((self._tiff.imagej_metadata or {}).get("images", 0)) if self._tiff.is_imagej else 0
         return count if self.pages == 1 and count > 1 and self._plain(self._first) else 0
 
+    def _imagej_line(self) -> tuple[float, float] | None:
+        """Return offset and slope of ImageJ's straight-line calibration, as of "signed 16-bit" files; None: none."""
+        known = (self._tiff.imagej_metadata or {}) if self._tiff.is_imagej else {}
+        if known.get("cf") != 0 or self._samples != 1 or self._stored.kind != "u":
+            return None
+        try:
+            offset, slope = float(known.get("c0", 0)), float(known.get("c1", 1))
+        except (TypeError, ValueError):
+            return None
+        usable = np.isfinite([offset, slope]).all() and slope > 0 and (offset, slope) != (0, 1)
+        return (offset, slope) if usable else None
+
+    def _calibrated(self, image: NDArray[Any]) -> NDArray[Any]:
+        """Return samples as ImageJ shows them, contiguous."""
+        if self._line is not None:
+            image = self._line[0] + self._line[1] * image.astype(np.float64)
+        return check_samples(self.path, np.ascontiguousarray(image, self.dtype))
+
     def _plain(self, page: Any) -> bool:
         return bool(page.is_memmappable) and self._samples == 1
 
@@ -202,7 +226,7 @@ class TiffImage(ImageFile):
             image = image[self._component] if image.shape[0] == self._samples else image[..., self._component]
         if image.shape != self.shape:
             raise _damaged(self.path, f"page {page} holds {image.shape}")
-        return check_samples(self.path, np.ascontiguousarray(image, self.dtype))
+        return self._calibrated(image)
 
     def read_region(self, page: int, rows: slice, columns: slice) -> NDArray[Any]:
         """Return a part of one page; of uncompressed pages only its rows are read."""
@@ -231,14 +255,14 @@ class TiffImage(ImageFile):
         if number:  # pages may be compressed in different ways
             with decoding(self.path, "TIFF"):
                 self._codec(page)
-        skip = number * int(np.prod(self.shape)) * self.dtype.itemsize if self._virtual else 0
+        skip = number * int(np.prod(self.shape)) * self._stored.itemsize if self._virtual else 0
         for start, length in zip(starts, lengths, strict=True):
             if start <= 0 or length <= 0 or skip + start + length > self._size:
                 raise _damaged(self.path, f"the samples of page {number} are not all there")
         return page, (skip + starts[0] if starts and self._plain(page) else None)
 
     def _read_rows(self, where: int, rows: slice) -> NDArray[Any]:
-        stored = self.dtype.newbyteorder(self._tiff.byteorder)
+        stored = self._stored.newbyteorder(self._tiff.byteorder)
         count = (rows.stop - rows.start) * self.shape[1]
         with storage_errors(self.path), self.path.open("rb") as file:
             file.seek(where + rows.start * self.shape[1] * stored.itemsize)
@@ -246,7 +270,7 @@ class TiffImage(ImageFile):
         # fromfile stops silently at the end of a file
         if data.size != count:
             raise _damaged(self.path, "the file was cut short while open")
-        return check_samples(self.path, np.ascontiguousarray(data.reshape(-1, self.shape[1]), self.dtype))
+        return self._calibrated(data.reshape(-1, self.shape[1]))
 
     def close(self) -> None:
         """Close the file."""

@@ -171,6 +171,7 @@ class FolderSource(Frames):
         self._finalizer = weakref.finalize(self, _close_all, self._open)
         self._shape, self._dtype, found = self._inspect_any() if skip_damaged else self._inspect()
         found |= facts or {}
+        notes = (*notes, *found.pop("format_notes", ()))
         self._origin = origin or (0, 0)
         stated = stated_origin(found.pop("roi", None), self._shape)
         if origin is not None:
