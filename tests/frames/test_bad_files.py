@@ -168,6 +168,20 @@ BAD: dict[str, tuple[str, Callable[[], bytes], type[LfcalError], str]] = {
     "PGM cut short": ("a.pgm", lambda: b"P5 50 40 65535\n" + bytes(100), FileFormatError, "the file is cut short"),
     "PGM without a header": ("a.pgm", lambda: b"P5 fifty", FileFormatError, "a PGM header"),
     "RAW that is none": ("a.dng", lambda: b"II*\0" + bytes(400), FileFormatError, "camera RAW"),
+    "ND2": (
+        "a.nd2",
+        lambda: b"\xda\xce\xbe\x0a" + bytes(60),
+        FileFormatError,
+        "a Nikon ND2 file; export it as OME-TIFF",
+    ),
+    "CZI": (
+        "a.czi",
+        lambda: b"ZISRAWFILE" + bytes(60),
+        FileFormatError,
+        "a Zeiss CZI file; export it as OME-TIFF, in ZEN",
+    ),
+    "LIF": ("a.lif", lambda: b"\x70\0\0\0" + bytes(60), FileFormatError, "a Leica LIF file; export it as OME-TIFF"),
+    "ASCII PGM": ("a.pgm", lambda: b"P2 2 2 9 1 2 3 4", FileFormatError, "a PGM picture in ASCII; convert it without"),
     "BMP": ("a.bmp", lambda: b"BM" + bytes(60), FileFormatError, "a BMP picture"),
 }
 

@@ -125,8 +125,8 @@ def test_file_by_scan_order(tmp_path: Path, name: str) -> None:
     with open_frames(tmp_path / name, order="serpentine", plan_shape=PLAN) as source:
         assert_session(source)
         assert source.info(3).label == f"{name} page 3"
-    with pytest.raises(InputError, match="expected 30 for a scan of 2 x 3 x 5, got 24"):
-        open_frames(tmp_path / name, order="serpentine", plan_shape=(2, 3, 5))
+    with pytest.raises(InputError, match="expected 40 for a scan of 2 x 4 x 5, got 24"):
+        open_frames(tmp_path / name, order="serpentine", plan_shape=(2, 4, 5))
 
 
 def test_five_axes_and_tables_need_no_order(tmp_path: Path) -> None:
@@ -360,3 +360,21 @@ def test_missing_file_is_found_when_opening(tmp_path: Path) -> None:
         open_frames(tmp_path)
     with pytest.raises(StorageError, match="no such file or folder"):
         open_frames(tmp_path / "elsewhere")
+
+
+def test_stores_of_other_programs_are_named(tmp_path: Path) -> None:
+    """Zarr (aicsimageio#467) and NDTiff (micro-manager#1784) are folders without a list of positions."""
+    zarr, ndtiff = tmp_path / "a.ome.zarr", tmp_path / "b"
+    zarr.mkdir()
+    (zarr / ".zgroup").write_text("{}")
+    with pytest.raises(InputError, match="got a Zarr store; write its array as OME-TIFF"):
+        open_frames(zarr)
+    ndtiff.mkdir()
+    tifffile.imwrite(
+        ndtiff / "b_NDTiffStack.tif", np.array([FRAMES[0, 0, k] for k in range(3)]), photometric="minisblack"
+    )
+    (ndtiff / "NDTiff.index").write_bytes(b"")
+    with pytest.raises(InputError, match="got an NDTiff index; export it from Micro-Manager"):
+        open_frames(ndtiff)
+    with open_frames(ndtiff, order="raster", plan_shape=(1, 1, 3)) as frames:
+        np.testing.assert_array_equal(frames.read(2), FRAMES[0, 0, 2])

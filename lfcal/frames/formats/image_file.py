@@ -288,7 +288,21 @@ _KINDS = {
     b"PK": "a ZIP or .npz archive",
     b"RIFF": "a WebP picture or a video",
     b"P6": "a colour PPM picture",
+    b"P2": "a PGM picture in ASCII",
+    b"\xda\xce\xbe\x0a": "a Nikon ND2 file",
+    b"ZISRAWFILE": "a Zeiss CZI file",
+    b"\x70\0\0\0": "a Leica LIF file",
+    b"\xd0\xcf\x11\xe0": "an Olympus OIB or Zeiss ZVI file",
 }
+
+_REMEDIES = {
+    b"\xff\xd8": "JPEG loses what calibration needs; record RAW, 16-bit TIFF or PNG",
+    b"\xda\xce\xbe\x0a": "export it as OME-TIFF, in NIS-Elements or with Bio-Formats' bfconvert",
+    b"ZISRAWFILE": "export it as OME-TIFF, in ZEN or with Bio-Formats' bfconvert",
+    b"\x70\0\0\0": "export it as OME-TIFF, in LAS X or with Bio-Formats' bfconvert",
+    b"\xd0\xcf\x11\xe0": "export it as OME-TIFF, with Bio-Formats' bfconvert",
+}
+"""What to do with a kind of file; all others are converted."""
 
 
 def _guess(head: bytes) -> str:
@@ -296,6 +310,5 @@ def _guess(head: bytes) -> str:
 
 
 def _remedy(head: bytes) -> str:
-    if head.startswith(b"\xff\xd8"):
-        return "JPEG loses what calibration needs; record RAW, 16-bit TIFF or PNG"
-    return "convert it without loss to 16-bit TIFF or PNG"
+    other = "convert it without loss to 16-bit TIFF or PNG"
+    return next((remedy for magic, remedy in _REMEDIES.items() if head.startswith(magic)), other)

@@ -7,6 +7,7 @@ from lfcal.frames.lists.entries import files_below, located
 from lfcal.frames.lists.list_file import (
     any_listing,
     from_micromanager,
+    from_names,
     from_stage,
     is_plain,
     manifest_from,
@@ -43,6 +44,7 @@ __all__ = [
     "files_below",
     "find_columns",
     "from_micromanager",
+    "from_names",
     "from_stage",
     "is_plain",
     "located",

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from lfcal.frames.formats import image_suffixes, open_image
 from lfcal.frames.lists.entries import located, manifest_of
 from lfcal.frames.lists.listing import MAX_EXPOSURE_S, Listing, read_listing
 from lfcal.frames.lists.motion import AUTO, CHECK, Part
-from lfcal.frames.lists.table import TABLE_SUFFIXES
+from lfcal.frames.lists.table import LENGTHS, TABLE_SUFFIXES
 from lfcal.frames.manifest import COLUMNS, Manifest, read_manifest
 from lfcal.frames.orientation import AS_IS, Orientation, named_orientation
 from lfcal.frames.part import parse_roi
@@ -26,6 +27,7 @@ from lfcal.frames.sources import FrameOptions
 __all__ = [
     "any_listing",
     "from_micromanager",
+    "from_names",
     "from_stage",
     "is_plain",
     "manifest_from",
@@ -95,6 +97,26 @@ def any_listing(path: Path, columns: str = "") -> Listing:
 def from_stage(path: Path, metadata: Mapping[str, Any], options: FrameOptions) -> tuple[Manifest, tuple[str, ...]]:
     """Return the manifest of one file of pages whose own metadata say where the stage stood."""
     return _placed(stage_listing(path, metadata), path.parent, options)
+
+
+_COORDINATE = re.compile(r"(?<![A-Za-z])([xyz])[_=]?([+-]?\d+(?:[.,]\d+)?)(um|µm|μm|mm|nm)(?![A-Za-z])", re.IGNORECASE)
+
+
+def from_names(root: Path, names: Sequence[str], options: FrameOptions) -> tuple[Manifest, tuple[str, ...]] | None:
+    """Return the manifest of files named after the stage, ``x-1.25um_y+0.42um_z-20um.tif``; None: not all are."""
+    places = np.full((len(names), 3), np.nan)
+    for row, name in enumerate(names):
+        found = {axis.lower(): (number, unit) for axis, number, unit in _COORDINATE.findall(Path(name).stem)}
+        if not {"x", "y"} <= set(found):
+            return None
+        for axis, (number, unit) in found.items():
+            places[row, "xyz".index(axis)] = float(number.replace(",", ".")) * LENGTHS[unit.lower()]
+    example = names[0]
+    if np.isnan(places[:, 2]).any() and not np.isnan(places[:, 2]).all():
+        raise FileFormatError.expected(f"z in the names of {root}", "in all or none", "in some", "rename the others")
+    notes = (f"positions: of the stage, as the names state them, such as {example}",)
+    listing = Listing(f"the names in {root.name}", tuple(names), (0,) * len(names), places, "um", notes=notes)
+    return _placed(listing, root, options)
 
 
 def stage_listing(path: Path, metadata: Mapping[str, Any]) -> Listing:

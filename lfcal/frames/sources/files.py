@@ -14,6 +14,7 @@ from lfcal.frames.lists import (
     TABLE_SUFFIXES,
     files_below,
     from_micromanager,
+    from_names,
     from_stage,
     manifest_from,
     micromanager_list,
@@ -156,10 +157,16 @@ def _from_folder(path: Path, options: FrameOptions) -> tuple[Manifest, tuple[str
         template = pattern.template if isinstance(pattern, NamePattern) else pattern
         return _by_pattern(files_below(path, deep="/" in template), pattern, options)
     names = [name for name in files_below(path, deep=False) if Path(name).suffix.lower() in image_suffixes()]
+    if any((path / name).exists() for name in (".zgroup", ".zarray", "zarr.json")):
+        remedy = "write its array as OME-TIFF or .npy, for example with Python's zarr and tifffile"
+        raise InputError.expected(f"frames in {path}", "images (TIFF, PNG, NPY, RAW …)", "a Zarr store", remedy)
     if not names and not (names := _below(path)):
         raise InputError.expected(
             f"frames in {path}", "images (TIFF, PNG, NPY, RAW …)", "none", "name the folder that holds them"
         )
+    if (path / "NDTiff.index").is_file() and not options.order:
+        remedy = "export it from Micro-Manager as separate files, or say their order (--order)"
+        raise InputError.expected(f"positions of the frames in {path}", "a list of them", "an NDTiff index", remedy)
     if not options.order:
         return _by_guess(path, names, options)
     if shape is None:
@@ -197,6 +204,8 @@ def _below(path: Path) -> list[str]:
 
 def _by_guess(path: Path, names: list[str], options: FrameOptions) -> tuple[Manifest, tuple[str, ...]]:
     """Return the frames by the pattern that their names have, where there is no doubt about it."""
+    if options.plan is not None and (placed := from_names(path, names, options)) is not None:
+        return placed
     guess = guess_pattern(names, options.plan_shape)
     if guess.certain:
         manifest, notes = _by_pattern(names, guess.templates[0], options)
@@ -260,6 +269,10 @@ def _of_pages(
     if options.order:
         if shape is None:
             raise _where_from(path)
+        if len(pages) != (count := int(np.prod(shape))) == image.shape[1]:
+            remedy = "move that axis to the front, for example with numpy.moveaxis(frames, -1, 0)"
+            got = f"{len(pages)}, and {count} along the last"
+            raise FileFormatError.expected(str(path), f"{count} frames along the first axis", got, remedy)
         return Manifest.from_order(pages, shape, options.order)
     if image.metadata.get("plan_shape") is not None:
         return Manifest.from_order(pages, image.metadata["plan_shape"], "raster")

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import tifffile
 
-from lfcal.base.errors import FileFormatError
+from lfcal.base.errors import FileFormatError, LfcalError
 from lfcal.camera import ScanPlan
 from lfcal.frames import open_frames
 from lfcal.frames.formats._ome import ome_facts
 from lfcal.frames.lists.list_file import any_listing, read_micromanager
-from tests.frames.lists.scans import COLUMNS, ROWS, START, Scan, frame, scan, small_camera
+from tests.frames.lists.scans import COLUMNS, ROWS, START, Scan, frame, scan, small_camera, write_frames
 
 
 def plan() -> ScanPlan:
@@ -160,3 +160,28 @@ def test_no_metadata(tmp_path: Path, text: str) -> None:
     tifffile.imwrite(tmp_path / "a.tif", np.zeros((8, 9), np.uint16))
     with pytest.raises(FileFormatError, match="stage coordinates of every page in its metadata, got none"):
         any_listing(tmp_path / "a.tif")
+
+
+@pytest.mark.parametrize("form", ["x{0:+.2f}um_y{1:+.2f}um_z{2:+.2f}um", "f_z_{2:.3f}um x={0:.2f}um y={1:.2f}um"])
+def test_places_in_the_names_of_files(tmp_path: Path, found: Scan, form: str) -> None:
+    names = [f"{form.format(*place)}.tif" for place in found.stage]
+    write_frames(tmp_path, found, names)
+    with open_frames(tmp_path, plan=plan()) as source:
+        assert any("of the stage, as the names state them" in note for note in source.metadata.notes)
+        for k in range(len(source)):
+            name = source.info(k).label
+            assert tuple(source.info(k).position) == tuple(found.positions[names.index(name)])
+
+
+def test_names_in_part_without_a_place_are_not_taken_for_places(tmp_path: Path, found: Scan) -> None:
+    names = [f"x{place[0]:+.2f}um_y{place[1]:+.2f}um_z{place[2]:+.2f}um.tif" for place in found.stage]
+    write_frames(tmp_path, found, ["other.tif", *names[1:]])
+    with pytest.raises(LfcalError):
+        open_frames(tmp_path, plan=plan())
+
+
+def test_frames_along_the_last_axis_are_recognised(tmp_path: Path) -> None:
+    """Programs that store (row, column, frame) are told which axis to move (gms_plugin_hdf5#2)."""
+    np.save(tmp_path / "last.npy", np.zeros((20, 30, 12), np.uint16))
+    with pytest.raises(FileFormatError, match=r"expected 12 frames along the first axis, got 20, and 12 along the last"):
+        open_frames(tmp_path / "last.npy", order="raster", plan_shape=(1, 3, 4))
