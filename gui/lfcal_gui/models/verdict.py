@@ -1,4 +1,4 @@
-"""The verdict on H that a project keeps, as long as the file of H is the same. No Qt."""
+"""The verdicts on H that a project keeps, each as long as the file of H is the same. No Qt."""
 
 from __future__ import annotations
 
@@ -14,8 +14,11 @@ if TYPE_CHECKING:
 
 __all__ = ["MOST_BAD", "REMEDIES", "Verdict", "kept_verdict", "verdict_of", "with_verdict"]
 
-KEY = "verdict"
-"""Entry of a project's settings that holds the verdict."""
+KEY = "verdicts"
+"""Entry of a project's settings that holds the verdicts, the newest first."""
+
+MOST_KEPT = 50
+"""Verdicts that a project keeps."""
 
 MOST_BAD = 0.05
 """Share of a plane's positions up to which recording them again, or leaving them out, is the remedy."""
@@ -108,21 +111,29 @@ def verdict_of(
 
 
 def with_verdict(project: ProjectState, stamp: Stamp, verdict: Verdict) -> dict[str, Any]:
-    """Return the settings of a project with the verdict on the H of ``stamp``."""
-    return {
-        **project.settings,
-        KEY: {"stamp": list(stamp[1:]), **asdict(verdict), "redo": [list(one) for one in verdict.redo]},
-    }
+    """Return the settings of a project with the verdict on the H of ``stamp``; those on other H stay."""
+    entry = {"stamp": list(stamp[1:]), **asdict(verdict), "redo": [list(one) for one in verdict.redo]}
+    others = [one for one in _kept(project) if one.get("stamp") != entry["stamp"]]
+    return {**project.settings, KEY: [entry, *others][:MOST_KEPT]}
 
 
-def kept_verdict(project: ProjectState) -> Verdict | None:
-    """Return the verdict on the project's H; None: the file of H was not judged as it is now."""
-    stamp, kept = stamp_of(project.psf), project.settings.get(KEY)
-    if stamp is None or not isinstance(kept, Mapping) or kept.get("stamp") != list(stamp[1:]):
+def kept_verdict(project: ProjectState, path: str = "") -> Verdict | None:
+    """Return the verdict on the H at ``path`` (empty: the project's); None: it was not judged as it is now."""
+    stamp = stamp_of(path or project.psf)
+    found = (
+        None if stamp is None else next((one for one in _kept(project) if one.get("stamp") == list(stamp[1:])), None)
+    )
+    if found is None:
         return None
-    given: dict[str, Any] = {one.name: kept.get(one.name) for one in fields(Verdict)}
+    given: dict[str, Any] = {one.name: found.get(one.name) for one in fields(Verdict)}
     if isinstance(given["redo"], list):
         given["redo"] = tuple(tuple(position) for position in given["redo"])
     if any(type(given[one.name]) is not type(one.default) for one in fields(Verdict)):
         return None
     return Verdict(**given)
+
+
+def _kept(project: ProjectState) -> list[Mapping[str, Any]]:
+    """Return the verdicts of a project, the newest first."""
+    found = project.settings.get(KEY)
+    return [one for one in found if isinstance(one, Mapping)] if isinstance(found, list) else []

@@ -29,10 +29,25 @@ def test_a_verdict_is_kept_as_long_as_the_file_is_the_same(tmp_path: Path) -> No
         project = replace(project, settings=with_verdict(project, stamp, verdict))
         again = ProjectState.from_json(project.to_json())
         assert kept_verdict(again) == verdict and page_states(again)["quality"] is state
-    for damaged in (None, [], 3, {**project.settings["verdict"], "bad": "many"}, {"stamp": list(stamp[1:])}):
-        assert kept_verdict(replace(project, settings={"verdict": damaged})) is None
+    (kept,) = project.settings["verdicts"]
+    for damaged in (None, [], 3, [3], [{**kept, "bad": "many"}], [{"stamp": list(stamp[1:])}]):
+        assert kept_verdict(replace(project, settings={"verdicts": damaged})) is None
     file.write_text("another H")
     assert kept_verdict(project) is None
+
+
+def test_verdicts_on_other_h_stay(tmp_path: Path) -> None:
+    """That on the first H was gone once a second one was judged."""
+    project = ProjectState()
+    for name, merit in (("a", "good"), ("b", "bad"), ("a", "fair")):
+        file = tmp_path / f"{name}.h5"
+        if not file.exists():
+            file.write_text(f"H {'of ' * (name == 'b')}{name}")
+        stamp = stamp_of(str(file))
+        assert stamp is not None
+        project = replace(project, settings=with_verdict(project, stamp, Verdict(merit)))
+    assert [kept_verdict(project, str(tmp_path / f"{name}.h5")) for name in "ab"] == [Verdict("fair"), Verdict("bad")]
+    assert len(project.settings["verdicts"]) == 2 and kept_verdict(project) is None
 
 
 def test_a_verdict_says_what_is_left_once_its_positions_are_recorded_again() -> None:

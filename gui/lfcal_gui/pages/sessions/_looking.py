@@ -14,7 +14,8 @@ from PySide6.QtCore import QObject, Signal
 
 from lfcal.base import LfcalError
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.pages.sessions.model import Verdict, can_judge
+from lfcal_gui.models import ProjectState
+from lfcal_gui.pages.sessions.model import Verdict, can_judge, verdict_on
 from lfcal_gui.pages.sessions.model_kept import KeptResults
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ class Looking(QObject):
     began()
         Other folders are looked through.
     found(results, words)
-        What was found since the last time, each with its kept verdict, and where it is looking.
+        What was found since the last time, each with its verdict, and where it is looking.
     ended(listing)
         All was looked through.
     failed(words)
@@ -67,14 +68,14 @@ class Looking(QObject):
         """Whether folders are being looked through."""
         return self._jobs.loading("sessions list")
 
-    def start(self, folders: Sequence[str]) -> None:
-        """Look through folders, and no longer through those before."""
+    def start(self, folders: Sequence[str], project: ProjectState) -> None:
+        """Look through folders, and no longer through those before; H may have a verdict of the project."""
         self.stop()
         self._stop = stop = threading.Event()
         self._wanted.clear()
         self._jobs.load(
             "sessions list",
-            lambda: self._list(folders, stop),
+            lambda: self._list(folders, project, stop),
             lambda listing: None if listing is None else self.ended.emit(listing),
             self.failed.emit,
         )
@@ -85,7 +86,7 @@ class Looking(QObject):
         self._stop.set()
         self._jobs.drop("sessions list")
 
-    def _list(self, folders: Sequence[str], stop: threading.Event) -> ResultList | None:
+    def _list(self, folders: Sequence[str], project: ProjectState, stop: threading.Event) -> ResultList | None:
         """Look through folders, in a thread; None: it was stopped."""
         from lfcal.judge import ListingProgress, iter_find_results
 
@@ -95,7 +96,7 @@ class Looking(QObject):
             while not stop.is_set():
                 step = next(work)
                 if isinstance(step, ListingProgress):
-                    seen = [(one, self.kept.verdict(one) if can_judge(one) else None) for one in step.found]
+                    seen = [(one, self._verdict(one, project)) for one in step.found]
                     self._jobs.hand_over(partial(self._tell, stop, seen, step.stage))
         except StopIteration as end:
             listing: ResultList = end.value
@@ -103,6 +104,11 @@ class Looking(QObject):
         finally:
             work.close()
         return None
+
+    def _verdict(self, result: StoredResult, project: ProjectState) -> Verdict | None:
+        if not can_judge(result):
+            return None
+        return verdict_on(result, project) or self.kept.verdict(result)
 
     def _tell(self, stop: threading.Event, seen: list[Seen], words: str) -> None:
         if not stop.is_set():

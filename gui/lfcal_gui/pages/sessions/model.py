@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from lfcal.base import InputError, format_bytes
-from lfcal_gui.models import PageSettings, ProjectState, capital
+from lfcal_gui.models import PageSettings, ProjectState, capital, kept_verdict
 
 if TYPE_CHECKING:
     from lfcal.judge import StoredResult
@@ -29,6 +29,7 @@ __all__ = [
     "pair_rows",
     "recent_with",
     "shown",
+    "verdict_on",
     "verdict_words",
 ]
 
@@ -133,6 +134,12 @@ def verdict_words(result: StoredResult, verdicts: Mapping[Path, Verdict]) -> Ver
     """Return the merit of a result, and what is known of it; of H that was never judged, just that."""
     merit, words = _verdict(result, verdicts)
     return merit, words or (NOT_JUDGED if can_judge(result) else "")
+
+
+def verdict_on(result: StoredResult, project: ProjectState) -> Verdict | None:
+    """Return the verdict that a project keeps on a result; None: it has none on the file as it is now."""
+    found = kept_verdict(project, str(result.path)) if can_judge(result) else None
+    return None if found is None else (found.merit, found.sentence)
 
 
 def kind_word(result: StoredResult) -> str:

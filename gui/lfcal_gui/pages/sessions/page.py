@@ -27,6 +27,7 @@ from lfcal_gui.pages.sessions.model import (
     own_folders,
     recent_with,
     shown,
+    verdict_on,
 )
 from lfcal_gui.pages.sessions.model_kept import JudgedResult, KeptResults, iter_judged
 from lfcal_gui.pages.sessions.panel import SessionsPanel
@@ -116,8 +117,21 @@ class Page(BasePage):
         if SessionsSettings.of(old) != SessionsSettings.of(new):
             self.panel.show_settings(self.settings, self._recent)
             self._show()
+        if old.settings != new.settings:
+            self._take_verdict()
         if self.isVisible():
             self._look_if_new()
+
+    def _take_verdict(self) -> None:
+        """Show the verdict on the project's H, which may be judged on other pages."""
+        state = self.context.state
+        for one in self.results:
+            if state.psf and str(one.path) == str(Path(state.psf).absolute()):
+                found = verdict_on(one, state)
+                if found is not None and found != self.verdicts.get(one.path):
+                    self.verdicts[one.path] = found
+                    self._show()
+                    self._show_chosen()
 
     def entered(self) -> None:
         """Look through the folder, unless that was done."""
@@ -146,7 +160,7 @@ class Page(BasePage):
     def look(self) -> None:
         """Look through the folder, again where that was done."""
         self._looked = self.folders
-        self.looking.start(self.folders)
+        self.looking.start(self.folders, self.context.state)
 
     def _began(self) -> None:
         self.results, self.verdicts, self._notes = [], {}, ()

@@ -23,6 +23,7 @@ from lfcal.base.sample import sample_recording
 from lfcal.judge.results import find_results
 from lfcal.psf import PSFMatrix, save
 from lfcal_gui.context import Context
+from lfcal_gui.models import Verdict, stamp_of, with_verdict
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.sessions.model import NOT_JUDGED, SessionsSettings, own_folders, shown
 from lfcal_gui.pages.sessions.model_kept import SIDE, KeptResults, thumbnail
@@ -186,6 +187,25 @@ def test_judging_is_asked_for_and_kept(page: Page, qtbot: QtBot, folder: Path, m
     page.look()
     idle(page.context.jobs, qtbot)
     assert "should not be used" in spoken(page, "may.h5"), "kept"
+    save(matrix(), folder / "may" / "may.h5")
+    page.look()
+    idle(page.context.jobs, qtbot)
+    assert NOT_JUDGED in spoken(page, "may.h5"), "it is another H"
+
+
+def test_h_that_was_judged_elsewhere_shows_its_verdict(page: Page, qtbot: QtBot, folder: Path) -> None:
+    """The tile said "Not judged" of an H whose verdict the rail showed."""
+    project = page.context.project
+    for day in ("may", "june"):
+        path = str(folder / day / f"{day}.h5")
+        stamp = stamp_of(path)
+        assert stamp is not None
+        project.update("open", psf=path)
+        project.note(settings=with_verdict(project.state, stamp, Verdict("bad", f"H of {day} is bad.")))
+        assert f"H of {day} is bad." in spoken(page, f"{day}.h5"), "at once"
+    page.look()
+    idle(page.context.jobs, qtbot)
+    assert "H of may is bad." in spoken(page, "may.h5") and "H of june is bad." in spoken(page, "june.h5")
     save(matrix(), folder / "may" / "may.h5")
     page.look()
     idle(page.context.jobs, qtbot)
