@@ -19,6 +19,7 @@ from docs_build.links import broken_links  # noqa: E402
 from docs_build.reference import packages, page_of  # noqa: E402
 from docs_build.running import TutorialError, run_page, runs  # noqa: E402
 from docs_build.screens import take_screens  # noqa: E402
+from docs_build.tables import TABLES, options_page  # noqa: E402
 
 BESIDE = {
     "CHANGELOG.md": "changelog.md",
@@ -31,9 +32,12 @@ BESIDE = {
 }
 """Files of the repository that pages link to, and where they lie in the site."""
 
-ABOUT = """Every public name, by package. What a package gives (`from lfcal.psf import ...`) has an example, or is made
-in one. Each can be copied as it stands, and is run by the tests, in a folder that holds the sample session
-(`session`), a session that lfcal recorded (`recorded`; both lie in `sample_data`), and `H.h5`, the H that `lfcal demo`
+SHIM = "assets/iframe-worker.js"
+"""What the search needs where the site is opened from a folder."""
+
+ABOUT = """Every public name, by package. Names that you import from a package (`from lfcal.psf import ...`) have an
+example. The tests run each example, in a folder that holds the sample session
+(`session`), a session that lfcal recorded (`recorded`; both are in `sample_data`), and `H.h5`, the H that `lfcal demo`
 assembles."""
 
 _RAN: dict[str, str] = {}
@@ -43,7 +47,7 @@ _RAN: dict[str, str] = {}
 def on_config(config: Any) -> Any:
     """Put the pages that are made here at the end of the list of pages."""
     listed = [{one.name: one.page} for one in packages(ROOT)]
-    config.nav = [*config.nav, {"Reference": [{"All packages": "reference/index.md"}, *listed]}]
+    config.nav = [*config.nav, {"Python": [{"All packages": "reference/index.md"}, *listed]}]
     return config
 
 
@@ -51,6 +55,7 @@ def on_files(files: Files, config: Any) -> Files:
     """Run the tutorials, make what is made of other files, and add it to the site."""
     for place, content in {**_beside(), **_reference()}.items():
         files.append(File.generated(config, place, content=content))
+    files.append(File.generated(config, SHIM, content=Path(__file__).with_name(Path(SHIM).name).read_text()))
     with tempfile.TemporaryDirectory() as scratch:
         for key, picture in take_screens(Path(scratch)).items():
             files.append(File.generated(config, f"images/workstation/{key}.png", content=picture))
@@ -67,8 +72,9 @@ def _beside() -> dict[str, str]:
 def _reference() -> dict[str, str]:
     found = packages(ROOT)
     rows = "\n".join(f"| [`{one.name}`]({one.name}.md) | {one.summary} |" for one in found)
-    index = f"# Reference\n\n{ABOUT}\n\n| package | what it is |\n| --- | --- |\n{rows}\n"
-    return {"reference/index.md": index, **{one.page: page_of(one) for one in found}}
+    index = f"# Python packages\n\n{ABOUT}\n\n| package | content |\n| --- | --- |\n{rows}\n"
+    made = {"reference/index.md": index, "reference/options.md": options_page()}
+    return made | {one.page: page_of(one) for one in found}
 
 
 def _run(file: File, files: Files, config: Any) -> None:
@@ -97,6 +103,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
             rf"\]\((?:\.\./)*{re.escape(name)}(#[^)]*)?\)", lambda m, p=place: f"]({up}{p}{m[1] or ''})", text
         )
     text = re.sub(r"<!-- keys: (\w+) -->", lambda m: _keys(m[1]), text)
+    text = re.sub(r"<!-- table: (\w+) -->", lambda m: TABLES[m[1]](), text)
     return re.sub(r"\]\(docs/", f"]({up}", text)
 
 

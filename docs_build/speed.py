@@ -1,16 +1,21 @@
-"""The picture of the page on speed, drawn from its table: ``python -m docs_build.speed``."""
+"""The picture of the section on speed, drawn from its table: ``python -m docs_build.speed``."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
 
-__all__ = ["draw", "ratios_of", "short"]
+__all__ = ["draw", "ratios_of", "section", "short"]
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE, PICTURE = ROOT / "docs" / "speed.md", ROOT / "docs" / "images" / "speed.png"
+PAGE, PICTURE = ROOT / "docs" / "accuracy.md", ROOT / "docs" / "images" / "speed.png"
 
 RATIO = re.compile(r"(?P<who>[^:;|]+): (?:about |over )?(?P<times>[\d,]+) times slower")
+
+
+def section(page: str) -> str:
+    """Return the section on speed of a page."""
+    return page.partition("## Speed\n")[2].partition("\n## ")[0]
 
 
 def ratios_of(page: str) -> list[tuple[str, str, float]]:
@@ -34,7 +39,7 @@ def draw(path: Path) -> None:
     """Draw bars on a logarithmic axis."""
     from lfcal.base.figures import figure, save_figure
 
-    rows = ratios_of(PAGE.read_text(encoding="utf-8"))
+    rows = ratios_of(section(PAGE.read_text(encoding="utf-8")))
     with figure(7, 4.6) as fig:
         axes = fig.subplots()
         axes.barh(range(len(rows)), [times for _, _, times in rows], color="#3b6ea5")

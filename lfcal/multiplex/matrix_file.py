@@ -61,7 +61,7 @@ def load_modulator(path: str | os.PathLike[str]) -> Modulator:
         raise
     except (ValueError, TypeError, OverflowError, RecursionError, InputError) as error:
         wanted = "transmissions (rows, columns, N) or (K, N)"
-        raise FileFormatError.expected(str(file), wanted, str(error)[:160], "see docs/multiplexing.md") from error
+        raise FileFormatError.expected(str(file), wanted, str(error)[:160], "see docs/modulators.md") from error
 
 
 def save_modulator(modulator: Modulator, path: str | os.PathLike[str]) -> None:

@@ -124,7 +124,7 @@ def iter_write_mat(
     """Write H and what the codes want to know of it to a MATLAB v7.3 file, streaming.
 
     The file holds ``H``, ``Ht``, ``Nnum``, ``CAindex``, ``x3objspace`` (m), ``axisOrder``, ``cutout``, and, where H
-    knows them, ``anchor``, ``lensCentre`` and ``voxelSize`` (m); see ``docs/formats_h.md``.
+    knows them, ``anchor``, ``lensCentre`` and ``voxelSize`` (m); see ``docs/matlab.md``.
 
     Parameters
     ----------

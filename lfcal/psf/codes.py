@@ -82,7 +82,7 @@ CODES = {
             ".npz",
             "H[y,x,z][t,s]",
             "float32, NumPy",
-            "make the sparse patterns as docs/formats_h.md shows, and call pyolaf's projections with crange 'full'",
+            "make the sparse patterns as docs/matlab.md shows, and call pyolaf's projections with crange 'full'",
             "https://github.com/lambdaloop/pyolaf",
         ),
         Code(

@@ -1,7 +1,7 @@
 """What the provenance of H says of its frames, its simulation and its judgement, read with care.
 
 Provenance comes from a file that anyone may have written, and files of older versions lack most of it: whatever is not
-of the expected form is unknown. ``docs/formats_h.md`` lists the entries.
+of the expected form is unknown. ``docs/files.md`` lists the entries.
 """
 
 from __future__ import annotations

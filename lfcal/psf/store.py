@@ -1,6 +1,6 @@
 """The H file: written plane by plane, whole or not at all; what is written when, and what every entry means.
 
-Version 4 of the format; ``docs/formats_h.md`` describes it for other programs. Stored zero means value zero, and one
+Version 4 of the format; ``docs/files.md`` describes it for other programs. Stored zero means value zero, and one
 number scales the whole matrix, so that every HDF5 reader sees the right shapes and ratios.
 """
 

@@ -1,17 +1,12 @@
-"""The place that the documentation adds, and its list of places."""
+"""The place that the documentation adds."""
 
 from __future__ import annotations
 
-import re
-from pathlib import Path
-
 import numpy as np
 
-from lfcal.accuracy import PLACES, Subject, measure_curve
+from lfcal.accuracy import Subject, measure_curve
 from lfcal.psf import PSFMatrix
 from tests.distribution import names_of
-
-DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 def test_the_place_of_the_documentation_measures() -> None:
@@ -21,8 +16,3 @@ def test_the_place_of_the_documentation_measures() -> None:
     assert curve.stopped == "" and len(curve.rungs) == 5
     # the mean of n patterns scatters by 1/sqrt(n)
     assert 0.15 < curve.rungs[-1].error / curve.rungs[0].error < 0.4
-
-
-def test_the_table_names_every_place() -> None:
-    text = (DOCS / "accuracy.md").read_text(encoding="utf-8")
-    assert tuple(re.findall(r"^\| `(\w+)` \|", text, re.M)) == PLACES.names()

@@ -71,7 +71,7 @@ def strangers_folder(root: Path, pitch: float, period: tuple[int, int], planes: 
 
 
 def three_commands(lfcal: Callable[..., Run], root: Path) -> tuple[Path, str]:
-    """Run import, plan and assemble as docs/frames_you_have.md has them; return H and all that was said."""
+    """Run import, plan and assemble as docs/tutorials/frames.md does; return H and everything printed."""
     sensor = f"{SHAPE[0]}x{SHAPE[1]},{PIXEL}"
     tiffs, listed = root / "Aufnahmen für H", root / "Tisch.csv"
     commands = (

@@ -16,7 +16,7 @@ from tests.distribution import code_of
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-MADE = {"changelog.md", "licence.md", "sample_data.md", "hard_cases.md", "mutants.md"}
+MADE = {"changelog.md", "licence.md", "sample_data.md", "hard_cases.md", "mutants.md", "reference/options.md"}
 """Pages that are made of other files while the site is built."""
 
 

@@ -26,7 +26,7 @@ def test_frames_as_documented(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     tifffile.imwrite(tmp_path / "white.tif", np.rint(read_average(session / "white")).astype(np.uint16))
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
-    (block,) = code_of("formats.md")
+    (block,) = code_of("files.md", "Open frames")
     exec(block, names)
     report = names["report"]
     with report.matrix as H:  # type: ignore[attr-defined]
@@ -38,7 +38,8 @@ def test_h_files_as_documented(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     values = np.random.default_rng(0).random((1, 19, 33, 5, 5)).astype(np.float32)
     save_regions({"centre": PSFMatrix(values), "corner": PSFMatrix(values)}, tmp_path / "H.h5")
     monkeypatch.chdir(tmp_path)
-    by_h5py, block = code_of("formats_h.md")
+    (by_h5py,) = code_of("matlab.md", "Read an H file in Python without lfcal")
+    (block,) = code_of("files.md", "H in Python")
     read: dict[str, object] = {}
     exec(by_h5py, read)
     np.testing.assert_array_equal(read["H"], values[0, 9, 16])

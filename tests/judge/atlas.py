@@ -1,7 +1,7 @@
 """The fault atlas of the documentation: ``python -m tests.judge.atlas`` puts every fault in and writes what is found.
 
-Each fault is put into the clean recording of the bench camera that its tests use, is looked for as ``lfcal inspect``
-does, and stands in ``docs/faults.md`` with a picture, the numbers that were found, how it is told, and its remedy.
+Each fault is put into the clean recording of the bench camera that its tests use, and searched as by ``lfcal inspect``.
+``docs/faults.md`` shows it with a picture, the numbers that were found, how it is recognised, and its remedy.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ def found_of(name: str) -> tuple[FoundFault, Evidence]:
 def parts(fault: Fault) -> tuple[str, ...]:
     """Return the lines of a fault's chapter that follow from the fault alone."""
     titles = [METRICS.get(key).title for key in fault.settles]
-    metrics = f"**Metrics that it covers:** {', '.join(titles)}." if titles else ""
+    metrics = f"**Metrics that it explains:** {', '.join(titles)}." if titles else ""
     injected = INJECTIONS[fault.name]
     return (
         f"## {fault.title[:1].upper()}{fault.title[1:]}",
         f"`{fault.name}`. {' '.join((type(fault).__doc__ or '').split())}",
-        f"**Put in here:** {injected.what}.",
-        f"**How it is told:** {injected.how}.",
+        f"**Fault in this example:** {injected.what}.",
+        f"**How it is recognised:** {injected.how}.",
         f"**What to do:** {fault.advice}",
         *((metrics,) if metrics else ()),
     )
@@ -76,11 +76,11 @@ def chapter(fault: Fault, found: FoundFault) -> str:
 
 HEAD = """# Fault atlas
 
-What `lfcal inspect` names beside the camera's model, one after the other in the order in which it looks for them:
-each is put into a recording of the preset `bench` by lfcal's own simulator (two planes, 3,000 counts at the peak,
-photon and read noise, 0.5 % of lamp noise), and looked for in 60 patterns. Pictures: a pattern without the fault,
-the same with it, both to the root of the light, and what shows the fault. This page is made by `python -m
-tests.judge.atlas`; what the numbers mean stands in [Is this PSF any good?](quality.md)
+These are the faults that `lfcal inspect` finds by comparison with the camera, in the order of its search. Each fault
+was put into a simulated recording of the preset `bench` (two planes, 3,000 counts at the peak, photon and read noise,
+0.5 % of lamp noise) and searched in 60 patterns. Pictures: a pattern without the fault, the same with it (both as the
+root of the light), and the measurement that shows the fault. `python -m tests.judge.atlas` makes this page.
+[Quality of H](quality.md) explains the numbers.
 """
 
 

@@ -37,7 +37,7 @@ class Injection:
     what
         What is done to the recording.
     how
-        What tells the fault.
+        What identifies the fault.
     made
         The recording with it.
     """
@@ -147,127 +147,127 @@ def _type() -> Values:
 INJECTIONS: dict[str, Injection] = {
     "saturated": Injection(
         "the sensor is full at half of the brightest light",
-        "light of the brightest samples missing beside the camera, at one common value",
+        "the brightest samples lack light compared with the camera, from a common value on",
         lambda: np.minimum(clean(), np.float32(0.5 * PEAK)),
     ),
     "cut_off": Injection(
-        "values below zero, half of the noise of dark samples, are set to it",
-        "how many dark samples are exactly zero, and what the mean of all of them is",
+        "values below zero, which are half of the noise of dark samples, are set to zero",
+        "number of dark samples that are exactly zero, and the mean of all dark samples",
         lambda: np.maximum(clean(), np.float32(0)),
     ),
     "background": Injection(
         "2 % of the peak is added to every sample",
-        "what samples have where the camera has no light",
+        "values of samples where the camera predicts no light",
         lambda: added(clean(), sensor(0.02 * PEAK)),
     ),
     "order": Injection(
         "the columns of both planes are stored in reverse",
-        "patterns that fit the camera at other positions, by one rule for all",
+        "all patterns fit the camera at other positions, by one rule",
         lambda: mirrored(1)(recording(), 2),
     ),
     "pupil": Injection(
-        "a blade of the iris hides what lies beyond 0.7 of its radius on one side",
-        "light missing at the same side of every pattern's shadow",
+        "a blade of the iris covers everything beyond 0.7 of its radius on one side",
+        "light is missing at the same side of every pattern",
         lambda: shadow(straight=True)(recording(), 0.3),
     ),
     "type_focus": Injection(
         "the focal length of one lens type is 15 % too long",
-        "what is left over behind the lenslets of one type, as a change of their focus",
+        "residuals behind the lenslets of one type, as from a change of focus",
         lambda: blurred_type(recording(), 0.15),
     ),
     "compression": Injection(
         "every frame is stored as a JPEG of 8 bits and quality 75",
-        "neighbours across blocks of 8 x 8 pixels differ more than those within",
+        "neighbouring pixels in different blocks of 8 x 8 pixels differ more than those within a block",
         lambda: compressed(clean(), 75),
     ),
     "dead_line": Injection(
         "column 30 of the scanned part sees no light",
-        "light missing along a row or column, beside its neighbours",
+        "a row or column has less light than its neighbours",
         lambda: noisy(scaled(light(), _line(0.0, 30))),
     ),
     "hot_line": Injection(
         "column 25 of the scanned part adds 60 counts",
-        "counts added along a row or column, beside its neighbours",
+        "a row or column has more counts than its neighbours",
         lambda: added(clean(), _line(60.0, 25)),
     ),
     "line_offsets": Injection(
-        "every row has an offset of its own, 6 counts rms",
-        "the rows' or columns' mean left over scatters more than noise",
+        "every row has a different offset, 6 counts rms",
+        "mean residuals of rows or columns scatter more than noise",
         _offsets,
     ),
     "not_linear": Injection(
         "values are the power 1.1 of the light",
-        "the exponent that values follow, or the share that the brightest lack, with its standard deviation",
+        "a fitted exponent, or the light that the brightest samples lack, with its standard deviation",
         _bent,
     ),
     "mosaic": Injection(
-        "pixels of two by two see 60, 100, 100 and 50 % of the light",
-        "the light of the pixels of two by two",
+        "the four pixels of each 2 x 2 block see 60, 100, 100 and 50 % of the light",
+        "the light of the four pixels of each 2 x 2 block",
         _mosaic,
     ),
     "bad_pixels": Injection(
         "one pixel adds 30 % of the peak",
-        "light missing or counts added at single pixels in every pattern that they are in",
+        "single pixels lack light or add counts in every pattern",
         _pixel,
     ),
     "strangers": Injection(
         "two neighbouring columns of the scan are swapped",
-        "sources far from their places, or patterns unlike them; where it is next to it, the true position",
+        "sources far from their places, or patterns unlike the expected ones; a neighbouring true position is found",
         _swapped,
     ),
     "frame_shift": Injection(
         "the frames of the second plane lie one pixel to the side",
-        "a step of the cutouts' displacement, from which frame on",
+        "a step in the displacement of the cutouts, and the frame at which it begins",
         _region,
     ),
     "stage_axes": Injection(
         "the stage's steps are 2 % too long, and its axes are turned by 1 degree",
-        "displacements of sources that grow with row and column",
+        "displacements of sources grow with row and column",
         _stage,
     ),
     "backlash": Injection(
-        "rows are scanned to and fro with 0.3 pixels of play",
-        "sources of rows of one direction are displaced against those of the other",
+        "rows are scanned in alternating directions with a backlash of 0.3 pixels",
+        "sources in rows of one direction are displaced relative to the other",
         _play,
     ),
     "jitter": Injection(
-        "the source is 0.1 pixels rms beside its places",
-        "displacements of sources that scatter beyond their errors",
+        "the source is displaced at random by 0.1 pixels rms",
+        "displacements of sources scatter more than their errors",
         _jitter,
     ),
     "auto_exposure": Injection(
-        "each frame is exposed by its own peak: its light goes by that to the power of -0.6",
-        "the light of patterns beside their peaks, by which power it goes",
+        "each frame is exposed by its peak: its light is proportional to the peak to the power of -0.6",
+        "the light of patterns follows a power of their peaks",
         lambda: noisy((light() * equalised(recording(), 0.6)).astype(np.float32)),
     ),
     "exposure": Injection(
         "one frame has three times the light",
-        "the light of a pattern that lies beyond that of all others",
+        "the light of a pattern differs from that of all others",
         _exposure,
     ),
     "lamp": Injection(
         "the lamp fades by 8 % over the scan of each plane",
-        "the light of patterns as a course over the scan",
+        "the light of patterns changes over the scan",
         _course,
     ),
     "flicker": Injection(
         "the light differs by 5 % rms from frame to frame",
-        "the light of patterns scatters about its course beyond its errors",
+        "the light of patterns scatters more than its errors",
         _flicker,
     ),
     "depth_label": Injection(
-        "two planes have each other's depths",
-        "the depth at which the patterns of a plane fit",
+        "the depths of two planes are exchanged",
+        "the patterns of a plane fit at another depth",
         lambda: clean()[::-1].copy(),
     ),
     "focus_drift": Injection(
         "the first plane's depth changes by 3 % of its virtual depth while it is scanned",
-        "the depth at which patterns fit, over the scan of a plane",
+        "the fitted depth of patterns changes over the scan of a plane",
         _focus,
     ),
     "ghost": Injection(
         "2 % of the light make a second pattern, mirrored up and down, 7 pixels below and 5 to the left",
-        "what is left looks like the pattern displaced, turned or mirrored: share and place",
+        "the residual looks like the pattern, displaced, turned or mirrored",
         _ghost,
     ),
     "type_light": Injection(

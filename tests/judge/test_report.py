@@ -15,7 +15,7 @@ from lfcal.acquire.redo import RedoList
 from lfcal.base.errors import InputError, StorageError
 from lfcal.camera import preset
 from lfcal.judge import Inspection
-from lfcal.judge.quality import METRICS, MetricSpec, QualityReport, inspect
+from lfcal.judge.quality import QualityReport, inspect
 from lfcal.judge.quality.verdict import counted_words
 from lfcal.judge.report import iter_report, report, report_files
 from lfcal.psf import PSFMatrix
@@ -167,17 +167,3 @@ def test_bad_input_writes_nothing(H: PSFMatrix, quality: QualityReport, tmp_path
     with pytest.raises(InputError, match="inspection: expected"):
         report(np.ones((1, 4, 6, 31, 33)), tmp_path / "out", inspection=Inspection(quality))
     assert not (tmp_path / "out").exists()
-
-
-def catalogue_line(spec: MetricSpec) -> str:
-    """Return the line of the table in docs/quality.md for a metric."""
-    better, worse = ("≥", "<") if spec.limits.higher_is_better else ("≤", ">")
-    unit = f" ({spec.unit})" if spec.unit else ""
-    limits = f"{better} {spec.limits.good:g} | {worse} {spec.limits.bad:g}"
-    return f"| {spec.title}{unit} | {limits} | {spec.cost.at_bad:g} | {spec.meaning} {spec.advice} |"
-
-
-def test_docs_state_every_metric_in_the_catalogues_order() -> None:
-    text = (Path(__file__).parents[2] / "docs" / "quality.md").read_text(encoding="utf-8")
-    table = text[text.index("| metric (unit)") : text.index("## The aperture")].strip().splitlines()[2:]
-    assert table == [catalogue_line(spec) for spec in METRICS]

@@ -24,7 +24,7 @@ from tests.psf.test_lens_centre import conv2_same, forward_project, matlab, squa
 
 Array = NDArray[Any]
 N = 3
-SNIPPET = (Path(__file__).parents[2] / "docs" / "formats_h.md").read_text(encoding="utf-8")
+SNIPPET = (Path(__file__).parents[2] / "docs" / "matlab.md").read_text(encoding="utf-8")
 
 
 def matrix() -> PSFMatrix:
@@ -111,7 +111,7 @@ def test_pyolaf_projects_with_the_patterns_that_the_manual_makes(
     monkeypatch.chdir(tmp_path)
     snippet = next(part.partition("```")[0] for part in SNIPPET.split("```python\n") if "H_pyolaf.npz" in part)
     made: dict[str, Any] = {}
-    exec(compile(snippet, "formats_h.md", "exec"), made)
+    exec(compile(snippet, "matlab.md", "exec"), made)
     dense = np.empty(made["H"].shape, object)
     for at in np.ndindex(dense.shape):
         dense[at] = made["H"][at].todense()

@@ -19,7 +19,7 @@ from lfcal.psf._specification import SCHEMA, deviations_of, schema
 from lfcal.psf.facts import pack_valid
 
 SHAPE = (2, 3, 4, 5, 7)
-PAGE = Path(__file__).parents[2] / "docs" / "formats_h.md"
+PAGE = Path(__file__).parents[2] / "docs" / "files.md"
 MATRIX = schema()["$defs"]["matrix"]["properties"]
 
 

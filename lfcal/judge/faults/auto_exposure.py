@@ -25,7 +25,7 @@ FOLLOWS = 0.1
 
 
 class AutoExposure(Fault):
-    """Light that is less the brighter a pattern's peak: the camera set its exposure, or its gain, by itself."""
+    """Patterns with brighter peaks have less light: the camera changed its exposure or gain automatically."""
 
     name = "auto_exposure"
     title = "exposure that follows the pattern"

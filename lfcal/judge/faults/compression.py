@@ -57,14 +57,14 @@ BESIDE = tuple((y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if y or x)
 
 
 class Compression(Fault):
-    """Blocks of a lossy compression."""
+    """Traces of the blocks of a lossy compression."""
 
     name = "compression"
     needs_camera = False
     rank = 7
     title = "lossy compression"
     subject = "file"
-    advice = "Record without compression: what it took away cannot be brought back."
+    advice = "Record without lossy compression. The lost details cannot be recovered."
     settles: ClassVar[tuple[str, ...]] = (
         "jitter",
         "flicker",

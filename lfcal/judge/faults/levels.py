@@ -60,7 +60,7 @@ DIM = 4.0
 
 
 class Saturated(Fault):
-    """Values that end below what the light should make of them."""
+    """Values that end below the expected light."""
 
     name = "saturated"
     title = "saturated values"
@@ -120,7 +120,7 @@ def _spread(evidence: Evidence, at: NDArray[np.bool_]) -> bool:
 
 
 class CutOff(Fault):
-    """Values that end at zero: of dark samples the lower half of the noise is gone, and its mean looks like light."""
+    """Dark samples without negative values: half of the noise is missing, and its mean looks like light."""
 
     name = "cut_off"
     title = "noise cut off at zero"
@@ -176,7 +176,7 @@ def _cut_off(level: float) -> PutIn:
 
 
 class BackgroundFault(Fault):
-    """The same counts under all patterns."""
+    """A constant number of counts under all patterns."""
 
     name = "background"
     title = "background under all patterns"

@@ -107,7 +107,7 @@ class Lamp(Fault):
     title = "lamp that changes during the scan"
     subject = "light"
     rank = 41
-    advice = "Let the lamp warm up, or record control frames that it is corrected by; scale H by the lamp's course."
+    advice = "Let the lamp warm up, or record reference frames for its correction."
     settles: ClassVar[tuple[str, ...]] = ("lamp", "plane_energy")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
@@ -207,7 +207,7 @@ class FocusDrift(Fault):
     title = "focus that drifts during the scan"
     subject = "light"
     rank = 52
-    advice = "Let camera and stage come to temperature, and check that the focus is held; record the plane again."
+    advice = "Let camera and stage warm up, check that the focus is stable, and record the plane again."
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield the planes whose depth changes over the scan."""

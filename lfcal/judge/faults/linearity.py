@@ -123,7 +123,7 @@ class NotLinear(Fault):
     rank = 9
     title = "values not proportional to the light"
     subject = "sensor"
-    advice = "Switch the camera's gamma and contrast off, or linearise the frames, and import them anew."
+    advice = "Switch off gamma and contrast of the camera, or linearise the frames and assemble H again."
     settles: ClassVar[tuple[str, ...]] = ("background", "leak")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:

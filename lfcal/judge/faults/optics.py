@@ -61,7 +61,7 @@ class DepthLabel(Fault):
     title = "planes at other depths than stated"
     subject = "optics"
     rank = 50
-    advice = "Correct the depths of these planes, or the distance of the stage's zero; nothing need be recorded anew."
+    advice = "Correct the depths of these planes, or the distance of the stage's zero. No new recording is needed."
     settles: ClassVar[tuple[str, ...]] = ("depth",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
@@ -102,7 +102,7 @@ def _deeper(shares: F8) -> PutIn:
 
 
 class GhostFault(Fault):
-    """A second, faint image of the pattern beside it: as it is, mirrored or turned."""
+    """A second, faint image of the pattern: displaced, mirrored or turned."""
 
     name = "ghost"
     title = "ghost image"
@@ -110,7 +110,7 @@ class GhostFault(Fault):
     strong_rank = 8
     rank = 54
     advice = (
-        "Look for a reflection between filter, cover glass and sensor; a lens hood or a tilted filter takes it away."
+        "Look for a reflection between filter, cover glass and sensor; a lens hood or a tilted filter removes it."
     )
     settles: ClassVar[tuple[str, ...]] = ("leak", "background", "truncation")
 

@@ -87,7 +87,7 @@ def _orders(period: tuple[int, int]) -> dict[str, Order]:
 
 
 class WrongOrder(Fault):
-    """Planes whose positions run another way than they are numbered, or whose frames come late."""
+    """Planes with a reversed axis of positions, or with frames that are late or early."""
 
     name = "order"
     title = "patterns in another order"
@@ -95,7 +95,7 @@ class WrongOrder(Fault):
     rank = 3
     needs_camera = False
     advice = (
-        "Turn the axes of the scan round, or let the first frames out, and assemble H again; nothing is recorded anew."
+        "Correct the axes of the scan or leave out the first frames, then assemble H again. No new recording is needed."
     )
     settles: ClassVar[tuple[str, ...]] = (
         "scan_order",

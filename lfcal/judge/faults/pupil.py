@@ -60,7 +60,7 @@ BLUR = 0.005
 
 
 class Pupil(Fault):
-    """Light that is missing in the same part of all patterns of a plane: there the pupil is dark."""
+    """Light is missing in the same part of all patterns of a plane, because the pupil is dark there."""
 
     name = "pupil"
     title = "pupil darker in a part"
@@ -68,8 +68,8 @@ class Pupil(Fault):
     strong_rank = 8
     rank = 45
     advice = (
-        "Look at the depth-plane sums: free the iris's blades, take away what is in the way, or centre the lens; "
-        "record again, or state the vignetting in the camera."
+        "Look at the depth-plane sums. Free the blades of the iris, remove what is in the way, or centre the lens. "
+        "Record again, or state the vignetting in the camera."
     )
     settles: ClassVar[tuple[str, ...]] = ("centring", "leak", "stage_gain", "pitch")
     explains: ClassVar[tuple[str, ...]] = ("ghost",)
@@ -171,7 +171,8 @@ class TypeFocus(Fault):
     strong_rank = 8
     rank = 57
     advice = (
-        "Fit the focal lengths (lfcal fit, group focal), and describe the camera by them; nothing is recorded anew."
+        "Fit the focal lengths (lfcal fit --unknowns focal_lengths) and use the fitted camera. "
+        "No new recording is needed."
     )
     settles: ClassVar[tuple[str, ...]] = ("depth",)
 

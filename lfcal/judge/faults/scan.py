@@ -73,7 +73,7 @@ class StageAxesFault(Fault):
     title = "steps or axes of the stage"
     subject = "stage"
     rank = 30
-    advice = "Calibrate the stage's step and angle against the camera (lfcal acquire calibrate), and record again."
+    advice = "Measure scale and angle of the stage (Adjust the rig in the window), correct the plan and record again."
     settles: ClassVar[tuple[str, ...]] = ("stage_gain", "drift")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
@@ -98,7 +98,7 @@ class StageAxesFault(Fault):
         values, _ = evidence.column("source_x" if any(a == "x" for a, _ in seen) else "source_y")
         yield FoundFault(
             self,
-            f"{_words(seen)}: sources up to {worst:.2f} px beside their places",
+            f"{_words(seen)}: sources up to {worst:.2f} px from their places",
             float(sigmas),
             share_of(evidence, worst / 2, ("source_y", "source_x")),
             picture=place_map(evidence, values, "px", "displacement of the source"),
@@ -138,7 +138,7 @@ def _words(seen: dict[tuple[str, str], float]) -> str:
 
 
 class BacklashFault(Fault):
-    """Play of the stage: sources of rows that are scanned backwards are displaced."""
+    """Backlash: sources are displaced in rows that are scanned backwards."""
 
     name = "backlash"
     title = "play of the stage"
@@ -174,7 +174,7 @@ def _played(axis: int, value: float) -> PutIn:
 
 
 class Jitter(Fault):
-    """Sources beside their places without an order."""
+    """Random displacement of the sources."""
 
     name = "jitter"
     title = "jitter of the stage"
@@ -218,14 +218,14 @@ def _jittered(rms: Sequence[float]) -> PutIn:
 
 
 class FrameShift(Fault):
-    """The cutouts, and not the sources, are displaced: the region of the sensor moved, or the anchor is wrong."""
+    """The cutouts are displaced, not the sources: the region of the sensor moved, or the anchor is wrong."""
 
     name = "frame_shift"
     title = "frames displaced against the plan"
     subject = "stage"
     rank = 28
     advice = (
-        "Check the region of the sensor that was read out before and after; assemble with its first pixel (--origin)."
+        "Check which region of the sensor was read. Assemble with its first pixel (--origin)."
     )
     settles: ClassVar[tuple[str, ...]] = ("seam", "centring", "stage_gain", "pitch", "truncation")
 
@@ -277,7 +277,7 @@ def _shifted(axis: int, size: float, first: NDArray[np.intp]) -> PutIn:
 
 
 class Strangers(Fault):
-    """Single patterns that are not those of their positions."""
+    """Single patterns that belong to other positions."""
 
     name = "strangers"
     title = "patterns of other positions"

@@ -121,13 +121,13 @@ def _curve(values: F8, unit: str, title: str, axis: int) -> FaultPicture:
 
 
 class DeadLine(Fault):
-    """Lines whose pixels see less light than their neighbours, or none."""
+    """Lines whose pixels see less light than their neighbours."""
 
     name = "dead_line"
     title = "dead or dim line of the sensor"
     subject = "sensor"
     rank = 10
-    advice = "Add the line to the sensor's defect map, and assemble H again; nothing need be recorded anew."
+    advice = "Add the line to the defect map of the sensor and assemble H again. No new recording is needed."
     settles: ClassVar[tuple[str, ...]] = (
         "stage_gain",
         "jitter",
@@ -178,7 +178,7 @@ class HotLine(Fault):
     title = "hot line of the sensor"
     subject = "sensor"
     rank = 11
-    advice = "Subtract a dark frame of the same exposure, or add the line to the defect map, and assemble H again."
+    advice = "Subtract a dark frame of the same exposure, or add the line to the defect map. Then assemble H again."
     settles: ClassVar[tuple[str, ...]] = (
         "stage_gain",
         "jitter",
@@ -217,10 +217,10 @@ class HotLine(Fault):
 
 
 class LineOffsets(Fault):
-    """Every row or column has an offset of its own."""
+    """Every row or column has a different offset."""
 
     name = "line_offsets"
-    title = "rows or columns of the sensor with offsets of their own"
+    title = "different offsets of sensor rows or columns"
     subject = "sensor"
     rank = 12
     advice = "Subtract a dark frame of the same exposure and temperature, and assemble H again."

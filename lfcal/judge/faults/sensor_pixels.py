@@ -52,7 +52,7 @@ class BadPixels(Fault):
     rank = 20
     title = "bad pixels of the sensor"
     subject = "sensor"
-    advice = "Add them to the sensor's defect map, and assemble H again; nothing need be recorded anew."
+    advice = "Add them to the defect map of the sensor and assemble H again. No new recording is needed."
     settles: ClassVar[tuple[str, ...]] = ("hot_pixels", "misplaced", "seam", "step", "leak")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
@@ -169,13 +169,13 @@ def _bridged(bad: NDArray[np.bool_]) -> Repair:
 
 
 class MosaicFault(Fault):
-    """The filters of a colour sensor, left in."""
+    """The filters of a colour sensor are visible in the patterns."""
 
     name = "mosaic"
     rank = 14
     title = "colour mosaic left in"
     subject = "sensor"
-    advice = "Take one channel, or develop the frames: import them anew with the sensor's pattern."
+    advice = "Assemble one channel, or demosaic the frames with the pattern of the sensor."
     settles: ClassVar[tuple[str, ...]] = ("lamp", "flicker", "jitter", "stage_gain", "drift", "misplaced")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
