@@ -109,9 +109,7 @@ class GhostFault(Fault):
     subject = "optics"
     strong_rank = 8
     rank = 54
-    advice = (
-        "Look for a reflection between filter, cover glass and sensor; a lens hood or a tilted filter removes it."
-    )
+    advice = "Look for a reflection between filter, cover glass and sensor; a lens hood or a tilted filter removes it."
     settles: ClassVar[tuple[str, ...]] = ("leak", "background", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:

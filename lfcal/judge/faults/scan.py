@@ -224,9 +224,7 @@ class FrameShift(Fault):
     title = "frames displaced against the plan"
     subject = "stage"
     rank = 28
-    advice = (
-        "Check which region of the sensor was read. Assemble with its first pixel (--origin)."
-    )
+    advice = "Check which region of the sensor was read. Assemble with its first pixel (--origin)."
     settles: ClassVar[tuple[str, ...]] = ("seam", "centring", "stage_gain", "pitch", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
