@@ -197,8 +197,12 @@ class Manifest:
         return cls(entries, plan_shape=plan_shape)
 
     @classmethod
-    def from_order(cls, pages: Iterable[tuple[str, int]], plan_shape: tuple[int, int, int], order: str) -> Manifest:
+    def from_order(
+        cls, pages: Iterable[tuple[str, int]], plan_shape: tuple[int, int, int], order: str, *, early: bool = False
+    ) -> Manifest:
         """Return the manifest of ``pages`` (file, page) recorded in scan order.
+
+        With ``early`` they may be fewer than the positions: the first ones, of a scan that stopped early.
 
         Raises
         ------
@@ -206,6 +210,8 @@ class Manifest:
             If their number is not that of the positions: the order then says nothing about which are missing.
         """
         pages, positions = list(pages), scan_positions(plan_shape, order)
+        if early and 0 < len(pages) < len(positions):
+            positions = positions[: len(pages)]
         if len(pages) != len(positions):
             nz, ny, nx = plan_shape
             raise InputError.expected(

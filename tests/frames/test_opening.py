@@ -125,8 +125,20 @@ def test_file_by_scan_order(tmp_path: Path, name: str) -> None:
     with open_frames(tmp_path / name, order="serpentine", plan_shape=PLAN) as source:
         assert_session(source)
         assert source.info(3).label == f"{name} page 3"
-    with pytest.raises(InputError, match="expected 40 for a scan of 2 x 4 x 5, got 24"):
-        open_frames(tmp_path / name, order="serpentine", plan_shape=(2, 4, 5))
+    with pytest.raises(InputError, match="expected 20 for a scan of 2 x 2 x 5, got 24"):
+        open_frames(tmp_path / name, order="serpentine", plan_shape=(2, 2, 5))
+
+
+def test_a_stack_that_stopped_early_is_used(tmp_path: Path) -> None:
+    """Its frames are the first of the scan, and the numbers are said (waveorder#7, tifffile#186)."""
+    np.save(tmp_path / "a.npy", _stack(tmp_path)[:-5])
+    with open_frames(tmp_path / "a.npy", order="serpentine", plan_shape=PLAN) as source:
+        assert len(source) == 19
+        assert source.metadata.notes == (
+            "frames: 19 for 24 positions; they are taken as the first 19 of a scan that stopped",
+        )
+        for k in range(19):
+            np.testing.assert_array_equal(source.read(k), FRAMES[tuple(source.info(k).position)])
 
 
 def test_five_axes_and_tables_need_no_order(tmp_path: Path) -> None:

@@ -249,7 +249,13 @@ def _from_file(
     if exposures is not None and all(entry.exposure_s is None for entry in listed.entries):
         entries = tuple(replace(entry, exposure_s=float(exposures[entry.page])) for entry in listed.entries)
         listed = replace(listed, entries=entries)
-    return listed, tuple(image.metadata.get("order_notes", ())), facts
+    notes = list(image.metadata.get("order_notes", ()))
+    if options.order and shape is not None and len(listed.entries) < (count := int(np.prod(shape))):
+        there = len(listed.entries)
+        notes.append(
+            f"frames: {there} for {count} positions; they are taken as the first {there} of a scan that stopped"
+        )
+    return listed, tuple(notes), facts
 
 
 def _of_pages(
@@ -273,7 +279,7 @@ def _of_pages(
             remedy = "move that axis to the front, for example with numpy.moveaxis(frames, -1, 0)"
             got = f"{len(pages)}, and {count} along the last"
             raise FileFormatError.expected(str(path), f"{count} frames along the first axis", got, remedy)
-        return Manifest.from_order(pages, shape, options.order)
+        return Manifest.from_order(pages, shape, options.order, early=True)
     if image.metadata.get("plan_shape") is not None:
         return Manifest.from_order(pages, image.metadata["plan_shape"], "raster")
     if image.metadata.get("positions") is None:
