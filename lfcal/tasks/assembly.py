@@ -505,6 +505,7 @@ def assemble(
     channel: str = "",
     half_cell: bool = False,
     fill: str | Path | None = None,
+    leave_out: str | Path | None = None,
     dark: str | Path = "",
     black_level: float | None = None,
     white: str | Path = "",
