@@ -46,6 +46,8 @@ class Field:
         Value that a reset restores, as the form shows it; `UNKNOWN`: there is none.
     group
         Heading of the field where it is folded.
+    file
+        Kinds of files of a path, as a file dialog has them; empty: it is none.
     late
         Whether a text is reported when typing ends, not letter by letter.
     """
@@ -63,6 +65,7 @@ class Field:
     read: Callable[[str], Any] | None = None
     default: Any = UNKNOWN
     group: str = ""
+    file: str = ""
     late: bool = False
 
 

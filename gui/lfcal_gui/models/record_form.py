@@ -60,6 +60,7 @@ def _field(row: FieldRow) -> Field:
         read=(lambda text: _value(row, text)) if opt.read or row.many else None,
         default=UNKNOWN if row.default is MISSING else _shown(row, row.default),
         group=row.panel,
+        file="All files (*)" if opt.file == "in" and not row.many else "",
     )
 
 

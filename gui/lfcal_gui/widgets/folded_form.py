@@ -8,7 +8,18 @@ from typing import Any
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QWheelEvent
-from PySide6.QtWidgets import QCheckBox, QComboBox, QFrame, QGridLayout, QLabel, QLineEdit, QToolButton, QWidget
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QComboBox,
+    QFileDialog,
+    QFrame,
+    QGridLayout,
+    QLabel,
+    QLineEdit,
+    QStyle,
+    QToolButton,
+    QWidget,
+)
 
 from lfcal.base import InputError
 from lfcal_gui.models import UNKNOWN, Field, means, parse, same, text_of
@@ -232,6 +243,12 @@ class FoldedForm(QFrame):
         edit.setPlaceholderText(field.empty)
         if field.kind in ("float", "int"):
             edit.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        if field.file:
+            icon = self.style().standardIcon(QStyle.StandardPixmap.SP_DirOpenIcon)
+            browse = edit.addAction(icon, QLineEdit.ActionPosition.TrailingPosition)
+            browse.setText(f"Choose {field.label.lower()}")
+            browse.setToolTip(f"Choose a file. {field.tip}")
+            browse.triggered.connect(lambda: self._browse(key, edit))
         edit.textEdited.connect(lambda _="": self._changed(key, ended=not field.late))
         edit.editingFinished.connect(lambda: self._ended(key))
         edit.selectionChanged.connect(lambda: self._select(key, edit))
@@ -461,6 +478,13 @@ class FoldedForm(QFrame):
             widget.setEnabled(enabled)
         for widget in (row.editor, row.label):
             widget.setToolTip(why or row.field.tip)
+
+    def _browse(self, key: str, editor: QLineEdit) -> None:
+        field = self.fields[key]
+        path = QFileDialog.getOpenFileName(self, field.label, editor.text(), field.file)[0]
+        if path:
+            editor.setText(path)
+            self._changed(key)
 
     # -- typing ----------------------------------------------------------------------------------------
     def _select(self, key: str, editor: QLineEdit) -> None:

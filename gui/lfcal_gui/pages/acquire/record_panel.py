@@ -13,7 +13,6 @@ from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
-    QFileDialog,
     QGridLayout,
     QHBoxLayout,
     QLabel,
@@ -210,20 +209,7 @@ class RecordPanel(QWidget):
         column.addWidget(self.extent)
         column.addWidget(self.until)
         column.addWidget(self.form)
-        positions = self.form.editor("positions")
-        assert isinstance(positions, QLineEdit)
-        browse = positions.addAction(
-            self.style().standardIcon(QStyle.StandardPixmap.SP_DirOpenIcon), QLineEdit.ActionPosition.TrailingPosition
-        )
-        browse.setToolTip("Choose the file of the list")
-        browse.triggered.connect(lambda: self._choose_list(positions))
         return widget
-
-    def _choose_list(self, editor: QLineEdit) -> None:
-        path = QFileDialog.getOpenFileName(self, "List of positions", "", "Lists (*.json)")[0]
-        if path:
-            editor.setText(path)
-            editor.textEdited.emit(path)
 
     def _tools(self) -> QWidget:
         """Make what stands next to the buttons that choose the view."""

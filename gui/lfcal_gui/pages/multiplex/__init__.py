@@ -1,9 +1,9 @@
 """Multiplexing: filters, masks and lenslets in one language, their noise, and what reconstructs from them.
 
-- ``page``, ``panel``; ``_pictures``: the reconstructions side by side; ``matrix_view``: a matrix as a picture
+- ``page``, ``panel``; ``_pictures``: the reconstructions side by side
 - ``model``: settings, modulators; ``model_compare``: numbers and gains
 - ``model_scene``: scenes, their reconstruction; ``model_routes``: transmissions of every pixel, the camera's lattice
-- ``_drawing``, ``figures_view``: the figures of the paper; ``search_view``, ``model_search``: designs that can be made
+- ``figures_view``: the figures of the paper; ``search_view``, ``model_search``: designs that can be made
 """
 
 from __future__ import annotations

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import QComboBox, QGridLayout, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QGridLayout, QLabel, QVBoxLayout, QWidget
 
-from lfcal_gui.models import Field, Shot
-from lfcal_gui.pages.multiplex.model_fields import FIELDS, ROUTE_FIELDS
+from lfcal_gui.models import Shot
 from lfcal_gui.pages.multiplex.model_scene import Reconstructions, shown
-from lfcal_gui.widgets import FoldedForm, Picture, card, line, link, set_role, share_contrast
+from lfcal_gui.widgets import Picture, card, line, link, set_role, share_contrast
 
 __all__ = ["MultiplexPictures"]
 
@@ -27,13 +26,10 @@ class MultiplexPictures(QWidget):
         What the third picture shows: ``"difference"`` or ``"truth"``.
     sample_chosen(index)
         Which sample is shown; -1 all colours.
-    file_asked(key)
-        A file is to be chosen: ``"dead"``, ``"white"`` or ``"transmissions"``.
     """
 
     right_chosen = Signal(str)
     sample_chosen = Signal(int)
-    file_asked = Signal(str)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -58,36 +54,11 @@ class MultiplexPictures(QWidget):
         self.readout = QLabel("")
         self.readout.setProperty("role", "hint")
         outer.addLayout(line("Shown", self.sample, "Third picture", self.right, self.readout, stretch=4))
-        outer.addLayout(self._route())
         outer.addLayout(self._pictures(), 1)
         self.status = QLabel("")
         self.status.setTextFormat(Qt.TextFormat.PlainText)
         self.status.setWordWrap(True)
         outer.addWidget(self.status)
-
-    def _route(self) -> QHBoxLayout:
-        """Return how samples are found: two fields below each other, three side by side, and where files are chosen."""
-        specs = {spec.key: spec for spec in FIELDS}
-        row = QHBoxLayout()
-        row.setSpacing(12)
-        self.forms = tuple(FoldedForm(tuple(specs[key] for key in keys)) for keys in ROUTE_FIELDS)
-        for form in self.forms:
-            row.addWidget(form, 1, Qt.AlignmentFlag.AlignTop)
-        row.addLayout(self._file_buttons(specs))
-        return row
-
-    def _file_buttons(self, specs: dict[str, Field]) -> QGridLayout:
-        grid = QGridLayout()
-        grid.setSpacing(4)
-        self.buttons: dict[str, QPushButton] = {}
-        for k, (key, title) in enumerate((("dead", "Dead …"), ("white", "White …"), ("transmissions", "Mask …"))):
-            button = QPushButton(title)
-            button.setToolTip(f"Choose the file. {specs[key].tip}")
-            button.setAccessibleName(f"choose file of {specs[key].label.lower()}")
-            button.clicked.connect(lambda _=False, key=key: self.file_asked.emit(key))
-            grid.addWidget(button, k // 2, k % 2)
-            self.buttons[key] = button
-        return grid
 
     def _pictures(self) -> QGridLayout:
         grid = QGridLayout()

@@ -1,8 +1,9 @@
-"""The paper's figures side by side: pictures with shared scales, a line of numbers under each, or gain curves."""
+"""Figures of the paper: pictures with shared scales and numbers, gain curves, or a map of gains, drawn when seen."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
@@ -10,12 +11,14 @@ from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QStackedWidget, QVBoxLayout, QWidget
 
-from lfcal.multiplex import FIGURES, GainCurves, GainMap, PaperFigure, PaperPanel
+from lfcal.multiplex import FIGURES, GainCurves, GainMap, PaperFigure, PaperPanel, camera_chi2, gain_map, paper_figure
+from lfcal_gui.context import Context
 from lfcal_gui.models import Shot
+from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import LINES, LinePlot, Picture, card, choice_box, line, name_controls, set_role, shown_tone
 
-__all__ = ["MAP", "FiguresView"]
+__all__ = ["Drawing", "FiguresView"]
 
 MOST = 8
 MAP = 0
@@ -228,3 +231,48 @@ class FiguresView(QWidget):
         if self.shown is not None:
             for k, (title, curves) in enumerate(self.shown.curves):
                 self._show_curves(k, title, curves)
+
+
+MODULATORS = ("family", "cfa", "pattern", "mask", "size", "written")
+MODULATORS += ("reference_cfa", "reference_mask", "reference_written")
+"""Settings that change the modulator or its reference."""
+
+
+class Drawing:
+    """Draws the figure that is chosen, once."""
+
+    def __init__(self, context: Context, view: FiguresView) -> None:
+        self.context, self.view = context, view
+        self._asked: tuple[Any, ...] = ()
+
+    def forget(self) -> None:
+        """Draw anew: a file may hold something else."""
+        self._asked = ()
+
+    def draw(self) -> None:
+        """Draw the chosen figure, unless it is there or under way."""
+        settings, camera = MultiplexSettings.of(self.context.state), self.context.state.camera
+        own = settings.own_camera or settings.figure == 6
+        chi2 = camera_chi2(camera.sensor, gain=settings.gain) if own else None
+        asked: tuple[Any, ...] = (settings.figure, chi2, camera.name if own else "")
+        if settings.figure == MAP:
+            asked = (MAP, *(getattr(settings, key) for key in MODULATORS))
+        if asked == self._asked:
+            return
+        self._asked = asked
+        self.view.show_status("computing …")
+        if settings.figure == MAP:
+            chi2s = 10.0 ** np.arange(-4, 5)
+            self.context.jobs.compute(
+                "multiplex figure",
+                lambda: gain_map(settings.modulator(), settings.reference(), chi2s),
+                lambda found: self.view.show_map(found) if asked == self._asked else None,
+                self.view.show_refusal,
+            )
+            return
+        self.context.jobs.compute(
+            "multiplex figure",
+            lambda: paper_figure(settings.figure, camera=camera.name, chi2=chi2),
+            lambda found: self.view.show_figure(found) if asked == self._asked else None,
+            self.view.show_refusal,
+        )

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from lfcal.frames.formats import image_suffixes
 from lfcal.multiplex import CFA_PATTERNS, FILTERS, GRAMMAR, MASKS, SPATIAL_FILTERS
 from lfcal_gui.models import Field
 
-__all__ = ["FIELDS", "MAX_SIZE", "ROUTE_FIELDS", "SEARCH_FIELDS", "TYPED"]
+__all__ = ["BASIC", "FIELDS", "IMAGES", "MAX_SIZE", "SEARCH_FIELDS", "TYPED"]
 
 TYPED = "typed"
 """In place of the name of a pattern: the user's own letters."""
 
 MAX_SIZE = 31
+
+IMAGES = f"Images ({' '.join('*' + suffix for suffix in sorted(image_suffixes()))});;All files (*)"
+"""Kinds of files that hold images."""
 
 
 def _named(names: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
@@ -48,13 +52,20 @@ FIELDS = (
         kind="int",
     ),
     Field("written", "Written", kind="text", tip=f"Any modulator: {GRAMMAR}"),
-    Field("reference_written", "Over", kind="text", tip="The reference, written likewise; gains are over it"),
+    Field(
+        "reference_written",
+        "Over",
+        kind="text",
+        tip="The reference, written likewise; gains are over it",
+        group="Reference",
+    ),
     Field(
         "reference_cfa",
         "Over filters",
         kind="choice",
         choices=_named(tuple(CFA_PATTERNS)),
         tip="Filters of the reference: gains are over it",
+        group="Reference",
     ),
     Field(
         "reference_mask",
@@ -62,8 +73,9 @@ FIELDS = (
         kind="choice",
         choices=_named(MASKS),
         tip="Mask of the reference, of the same size: gains are over it",
+        group="Reference",
     ),
-    Field("gain", "Amplifier", "×", "Amplifier gain: full scale is reached at full well over gain"),
+    Field("gain", "Amplifier", "×", "Amplifier gain: full scale is reached at full well over gain", group="Noise"),
     Field(
         "scene",
         "Scene",
@@ -78,12 +90,14 @@ FIELDS = (
         kind="choice",
         choices=_named(SPATIAL_FILTERS),
         tip="Interpolation of the spatial route (theorem 1); the Fourier route is a sinc (theorem 2)",
+        group="Reconstruction",
     ),
     Field(
         "weighted",
         "Leave out clipped",
         kind="bool",
         tip="Spatial route of opened and live frames: saturated pixels have no say, the others by the camera's noise",
+        group="Reconstruction",
     ),
     Field(
         "route",
@@ -93,6 +107,7 @@ FIELDS = (
         tip="Super-pixels of whole pixels; general: any transmissions, by iterations of regularised least squares, "
         "slower; or a mask on a lattice of any pitch and angle: that of the white image below, else the project's "
         "camera's",
+        group="Reconstruction",
     ),
     Field(
         "dead",
@@ -101,6 +116,8 @@ FIELDS = (
         empty="none",
         tip="Image of the size of the frame, not zero where a pixel is dead: it has no say in the spatial and general "
         "route of opened and live frames",
+        group="Reconstruction",
+        file=IMAGES,
     ),
     Field(
         "white",
@@ -109,6 +126,8 @@ FIELDS = (
         empty="auto",
         tip="Image, or folder of images, of even light through the same lattice, which is measured in it; empty: that "
         "of Record > Folder where it is of this frame's size, else the lattice of the project's camera",
+        group="Reconstruction",
+        file=IMAGES,
     ),
     Field(
         "transmissions",
@@ -117,6 +136,8 @@ FIELDS = (
         empty="auto",
         tip=".npy (N, rows, columns): what each pixel of the frame takes of each sample, for masks that do not repeat; "
         "empty: those of the modulator",
+        group="Reconstruction",
+        file="Arrays (*.npy)",
     ),
     Field(
         "spacing",
@@ -125,12 +146,14 @@ FIELDS = (
         "Pixels from node to node of the general route, 0.5 or more; empty: as many nodes as pixels measure",
         optional=True,
         empty="auto",
+        group="Reconstruction",
     ),
     Field(
         "smoothness",
         "Smoothness",
         "",
         "Weight of differences between nodes: decides what pixels leave open; small beside the signal to noise",
+        group="Reconstruction",
     ),
     Field(
         "noise",
@@ -138,11 +161,12 @@ FIELDS = (
         kind="bool",
         tip="Add shot and read noise of the project's camera to a built-in "
         "scene; its brightest pixel fills the full well",
+        group="Noise",
     ),
 )
 
-ROUTE_FIELDS = (("route", "dead"), ("white", "transmissions"), ("spacing", "smoothness"))
-"""Keys of `FIELDS` that say how samples are found, as they lie beside each other."""
+BASIC = ("family", "cfa", "pattern", "mask", "size", "written", "scene")
+"""Keys of `FIELDS` that are in view where they matter; the others are folded."""
 
 SEARCH_FIELDS = (
     Field(

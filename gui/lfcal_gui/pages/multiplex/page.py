@@ -10,25 +10,25 @@ from PySide6.QtWidgets import QFileDialog
 
 from lfcal.base import LfcalError, drain
 from lfcal.camera import Camera
-from lfcal.frames.formats import image_suffixes
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState, WindowJob
 from lfcal_gui.models import PageSpec, ProjectState
 from lfcal_gui.pages.multiplex import model as view
 from lfcal_gui.pages.multiplex import takes
-from lfcal_gui.pages.multiplex._drawing import Drawing
-from lfcal_gui.pages.multiplex._searching import Searching
+from lfcal_gui.pages.multiplex.figures_view import Drawing
 from lfcal_gui.pages.multiplex.model import ModulatorPicture, MultiplexSettings
 from lfcal_gui.pages.multiplex.model_compare import ModulatorComparison, compare
+from lfcal_gui.pages.multiplex.model_fields import IMAGES
 from lfcal_gui.pages.multiplex.model_frames import opened
 from lfcal_gui.pages.multiplex.model_routes import white_of
 from lfcal_gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct
 from lfcal_gui.pages.multiplex.panel import MultiplexPanel
+from lfcal_gui.pages.multiplex.search_view import Searching
 
 __all__ = ["Page"]
 
-IMAGES = f"Images ({' '.join('*' + suffix for suffix in sorted(image_suffixes()))});;All files (*)"
+FILES = ("dead", "white", "transmissions")
 CHOSEN = ("family", "cfa", "pattern", "mask", "size", "written", "scene", "filter", "weighted", "noise", "image")
 CHOSEN += ("route", "dead", "white", "transmissions", "spacing", "smoothness")
 
@@ -60,7 +60,6 @@ class Page(BasePage):
         self.panel.compared.connect(self._compared)
         self.panel.pictures.right_chosen.connect(lambda name: self._edited("right", name))
         self.panel.pictures.sample_chosen.connect(lambda _: self._show_found())
-        self.panel.pictures.file_asked.connect(self.choose_file)
         self.panel.open_asked.connect(self.choose_image)
         self.panel.tabs.currentChanged.connect(lambda _: self._tab_changed())
         self.panel.figures.figure_chosen.connect(lambda number: self._edited("figure", number))
@@ -93,7 +92,7 @@ class Page(BasePage):
     def _show(self, state: ProjectState) -> None:
         settings = MultiplexSettings.of(state)
         for form in self.forms:
-            form.set_values({key: getattr(settings, key) for key in form.fields})
+            form.set_values(vars(settings))
         self._show_used(settings)
         self.panel.show_choices(view.choices_to_compare(settings.family), settings.compared)
         self.panel.pictures.show_right(settings.right)
@@ -145,7 +144,11 @@ class Page(BasePage):
 
     def _edited(self, key: str, value: Any) -> None:
         settings = self.settings.changed(key, value).into(self.context.state)
+        if key in FILES:
+            self._asked = ()  # chosen again, a file may hold something else
         self.context.project.merge(f"change of {key.replace('_', ' ')}", settings=settings)
+        if key in FILES:
+            self._reconstruct()
 
     def _compared(self, ticked: tuple[str, ...]) -> None:
         settings = self.settings
@@ -157,16 +160,6 @@ class Page(BasePage):
         path = QFileDialog.getOpenFileName(self, "Open image", "", IMAGES)[0]
         if path:
             self.open_image(path)
-
-    def choose_file(self, key: str) -> None:
-        """Ask for a map of dead pixels, a white image or transmissions."""
-        titles = {"dead": "Dead pixels", "white": "White image", "transmissions": "Transmissions"}
-        title, kinds = titles[key], "Arrays (*.npy)" if key == "transmissions" else IMAGES
-        path = QFileDialog.getOpenFileName(self, title, "", kinds)[0]
-        if path:
-            self._asked = ()  # chosen again, a file may hold something else
-            self._edited(key, path)
-            self._reconstruct()
 
     def _show_design(self) -> None:
         """Show what the search's design does; its file may be one that held another."""

@@ -11,11 +11,12 @@ import pyqtgraph as pg
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import (
     QAbstractItemView,
-    QCheckBox,
     QGridLayout,
     QHBoxLayout,
     QHeaderView,
     QLabel,
+    QListWidget,
+    QListWidgetItem,
     QPushButton,
     QSizePolicy,
     QTableWidget,
@@ -30,10 +31,21 @@ from lfcal_gui.pages.multiplex._pictures import MultiplexPictures
 from lfcal_gui.pages.multiplex.figures_view import FiguresView
 from lfcal_gui.pages.multiplex.model import ModulatorPicture, MultiplexSettings, used_by, why_unused
 from lfcal_gui.pages.multiplex.model_compare import ModulatorComparison, number
-from lfcal_gui.pages.multiplex.model_fields import FIELDS, ROUTE_FIELDS
+from lfcal_gui.pages.multiplex.model_fields import BASIC, FIELDS
 from lfcal_gui.pages.multiplex.search_view import SearchView
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets import LINES, FoldedForm, LinePlot, Picture, card, column_area, set_role, shown_tone
+from lfcal_gui.widgets import (
+    LINES,
+    ElidedLabel,
+    FoldedForm,
+    LinePlot,
+    Picture,
+    card,
+    column_area,
+    line,
+    set_role,
+    shown_tone,
+)
 
 __all__ = ["MultiplexPanel"]
 
@@ -50,7 +62,7 @@ TIPS = (
     "Σ Πᵀ says what every pixel takes of every sample, and is inverted to get the samples back",
 )
 """Of pattern, spectrum and both bases."""
-SCENE_FIELDS = ("scene", "filter", "weighted", "noise")
+NAME = Qt.ItemDataRole.UserRole
 
 
 GAIN = "Is the modulator worth its light? Pattern, spectrum, and gain in SNR over the reference"
@@ -75,13 +87,15 @@ class MultiplexPanel(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        specs = {spec.key: spec for spec in FIELDS}
-        elsewhere = (*SCENE_FIELDS, *(key for keys in ROUTE_FIELDS for key in keys))
-        self.form = FoldedForm(tuple(f for key, f in specs.items() if key not in elsewhere))
-        self.scene_form = FoldedForm(tuple(specs[key] for key in SCENE_FIELDS))
         self.pictures = MultiplexPictures()
         self.figures, self.search = FiguresView(), SearchView()
-        self.forms = (self.form, self.scene_form, self.search.form, *self.pictures.forms)
+        every = {field.key: field for field in FIELDS}
+        self.form = FoldedForm(
+            tuple(every[key] for key in BASIC),
+            tuple(field for key, field in every.items() if key not in BASIC),
+            tip="The reference, noise, and how samples are found",
+        )
+        self.forms = (self.form, self.search.form)
         for form in self.forms:
             form.set_defaults(vars(MultiplexSettings()))
         self.tabs = QTabWidget()
@@ -92,39 +106,32 @@ class MultiplexPanel(QWidget):
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(8)
-        row.addWidget(column_area(286, self._settings_card(), self._compare_card(), self._scene_card()))
+        row.addWidget(column_area(286, self._settings_card(), self._compare_card()))
         row.addWidget(self.tabs, 1)
 
     # -- building --------------------------------------------------------------------------------------
     def _settings_card(self) -> QWidget:
-        frame, column = card("Modulator")
-        column.addWidget(self.form)
-        return frame
-
-    def _compare_card(self) -> QWidget:
-        frame, column = card("Compared with")
-        self.compare_card = frame
-        self.boxes: dict[str, QCheckBox] = {}
-        self.box_grid = QGridLayout()
-        self.box_grid.setSpacing(4)
-        column.addLayout(self.box_grid)
-        return frame
-
-    def _scene_card(self) -> QWidget:
-        frame, column = card("Reconstruction")
-        column.addWidget(self.scene_form)
+        frame, column = card("Modulator and scene")
         self.open = QPushButton("Open image …")
         self.open.setToolTip(
             "RAW, TIFF, PNG, …: a grey image is a frame recorded behind this modulator, a colour "
             "image a scene; files can be dropped here as well"
         )
         self.open.clicked.connect(lambda: self.open_asked.emit())
-        self.file = QLabel("")
+        self.file = ElidedLabel()
         self.file.setProperty("role", "hint")
-        self.file.setWordWrap(True)
-        column.addWidget(self.open)
-        column.addWidget(self.file)
+        column.addLayout(line(self.open, self.file, stretch=1))
+        column.addWidget(self.form)
         return frame
+
+    def _compare_card(self) -> QWidget:
+        self.compare_card, column = card("Compare with")
+        self.others = QListWidget()
+        self.others.setAccessibleName("compare with")
+        self.others.setToolTip("Draw the gains of the ticked ones as well; those without this size are left out")
+        self.others.itemChanged.connect(lambda _: self.compared.emit(self.ticked()))
+        column.addWidget(self.others)
+        return self.compare_card
 
     def _make_views(self) -> tuple[Picture, ...]:
         self.pattern = Picture("transmission (1)", axes=("column (px)", "row (px)"))
@@ -210,37 +217,30 @@ class MultiplexPanel(QWidget):
         for form in self.forms:
             for key in form.fields:
                 why = why_unused(settings, key, colour=colour)
-                form.set_enabled(key, used_by(settings, key, colour=colour), why)
-        for key, button in self.pictures.buttons.items():
-            button.setEnabled(used_by(settings, key))
+                used = used_by(settings, key, colour=colour)
+                form.set_enabled(key, used, why)
+                if key in BASIC:
+                    form.set_shown(key, used)
 
     # -- compared --------------------------------------------------------------------------------------
     def ticked(self) -> tuple[str, ...]:
         """Return the names ticked in the list."""
-        return tuple(name for name, box in self.boxes.items() if box.isChecked())
+        items = [self.others.item(k) for k in range(self.others.count())]
+        return tuple(item.data(NAME) for item in items if item.checkState() == Qt.CheckState.Checked)
 
     def show_choices(self, names: Sequence[str], ticked: Sequence[str]) -> None:
         """Offer the modulators to compare with."""
         self.compare_card.setVisible(bool(names))
-        if tuple(self.boxes) != tuple(names):
-            for box in self.boxes.values():
-                box.hide()
-                self.box_grid.removeWidget(box)
-                box.deleteLater()
-            self.boxes = {name: self._box(name) for name in names}
-            for k, box in enumerate(self.boxes.values()):
-                self.box_grid.addWidget(box, k // 2, k % 2)
-        for name, box in self.boxes.items():
-            blocker = QSignalBlocker(box)
-            box.setChecked(name in ticked)
-            blocker.unblock()
-
-    def _box(self, name: str) -> QCheckBox:
-        box = QCheckBox(name.replace("_", " "))
-        tip = "gain beside that of the modulator; left out where there is none of this size"
-        box.setToolTip(f"Draw the {box.text()} {tip}")
-        box.toggled.connect(lambda _: self.compared.emit(self.ticked()))
-        return box
+        if tuple(name for name in names if name in ticked) == self.ticked() and len(names) == self.others.count():
+            return
+        blocker = QSignalBlocker(self.others)
+        self.others.clear()
+        for name in names:
+            item = QListWidgetItem(name.replace("_", " "), self.others)
+            item.setData(NAME, name)
+            item.setCheckState(Qt.CheckState.Checked if name in ticked else Qt.CheckState.Unchecked)
+        blocker.unblock()
+        self.others.setFixedHeight(len(names) * self.others.sizeHintForRow(0) + 2 * self.others.frameWidth() + 2)
 
     # -- modulator -------------------------------------------------------------------------------------
     def show_computing(self) -> None:

@@ -7,7 +7,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QApplication, QFileDialog
 from pytestqt.qtbot import QtBot
 
 from lfcal.lattice import lattice_of
@@ -18,6 +19,7 @@ from lfcal.multiplex.scenes import colour_edges
 from lfcal_gui.context import Context
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.pages.multiplex.page import Page
+from lfcal_gui.pages.multiplex.panel import NAME
 from lfcal_gui.theme import DARK, LIGHT, apply_theme
 from tests.gui.conftest import OpenPage
 from tests.gui.layout_colours import of_other_themes
@@ -34,6 +36,24 @@ def page(open_page: OpenPage, qtbot: QtBot) -> Page:
 
 def settle(page: Page, qtbot: QtBot) -> None:
     idle(page.context.jobs, qtbot)
+
+
+def offered(page: Page) -> tuple[str, ...]:
+    others = page.panel.others
+    return tuple(others.item(k).data(NAME) for k in range(others.count()))
+
+
+def tick(page: Page, name: str) -> None:
+    item = page.panel.others.item(offered(page).index(name))
+    on = item.checkState() == Qt.CheckState.Checked
+    item.setCheckState(Qt.CheckState.Unchecked if on else Qt.CheckState.Checked)
+
+
+def browse(page: Page, key: str) -> None:
+    editor = editor_of(page, key)
+    assert editor.isEnabled()
+    (action,) = editor.actions()
+    action.trigger()
 
 
 def editor_of(page: Page, key: str) -> Any:
@@ -78,7 +98,7 @@ def test_the_modulator_is_drawn_with_its_numbers(page: Page, context: Context, q
     context.project.update("all", settings=settings.into(context.state))
     settle(page, qtbot)
     size: Any = page.panel.form.editor("size")
-    assert size.text() == "4" and tuple(page.panel.boxes) == ("pinhole", "lenslet", "MURA", "sum_of_sinusoids")
+    assert size.text() == "4" and offered(page) == ("pinhole", "lenslet", "MURA", "sum_of_sinusoids")
     assert page.panel.pictures.right.currentData() == "truth"
     assert "No gains" in page.panel.curve_hint.text() and cells(page)["Rank"] == "16 of 48"
     type_in(page, "size", "31")
@@ -88,12 +108,12 @@ def test_the_modulator_is_drawn_with_its_numbers(page: Page, context: Context, q
 
 def test_gain_curves_follow_ticks_and_camera(page: Page, context: Context, qtbot: QtBot, qapp: QApplication) -> None:
     assert set(page.panel.curve._curves) == {"CYMG", "Sony", "RGBW", "CMYW"}
-    page.panel.boxes["X-Trans"].click()
+    tick(page, "X-Trans")
     settle(page, qtbot)
     assert "X-Trans" in page.panel.curve._curves and "lenslet" in page.settings.compared
     context.project.undo()
     settle(page, qtbot)
-    assert "X-Trans" not in page.panel.curve._curves and not page.panel.boxes["X-Trans"].isChecked()
+    assert "X-Trans" not in page.panel.curve._curves and "X-Trans" not in page.panel.ticked()
     camera = context.state.camera
     sensor = replace(camera.sensor, full_well_e=1e4, read_noise_e=10.0, bit_depth=16)
     context.project.update("sensor", camera=replace(camera, sensor=sensor))
@@ -179,7 +199,7 @@ def test_any_modulator_as_written(page: Page, qtbot: QtBot) -> None:
     choose(page, "family", "written")
     settle(page, qtbot)
     assert cells(page)["Samples N"] == "3" and cells(page)["Transmission τ"] == "0.5"
-    assert not page.panel.boxes and page.panel.form.editor("written").isEnabled()
+    assert not offered(page) and page.panel.form.editor("written").isEnabled()
     assert "dB" in cells(page)["Gain, least noise"] and "false" in cells(page)["MTF"]
     type_in(page, "written", "polarisers:0,45/135,90*RRGG/RRGG/GGBB/GGBB*shutter:10,01")
     settle(page, qtbot)
@@ -309,8 +329,8 @@ def test_clipped_pixels_of_a_live_frame_have_no_say(page: Page, context: Context
     context.frame_seen.emit(np.minimum(np.rint(raw), sensor.max_value).astype(np.uint16), (0, 0))
     settle(page, qtbot)
     assert page.found is not None and page.found.spatial.samples.max() < 0.9 * light
-    box: Any = page.panel.scene_form.editor("weighted")
-    assert box.isEnabled() and not page.panel.scene_form.editor("noise").isEnabled()
+    box: Any = page.panel.form.editor("weighted")
+    assert box.isEnabled() and not page.panel.form.editor("noise").isEnabled()
     box.click()
     settle(page, qtbot)
     np.testing.assert_allclose(page.found.spatial.samples, light, rtol=2e-3)
@@ -357,9 +377,7 @@ def test_the_general_route_and_dead_pixels(
     page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shown = page.panel.pictures
-    assert not shown.buttons["dead"].isEnabled() and not editor_of(page, "spacing").isEnabled()
-    for button in shown.buttons.values():
-        assert button.toolTip() and button.text()
+    assert not editor_of(page, "dead").isEnabled() and not editor_of(page, "spacing").isEnabled()
     rng = np.random.default_rng(0)
     shares, frame, dead = rng.random((2, 30, 40)), rng.random((30, 40)).astype(np.float32), np.zeros((30, 40), np.uint8)
     dead[4, 5] = 1
@@ -370,11 +388,8 @@ def test_the_general_route_and_dead_pixels(
     choose(page, "route", "general")
     for key, name in (("dead", "dead"), ("transmissions", "shares")):
         picked = (str(tmp_path / f"{name}.npy"), "")
-        monkeypatch.setattr(
-            "lfcal_gui.pages.multiplex.page.QFileDialog.getOpenFileName", lambda *_, picked=picked: picked
-        )
-        assert shown.buttons[key].isEnabled()
-        shown.buttons[key].click()
+        monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_, picked=picked: picked)
+        browse(page, key)
     type_in(page, "spacing", "2")
     settle(page, qtbot)
     wanted = demultiplex_generally(frame, shares, 2.0, weights=dead == 0).samples
@@ -388,7 +403,7 @@ def test_the_general_route_and_dead_pixels(
     type_in(page, "dead", "")
     type_in(page, "spacing", "0.1")
     settle(page, qtbot)
-    assert any("node spacing" in form.error for form in shown.forms) and page.settings.spacing == 2
+    assert "node spacing" in page.panel.form.error and page.settings.spacing == 2
     assert shown.views[0].values is not None
 
 
@@ -423,16 +438,15 @@ def test_a_mask_on_the_lattice_of_a_white_image(
     np.save(tmp_path / "frame.npy", np.random.default_rng(0).random(camera.sensor.shape).astype(np.float32))
     choose(page, "family", "mask")
     type_in(page, "size", "5")
-    assert not shown.buttons["white"].isEnabled()
+    assert not editor_of(page, "white").isEnabled()
     page.open_image(str(tmp_path / "frame.npy"))
     choose(page, "route", "lattice")
     settle(page, qtbot)
     assert "stated" in shown.status.text() and page.found is not None
     before = page.found.spatial.samples
     picked = (str(tmp_path / "white.npy"), "")
-    monkeypatch.setattr("lfcal_gui.pages.multiplex.page.QFileDialog.getOpenFileName", lambda *_: picked)
-    assert shown.buttons["white"].isEnabled()
-    shown.buttons["white"].click()
+    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: picked)
+    browse(page, "white")
     settle(page, qtbot)
     assert page.settings.white == picked[0] and "measured in white.npy" in shown.status.text()
     assert page.found is not None and np.abs(page.found.spatial.samples - before).max() > 0.01
@@ -479,8 +493,8 @@ def test_a_file_that_is_opened_again_is_read_again(
     settle(page, qtbot)
     assert "dead.npy" in page.panel.pictures.status.text() and page.found is None
     np.save(dead, np.zeros((40, 50), np.uint8))
-    monkeypatch.setattr("lfcal_gui.pages.multiplex.page.QFileDialog.getOpenFileName", lambda *_: (str(dead), ""))
-    page.panel.pictures.buttons["dead"].click()
+    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: (str(dead), ""))
+    browse(page, "dead")
     settle(page, qtbot)
     assert page.found is not None and page.panel.pictures.views[0].values is not None
 
@@ -493,7 +507,7 @@ def test_no_numbers_of_the_settings_before_stand_beside_others(page: Page, qtbot
     choose(page, "filter", "nearest")
     assert page.found is None and "rms" not in shown.heads[0].text() + shown.heads[1].text()
     shown.sample.setCurrentIndex(1)
-    page.panel.boxes["X-Trans"].click()
+    tick(page, "X-Trans")
     assert "settings before" in shown.status.text() and not page.panel.table.isEnabled()
     settle(page, qtbot)
     assert "nearest: error" in shown.heads[0].text() and page.panel.table.isEnabled()
