@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QApplication, QFileDialog
+from PySide6.QtWidgets import QApplication, QFileDialog, QGraphicsView, QTableWidget
 from pytestqt.qtbot import QtBot
 
 from lfcal.lattice import lattice_of
@@ -21,6 +21,7 @@ from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.pages.multiplex.page import Page
 from lfcal_gui.pages.multiplex.panel import NAME
 from lfcal_gui.theme import DARK, LIGHT, apply_theme
+from lfcal_gui.widgets.naming import controls
 from tests.gui.conftest import OpenPage
 from tests.gui.layout_colours import of_other_themes
 from tests.gui.waiting import idle
@@ -36,6 +37,16 @@ def page(open_page: OpenPage, qtbot: QtBot) -> Page:
 
 def settle(page: Page, qtbot: QtBot) -> None:
     idle(page.context.jobs, qtbot)
+
+
+@pytest.mark.parametrize("tab", range(4))
+def test_nine_controls_are_seen_first(page: Page, qtbot: QtBot, tab: int) -> None:
+    """Eight check boxes and 25 more controls were seen at once."""
+    page.panel.tabs.setCurrentIndex(tab)
+    settle(page, qtbot)
+    pictures = (QGraphicsView, QTableWidget)
+    seen = [one for one in controls(page) if one.isVisible() and not isinstance(one, pictures)]
+    assert editor_of(page, "family") in seen and len(seen) <= 9, [one.accessibleName() for one in seen]
 
 
 def offered(page: Page) -> tuple[str, ...]:
