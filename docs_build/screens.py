@@ -12,7 +12,7 @@ __all__ = ["SCENES", "SHOWN", "SIZE", "THEME", "take_screens"]
 SIZE = "1280x800"
 THEME = "light"
 SCENES = ("sample", "recording")
-SHOWN = {"acquire": "acquire_record_complete", "fit": "fit_patterns", "accuracy": "accuracy_simulation"}
+SHOWN = {"acquire": "acquire_record_complete", "accuracy": "accuracy_simulation"}
 """States of the window that stand for a page, where that is not the one of its own name."""
 
 

@@ -31,8 +31,8 @@ COMMANDS = 20
 """Commands that the list has at least."""
 
 PAGES = (
-    *("camera", "plan", "acquire", "frames", "psf", "quality"),
-    *("fit", "simulate", "reconstruct", "multiplex", "accuracy"),
+    *("camera", "plan", "acquire", "frames", "psf"),
+    *("simulate", "reconstruct", "multiplex", "accuracy"),
 )
 """Pages that the sample session, and one that is recorded, show with content."""
 

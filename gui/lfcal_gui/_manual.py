@@ -33,7 +33,7 @@ class Manual(QDialog):
         self.whole.setToolTip("All of the page that this section is part of")
         self.whole.clicked.connect(lambda: self.show_page(self._page))
         close = QPushButton("Close")
-        close.setToolTip("Close the manual; the names of faults on page Quality open it again")
+        close.setToolTip("Close the manual; the names of faults in the checks of H open it again")
         close.clicked.connect(self.close)
         buttons = QHBoxLayout()
         buttons.addWidget(self.whole)

@@ -77,7 +77,8 @@ class WindowMenus:
             self._action(menu, place.title, lambda _=False, key=place.key: window.go_place(key), f"Ctrl+{number}")
         menu.addSeparator()
         for place in PLACES:
-            for spec in window.views(place.key):
+            views = window.views(place.key)
+            for spec in views if len(views) > 1 else ():
                 name = f"{place.title}: {spec.title}"
                 self._action(menu, name, lambda _=False, key=spec.key: window.go(key))
         for number in range(VIEW_KEYS):

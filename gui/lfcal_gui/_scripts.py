@@ -25,9 +25,9 @@ class Scripts:
     def copy_step(self, *, python: bool = False) -> None:
         """Put what the page does on the clipboard, as a command or as Python; say what it lacks."""
         window = self._window
-        spec = window.shown.spec
+        spec, part = window.shown.spec, window.shown.part
         try:
-            step = step_of(spec, window.project.state, window.context.history.latest(spec.key))
+            step = step_of(spec, window.project.state, window.context.history.latest(part or spec.key), part)
             QApplication.clipboard().setText(step.script() if python else step.shell())
         except LfcalError as error:
             window.log(f"{spec.title}: nothing copied; {error}")

@@ -96,7 +96,7 @@ class BasePage(QWidget):
         self.hint = ElidedLabel(self.spec.hint)
         self.hint.setProperty("role", "hint")
         self.tools = QHBoxLayout()
-        header = QHBoxLayout()
+        self.header = header = QHBoxLayout()
         header.addStrut(HEADER)
         header.addLayout(self.segments)
         header.addSpacing(8)
@@ -272,6 +272,11 @@ class BasePage(QWidget):
         self.state_changed(old, new)
 
     # -- what pages override -----------------------------------------------------------------------------
+    @property
+    def part(self) -> str:
+        """Which of several commands of the page is copied: the name of a part of it, empty where there is one."""
+        return ""
+
     def let_go(self) -> None:
         """Forget what belongs to the project before: another was begun, which `state_changed` is told of next."""
 

@@ -1,4 +1,4 @@
-"""Two H compared as a job, and looked at position by position: what page Quality and the gallery of sessions share."""
+"""Two H compared as a job, and looked at position by position: what the place H and the gallery of sessions share."""
 
 from __future__ import annotations
 
@@ -6,17 +6,14 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtWidgets import QFileDialog
 
-from lfcal.base import LfcalError, format_plane
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
 from lfcal_gui.models import (
-    Both,
     CommandStep,
     CompareRequest,
     KeptDifference,
     Place,
     Taken,
-    both_at,
     capital,
     compare_step,
     compared_files,
@@ -29,10 +26,10 @@ from lfcal_gui.models import (
     plane_of_row,
 )
 from lfcal_gui.saving import may_replace
-from lfcal_gui.widgets import ComparePanel
+from lfcal_gui.widgets import ComparedNumbers
 
 if TYPE_CHECKING:
-    from lfcal.judge import Comparison, Pair
+    from lfcal.judge import Comparison
 
 __all__ = ["READY", "Comparing"]
 
@@ -50,11 +47,10 @@ class Comparing:
         Key of the page.
     """
 
-    def __init__(self, panel: ComparePanel, context: Context, page: str) -> None:
+    def __init__(self, panel: ComparedNumbers, context: Context, page: str) -> None:
         self._panel, self._context, self._page = panel, context, page
         self.found: Comparison | None = None
         self._asked: CompareRequest | None = None
-        self._pair: Pair | None = None
         self._place: Place = (0, 0, 0)
         self._kept = KeptDifference()
         self._job = 0
@@ -65,7 +61,6 @@ class Comparing:
         panel.place_chosen.connect(self.show_place)
         context.jobs.changed.connect(self._job_changed)
         context.jobs.finished.connect(self._job_finished)
-        context.matrices.changed.connect(self._matrix_changed)
 
     # -- what is compared ------------------------------------------------------------------------------
     def request(self) -> CompareRequest | None:
@@ -94,7 +89,7 @@ class Comparing:
         number, self._job = self._job, 0
         if number:
             self._context.jobs.cancel(number)
-        self.found = self._pair = self._asked = None
+        self.found = self._asked = None
 
     def _show_buttons(self) -> None:
         self._panel.compare_button.setEnabled(self._asked is not None and not self._job)
@@ -184,46 +179,4 @@ class Comparing:
 
     def show_place(self, place: Place) -> None:
         """Show a position of both, and where it is."""
-        from lfcal.judge.report import map_levels
-
-        found = self.found
-        if found is None:
-            return
-        self._place = place
-        k = place[0]
-        plane = format_plane(found.planes[k].depths_um[0], found.planes[k].planes[0], "z")
-        error = 100 * found.error[k]
-        self._panel.show_map(k, f"Difference over the positions, {plane}", error, map_levels(error))
-        pair = self._opened()
-        if pair is None:
-            return
-        where = f"at ({found.pair.planes[k][0]}, {place[1]}, {place[2]})"
-
-        def read(both: Both) -> None:
-            if self.found is found:
-                self._panel.show_both(both, where)
-
-        def failed(words: str) -> None:
-            if self._pair is pair:  # else the files changed meanwhile
-                self._context.message.emit(words)
-
-        self._context.jobs.compute(f"{self._page} both", lambda: both_at(pair, place), read, failed)
-
-    def _opened(self) -> Pair | None:
-        """Return both H as they are open in the window, None: not yet."""
-        from lfcal.judge import pair
-
-        if self._pair is None and self._asked is not None:
-            a, b = (self._context.matrix(path) for path in (self._asked.first[0], self._asked.second[0]))
-            if a is not None and b is not None:
-                try:
-                    self._pair = pair(a, b, by_number=self._asked.by_number)
-                except LfcalError:  # the files were replaced since the comparison; `follow` discards it
-                    return None
-        return self._pair
-
-    def _matrix_changed(self, path: str) -> None:
-        if self._asked is not None and path in (self._asked.first[0], self._asked.second[0]):
-            self._pair = None
-            if self.found is not None:
-                self.show_place(self._place)
+        raise NotImplementedError

@@ -70,6 +70,11 @@ QPushButton[role="segment"]:checked {{ background: transparent; color: {text};
     border-bottom-color: {accent}; }}
 QPushButton[role="segment"]:focus {{ color: {accent}; }}
 QPushButton[role="tight"] {{ padding: 2px 8px; }}
+QPushButton[role="link"] {{ background: transparent; border: 1px solid transparent; color: {accent};
+    padding: 2px 4px; }}
+QPushButton[role="row"] {{ background: transparent; border: none; border-top: 1px solid {line}; border-radius: 0; }}
+QPushButton[role="row"]:hover {{ background: {raised}; }}
+QPushButton[role="link"]:focus, QPushButton[role="row"]:focus {{ border: 1px solid {accent}; }}
 QToolButton[role="bare"] {{ border: none; background: transparent; font-size: 13pt; padding: 2px 6px; color: {text}; }}
 QToolButton[role="bare"]::menu-indicator {{ image: none; }}
 QPushButton[role="primary"] {{ background: {accent}; color: {accent_text}; border-color: {accent}; font-weight: 600; }}

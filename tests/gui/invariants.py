@@ -15,7 +15,7 @@ from lfcal_gui.jobs import JobState
 from lfcal_gui.models.form import parse, text_of
 from lfcal_gui.models.next_step import next_step, rail_words
 from lfcal_gui.pages.psf.model import shown_unit
-from lfcal_gui.pages.quality.model import listed_metrics
+from lfcal_gui.pages.psf.model_checks import checks_of
 from lfcal_gui.pages.setup.model import values_of as values_of_camera
 from lfcal_gui.pages.setup.model_scan import values_of as values_of_plan
 from lfcal_gui.pages.setup.model_target import PlanSettings
@@ -24,7 +24,10 @@ from lfcal_gui.window import MainWindow
 
 __all__ = ["check_window"]
 
-STOPPED_BY = ("quality", "fit", "accuracy")
+VIEWS = {"both": "Both", "sum": "Sum", "difference": "Difference", "fit": "Fit"}
+"""Segments of the place H by the view that they show."""
+
+STOPPED_BY = ("psf", "accuracy")
 """Pages whose button Stop can be pressed while, and only while, they have a job."""
 
 
@@ -101,26 +104,30 @@ def _psf(window: MainWindow, page: Any) -> None:
     assert page.panel.strip.count() == planes
     if page.plane is not None:
         _psf_pictures(page)
+    _checks(window, page)
+    _fit(page)
 
 
 def _psf_pictures(page: Any) -> None:
     """Hold controls, titles, unit and values against the position that is asked for."""
     panel, intent, matrix = page.panel, page.intent, page.matrix
     assert page.plane.z == intent.z == panel.strip.currentRow()
-    assert panel.show_box.currentData() == intent.show
     shown = [title for title, button in panel.view_buttons.items() if button.isChecked()]
-    assert shown == [{"both": "Both", "sum": "Sum"}.get(intent.view, "HT" if intent.transposed else "H")]
+    assert shown == [VIEWS.get(intent.view, "HT" if intent.transposed else "H")]
+    if intent.view == "fit":
+        return
     names, at = ("HT", "H") if intent.transposed else ("H", "HT"), f"position y {intent.y}, x {intent.x}"
-    what = {"measured": ""}.get(intent.show, f"{intent.show.capitalize()}: ")
+    shows = "measured" if intent.view == "difference" or page.reference_plane is None else intent.show
+    what = "" if shows == "measured" else "Other H: "
     main, linked = panel.main_view.shot.caption, panel.linked_view.shot.caption
     assert main == f"{what}{names[0]}, {at}", f"{main} for {what}{names[0]}, {at}"
-    assert linked.startswith(f"{what}{names[1]}, ")
+    apart = intent.view == "difference" and page.reference_plane is not None
+    assert linked.startswith(f"{names[0]} minus the other H" if apart else f"{what}{names[1]}, ")
     unit = shown_unit(intent, matrix, page.reference)
     assert {panel.main_view.quantity, panel.linked_view.quantity} == {unit}
-    assert (panel.readout.text().startswith("Hover")) == (intent.pixel is None)
-    shown = {"measured": matrix, "reference": page.reference}.get(intent.show)
-    if shown is not None:
-        seen = shown.T if intent.transposed else shown
+    assert (panel.readout.text().startswith("Point at")) == (intent.pixel is None)
+    if shows == "measured":
+        seen = matrix.T if intent.transposed else matrix
         wanted = np.asarray(seen[intent.z, intent.y, intent.x])
         np.testing.assert_array_equal(panel.main_view.values, wanted, f"another pattern than {at} is shown")
 
@@ -159,40 +166,31 @@ def _setup(window: MainWindow, page: Any) -> None:
         _form(inspector.scan, values)
 
 
-def _quality(window: MainWindow, page: Any) -> None:
+def _checks(window: MainWindow, page: Any) -> None:
     """Hold what can be done, and what is told, against the H of the project."""
-    there = bool(window.context.state.psf)
-    assert not (page.measure_button.isEnabled() and not there), "Inspect without an H"
-    busy = {job.title.split()[0] for job in window.jobs.jobs() if job.active and job.page == "quality"}
-    for word, button in (("Inspect", page.measure_button), ("Report", page.report_button)):
-        assert not (word in busy and button.isEnabled()), f"{button.text()} while {busy} is at work"
+    there, checking = bool(window.context.state.psf), page.checking
+    busy = {job.title.split()[0] for job in window.jobs.jobs() if job.active and job.page == "psf"}
     if not there:
-        assert page.inspection is None, "an inspection is shown, and there is no H"
-    if page.inspection is not None and _body(page):
-        _inspection(page.inspection, page.panel.inspect)
+        assert checking.inspection is None, "an inspection is shown, and there is no H"
+    view = checking.view
+    if view is None:
+        return
+    assert not (view.measure_button.isEnabled() and not there), "Inspect without an H"
+    assert not ("Report" in busy and view.report_button.isEnabled()), f"Report while {busy} is at work"
+    if checking.inspection is not None and view.stack.currentIndex() == 1:
+        checks = checks_of(checking.inspection, every=view.every.isChecked())
+        assert view.table.rowCount() == len(checks)
+        number = view.table.chosen()
+        if number >= 0:
+            title = checks[number].title
+            assert title.lower() in view.words.toPlainText().lower(), f"{title} is chosen"
 
 
-def _inspection(found: Any, panel: Any) -> None:
-    """Hold the tables against this inspection, and the words beside them against the row that is chosen."""
-    assert panel.verdict.text() == found.verdict
-    metrics = listed_metrics(found, every=panel.every.isChecked())
-    assert panel.table.rowCount() == len(metrics) and panel.faults.rowCount() == len(found.faults)
-    chosen = [
-        (kind, table.number_of(index.row()))
-        for kind, table in (("fault", panel.faults), ("metric", panel.table))
-        for index in table.selectedIndexes()[:1]
-    ]
-    assert len(chosen) <= 1, f"{chosen} are chosen at once"
-    for kind, number in chosen:
-        title = found.faults[number].title if kind == "fault" else metrics[number].spec.title
-        assert title.lower() in panel.words.toPlainText().lower(), f"{title} is chosen, {panel.words.toPlainText()}"
-
-
-def _fit(window: MainWindow, page: Any) -> None:
-    there, busy = bool(window.context.state.psf), "fit" in window.jobs.running_pages()
-    assert not (page.fit_button.isEnabled() and (busy or not there))
-    if page.found is None:
-        assert not (page.use_button.isEnabled() or page.save_button.isEnabled()), "nothing was fitted"
+def _fit(page: Any) -> None:
+    if "fitting" in page.__dict__:
+        view, found = page.fitting.view, page.fitting.found
+        if found is None:
+            assert not (view.use_button.isEnabled() or view.save_button.isEnabled()), "nothing was fitted"
 
 
 def _frames(window: MainWindow, page: Any) -> None:
@@ -236,8 +234,6 @@ CHECKS = {
     "setup": _setup,
     "simulate": _simulate,
     "psf": _psf,
-    "quality": _quality,
-    "fit": _fit,
     "frames": _frames,
     "acquire": _acquire,
     "reconstruct": _reconstruct,

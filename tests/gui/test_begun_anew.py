@@ -53,10 +53,10 @@ def test_a_file_of_h_that_is_still_opening(
 ) -> None:
     window.go("psf")
     page: Any = window.page("psf")
-    for role in ("psf", "reference"):
+    for choose in (page.open_file, page.comparing.choose):
         held = Held(lfcal.psf.open_psf)
         monkeypatch.setattr(lfcal.psf, "open_psf", held)
-        page.open_file(str(good), role)
+        choose(str(good))
         assert held.after(window, qtbot) == ProjectState(name="another")
         assert window.context.matrix(str(good)) is None and not page.notice.isVisible()
         monkeypatch.setattr(lfcal.psf, "open_psf", held.really)
@@ -66,14 +66,14 @@ def test_a_second_h_that_is_still_opening(
     window: MainWindow, good: Path, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     window.project.update("open", psf=str(good))
-    window.go("quality")
+    window.go("psf")
     idle(window.jobs, qtbot)
-    page: Any = window.page("quality")
+    page: Any = window.page("psf")
     held = Held(lfcal.psf.open_psf)
     monkeypatch.setattr(lfcal.psf, "open_psf", held)
     page.comparing.choose(str(good))
     assert held.after(window, qtbot).reference == ""
-    assert "Opening" not in page.panel.compare.message.text() and page.comparing.found is None
+    assert "Opening" not in page.comparing.view.message.text() and page.comparing.found is None
 
 
 def test_a_camera_that_is_still_read(

@@ -13,8 +13,7 @@ from pytestqt.qtbot import QtBot
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.pages.acquire._pictures import ErrorView, RecordPictures
 from lfcal_gui.pages.acquire.panel import AcquirePanel
-from lfcal_gui.pages.fit._found_tabs import FoundTabs
-from lfcal_gui.pages.fit.panel import FitPanel
+from lfcal_gui.pages.psf.panel import LevelRow, PSFPanel
 from lfcal_gui.widgets.picture import Picture
 
 LOADED = """
@@ -42,14 +41,14 @@ def test_no_page_loads_what_only_its_work_needs(tmp_path: Path) -> None:
     assert json.loads(done.stdout.splitlines()[-1]) == []
 
 
-def test_what_a_fit_finds_has_widgets_only_when_there_is_a_fit(qtbot: QtBot) -> None:
-    panel = FitPanel()
+def test_pictures_of_a_fit_and_levels_of_the_inspector_are_made_when_they_are_wanted(qtbot: QtBot) -> None:
+    panel = PSFPanel()
     qtbot.addWidget(panel)
-    panel.on_patterns(lambda view: view.step(1))
-    panel.show_place((0, 0, 0))
+    panel.show_fit(None)
     panel.apply_theme()
-    assert not panel.findChildren(FoundTabs) and not panel.findChildren(Picture)
-    assert panel.tabs is panel.tabs and panel.findChildren(FoundTabs) == [panel.tabs]
+    assert panel.pictures.count() == 1 and panel.levels.count() == 1
+    assert len(panel.findChildren(LevelRow)) == 3
+    assert panel.fitted is panel.fitted and panel.pictures.count() == 2
 
 
 def test_a_picture_without_axes_holds_no_plot(qtbot: QtBot) -> None:

@@ -69,14 +69,16 @@ def test_the_column_of_the_frames_is_whole(window: MainWindow, qtbot: QtBot) -> 
 def test_the_unknowns_of_a_fit_are_whole(window: MainWindow, qtbot: QtBot) -> None:
     window.files.start_with(ProjectState())
     window.resize(1920, 1080)
-    window.go("fit")
-    page: Any = window.page("fit")
+    window.go("psf", "fit")
+    page: Any = window.page("psf")
     page.show_body()
+    choices = page.fitting.view.choices
+    choices.unknowns.open()
     settle()
-    page.panel.choices.show_settings(page.settings, None, {})
+    choices.show_settings(page.fitting.settings, None, {})
     settle()
-    groups: QAbstractScrollArea = page.panel.choices.groups
-    assert page.panel.choices.width() > 300 and groups.verticalScrollBar().maximum() == 0
+    groups: QAbstractScrollArea = choices.groups
+    assert choices.width() > 300 and groups.verticalScrollBar().maximum() == 0
 
 
 LISTS = (QAbstractItemView, QPlainTextEdit, QTextEdit)

@@ -90,7 +90,7 @@ def test_a_job_of_several_clocks_took_as_long_as_all_of_them(jobs: Jobs, qtbot: 
 
     panel = JobPanel(jobs)
     qtbot.addWidget(panel)
-    number = jobs.start("Inspect H.h5", "quality", parts)
+    number = jobs.start("Inspect H.h5", "psf", parts)
     qtbot.waitUntil(lambda: not jobs.busy, timeout=GUARD_MS)
     assert panel.row(number).status.text() == "done in 2.5 s"
 

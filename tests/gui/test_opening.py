@@ -94,10 +94,12 @@ def test_measuring_a_file_that_hangs_can_be_stopped(
 ) -> None:
     (tmp_path / "hang.h5").write_text("")
     window.project.update("open", psf=str(tmp_path / "hang.h5"))
-    window.go("quality")
+    window.go("psf")
+    page: Any = window.page("psf")
+    page.look_into("checks")
     assert hanging["begun"].wait(GUARD_MS / 1e3)
     window.jobs.cancel(window.jobs.jobs()[0].number)
-    assert not window.jobs.busy and "Stopped" in window.page("quality").empty.label.text()  # type: ignore[union-attr]
+    assert not window.jobs.running_pages() and "Stopped" in page.checking.view.message.text()
     hanging["end"].set()
 
 
@@ -137,17 +139,16 @@ def test_damage_of_any_kind_is_one_line_and_the_good_h_stays(
         raise error
 
     monkeypatch.setattr(lfcal.psf, "open_psf", broken)
-    for role in ("psf", "reference"):
-        page.open_file(str(tmp_path / "other.h5"), role)
+    for choose, said in ((page.open_file, page.notice.label), (page.comparing.choose, page.comparing.view.message)):
+        choose(str(tmp_path / "other.h5"))
         idle(window.jobs, qtbot)
-        words = page.notice.label.text()
-        assert words and "\n" not in words and page.notice.isVisible()
+        words = said.text()
+        assert words and "\n" not in words
         assert window.project.state.psf == str(good) and window.project.state.reference == ""
         assert page.matrix is not None
-    window.go("quality")
+    page.look_into("checks")
     idle(window.jobs, qtbot)
-    quality: Any = window.page("quality")
-    assert quality.inspection is None and "\n" not in quality.empty.label.text()
+    assert page.checking.inspection is None and "\n" not in page.checking.view.message.text()
 
 
 def test_damaged_frames_leave_the_good_ones(window: MainWindow, tmp_path: Path, qtbot: QtBot) -> None:
@@ -233,7 +234,7 @@ def test_no_page_replaces_a_file_unasked(
     choose("x")
     page.ask_export_file(ExportIntent.of_path("x.mat"))
     page.ask_export_file(ExportIntent.of_path("x.tif"))
-    window.page("quality").write_report()  # type: ignore[attr-defined]
+    window.page("psf").checking.write_report()  # type: ignore[attr-defined]
     choose("view")
     page.panel.main_view.save_picture()
     page.panel.main_view.save_data()

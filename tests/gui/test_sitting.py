@@ -89,26 +89,25 @@ def test_from_the_camera_to_the_volume(
     judge(window, qtbot)
 
     # the camera retrieved from it, an H simulated, both compared
-    window.go("fit")
-    fit: Any = window.page("fit")
+    psf: Any = window.page("psf")
+    window.go("psf", "fit")
     done(window, qtbot)
-    fit._edited("positions", 12)
-    fit.fit()
+    psf.fitting._edited("positions", 12)
+    psf.fitting.begin()
     done(window, qtbot)
-    assert fit.found is not None, fit.notice.label.text()
+    assert psf.fitting.found is not None, psf.notice.label.text()
     window.go("simulate")
     simulate: Any = window.page("simulate")
     done(window, qtbot)
     simulate.simulate(str(tmp_path / "simulated.h5"))
     done(window, qtbot)
     assert state.state.reference == str(tmp_path / "simulated.h5")
-    quality: Any = window.page("quality")
-    quality.comparing.compare()
+    window.go("psf", "compare")
+    psf.comparing.compare()
     done(window, qtbot)
-    assert quality.comparing.found is not None
+    assert psf.comparing.found is not None
 
     # export and a volume
-    psf: Any = window.page("psf")
     window.go("psf")
     done(window, qtbot)
     psf.export(str(tmp_path / "H.mat"))
@@ -130,11 +129,8 @@ def test_from_the_camera_to_the_volume(
 
 def judge(window: MainWindow, qtbot: QtBot) -> None:
     """Inspect H, which must be usable."""
-    window.go("quality")
-    quality: Any = window.page("quality")
+    window.go("psf", "checks")
+    checking = window.page("psf").checking  # type: ignore[attr-defined]
     done(window, qtbot)
-    if quality.inspection is None:
-        quality.measure(force=True)
-        done(window, qtbot)
-    found = quality.inspection
+    found = checking.inspection
     assert found is not None and not found.bad, found.verdict

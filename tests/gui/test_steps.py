@@ -32,12 +32,12 @@ from lfcal_gui.models.step import CommandStep, step_of
 from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.pages.acquire.step import assembled
 from lfcal_gui.pages.acquire.step import step as recording_step
-from lfcal_gui.pages.fit.model import FitSettings
 from lfcal_gui.pages.frames.model import FrameSettings
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.pages.multiplex.model_scene import iter_reconstruct
 from lfcal_gui.pages.psf.export_model import ExportIntent
-from lfcal_gui.pages.quality.model import QualitySettings
+from lfcal_gui.pages.psf.model_checks import QualitySettings
+from lfcal_gui.pages.psf.model_fit import FitSettings
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings
 from lfcal_gui.pages.simulate.model import SimulateSettings
 from lfcal_gui.palette import Palette
@@ -93,9 +93,10 @@ def do(step: CommandStep) -> dict[str, Any]:
     return names
 
 
-@pytest.mark.parametrize("key", SPECS)
+@pytest.mark.parametrize("key", [*SPECS, "psf checks", "psf fit"])
 def test_every_page_is_a_command_that_is_understood_and_a_script(key: str, project: ProjectState) -> None:
-    step = step_of(SPECS[key], project)
+    page, _, part = key.partition(" ")
+    step = step_of(SPECS[page], project, part=part)
     assert parsed(step.arguments)
     compile(step.script(), key, "exec")
     lines = step.shell().rstrip().splitlines()
@@ -105,10 +106,10 @@ def test_every_page_is_a_command_that_is_understood_and_a_script(key: str, proje
 
 
 def test_options_of_the_command_are_those_of_the_page(project: ProjectState) -> None:
-    def of(key: str) -> dict[str, Any]:
-        return parsed(step_of(SPECS[key], project).arguments)
+    def of(key: str, part: str = "") -> dict[str, Any]:
+        return parsed(step_of(SPECS[key], project, part=part).arguments)
 
-    fit = of("fit")
+    fit = of("psf", "fit")
     assert (fit["positions"], fit["noise"], fit["unknowns"]) == ("9", "2.0,0.5", "geometry,focal_lengths,iris")
     frames = of("frames")
     assert (frames["background"], frames["interpolation"], frames["orientation"]) == ("border", "linear", "as-is")
@@ -120,10 +121,11 @@ def test_options_of_the_command_are_those_of_the_page(project: ProjectState) -> 
     assert acquire["option"] == ["optics=pattern"] and (acquire["darks"], acquire["reference_every"]) == ("2", "0")
 
 
-@pytest.mark.parametrize("key", ["acquire", "simulate", "frames", "psf", "quality", "fit", "reconstruct"])
+@pytest.mark.parametrize("key", ["acquire", "simulate", "frames", "psf", "psf checks", "psf fit", "reconstruct"])
 def test_a_page_says_what_its_command_lacks(key: str) -> None:
+    page, _, part = key.partition(" ")
     with pytest.raises(InputError, match="expected"):
-        step_of(SPECS[key], ProjectState())
+        step_of(SPECS[page], ProjectState(), part=part)
 
 
 def test_a_page_without_a_command_says_so() -> None:
@@ -236,7 +238,7 @@ def test_the_window_copies_what_a_page_does(window: MainWindow) -> None:
     assert clipboard.text().endswith("lfcal camera show lfcal-camera.json\n")
     window.scripts.copy_step(python=True)
     assert "Camera.from_json" in clipboard.text()
-    window.go("quality")
+    window.go("psf", "checks")
     window.scripts.copy_step()
     assert "H: expected one, got none" in window.log_view.toPlainText() and "Camera" in clipboard.text()
 
@@ -253,10 +255,10 @@ def test_the_palette_finds_menus_and_buttons_and_does_them(window: MainWindow, q
     # buttons are named with their page, and a button without a word by what it does
     buttons = [name for name in names if name.startswith("Set up: ")]
     assert buttons == names[: len(buttons)] and all(any(c.isalpha() for c in name[8:]) for name in buttons)
-    qtbot.keyClicks(palette.line, "view qual")
-    assert [entry.name for entry in palette.shown] == ["View: H: Quality"]
+    qtbot.keyClicks(palette.line, "record: compute")
+    assert [entry.name for entry in palette.shown] == ["View: Record: Compute"]
     qtbot.keyClick(palette.line, Qt.Key.Key_Return)
-    assert window.shown.spec.key == "quality"
+    assert window.shown.spec.key == "simulate"
     palette = opened()
     qtbot.keyClicks(palette.line, "view")
     qtbot.keyClick(palette.line, Qt.Key.Key_Down)
@@ -295,7 +297,7 @@ def test_history_is_a_script_that_runs(
     plan = replace(PLAN, period=(3, 4), resample=False)
     settings = {"simulate": SimulateSettings(tolerance=0.2, overrides=(("coma", "off"),)).to_dict()}
     window.project.start(ProjectState(camera=plan.camera, plan=plan, settings=settings))
-    pages: dict[str, Any] = {key: window.page(key) for key in ("simulate", "psf", "setup", "quality")}
+    pages: dict[str, Any] = {key: window.page(key) for key in ("simulate", "psf", "setup")}
     pages["setup"].save_plan(str(tmp_path / "my plan.json"))
     pages["simulate"].simulate("sim.h5")
     idle(window.jobs, qtbot)
@@ -332,8 +334,8 @@ def test_history_is_a_script_that_runs(
 def test_the_script_of_a_history_is_read_by_a_shell(project: ProjectState) -> None:
     history = History()
     history.add(Taken("setup", "Save\ncamera", step_of(SPECS["setup"], project)))
-    history.add(Taken("fit", "Fit H.h5", step_of(SPECS["fit"], project), draft=True))
-    history.add(Taken("fit", "Fit H.h5", step_of(SPECS["fit"], project, "my fit"), "my fit"))
+    history.add(Taken("fit", "Fit H.h5", step_of(SPECS["psf"], project, part="fit"), draft=True))
+    history.add(Taken("fit", "Fit H.h5", step_of(SPECS["psf"], project, "my fit", "fit"), "my fit"))
     history.add(Taken("simulate", "Frames", None, why="it has none"))
     assert history.latest("fit") == "my fit" and len(history.taken) == 3
     found = subprocess.run(["sh", "-n"], input=history.shell(), capture_output=True, text=True)

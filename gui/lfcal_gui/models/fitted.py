@@ -1,4 +1,4 @@
-"""The camera that page Fit found, as other pages use it. No Qt."""
+"""The camera that a fit of H found, as other pages use it. No Qt."""
 
 from __future__ import annotations
 

@@ -64,17 +64,18 @@ class CommandStep:
         return "".join(texts) + self.python.strip("\n") + "\n"
 
 
-def step_of(spec: PageSpec, project: ProjectState, out: str = "") -> CommandStep:
+def step_of(spec: PageSpec, project: ProjectState, out: str = "", part: str = "") -> CommandStep:
     """Return what a page does with the project as it is: the function ``step`` of its module ``step``.
 
-    ``out`` is the file or folder that it writes; empty: one with a name such as ``H.h5``.
+    ``out`` is the file or folder that it writes; empty: one with a name such as ``H.h5``. A ``part`` of the page has
+    a module with its name, such as ``step_fit``.
 
     Raises
     ------
     InputError
         If the page has no command, or the project lacks what it needs.
     """
-    module = f"{spec.package}.step"
+    module = f"{spec.package}.step" + (f"_{part}" if part else "")
     if importlib.util.find_spec(module) is None:
         raise InputError(f"{spec.title}: this page has no command; its author may add one (step.py in its folder)")
     found: CommandStep = importlib.import_module(module).step(project, out)

@@ -33,15 +33,17 @@ def faults(stage: Stage) -> Iterator[Capture]:
     stage.settle()
     stage.tidy()
     yield Capture("psf_spoilt")
-    page = stage.page("quality")
-    page.measure(force=True)
+    page = stage.page("psf")
+    page.look_into("checks")
+    page.checking.measure(force=True)
     stage.settle()
     stage.tidy()
-    yield Capture("quality_faults")
-    for row in range(1, min(3, page.panel.inspect.faults.rowCount())):
-        page.panel.inspect.faults.selectRow(row)
+    yield Capture("psf_faults")
+    for row in range(1, 3):
+        page.checking.view.table.choose(row)
         stage.settle()
-        yield Capture(f"quality_fault_{row}")
+        yield Capture(f"psf_fault_{row}")
+    page.look_into("")
     yield from _log(stage)
     yield from _mishaps(stage)
 

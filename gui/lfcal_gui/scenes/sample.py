@@ -14,7 +14,7 @@ __all__ = ["frames", "open_sample", "psf", "sample", "setup"]
 def sample(stage: Stage) -> Iterator[Capture]:
     """Go through all pages with the sample session."""
     open_sample(stage)
-    for scene in (setup, frames, psf, simulate, quality, fit, reconstruct, multiplex, accuracy, sessions):
+    for scene in (setup, frames, psf, simulate, checks, fit, reconstruct, multiplex, accuracy, sessions):
         yield from scene(stage)
 
 
@@ -98,45 +98,39 @@ def simulate(stage: Stage) -> Iterator[Capture]:
         page.simulate(str(simulated))
     stage.done()
     judge = stage.page("psf")
-    judge.set_intent(show="difference")
+    judge.set_intent(view="difference")
     stage.settle()
     stage.tidy()
     yield Capture("psf_difference")
-    judge.set_intent(show="measured")
+    judge.set_intent(view="both")
 
 
-def quality(stage: Stage) -> Iterator[Capture]:
-    """Show the inspection, and the comparison in its modes."""
-    page = stage.page("quality")
-    if page.inspection is None:
-        page.measure(force=True)
-        stage.done()
-    stage.tidy()
-    yield Capture("quality")
-    inspect = page.panel.inspect
-    inspect.table.setCurrentCell(4, 0)
-    stage.settle()
-    yield Capture("quality_metric")
-    page.panel.setCurrentWidget(page.panel.compare)
-    page.comparing.compare()
+def checks(stage: Stage) -> Iterator[Capture]:
+    """Show the checks of H, and the comparison with another H."""
+    page = stage.page("psf")
+    page.look_into("checks")
     stage.done()
     stage.tidy()
-    yield Capture("quality_compare")
-    for mode in ("blink", "difference"):
-        box = page.panel.compare.mode
-        box.setCurrentIndex(box.findData(mode))
-        stage.turn()
-        yield Capture(f"quality_compare_{mode}")
-    box.setCurrentIndex(0)
-    page.panel.setCurrentWidget(page.panel.inspect)
+    yield Capture("psf_checks")
+    page.checking.view.table.choose(4)
+    stage.settle()
+    yield Capture("psf_checks_metric")
+    page.look_into("compare")
+    page.comparing.compare()
+    page.set_intent(view="difference")
+    stage.done()
+    stage.tidy()
+    yield Capture("psf_compare")
+    page.set_intent(view="both")
+    page.look_into("")
 
 
 def sessions(stage: Stage) -> Iterator[Capture]:
     """Show the gallery of what was made, two H compared, and three reports over time."""
-    reports, quality = stage.folder / "reports", stage.window.page("quality")
+    reports, judged = stage.folder / "reports", stage.window.page("psf")
     for day in ("2026-03-02", "2026-03-09", "2026-03-16"):
         if not (reports / day).is_dir():
-            quality.write_report(str(reports / day))  # type: ignore[attr-defined]
+            judged.checking.write_report(str(reports / day))  # type: ignore[attr-defined]
             stage.done()
     page = stage.page("sessions")
     page.choose(str(stage.folder))
@@ -152,20 +146,18 @@ def sessions(stage: Stage) -> Iterator[Capture]:
 
 
 def fit(stage: Stage) -> Iterator[Capture]:
-    """Show the choices, and the tabs of a fit."""
-    page = stage.page("fit")
+    """Show the choices of a fit, and what it found."""
+    page = stage.page("psf")
+    page.look_into("fit")
     stage.tidy()
-    yield Capture("fit_ready")
-    page._edited("positions", 12)
-    page.fit()
+    yield Capture("psf_fit_ready")
+    page.fitting._edited("positions", 12)
+    page.fitting.begin()
     stage.done()
     stage.tidy()
-    tabs = page.panel.tabs
-    for k, name in enumerate(("patterns", "parameters", "findings", "convergence")):
-        tabs.setCurrentIndex(k)
-        stage.settle()
-        yield Capture(f"fit_{name}")
-    tabs.setCurrentIndex(0)
+    yield Capture("psf_fit")
+    page.set_intent(view="both")
+    page.look_into("")
 
 
 def reconstruct(stage: Stage) -> Iterator[Capture]:

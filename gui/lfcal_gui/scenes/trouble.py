@@ -23,7 +23,7 @@ def trouble(stage: Stage) -> Iterator[Capture]:
     if not named.is_file():
         shutil.copy(window.project.state.psf, named)
     window.project.update("a long name", psf=str(named))
-    for key in ("psf", "quality", "fit", "reconstruct"):
+    for key in ("psf", "reconstruct"):
         stage.page(key)
         stage.tidy()
         yield Capture(f"{key}_long_name")
@@ -40,7 +40,7 @@ def trouble(stage: Stage) -> Iterator[Capture]:
     stage.tidy()
     yield Capture("frames_refused")
     window.project.update("gone", psf=str(stage.folder / "gone.h5"), frames=str(stage.folder / "gone"))
-    for key in ("psf", "frames", "quality"):
+    for key in ("psf", "frames"):
         stage.page(key)
         stage.tidy()
         yield Capture(f"{key}_gone")

@@ -15,8 +15,8 @@ from lfcal_gui.widgets.cards import (
     told_or_shown,
 )
 from lfcal_gui.widgets.colours import theme_table
-from lfcal_gui.widgets.compare_panel import ComparePanel
-from lfcal_gui.widgets.contrast import SCALINGS, Contrast
+from lfcal_gui.widgets.compare_panel import ComparedNumbers, ComparePanel
+from lfcal_gui.widgets.contrast import Contrast
 from lfcal_gui.widgets.cost_curve import CostCurve
 from lfcal_gui.widgets.enlarging import toggle_in, whole_page
 from lfcal_gui.widgets.fitted_text import FittedBrowser, lines_px
@@ -37,9 +37,9 @@ from lfcal_gui.widgets.words import ElidedLabel, WrappedLabel, set_look, set_rol
 __all__ = [
     "LINES",
     "NOTHING",
-    "SCALINGS",
     "AxisArrows",
     "ComparePanel",
+    "ComparedNumbers",
     "Contrast",
     "CostCurve",
     "DecadeAxis",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,21 +36,23 @@ from lfcal_gui.widgets.picture import Picture, link, share_contrast
 from lfcal_gui.widgets.rows_table import RowsTable
 from lfcal_gui.widgets.words import ElidedLabel, WrappedLabel
 
-__all__ = ["ComparePanel"]
+__all__ = ["ComparePanel", "ComparedNumbers"]
 
 BLINK_MS = 600
 NOT_COMPARED = "Not compared: no position of this plane has light in both."
 MISSING = "#ff5a5f"
 PAIRING = (("depth", "by depth"), ("number", "by number"))
 NUMBERS = (1, 2, 3, 4, 5)
+SPARE = (1, 2, 4, 5)
+LEAST_TABLE = 130
 
 
 _SEEN = {"side": (True, True, True), "blink": (True, False, False), "difference": (False, False, True)}
 """Which of the three pictures each mode shows."""
 
 
-class ComparePanel(QWidget):
-    """Numbers and pictures of two H.
+class ComparedNumbers(QWidget):
+    """Which H is compared, the result in words, the positions that differ most, and numbers: a narrow column.
 
     Signals
     -------
@@ -72,65 +75,142 @@ class ComparePanel(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self._both: Both | None = None
-        self._plane = 0
-        self._names = ("first", "second")
-        self._second = False
-        self._where = ""
-        self._timer = QTimer(self)
-        self._timer.setInterval(BLINK_MS)
-        self._timer.timeout.connect(self._blink)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 8, 0, 0)
-        column.setSpacing(8)
-        column.addLayout(self._head())
-        self.message, self.stack = told_or_shown("", self._content())
-        column.addWidget(self.stack, 1)
-
-    # -- building --------------------------------------------------------------------------------------
-    def _head(self) -> QHBoxLayout:
         self.second = ElidedLabel("Second H: none")
         self.second.setProperty("role", "value")
-        self.choose_button = QPushButton("Choose …")
-        self.choose_button.setToolTip("The H that is held beside this one")
-        self.choose_button.clicked.connect(lambda: self.choose_asked.emit())
+        self.choose_button = _button("Choose …", "The H that this one is compared with", self.choose_asked)
         self.pairing = choice_box(PAIRING, "Planes belong together that show the same depth, or have the same number")
         self.pairing.setAccessibleName("planes belong together")
         self.pairing.currentIndexChanged.connect(
             lambda: self.pairing_chosen.emit(self.pairing.currentData() == "number")
         )
-        self.report_button = QPushButton("Write report …")
-        self.report_button.setToolTip("A page with the pictures side by side, and all numbers for programs")
-        self.report_button.clicked.connect(lambda: self.report_asked.emit())
-        self.compare_button = QPushButton("Compare")
-        self.compare_button.setToolTip("Compare all positions of both (F5)")
-        self.compare_button.clicked.connect(lambda: self.compare_asked.emit())
-        return line(
-            self.second,
-            self.choose_button,
-            "Planes",
-            self.pairing,
-            QWidget(),
-            self.report_button,
-            self.compare_button,
-            stretch=4,
-        )
+        tip = "A page with the pictures side by side, and all numbers for programs"
+        self.report_button = _button("Write report …", tip, self.report_asked)
+        self.compare_button = _button("Compare", "Compare all positions of both (F5)", self.compare_asked)
+        self.verdict, self.notes = WrappedLabel(), WrappedLabel()
+        self.verdict.setProperty("role", "value")
+        self.notes.setProperty("role", "hint")
+        self.worst = choice_box([], "Look first at the positions (z, y, x) that differ most")
+        self.worst.setAccessibleName("positions that differ most")
+        self.worst.activated.connect(lambda k: self.place_chosen.emit(self.worst.itemData(k)))
+        self.table = RowsTable(COMPARED_COLUMNS, 0, NUMBERS, spare=SPARE)
+        self.table.setAccessibleName("numbers of the comparison")
+        for k, tip in enumerate(COMPARED_TIPS):
+            title = self.table.horizontalHeaderItem(k)
+            if title is not None:
+                title.setToolTip(tip)
+        self.table.verticalHeader().setDefaultSectionSize(24)
+        self.table.setSelectionMode(RowsTable.SelectionMode.SingleSelection)
+        self.table.itemSelectionChanged.connect(self._row_chosen)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(6)
+        self.message, self.stack = told_or_shown("", self._content())
+        self._arrange(column)
+
+    # -- building --------------------------------------------------------------------------------------
+    def _arrange(self, column: QVBoxLayout) -> None:
+        column.addLayout(line(self.second, self.choose_button, stretch=0))
+        column.addLayout(line("Planes", self.pairing, stretch=1))
+        column.addLayout(line(self.compare_button, self.report_button))
+        column.addWidget(self.stack, 1)
+
+    def _content(self) -> QWidget:
+        content = QWidget()
+        column = QVBoxLayout(content)
+        column.setContentsMargins(0, 0, 0, 0)
+        self.table.setMinimumHeight(LEAST_TABLE)
+        column.addWidget(self.verdict)
+        column.addWidget(self.notes)
+        column.addLayout(line("Differs most at", self.worst, stretch=1))
+        column.addWidget(self.table, 1)
+        return content
+
+    # -- showing ---------------------------------------------------------------------------------------
+    def show_second(self, name: str, *, by_number: bool) -> None:
+        """Show which H is the second; empty: none."""
+        self.second.setText(f"Second H: {name or 'none'}")
+        blocker = QSignalBlocker(self.pairing)
+        self.pairing.setCurrentIndex(int(by_number))
+        blocker.unblock()
+
+    def show_message(self, words: str) -> None:
+        """Show words in place of a comparison: what to do, how far it is, or why there is none."""
+        self.message.setText(words)
+        self.stack.setCurrentIndex(0)
+
+    def show_numbers(
+        self,
+        names: tuple[str, str],
+        words: tuple[str, str],
+        rows: Sequence[tuple[str, ...]],
+        numbers: Sequence[tuple[float, ...]],
+        worst: Sequence[tuple[str, Place]],
+    ) -> None:
+        """Show the numbers of a comparison; ``words`` are its verdict and what was left out."""
+        self.verdict.setText(words[0])
+        self.notes.setText(words[1])
+        blocker = QSignalBlocker(self.table)
+        self.table.show_rows(rows, numbers)
+        blocker.unblock()
+        self.worst.clear()
+        for text, place in worst:
+            self.worst.addItem(text, place)
+        self.worst.setEnabled(bool(worst))
+        self.stack.setCurrentIndex(1)
+
+    def show_worst(self, place: Place) -> None:
+        """Show that a position is looked at, if it is one of those that differ most."""
+        at = self.worst.findData(place)
+        if at >= 0:
+            self.worst.setCurrentIndex(at)
+
+    def _row_chosen(self) -> None:
+        number = self.table.chosen()
+        if number >= 0:
+            self.row_chosen.emit(number)
+
+
+def _button(text: str, tip: str, signal: Any) -> QPushButton:
+    button = QPushButton(text)
+    button.setToolTip(tip)
+    button.clicked.connect(lambda _=False: signal.emit())
+    return button
+
+
+class ComparePanel(ComparedNumbers):
+    """Numbers and pictures of two H."""
+
+    def __init__(self) -> None:
+        self._both: Both | None = None
+        self._plane = 0
+        self._names = ("first", "second")
+        self._second = False
+        self._where = ""
+        super().__init__()
+        self._timer = QTimer(self)
+        self._timer.setInterval(BLINK_MS)
+        self._timer.timeout.connect(self._blink)
+
+    # -- building --------------------------------------------------------------------------------------
+    def _arrange(self, column: QVBoxLayout) -> None:
+        parts = self.second, self.choose_button, "Planes", self.pairing, QWidget(), self.report_button
+        column.addLayout(line(*parts, self.compare_button, stretch=4))
+        column.addWidget(self.stack, 1)
 
     def _content(self) -> QWidget:
         content = QWidget()
         grid = QGridLayout(content)
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setSpacing(8)
-        self.verdict, self.notes = WrappedLabel(), WrappedLabel()
-        self.verdict.setProperty("role", "value")
-        self.notes.setProperty("role", "hint")
         words = QVBoxLayout()
         words.setSpacing(2)
         words.addWidget(self.verdict)
         words.addWidget(self.notes)
+        table, inside = card("Numbers by plane and lens type")
+        inside.addWidget(self.table)
         grid.addLayout(words, 0, 0, 1, 2)
         grid.addWidget(self._pictures(), 1, 0, 1, 2)
-        grid.addWidget(self._table(), 2, 0)
+        grid.addWidget(table, 2, 0)
         grid.addWidget(self._map(), 2, 1)
         grid.setColumnStretch(0, 2)
         grid.setColumnStretch(1, 1)
@@ -150,10 +230,7 @@ class ComparePanel(QWidget):
         )
         self.scaling.setAccessibleName("scaling")
         self.scaling.currentIndexChanged.connect(lambda: self._show_scaling())
-        self.worst = choice_box([], "Look first at the positions (z, y, x) that differ most")
-        self.worst.setAccessibleName("positions that differ most")
         self.worst.setMinimumWidth(190)
-        self.worst.activated.connect(lambda k: self.place_chosen.emit(self.worst.itemData(k)))
         self.readout = QLabel(" ")
         self.readout.setProperty("role", "hint")
         column.addLayout(line("Show", self.mode, self.scaling, "Differs most at", self.worst, self.readout, stretch=5))
@@ -176,20 +253,6 @@ class ComparePanel(QWidget):
         column.addLayout(row, 1)
         return frame
 
-    def _table(self) -> QFrame:
-        frame, column = card("Numbers by plane and lens type")
-        self.table = RowsTable(COMPARED_COLUMNS, 0, NUMBERS)
-        self.table.setAccessibleName("numbers of the comparison")
-        for k, tip in enumerate(COMPARED_TIPS):
-            title = self.table.horizontalHeaderItem(k)
-            if title is not None:
-                title.setToolTip(tip)
-        self.table.verticalHeader().setDefaultSectionSize(24)
-        self.table.setSelectionMode(RowsTable.SelectionMode.SingleSelection)
-        self.table.itemSelectionChanged.connect(self._row_chosen)
-        column.addWidget(self.table)
-        return frame
-
     def _map(self) -> QFrame:
         self.map_title = QLabel("Difference over the positions")
         frame, column = card(self.map_title)
@@ -200,19 +263,11 @@ class ComparePanel(QWidget):
         return frame
 
     # -- showing ---------------------------------------------------------------------------------------
-    def show_second(self, name: str, *, by_number: bool) -> None:
-        """Show which H is the second; empty: none."""
-        self.second.setText(f"Second H: {name or 'none'}")
-        blocker = QSignalBlocker(self.pairing)
-        self.pairing.setCurrentIndex(int(by_number))
-        blocker.unblock()
-
     def show_message(self, words: str) -> None:
         """Show words in place of a comparison: what to do, how far it is, or why there is none."""
         self._timer.stop()
         self._both = None
-        self.message.setText(words)
-        self.stack.setCurrentIndex(0)
+        super().show_message(words)
 
     def show_numbers(
         self,
@@ -230,16 +285,7 @@ class ComparePanel(QWidget):
         self.map.blank.words = NOTHING
         for title in (*self.titles, self.map_title):
             title.setText(" ")
-        self.verdict.setText(words[0])
-        self.notes.setText(words[1])
-        blocker = QSignalBlocker(self.table)
-        self.table.show_rows(rows, numbers)
-        blocker.unblock()
-        self.worst.clear()
-        for text, place in worst:
-            self.worst.addItem(text, place)
-        self.worst.setEnabled(bool(worst))
-        self.stack.setCurrentIndex(1)
+        super().show_numbers(names, words, rows, numbers, worst)
 
     def show_map(self, plane: int, title: str, error: NDArray[np.floating], levels: tuple[float, float]) -> None:
         """Show the differences (%) over the positions ``(ny, nx)`` of a pair of planes; NaN: not compared."""
@@ -259,9 +305,7 @@ class ComparePanel(QWidget):
         self._where = f"{first} {where}"
         self.titles[1].setText(second)
         self.titles[2].setText("Difference")
-        at = self.worst.findData(both.place)
-        if at >= 0:
-            self.worst.setCurrentIndex(at)
+        self.show_worst(both.place)
         self._show_mode()
 
     def _show_mode(self) -> None:
@@ -309,11 +353,6 @@ class ComparePanel(QWidget):
             return
         a, b = float(both.first[t, s]), float(both.second[t, s])
         self.readout.setText(f"t {t}, s {s}: {a:.5g}, {b:.5g}, difference {a - b:+.4g}")
-
-    def _row_chosen(self) -> None:
-        rows = {index.row() for index in self.table.selectedIndexes()}
-        if rows:
-            self.row_chosen.emit(self.table.number_of(rows.pop()))
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,13 @@ from PySide6.QtWidgets import QWidget
 
 from lfcal_gui.models import Shot, Symbols
 from lfcal_gui.widgets.picture import Picture
+from lfcal_gui.widgets.picture_menu import table_entries
 
 __all__ = ["PeriodMap"]
 
 MISSING = "#ff5a5f"
+SIZES = {"x": 5, "o": 11, "s": 9}
+"""Of symbols (px)."""
 
 
 class PeriodMap(Picture):
@@ -34,18 +38,39 @@ class PeriodMap(Picture):
         self._position: tuple[int, int] | None = None
         self.pointed = True
         """Whether the position that is looked at is pointed out."""
+        self.lines: Callable[[str], Iterable[str]] | None = None
+        """Yields the lines of a table that is copied and saved in place of the values."""
         self.box.setMouseEnabled(False, False)
         self.steered_to.connect(self.chosen.emit)
         self.setToolTip("Drag to choose the source position; arrow keys step")
 
-    def set_values(self, values: NDArray[Any], recorded: NDArray[Any] | None = None) -> None:
-        """Show ``values`` ``(ny, nx)``; positions with ``recorded`` 0 are crossed out."""
-        missing = np.zeros((0, 2)) if recorded is None else np.argwhere(np.asarray(recorded) == 0).astype(float)
-        overlays = (Symbols(missing, "x", MISSING, 5),)
-        self.set_shot(Shot(np.asarray(values, float), name="period", overlays=overlays, cross=self._cross))
+    def set_values(
+        self,
+        values: NDArray[Any],
+        recorded: NDArray[Any] | None = None,
+        *,
+        marks: Mapping[str, NDArray[Any]] | None = None,
+        **more: Any,
+    ) -> None:
+        """Show ``values`` ``(ny, nx)``; positions with ``recorded`` 0 are crossed out.
+
+        ``marks`` are more positions (y, x) ``(n, 2)`` by their symbol, ``more`` fields of `Shot`.
+        """
+        missing = np.zeros((0, 2)) if recorded is None else np.argwhere(np.asarray(recorded) == 0)
+        marked = [("x", missing), *(marks or {}).items()]
+        overlays = tuple(Symbols(np.asarray(at, float), symbol, MISSING, SIZES[symbol]) for symbol, at in marked)
+        shown = {"name": "period", "overlays": overlays, "cross": self._cross, **more}
+        self.set_shot(Shot(np.asarray(values, float), **shown))
+
+    def entries(self) -> list[tuple[str, Callable[[], Any]]]:
+        """Return what a menu offers."""
+        if self.values is None or self.lines is None:
+            return super().entries()
+        return table_entries(self, self.file_name, self.lines)
 
     def clear(self) -> None:
         """Show no values."""
+        self.lines = None
         self.set_shot(None)
 
     def set_position(self, y: int, x: int) -> None:

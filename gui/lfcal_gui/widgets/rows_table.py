@@ -6,13 +6,15 @@ import math
 from collections.abc import Callable, Sequence
 
 from PySide6.QtCore import QPoint, Qt
-from PySide6.QtGui import QColor, QKeyEvent, QKeySequence
+from PySide6.QtGui import QColor, QKeyEvent, QKeySequence, QResizeEvent
 from PySide6.QtWidgets import QAbstractItemView, QApplication, QHeaderView, QMenu, QTableWidget, QTableWidgetItem
+
+from lfcal_gui.widgets.enlarging import can_be_enlarged, enlarge, enlarged_of
 
 __all__ = ["RowsTable"]
 
-ROW_PX = 26
-"""Height of a row (px)."""
+ROW_PX, ROOMY_PX = 26, 480
+"""Height of a row, and least width of a table that shows all columns (px)."""
 
 NUMBER, ROW = Qt.ItemDataRole.UserRole, Qt.ItemDataRole.UserRole + 1
 
@@ -43,13 +45,21 @@ class RowsTable(QTableWidget):
     sizes
         Numbers of the columns that hold numbers.
     brief
-        Numbers of the columns whose texts are told in full beside the table and in tips: they may be cut.
+        Numbers of the columns whose texts are given in full next to the table and in tips: they may be cut.
+    spare
+        Numbers of the columns that a narrow table hides; it can be enlarged, and copies them, too.
     """
 
     def __init__(
-        self, header: tuple[str, ...], wide: int, sizes: Sequence[int] = (), brief: Sequence[int] = ()
+        self,
+        header: tuple[str, ...],
+        wide: int,
+        sizes: Sequence[int] = (),
+        brief: Sequence[int] = (),
+        spare: Sequence[int] = (),
     ) -> None:
         super().__init__(0, len(header))
+        self._spare = tuple(spare)
         self._header, self._sizes, self.brief = header, tuple(sizes), tuple(brief)
         self.setHorizontalHeaderLabels(header)
         self.verticalHeader().hide()
@@ -67,6 +77,14 @@ class RowsTable(QTableWidget):
                 title.setTextAlignment(RIGHT)
         self.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
         self.customContextMenuRequested.connect(self._menu)
+        if spare:
+            can_be_enlarged(self)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Hide spare columns where there is no room for them."""
+        for column in self._spare:
+            self.setColumnHidden(column, self.width() < ROOMY_PX)
+        super().resizeEvent(event)
 
     def show_rows(
         self,
@@ -127,5 +145,8 @@ class RowsTable(QTableWidget):
     def _menu(self, position: QPoint) -> None:
         menu = QMenu(self)
         menu.addAction("Copy rows").triggered.connect(lambda _=False: self.copy())
+        if self._spare:
+            words = "Enlarge, with all columns" if enlarged_of(self) is None else "Back to its place (Esc)"
+            menu.addAction(words).triggered.connect(lambda _=False: enlarge(self))
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         menu.popup(self.viewport().mapToGlobal(position))

@@ -124,7 +124,7 @@ TABLE = (
     ),
     (replace(RIG, rig_measured=False), "Next: measure scale and axes of the stage.", "acquire.adjust", {}),
     (RIG, "Next: record 5,643 positions in 9 planes, about 11 min 17 s.", "acquire.record", {"record": "ready"}),
-    (replace(H, verdict=None), "Next: judge H.", "quality.judge", {"h": "not judged"}),
+    (replace(H, verdict=None), "Next: judge H.", "psf.judge", {"h": "not judged"}),
     (
         replace(H, verdict=FEW, rig=True),
         "Next: record 5 positions again; the rest of H is good.",
@@ -134,7 +134,7 @@ TABLE = (
     (
         replace(H, verdict=FEW),
         "Next: look at 5 bad positions; the rest of H is good.",
-        "quality.worst",
+        "psf.worst",
         {"h": "5 to redo"},
     ),
     (
@@ -172,13 +172,13 @@ TABLE = (
     (
         replace(H, verdict=Verdict("bad", rest="bad", failed=3, checks=39)),
         "Next: see why H is bad: 3 of 39 checks fail.",
-        "quality.why",
+        "psf.why",
         {"h": "bad"},
     ),
     (
         replace(H, verdict=Verdict("unknown", rest="unknown")),
         "Next: see why H is not fully judged.",
-        "quality.why",
+        "psf.why",
         {"h": "in doubt"},
     ),
     (
@@ -216,9 +216,9 @@ OPTIONAL = {
     "setup.assumed",
     "setup.white",
     "acquire.adjust",
-    "quality.judge",
-    "quality.why",
-    "quality.worst",
+    "psf.judge",
+    "psf.why",
+    "psf.worst",
     "acquire.redo",
     "h.leave_out",
 }
@@ -233,7 +233,7 @@ def test_an_optional_step_can_be_left_out() -> None:
 
 
 def test_what_was_declared_unnecessary_changes_no_word_on_what_h_is_worth() -> None:
-    bad = replace(H, verdict=Verdict("bad", rest="bad"), declined=frozenset({"quality.why"}))
+    bad = replace(H, verdict=Verdict("bad", rest="bad"), declined=frozenset({"psf.why"}))
     assert next_step(bad).words == "export H and HT, 179.0 MB: H is bad."
     assert rail_words(bad)["h"].words == "bad"
 
@@ -301,4 +301,4 @@ def test_rail_and_line_never_contradict_each_other(sitting: Sitting) -> None:
     if rail["h"].words == "bad" and not sitting.job:
         assert "H is good" not in step.words
     if rail["use"].words == "needs H":
-        assert step.action not in ("psf.export", "psf.folder", "reconstruct.start", "quality.judge")
+        assert step.action not in ("psf.export", "psf.folder", "reconstruct.start", "psf.judge")

@@ -26,8 +26,6 @@ OWN = (
     "acquire",
     "frames",
     "psf",
-    "quality",
-    "fit",
     "simulate",
     "reconstruct",
     "multiplex",
@@ -97,8 +95,6 @@ def test_states_follow_from_the_project(tmp_path: Path) -> None:
         "acquire": PageState.NOTHING,
         "frames": PageState.READY,
         "psf": PageState.NOTHING,
-        "quality": PageState.NOTHING,
-        "fit": PageState.NOTHING,
         "simulate": PageState.READY,
         "reconstruct": PageState.NOTHING,
         "multiplex": PageState.READY,
@@ -109,14 +105,14 @@ def test_states_follow_from_the_project(tmp_path: Path) -> None:
     full = ProjectState(plan=plan, psf=str(file), frames=str(tmp_path), reference="R.h5", redo=((0, 0, 0),))
     states = page_states(full, running={"simulate"}, attention={"frames", "not installed"})
     assert states["setup"] is states["psf"] is PageState.DONE
-    assert states["quality"] is states["fit"] is states["reconstruct"] is states["accuracy"] is PageState.READY
+    assert states["reconstruct"] is states["accuracy"] is PageState.READY
     assert states["simulate"] is PageState.RUNNING
     assert states["frames"] is PageState.ATTENTION
     assert states["acquire"] is PageState.ATTENTION, "positions are to be recorded again"
     assert set(states) == set(OWN)
     lost = str(tmp_path / "gone.h5")
     gone = page_states(ProjectState(psf=lost, reference=lost))
-    assert gone["psf"] is gone["simulate"] is PageState.ATTENTION and gone["quality"] is PageState.NOTHING
+    assert gone["psf"] is gone["simulate"] is PageState.ATTENTION
 
 
 def test_a_folder_for_the_next_session_is_no_matter_of_concern(tmp_path: Path) -> None:

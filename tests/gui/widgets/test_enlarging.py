@@ -125,12 +125,10 @@ def test_what_is_enlarged_goes_on(psf: Any, window: MainWindow, qtbot: QtBot) ->
 
 def test_escape_is_not_the_pages_own(window: MainWindow, qtbot: QtBot, psf: Any, monkeypatch: Any) -> None:
     """Pages stop their jobs at Esc."""
-    window.go("quality")
-    idle(window.jobs, qtbot)
-    page: Any = window.page("quality")
+    page = psf
     stopped: list[int] = []
     monkeypatch.setattr(window.jobs, "cancel", stopped.append)
-    going = window.jobs.start("Report", "quality", lambda: iter(()))
+    going = window.jobs.start("Report", "psf", lambda: iter(()))
     assert going and toggle_in(page)
     holder = page.findChild(Enlarged)
     QTest.keyClick(holder, Qt.Key.Key_Escape)

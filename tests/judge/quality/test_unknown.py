@@ -91,14 +91,15 @@ def test_unknown_is_unknown_in_json(report: QualityReport) -> None:
 def test_unknown_is_unknown_for_people(
     report: QualityReport, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from lfcal_gui.pages.quality.model import metric_rows
+    from lfcal_gui.pages.psf.model_checks import checks_of
 
     undrawn(monkeypatch)
     found = Inspection(report, (), 0, 0.0, "no camera is known", 0.0)
-    rows = {row.key: row for row in metric_rows(found, every=True)}
-    assert "saturation" not in {row.key for row in metric_rows(found)}, "metrics that do not apply are counted"
+    rows = {row.found: row for row in checks_of(found, every=True)}
+    dark = next(metric for metric in report.metrics if metric.key == "saturation")
+    assert dark not in [row.found for row in checks_of(found)], "metrics that do not apply are counted"
     assert "not applicable" in counted_words(report.metrics)
-    assert (rows["saturation"].value, rows["saturation"].merit, rows["saturation"].cost) == ("unknown", "unknown", "–")
+    assert (rows[dark].value, rows[dark].merit, rows[dark].cost) == ("unknown", "unknown", "–")
     assert "not compared with a camera" in report.verdict and report.merit == "good"
     folder = tmp_path_factory.mktemp("report")
     work = iter_report(PSFMatrix(base(hexagonal())), folder, inspection=Inspection(report), every=True)

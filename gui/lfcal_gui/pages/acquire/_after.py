@@ -62,15 +62,15 @@ class Afterwards:
             self._assemble(out)
 
     def fit(self, found: Any) -> None:
-        """Assemble H and go on with it on the page Fit, with what was ``found`` while it was recorded, if anything."""
+        """Assemble H and show its fit, with what was ``found`` while it was recorded, if anything."""
         out = Path(self.context.state.recording) / "H.h5"
         if may_replace(self.panel, [out]):
-            self._assemble(out, page="fit", found=found)
+            self._assemble(out, sent=found or "fit")
 
     def remake(self, places: Sequence[Place]) -> None:
         """Make the project's H again, of a session of which ``places`` were recorded again, into a new file.
 
-        The H before stays where it is and becomes the reference, so that page PSF shows the difference.
+        The H before stays where it is and becomes the reference, so that the place H shows the difference.
         """
         folder, before = Path(self.context.state.recording), Path(self.context.state.psf)
         recipe = recipe_of(folder)
@@ -94,10 +94,9 @@ class Afterwards:
     def _remade(self, report: Any, before: Path, places: Sequence[Place]) -> None:
         path = self._told(report)
         self.context.project.update("assembly of positions recorded again", psf=path, reference=str(before))
-        self.context.go.emit("quality", None)  # where H is judged
-        self.context.go.emit("psf", {"place": shown_first(places), "show": "difference"})
+        self.context.go.emit("psf", {"place": shown_first(places), "view": "difference"})
 
-    def _assemble(self, out: Path, planes: list[int] | None = None, *, page: str = "psf", found: Any = None) -> None:
+    def _assemble(self, out: Path, planes: list[int] | None = None, *, sent: Any = None) -> None:
         folder = Path(self.context.state.recording)
         recipe = recipe_of(folder)
         self.context.start_writing(
@@ -105,15 +104,15 @@ class Afterwards:
             "acquire",
             str(out),
             lambda: iter_assembly(folder, out, planes, recipe),
-            lambda report: self._assembled(report, page, found),
+            lambda report: self._assembled(report, sent),
             taken=self.context.taken(
                 "acquire", f"Assemble {out.name}", step=lambda: assembled(str(folder), str(out), planes, recipe)
             ),
         )
 
-    def _assembled(self, report: Any, page: str, found: Any) -> None:
+    def _assembled(self, report: Any, sent: Any) -> None:
         self.context.project.update("assembly", psf=self._told(report))
-        self.context.made.emit(page, found)
+        self.context.made.emit("psf", sent)
 
     def _told(self, report: Any) -> str:
         """Close H, and return its file; its verdict and notes become messages."""

@@ -183,7 +183,7 @@ def advice_words(folder: FolderState, *, recording: bool, backend: str, measured
     if folder.complete and folder.target is not None:
         return "Complete. Assemble H of the points that meet phases; lfcal fit takes all of them where they are."
     if folder.complete and folder.chosen is not None:
-        return "Fit takes what was recorded to the page Fit; with a smaller error the session goes on."
+        return "Fit opens the fit of what was recorded; with a smaller error the session continues."
     if folder.complete:
         return "Complete. Assemble H, or choose another folder for a new session."
     if backend:

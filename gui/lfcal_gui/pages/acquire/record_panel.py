@@ -47,13 +47,13 @@ BUTTONS = (
         "Abort",
         "Stop the stage now and discard the current frame; recorded positions are safe and the session can be resumed",
     ),
-    ("redo", "Record again", "Record the positions listed by the Quality page again; the later frame is used"),
+    ("redo", "Record again", "Record the positions that the checks of H list again; the later frame is used"),
     (
         "assemble",
         "Assemble H …",
         "Make H of the cutouts of what is recorded, less darks where there are any",
     ),
-    ("fit", "Fit", "Assemble what is recorded into H.h5 of the session's folder, and go on with it on the page Fit"),
+    ("fit", "Fit", "Assemble what is recorded into H.h5 of the session's folder, and fit the optics to it"),
     ("pack", "Pack", "Compress the finished recording; every frame is checked"),
 )
 """Key, title and meaning of each button."""

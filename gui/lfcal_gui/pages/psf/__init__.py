@@ -1,17 +1,26 @@
-"""PSF: H and its transpose, at once, for any plane and position."""
+"""The place H: H and its transpose, its checks, the fit of the optics, and another H to compare with.
+
+- ``page``, ``panel``: pictures and inspector; ``model``, ``model_aperture``: what they show
+- ``checks_view``: the checks; ``model_checks``: rows and words; ``model_judge``: the work
+- ``fit_view``, ``fit_choices``, ``fit_pictures``, ``rounds_view``: the fit; ``model_fit``: settings, and what an H
+  offers; ``model_fit_run``: the work; ``model_fit_words``: rows and lines; ``model_fit_use``: what a fitted camera
+  changes in the project
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from lfcal_gui.models import PageSpec, PageState, ProjectState, file_state
+from lfcal_gui.models import PageSpec, PageState, ProjectState, file_state, kept_verdict
 
 __all__ = ["PAGE"]
 
 
 def state(project: ProjectState) -> PageState:
-    """Return whether there is an H."""
-    return file_state(project.psf, ready=False)
+    """Return whether there is an H, and whether something is wrong with it."""
+    verdict = kept_verdict(project)
+    bad = verdict is not None and not verdict.usable
+    return PageState.ATTENTION if bad else file_state(project.psf, ready=False)
 
 
 def takes(path: str) -> bool:
@@ -21,8 +30,8 @@ def takes(path: str) -> bool:
 
 PAGE = PageSpec(
     "psf",
-    "PSF",
-    "Look at H and its transpose",
+    "H",
+    "Look at H and its transpose, judge H, fit the optics, compare with another H",
     order=50,
     package=__name__,
     state=state,
@@ -33,6 +42,12 @@ PAGE = PageSpec(
         ("←  →  ↑  ↓", "step through source positions"),
         ("Page up, Page down", "step through depth planes"),
         ("T", "H or its transpose"),
+        ("D", "difference from another H"),
+        ("W", "the fitted pattern that is explained worst"),
+        ("F5", "inspect H, fit it, or compare it with another"),
+        ("Backspace", "back to the verdict"),
+        ("Esc", "stop"),
+        ("Ctrl+C", "copy the table"),
         ("L, G", "log or gamma scaling of the pictures"),
     ),
 )

@@ -1,10 +1,10 @@
-"""What the PSF page shows: intent in, frozen picture out. No Qt."""
+"""What the place H shows: intent in, frozen picture out. No Qt."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 from lfcal.base import InputError, centre, format_length
 from lfcal.camera import Camera
 from lfcal.psf import PSFMatrix, light_shares
-from lfcal_gui.models import DisplaySettings, plane_words
+from lfcal_gui.models import DisplaySettings, Levels, plane_words
+
+if TYPE_CHECKING:
+    from lfcal.judge import Pair
 
 __all__ = [
     "LoadedPlane",
@@ -20,6 +23,8 @@ __all__ = [
     "PSFPicture",
     "Pixel",
     "PlaneData",
+    "PositionMap",
+    "light_map",
     "linked_pixel",
     "pixel_words",
     "place_words",
@@ -44,13 +49,14 @@ class PSFIntent:
     transposed
         Whether HT is the main picture.
     show
-        ``"measured"``, ``"reference"`` or ``"difference"`` (measured - reference, both of unit energy).
+        ``"measured"``, or ``"reference"``: the H that it is compared with.
     pixel
         Pixel (t, s) the pointer is on in the main picture, None: none.
     display
         Scaling and colour map.
     view
-        ``"both"``: H and HT, ``"one"`` of them, or ``"sum"``: that of the plane.
+        ``"both"``: H and HT, ``"one"`` of them, ``"sum"``: that of the plane, ``"difference"``: H and what is left of
+        it less the reference at equal energy, or ``"fit"``: measured, model and residual of a fitted pattern.
     """
 
     z: int = 0
@@ -69,7 +75,10 @@ class PSFIntent:
         pixel = self.pixel
         if pixel is not None and not (0 <= pixel[0] < nt and 0 <= pixel[1] < ns):
             pixel = None
-        return replace(self, z=z, y=y, x=x, pixel=pixel, show=self.show if reference else "measured")
+        show, view = self.show if reference else "measured", self.view
+        return replace(
+            self, z=z, y=y, x=x, pixel=pixel, show=show, view="both" if view == "difference" and not reference else view
+        )
 
     def moved(self, dy: int, dx: int, period: tuple[int, int]) -> PSFIntent:
         """Return the intent one or more positions further; the period wraps around."""
@@ -78,10 +87,21 @@ class PSFIntent:
 
 @dataclass(frozen=True, eq=False)
 class LoadedPlane:
-    """One plane of H in memory: values ``(ny, nx, nt, ns)`` as stored, with their scale and offset."""
+    """One plane of H in memory.
+
+    Attributes
+    ----------
+    z
+        Its number.
+    values
+        ``(ny, nx, nt, ns)``; not-a-number where a reference of another cutout has none.
+    scale
+        Of a reference the factor that brings it to the energy of H.
+    """
 
     z: int
     values: NDArray[Any]
+    scale: float = 1.0
 
     def pattern(self, y: int, x: int) -> NDArray[Any]:
         """Return H[z, y, x] as ``(nt, ns)``."""
@@ -119,33 +139,106 @@ class PlaneData:
     levels: Mapping[str, tuple[float, float]]
 
 
-def read_plane(matrix: PSFMatrix, reference: PSFMatrix | None, z: int) -> PlaneData:
-    """Read plane ``z`` of H and of the reference."""
+def read_plane(matrix: PSFMatrix, both: Pair | None, z: int) -> PlaneData:
+    """Read plane ``z`` of H, and the plane of the reference that ``both`` pairs with it."""
     plane = LoadedPlane(z, matrix.plane(z))
-    other = None if reference is None else LoadedPlane(z, reference.plane(z))
     energy = plane.values.sum((2, 3), dtype=np.float64)
     levels = {"measured": _levels_of(plane.values)}
+    other = None if both is None else _partner(both, plane)
     if other is not None:
         levels |= {"reference": _levels_of(other.values), "difference": _difference_levels(plane, other)}
     return PlaneData(plane, other, energy, matrix.depth_sum(z), levels)
 
 
+def _partner(both: Pair, plane: LoadedPlane) -> LoadedPlane | None:
+    """Return the plane of the reference that shows the depth of ``plane``, its positions and cutout as those of H."""
+    z = next((other for own, other in both.planes if own == plane.z), None)
+    if z is None:
+        return None
+    values = both.b.plane(z)
+    if any(both.moved):
+        values = np.roll(values, (-both.moved[0], -both.moved[1]), (0, 1))
+    if both.b.cutout != both.a.cutout:
+        whole = np.full(plane.values.shape, np.nan, np.float32)
+        put, take = (_middle(one.cutout, both.cutout) for one in (both.a, both.b))
+        whole[:, :, *put] = values[:, :, *take]
+        values = whole
+    return LoadedPlane(plane.z, values, plane_scale(plane.values, values))
+
+
+def _middle(cutout: tuple[int, int], part: tuple[int, int]) -> tuple[slice, ...]:
+    """Return where the ``part`` ``(nt, ns)`` about the source lies in a cutout."""
+    firsts = [centre(n) - centre(m) for n, m in zip(cutout, part, strict=True)]
+    return tuple(slice(first, first + m) for first, m in zip(firsts, part, strict=True))
+
+
 def _levels_of(values: NDArray[Any]) -> tuple[float, float]:
-    low, high = float(values.min()), float(values.max())
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
     return min(low, 0.0), high if high > low else low + 1
 
 
 def _difference_levels(plane: LoadedPlane, reference: LoadedPlane) -> tuple[float, float]:
     """Return the ends of the scale of all differences of a plane, found row by row of positions."""
-    scale, top = plane_scale(plane, reference), 0.0
-    for own, other in zip(plane.values, reference.values, strict=True):
-        top = max(top, float(np.abs(own.astype(np.float32) - np.float32(scale) * other.astype(np.float32)).max()))
+    rows = zip(plane.values, reference.values, strict=True)
+    top = max(float(np.nanmax(np.abs(_apart(own, other, reference.scale)))) for own, other in rows)
     return -(top or 1.0), top or 1.0
+
+
+def _apart(own: NDArray[Any], other: NDArray[Any], scale: float) -> NDArray[np.float32]:
+    apart: NDArray[np.float32] = own.astype(np.float32) - np.float32(scale) * other.astype(np.float32)
+    return apart
+
+
+@dataclass(frozen=True, eq=False)
+class PositionMap:
+    """What the map of positions shows.
+
+    Attributes
+    ----------
+    title, values, unit
+        Quantity, its value at each position ``(ny, nx)``, and its unit.
+    missing, ringed, aside
+        Positions (y, x) ``(n, 2)`` that are crossed out, ringed, or in a square.
+    name
+        What files of it are called.
+    levels
+        Values at the ends of the colours, None: those of the values.
+    note
+        Words next to the title; empty: least and greatest value.
+    lines
+        Yields the lines of a table that is copied and saved in place of the values.
+    """
+
+    title: str
+    values: NDArray[Any]
+    unit: str = ""
+    missing: NDArray[Any] = field(default_factory=lambda: np.empty((0, 2)))
+    ringed: NDArray[Any] = field(default_factory=lambda: np.empty((0, 2)))
+    aside: NDArray[Any] = field(default_factory=lambda: np.empty((0, 2)))
+    name: str = "period"
+    levels: Levels | None = None
+    note: str = ""
+    lines: Callable[[str], Iterable[str]] | None = None
+
+    @property
+    def range_words(self) -> str:
+        """Words next to the title."""
+        known = self.values[np.isfinite(self.values)]
+        ends = (known.min(), known.max()) if known.size else ()
+        between = " to ".join(f"{v:.3g}" if abs(v) < 1000 else f"{v:,.0f}" for v in ends)
+        return self.note or f"{between} {self.unit}".strip()
+
+
+def light_map(data: PlaneData, recorded: NDArray[Any], worst: Iterable[tuple[int, ...]], unit: str) -> PositionMap:
+    """Return the light of each pattern; positions that were not recorded are crossed out, the ``worst`` ringed."""
+    ringed = np.array([place[1:] for place in worst if place[0] == data.plane.z], float).reshape(-1, 2)
+    missing = np.argwhere(np.asarray(recorded) == 0)
+    return PositionMap("Light by position", data.energy, unit, missing, ringed)
 
 
 @dataclass(frozen=True, eq=False)
 class PSFPicture:
-    """What is drawn: the main picture, the linked one, their titles and cursors."""
+    """What is drawn: the main picture, the linked one, their titles and cursors; ``signed``: the linked one is."""
 
     main: NDArray[Any]
     linked: NDArray[Any]
@@ -182,47 +275,39 @@ def resolve(intent: PSFIntent, plane: LoadedPlane, reference: LoadedPlane | None
     is the pattern that this pixel belongs to, with the entry marked.
     """
     ny, nx, nt, ns = plane.values.shape
-    here = (intent.y, intent.x)
-    there, mark = (here, None) if intent.pixel is None else linked_pixel(here, intent.pixel, (ny, nx), (nt, ns))
+    here, pixel = (intent.y, intent.x), intent.pixel
     names = ("HT", "H") if intent.transposed else ("H", "HT")
-    main = _shown(intent, plane, reference, here, intent.transposed)
-    linked = _shown(intent, plane, reference, there, not intent.transposed)
-    what = {"measured": "", "reference": "Reference: ", "difference": "Difference: "}[intent.show]
+    if intent.view == "difference" and reference is not None:
+        own, other = (_pattern(one, here, intent.transposed) for one in (plane, reference))
+        at = f"position y {here[0]}, x {here[1]}"
+        apart = _apart(own, other, reference.scale)
+        return PSFPicture(own, apart, f"{names[0]}, {at}", f"{names[0]} minus the other H", pixel, pixel, True, here)
+    shown, what = (reference, "Other H: ") if intent.show == "reference" and reference is not None else (plane, "")
+    there, mark = (here, None) if pixel is None else linked_pixel(here, pixel, (ny, nx), (nt, ns))
     return PSFPicture(
-        main,
-        linked,
+        _pattern(shown, here, intent.transposed),
+        _pattern(shown, there, not intent.transposed),
         f"{what}{names[0]}, position y {here[0]}, x {here[1]}",
         f"{what}{names[1]}, position y {there[0]}, x {there[1]}",
-        intent.pixel,
+        pixel,
         mark,
-        intent.show == "difference",
+        False,
         there,
     )
 
 
-def _shown(
-    intent: PSFIntent, plane: LoadedPlane, reference: LoadedPlane | None, at: tuple[int, int], transposed: bool
-) -> NDArray[Any]:
-    def of(loaded: LoadedPlane) -> NDArray[Any]:
-        return loaded.transposed_pattern(*at) if transposed else loaded.pattern(*at)
-
-    if intent.show == "measured" or reference is None:
-        return of(plane)
-    other = of(reference)
-    if intent.show == "reference":
-        return other
-    measured = of(plane)
-    scale = plane_scale(plane, reference)
-    difference: NDArray[Any] = measured.astype(np.float32) - np.float32(scale) * other.astype(np.float32)
-    return difference
+def _pattern(plane: LoadedPlane, at: tuple[int, int], transposed: bool) -> NDArray[Any]:
+    return plane.transposed_pattern(*at) if transposed else plane.pattern(*at)
 
 
-def plane_scale(plane: LoadedPlane, reference: LoadedPlane) -> float:
-    """Return the factor that brings the reference to the energy of the plane (from a sample of positions)."""
-    step = max(1, plane.values.shape[1] // 8)
-    own = float(plane.values[::step, ::step].sum(dtype=np.float64))
-    other = float(reference.values[::step, ::step].sum(dtype=np.float64))
-    return own / other if other else 0.0
+def plane_scale(own: NDArray[Any], other: NDArray[Any]) -> float:
+    """Return the factor that brings values ``(ny, nx, nt, ns)`` to the energy of ``own`` (from some positions)."""
+    step = max(1, own.shape[1] // 8)
+    sample = other[::step, ::step]
+    known = np.isfinite(sample)
+    light = float(own[::step, ::step].sum(where=known, dtype=np.float64))
+    there = float(sample.sum(where=known, dtype=np.float64))
+    return light / there if there else 0.0
 
 
 # -- words -------------------------------------------------------------------------------------------------
@@ -233,13 +318,15 @@ def unit_of(matrix: PSFMatrix) -> str:
 
 def shown_unit(intent: PSFIntent, matrix: PSFMatrix, reference: PSFMatrix | None) -> str:
     """Return what the values shown are; a difference is taken at the light of H."""
-    return unit_of(reference if intent.show == "reference" and reference is not None else matrix)
+    other = intent.show == "reference" and intent.view != "difference"
+    return unit_of(reference if other and reference is not None else matrix)
 
 
 def pixel_words(picture: PSFPicture, pixel: Pixel, unit: str) -> str:
     """Return the pixel (t, s) of the main picture in words, its value in ``unit``."""
     t, s = pixel
-    return f"t {t}, s {s}: {picture.main[t, s]:.5g} {'counts' if 'counts' in unit else 'of the light'}"
+    apart = f", {picture.linked[t, s]:+.4g} against the other H" if picture.signed else ""
+    return f"t {t}, s {s}: {picture.main[t, s]:.5g} {'counts' if 'counts' in unit else 'of the light'}{apart}"
 
 
 def _virtual_words(camera: Camera | None, depth_um: float) -> str:

@@ -1,17 +1,17 @@
-"""PSF: H and its transpose, at once, for any plane and position."""
+"""H and its transpose for any plane and position; its checks, its fit, and another H to compare with."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QTimer
-from PySide6.QtWidgets import QFileDialog
+from PySide6.QtWidgets import QFileDialog, QWidget
 
-from lfcal.base import format_bytes
+from lfcal.base import LfcalError, format_bytes
 from lfcal.psf import PSFMatrix, mat_orders_of, opening_notes
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
@@ -20,6 +20,7 @@ from lfcal_gui.models import (
     KeptRun,
     OpeningSettings,
     PageSpec,
+    Place,
     ProjectState,
     exported_to,
     kept_verdict,
@@ -27,12 +28,15 @@ from lfcal_gui.models import (
     with_exported,
 )
 from lfcal_gui.pages.psf import takes
+from lfcal_gui.pages.psf._checking import Checking
+from lfcal_gui.pages.psf._comparing import ProjectComparing
 from lfcal_gui.pages.psf._export_dialog import ExportDialog
 from lfcal_gui.pages.psf.export_model import ExportIntent, ExportSettings, iter_exported
 from lfcal_gui.pages.psf.model import (
     LoadedPlane,
     PlaneData,
     PSFIntent,
+    light_map,
     place_words,
     read_plane,
     resolve,
@@ -40,9 +44,15 @@ from lfcal_gui.pages.psf.model import (
     unit_of,
 )
 from lfcal_gui.pages.psf.model_aperture import expected_in
-from lfcal_gui.pages.psf.panel import PSFPanel
+from lfcal_gui.pages.psf.model_checks import QualitySettings
+from lfcal_gui.pages.psf.panel import LEVELS, PSFPanel
 from lfcal_gui.pages.psf.step import step
 from lfcal_gui.saving import ask_target
+
+if TYPE_CHECKING:
+    from lfcal.judge import Pair
+    from lfcal_gui.pages.psf._fitting import Fitting
+    from lfcal_gui.pages.psf.model_fit_run import FoundFit
 
 __all__ = ["Page"]
 
@@ -68,31 +78,135 @@ class Page(BasePage):
         self._levels: Mapping[str, tuple[float, float]] = {}
         self._summed: PSFMatrix | None = None
         self._sent: dict[str, Any] = {}
-        self.tool_button("Open H …", OPEN, self.choose_file)
-        self.tool_button(
-            "Reference …", "An H to hold this one against: simulated, or measured earlier", self.choose_reference
-        )
-        self.tool_button("Export …", "Write H and HT as a deconvolution code reads them", self.export)
+        self._plane_data: PlaneData | None = None
+        self._both: Pair | None = None
+        self.level = ""
+        """The level of the inspector that is shown: one of `lfcal_gui.pages.psf.panel.LEVELS`, empty: the verdict."""
         self.panel = PSFPanel()
+        self._fill_header()
         self.panel.asked.connect(lambda changes: self.set_intent(**changes))
         self.panel.display_asked.connect(self._set_display)
         self.panel.own_scale_toggled.connect(self._show_picture)
         self.panel.hovered.connect(self._hovered)
         self.panel.clicked.connect(self._hold)
-        self.panel.verdict.why_asked.connect(lambda: self.context.go.emit("quality", None))
+        self.panel.level_asked.connect(self.look_into)
+        self.panel.frame_asked.connect(self._show_frame)
         self.set_panel(self.panel)
+        self.checking = Checking(self)
         self._add_shortcuts()
-        self.theme_changed.connect(self.panel.apply_theme)
+        self.theme_changed.connect(self._apply_theme)
         context.matrices.changed.connect(self._matrix_changed)
         self._open()
 
+    def _fill_header(self) -> None:
+        for button in self.panel.view_buttons.values():
+            self.segments.addWidget(button)
+        self.header.insertWidget(2, self.panel.readout, 1)
+        self.tools.addWidget(self.panel.own_scale)
+        self.stop_button = self.stop_tool("Stop what is at work here; what was found before stays")
+        self.stop_button.hide()
+        self.context.jobs.changed.connect(lambda _: self.stop_button.setVisible(self.stop_button.isEnabled()))
+        self.tool_button("Open H …", OPEN, self.choose_file)
+        self.tool_button("Export …", "Write H and HT as a deconvolution code reads them", self.export)
+
+    # -- levels of the inspector -------------------------------------------------------------------------
+    @cached_property
+    def fitting(self) -> Fitting:
+        """The fit of the optics; made when it is first looked at."""
+        from lfcal_gui.pages.psf._fitting import Fitting
+
+        return Fitting(self)
+
+    @cached_property
+    def comparing(self) -> ProjectComparing:
+        """The comparison with another H; made when it is first looked at."""
+        return ProjectComparing(self)
+
+    @property
+    def _parts(self) -> dict[str, Any]:
+        """What stands behind the levels that were made."""
+        names = {"checks": "checking", "fit": "fitting", "compare": "comparing"}
+        return {level: self.__dict__[name] for level, name in names.items() if name in self.__dict__}
+
+    def look_into(self, level: str) -> None:
+        """Show a level of the inspector: ``"checks"``, ``"fit"``, ``"compare"``, or the verdict (empty)."""
+        if level and self.panel.findChild(QWidget, level) is None:
+            views = {
+                "checks": lambda: self.checking.make_view(),
+                "fit": lambda: self.fitting.view,
+                "compare": lambda: self.comparing.view,
+            }
+            self.panel.add_level(level, views[level]())
+        self.level = level
+        self.panel.show_level(level)
+        if level:
+            self._parts[level].entered()
+        self.show_levels()
+        self.show_map()
+
+    def show_levels(self) -> None:
+        """Show in the lines of the inspector how each level stands."""
+        rows, parts = self.panel.rows, self._parts
+        if "checks" in parts:
+            rows["checks"].say(*parts["checks"].row_words)
+        for level, otherwise in (("fit", "not fitted"), ("compare", Path(self.context.state.reference).name or "none")):
+            state = parts[level].row_words if level in parts else otherwise
+            rows[level].say(LEVELS[level][0], state or "none")
+
+    def show_fit(self, found: FoundFit | None) -> None:
+        """Offer the patterns of a fit next to H; None: there is none any more."""
+        self.panel.show_fit(found)
+        if found is None and self.intent.view == "fit":
+            self.intent = replace(self.intent, view="both")
+            self.set_intent()
+        elif found is not None and self.level == "fit":
+            self.set_intent(view="fit")
+        self.show_map()
+
+    def show_map(self) -> None:
+        """Show over the positions what the level says of them, else their light."""
+        matrix, z = self.matrix, self.intent.z
+        if matrix is None:
+            return
+        part, data = self._parts.get(self.level), self._plane_data
+        shown = None if part is None else part.map_at(z)
+        if shown is None:
+            if data is None or data.plane.z != z:
+                return  # it is being read
+            kept = kept_verdict(self.context.state)
+            unit = "counts" if "counts" in unit_of(matrix) else ""
+            shown = light_map(data, matrix.recorded[z], () if kept is None else kept.redo, unit)
+        self.panel.show_map(shown)
+
+    @property
+    def part(self) -> str:
+        """Which command of the page is copied."""
+        return self.level if self.level in ("checks", "fit") else ""
+
+    def _begin(self) -> None:
+        """Inspect, fit or compare H again: what is looked at."""
+        (self._parts.get(self.level) or self.checking).begin()
+
+    def _show_frame(self) -> None:
+        self.context.go.emit("frames", (self.intent.z, self.intent.y, self.intent.x))
+
+    def _apply_theme(self) -> None:
+        self.panel.apply_theme()
+        self.checking.apply_theme()
+        if "fitting" in self.__dict__:
+            self.fitting.apply_theme()
+
     def _add_shortcuts(self) -> None:
+        self.shortcut("F5", self._begin)
+        self.shortcut("Backspace", lambda: self.look_into(""))
+        self.shortcut("W", self._show_worst)
+        self.shortcut("D", lambda: self.set_intent(view="both" if self.intent.view == "difference" else "difference"))
         self.shortcut("Left", lambda: self._step(0, -1))
         self.shortcut("Right", lambda: self._step(0, 1))
         self.shortcut("Up", lambda: self._step(-1, 0))
         self.shortcut("Down", lambda: self._step(1, 0))
-        self.shortcut("PgUp", lambda: self.set_intent(z=self.intent.z - 1))
-        self.shortcut("PgDown", lambda: self.set_intent(z=self.intent.z + 1))
+        self.shortcut("PgUp", lambda: self._step_plane(-1))
+        self.shortcut("PgDown", lambda: self._step_plane(1))
         self.shortcut("T", lambda: self.set_intent(transposed=not self.intent.transposed))
         self.shortcut("L", lambda: self.panel.toggle_scale("log"))
         self.shortcut("G", lambda: self.panel.toggle_scale("gamma"))
@@ -100,7 +214,7 @@ class Page(BasePage):
     # -- files -----------------------------------------------------------------------------------------
     def deeds(self) -> dict[str, Callable[[], object]]:
         """Return what the next step may ask for."""
-        return {"export": self.export_for_olaf, "folder": self._show_folder}
+        return {"export": self.export_for_olaf, "folder": self._show_folder, **self.checking.deeds()}
 
     def let_go(self) -> None:
         """Open no file any more that the project before was to take."""
@@ -108,6 +222,8 @@ class Page(BasePage):
         asked, self._asked = self._asked, ""
         if asked and self.context.matrices.opening(asked):
             self.context.forget(asked)
+        if "comparing" in self.__dict__:
+            self.comparing.let_go()
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Open what the project names now."""
@@ -118,7 +234,20 @@ class Page(BasePage):
         asked = ExportSettings.of(new)
         if asked != ExportSettings.of(old):
             self._export_intent = asked.on(self._export_intent)
+        by_number = QualitySettings.of(old).by_number != QualitySettings.of(new).by_number
+        if by_number and (old.psf, old.reference) == (new.psf, new.reference):
+            self._show_matrices()
+        for part in self._parts.values():
+            part.state_changed(old, new)
         self._show_verdict()
+        self.show_levels()
+
+    def entered(self) -> None:
+        """Look whether the file of H is still the one that was judged, fitted and compared."""
+        for part in self._parts.values():
+            part.follow()
+        if self.level:
+            self._parts[self.level].entered()
 
     def _show_verdict(self) -> None:
         """Show the verdict that the project keeps of H."""
@@ -140,19 +269,23 @@ class Page(BasePage):
     def _matrix_changed(self, path: str) -> None:
         if path in (self.context.state.psf, self.context.state.reference):
             self._show_matrices()
+            if "fitting" in self.__dict__:
+                self.fitting.follow()
 
     def _show_matrices(self) -> None:
         """Show H and the reference as far as they are open."""
         self._show_verdict()
         state, before = self.context.state, self.matrix
-        self.plane = self.reference_plane = None
+        self.plane = self.reference_plane = self._plane_data = None
         self.matrix = matrix = self.context.matrix(state.psf)
         if matrix is None:
-            self.reference = None
+            self.reference = self._both = None
             self.context.attention.emit("simulate", False)
             self._show_none(state.psf)
             return
-        self.reference = self._comparable(matrix, state.reference)
+        self._both = self._comparable(matrix, state.reference)
+        self.reference = None if self._both is None else self._both.b
+        self.panel.frame_button.setVisible(bool(state.frames))
         self.show_body()
         self._show_hint(matrix)
         pixel = None if matrix.camera is None else matrix.camera.sensor.pixel_um
@@ -202,21 +335,26 @@ class Page(BasePage):
             notes.append("the reference is of another camera than the one described now: simulate it again")
         self.hint.setText("; ".join(notes))
 
-    def _comparable(self, matrix: PSFMatrix, path: str) -> PSFMatrix | None:
-        """Return the reference if it can be compared with H."""
+    def _comparable(self, matrix: PSFMatrix, path: str) -> Pair | None:
+        """Return H and the reference, paired by plane and position, if they can be compared."""
+        from lfcal.judge import pair
+
         reference, problem = self.context.matrix(path), self.context.matrices.problem(path)
         if problem:
-            self.refuse(f"reference: {problem}")
-        if reference is not None and reference.shape != matrix.shape:
-            self.refuse(f"the reference has shape {reference.shape}, H {matrix.shape}: not compared")
+            self.refuse(f"other H: {problem}")
+        if reference is None:
             return None
-        return reference
+        try:
+            return pair(matrix, reference, by_number=QualitySettings.of(self.context.state).by_number)
+        except LfcalError as error:
+            self.refuse(f"other H: {error}")
+            return None
 
     def _show_none(self, path: str) -> None:
         self.hint.setText(self.spec.hint)
         self.show_no_matrix(
             path,
-            "No PSF yet.\nAssemble frames, simulate one, or open an H file, a MATLAB v7.3 file or an .npy array.",
+            "No H yet.\nMake H from the frames of a scan or of a folder, compute it from the camera, or open a file.",
             {
                 "Open H …": (OPEN, self.choose_file),
                 "Folder": self.lead("frames", "Make H of recorded frames"),
@@ -256,22 +394,13 @@ class Page(BasePage):
         if path:
             self.open_file(path)
 
-    def choose_reference(self) -> None:
-        """Ask for a reference."""
-        path = QFileDialog.getOpenFileName(self, "Open reference", "", FILES)[0]
-        if path:
-            self.open_file(path, "reference")
-
-    def open_file(self, path: str, role: str = "psf") -> None:
-        """Take a file as the project's H or ``"reference"``, once it is known to be good."""
-        label = "open H" if role == "psf" else "open reference"
-        changes: dict[str, Any] = {role: path}
+    def open_file(self, path: str) -> None:
+        """Take a file as the project's H, once it is known to be good."""
 
         def opened() -> None:
             self.notice.clear()
-            self.context.project.update(label, **changes)
-            if role == "psf":
-                self._offer_order(again=True)
+            self.context.project.update("open H", psf=path)
+            self._offer_order(again=True)
 
         self._asked = path
         self.notice.wait(f"Opening {Path(path).name} …", lambda: self.context.matrices.cancel(path))
@@ -342,19 +471,27 @@ class Page(BasePage):
         return False
 
     def receive(self, payload: Any) -> None:
-        """Show a position (z, y, x) that another page sent; or ``place`` and what to ``show``, once H is open."""
-        if isinstance(payload, tuple) and len(payload) == 3:
+        """Show a position (z, y, x), a level of the inspector or a fit that another page sent.
+
+        A mapping has a ``place`` and a ``view``, which are shown once H and its reference are open.
+        """
+        if isinstance(payload, str):
+            self.look_into(payload)
+        elif isinstance(payload, tuple) and len(payload) == 3:
             self.set_intent(z=payload[0], y=payload[1], x=payload[2])
         elif isinstance(payload, dict):
             self._sent = payload
             self._show_sent()
+        else:
+            self.look_into("fit")
+            self.fitting.take(payload)
 
     def _show_sent(self) -> None:
         """Show what another page sent, if H and its reference are open."""
         if self._sent and self.matrix is not None and self.reference is not None:
-            (z, y, x), show = self._sent["place"], self._sent["show"]
+            (z, y, x), view = self._sent["place"], self._sent["view"]
             self._sent = {}
-            self.set_intent(z=z, y=y, x=x, show=show)
+            self.set_intent(z=z, y=y, x=x, view=view)
 
     # -- intent ----------------------------------------------------------------------------------------
     def set_intent(self, **changes: Any) -> None:
@@ -366,6 +503,7 @@ class Page(BasePage):
         self.panel.show_intent(self.intent, *place_words(self.matrix, self.intent))
         if self.plane is None or self.plane.z != self.intent.z:
             self._load_plane()
+            self.show_map()
         else:
             self._show_picture()
 
@@ -374,9 +512,25 @@ class Page(BasePage):
         self.panel.set_display(self.intent.display)
 
     def _step(self, dy: int, dx: int) -> None:
-        if self.matrix is not None:
+        if self.intent.view == "fit":
+            self._show_place(self.panel.fitted.step(dy + dx))
+        elif self.matrix is not None:
             moved = self.intent.moved(dy, dx, self.matrix.period)
             self.set_intent(y=moved.y, x=moved.x)
+
+    def _step_plane(self, by: int) -> None:
+        if self.intent.view == "fit":
+            self._show_place(self.panel.fitted.step_plane(by))
+        else:
+            self.set_intent(z=self.intent.z + by)
+
+    def _show_place(self, place: Place | None) -> None:
+        if place is not None:
+            self.set_intent(z=place[0], y=place[1], x=place[2])
+
+    def _show_worst(self) -> None:
+        if "fitting" in self.__dict__:
+            self.fitting.show_worst()
 
     def _hovered(self, row: int, column: int, value: float) -> None:
         if self._held or self.plane is None:
@@ -392,9 +546,9 @@ class Page(BasePage):
     # -- data --------------------------------------------------------------------------------------------
     def _load_plane(self) -> None:
         """Read the plane in the background; the newest wish wins."""
-        matrix, reference, z = self.matrix, self.reference, self.intent.z
+        matrix, both, z = self.matrix, self._both, self.intent.z
         assert matrix is not None
-        self.plane = None
+        self.plane = self._plane_data = None
         self.panel.show_reading(f"Reading plane {z} …")
 
         def failed(words: str) -> None:
@@ -403,7 +557,7 @@ class Page(BasePage):
                 self.panel.show_no_plane(words)
             self._load_sums(matrix)
 
-        self.context.jobs.compute("psf plane", lambda: read_plane(matrix, reference, z), self._plane_read, failed)
+        self.context.jobs.compute("psf plane", lambda: read_plane(matrix, both, z), self._plane_read, failed)
 
     def _plane_read(self, loaded: PlaneData) -> None:
         self.plane, self.reference_plane, self._levels = loaded.plane, loaded.reference, loaded.levels
@@ -418,7 +572,9 @@ class Page(BasePage):
         """Show what holds for the whole plane, and fit its aperture in the background."""
         if loaded.plane is not self.plane:
             return
-        self.panel.show_plane(loaded, matrix.recorded[loaded.plane.z])
+        self._plane_data = loaded
+        self.panel.show_plane(loaded)
+        self.show_map()
         self.context.jobs.compute(
             "psf aperture",
             lambda: _apertures_of(matrix, loaded.plane.z),
@@ -428,13 +584,21 @@ class Page(BasePage):
         self._load_sums(matrix)
 
     def _show_picture(self) -> None:
+        if self.intent.view == "fit" and "fitting" in self.__dict__:
+            self.panel.fitted.show_place((self.intent.z, self.intent.y, self.intent.x))
+            self.panel.readout.setText(self.panel.fitted.words)
+            return
         if self.plane is None:
             return
         assert self.matrix is not None
-        own = self.panel.own_scale.isChecked()
         picture = resolve(self.intent, self.plane, self.reference_plane)
         unit = shown_unit(self.intent, self.matrix, self.reference)
-        self.panel.show_picture(picture, self.intent, None if own else self._levels.get(self.intent.show), unit)
+        show = self.intent.show if self.intent.view != "difference" else "measured"
+        own = self.panel.own_scale.isChecked()
+        ends = (None, None) if own else (self._levels.get(show), self._levels.get("difference"))
+        self.panel.show_picture(picture, self.intent, ends, unit)
+        if self.reference_plane is None and "difference" in (self.intent.view, show):
+            self.panel.readout.setText("The other H has no plane of this depth.")
 
     def _show_aperture(self, loaded: PlaneData, found: dict[str, Any]) -> None:
         if self.matrix is not None and loaded.plane is self.plane:  # else it is of a plane that was looked at before

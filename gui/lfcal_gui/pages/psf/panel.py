@@ -1,25 +1,30 @@
-"""PSF: H and HT with their contrast and the strip of planes; aperture, position and profiles on the right."""
+"""H and HT with their contrast and the strip of planes; on the right the inspector: verdict, aperture and levels."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import (
     QCheckBox,
     QHBoxLayout,
     QLabel,
     QPushButton,
+    QScrollArea,
+    QStackedWidget,
     QVBoxLayout,
     QWidget,
 )
 
 from lfcal_gui.models import DisplaySettings, Outline, Shot
 from lfcal_gui.pages.psf._apertures import Apertures, tip_of
-from lfcal_gui.pages.psf.model import PlaneData, PSFIntent, PSFPicture, pixel_words
+from lfcal_gui.pages.psf.model import PlaneData, PositionMap, PSFIntent, PSFPicture, pixel_words
 from lfcal_gui.pages.psf.model_aperture import aperture_words
 from lfcal_gui.widgets import (
     LINES,
@@ -32,13 +37,14 @@ from lfcal_gui.widgets import (
     Strip,
     VerdictCard,
     card,
-    choice_box,
-    column_area,
+    clear,
     heading,
     legend_words,
     line,
     link,
+    name_controls,
     outline_tones,
+    scrolling,
     share_contrast,
     shown_tone,
     split,
@@ -46,11 +52,12 @@ from lfcal_gui.widgets import (
 
 if TYPE_CHECKING:
     from lfcal.psf.aperture import Aperture
+    from lfcal_gui.pages.psf.fit_pictures import FitPictures
+    from lfcal_gui.pages.psf.model_fit_run import FoundFit
 
 __all__ = ["PSFPanel"]
 
-SHOWN = (("measured", "measured"), ("reference", "reference"), ("difference", "difference"))
-HOVER = "Hover a pixel: the pattern that it belongs to. Click: hold it."
+HOVER = "Point at a pixel of H to see its HT. Click: hold it."
 Levels = tuple[float, float] | None
 
 NO_LINE = np.empty((0, 2))
@@ -60,10 +67,25 @@ VIEWS = (
     ("HT", {"view": "one", "transposed": True}, "Pattern in the volume seen by one pixel: the transposed matrix (T)"),
     ("Both", {"view": "both"}, "H, and HT of the pixel under the pointer"),
     ("Sum", {"view": "sum"}, "Depth-plane sum: the aperture as seen from this depth"),
+    ("Difference", {"view": "difference"}, "H, and what is left of it less the other H at equal energy (D)"),
+    ("Fit", {"view": "fit"}, "Measured, model and residual of a fitted pattern"),
 )
 
-INSPECTOR, SUM, MAP, PROFILE = 304, 170, 150, 150
-"""Width of what stands right of the pictures, and heights in it (px)."""
+LEVELS = {
+    "checks": ("Checks", "All checks of H, failed ones first: meaning, remedy and picture of each"),
+    "fit": ("Fit of the optics", "Find gap, focal lengths, iris and aberrations from the recorded positions"),
+    "compare": ("Compare with another H", "Another day, a simulation, or the H of a fit, position by position"),
+}
+"""Levels below the verdict: titles, and when one would open them."""
+
+NARROW, WIDE, ROOMY = 304, 368, 1380
+"""Two widths of the inspector, and the least width of the panel for the wider one (px)."""
+
+SUM, MAP, PROFILE = 120, (84, 130), 150
+"""Heights in the inspector: sum, bounds of the map, profile (px)."""
+
+ROW = 30
+"""Height of a line that opens a level (px)."""
 
 LINES_OF_APERTURE = 6
 """Least height of the numbers of an aperture, in lines."""
@@ -82,6 +104,10 @@ class PSFPanel(QWidget):
         Each picture is to fill the scale, or all are to share one.
     hovered(row, column, value), clicked(row, column)
         The pointer in the main picture; row -1: outside.
+    level_asked(name)
+        A level of the inspector is wanted: one of `LEVELS`, or the verdict (empty).
+    frame_asked()
+        The recorded frame of the position is wanted.
     """
 
     asked = Signal(dict)
@@ -89,6 +115,8 @@ class PSFPanel(QWidget):
     own_scale_toggled = Signal()
     hovered = Signal(int, int, float)
     clicked = Signal(int, int)
+    level_asked = Signal(str)
+    frame_asked = Signal()
 
     def __init__(self) -> None:
         super().__init__()
@@ -97,17 +125,18 @@ class PSFPanel(QWidget):
         self._outlines: tuple[NDArray[np.float64], NDArray[np.float64]] = (NO_LINE, NO_LINE)
         self.apertures: Apertures | None = None
         self._make_pictures()
+        self._make_tools()
         left = QVBoxLayout()
         left.setSpacing(2)
-        left.addLayout(self._view_bar())
-        left.addWidget(self.split, 1)
+        left.addWidget(self.pictures, 1)
         left.addWidget(self.contrast)
         left.addWidget(self.strip)
+        self.inspector = self._inspector()
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(8)
         row.addLayout(left, 1)
-        row.addWidget(self._inspector())
+        row.addWidget(self.inspector)
         self._colour()
         self._show_view(PSFIntent())
 
@@ -119,54 +148,133 @@ class PSFPanel(QWidget):
         self.main_view.hovered.connect(self.hovered.emit)
         self.main_view.clicked.connect(self.clicked.emit)
         self.split = split(self.main_view, self.linked_view, sizes=(1, 1))
+        self.pictures = QStackedWidget()
+        self.pictures.addWidget(self.split)
         self.contrast = Contrast(self.main_view)
         self.contrast.display_asked.connect(self.display_asked.emit)
         self.strip = Strip(tip_of, 64)
         self.strip.chosen.connect(lambda z: self.asked.emit({"z": z}))
 
-    def _view_bar(self) -> QHBoxLayout:
+    @cached_property
+    def fitted(self) -> FitPictures:
+        """The patterns of a fit; made when there is one."""
+        from lfcal_gui.pages.psf.fit_pictures import FitPictures
+
+        made = FitPictures()
+        made.set_display(self._display)
+        made.contrast.display_asked.connect(self.display_asked.emit)
+        self.pictures.addWidget(made)
+        return made
+
+    def _make_tools(self) -> None:
+        """Make what the header has: the views, the readout, and how the pictures are scaled."""
         self.view_buttons: dict[str, QPushButton] = {}
         for title, changes, tip in VIEWS:
             button = QPushButton(title)
+            button.setProperty("role", "segment")
             button.setCheckable(True)
             button.setToolTip(tip)
             button.clicked.connect(lambda _=False, changes=changes: self.asked.emit(dict(changes)))
             self.view_buttons[title] = button
-        self.show_box = choice_box(
-            SHOWN, "Measured H, the reference, or what is left of H less the reference at equal energy"
-        )
-        self.show_box.setAccessibleName("Show")
-        self.show_box.currentIndexChanged.connect(lambda _: self.asked.emit({"show": self.show_box.currentData()}))
+        for title in ("Difference", "Fit"):  # until there is another H, or a fit
+            self.view_buttons[title].hide()
         self.readout = ElidedLabel()
         self.readout.setProperty("role", "hint")
         self.own_scale = QCheckBox("Own scale")
         self.own_scale.setToolTip("Each picture fills the colours; off: all positions of a plane share one scale")
         self.own_scale.toggled.connect(lambda _: self.own_scale_toggled.emit())
-        parts = *self.view_buttons.values(), self.show_box, self.readout, self.own_scale
-        return line(*parts, stretch=len(VIEWS) + 1)
 
     def _inspector(self) -> QWidget:
-        self.place_label = QLabel()
+        self.verdict = VerdictCard("All checks of H: failed ones first, with meaning and remedy of each")
+        self.verdict.why_asked.connect(lambda: self.level_asked.emit("checks"))
+        self.levels = QStackedWidget()
+        self.levels.addWidget(_scrolled(self.verdict, self._aperture_card(), self._profiles()))
+        self.rows: dict[str, LevelRow] = {}
+        rows = QVBoxLayout()
+        rows.setSpacing(0)
+        for name, (title, tip) in LEVELS.items():
+            row = self.rows[name] = LevelRow(title, tip)
+            row.clicked.connect(lambda _=False, name=name: self.level_asked.emit(name))
+            rows.addWidget(row)
+        self.row_holder = QWidget()
+        self.row_holder.setLayout(rows)
+        rows.setContentsMargins(0, 0, 0, 0)
+        inspector = QWidget()
+        column = QVBoxLayout(inspector)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(6)
+        column.addWidget(self.levels, 1)
+        column.addWidget(self._position())
+        column.addWidget(self.row_holder)
+        inspector.setFixedWidth(NARROW)
+        return inspector
+
+    def _position(self) -> QWidget:
+        self.map_title, self.map_range, self.place_label = ElidedLabel(), ElidedLabel(), QLabel()
+        self.map_range.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        self.map_title.setProperty("role", "heading")
+        for label in (self.map_range, self.place_label):
+            label.setProperty("role", "hint")
         self.place_label.setWordWrap(True)
+        self.frame_button = QPushButton("Frame")
+        self.frame_button.setProperty("role", "tight")
+        self.frame_button.setToolTip("Show the recorded frame of this position")
+        self.frame_button.clicked.connect(lambda: self.frame_asked.emit())
         self.map = PeriodMap()
-        self.map.setFixedHeight(MAP)
+        self.map.set_axes("", "")
+        self.map.setMinimumHeight(MAP[0])
+        self.map.setMaximumHeight(MAP[1])
         self.map.chosen.connect(lambda y, x: self.asked.emit({"y": y, "x": x}))
-        place, column = card("Position")
-        column.addWidget(self.place_label)
+        place, column = card()
+        column.addLayout(line(self.map_title, self.map_range, stretch=1))
         column.addWidget(self.map)
+        column.addLayout(line(self.place_label, self.frame_button, stretch=0))
+        return place
+
+    def _profiles(self) -> QWidget:
         self.profile = LinePlot("pixel from the cutout's centre (px)", "intensity (counts)")
         self.profile.setFixedHeight(PROFILE)
         self.profile_title = QLabel()
         profiles = Folded("Profiles", "Values along the row and the column of the pixel that is pointed at")
         profiles.column.addWidget(self.profile_title)
         profiles.column.addWidget(self.profile)
-        self.verdict = VerdictCard("All checks of H: failed ones first, with what each means and what to do")
-        return column_area(INSPECTOR, self.verdict, self._aperture_card(), place, profiles)
+        return profiles
+
+    def add_level(self, name: str, view: QWidget) -> None:
+        """Make a level of the inspector from what it shows."""
+        back = QPushButton("‹ Verdict")
+        back.setProperty("role", "link")
+        back.setToolTip("Back to the verdict, the aperture and the other levels (Backspace)")
+        back.clicked.connect(lambda: self.level_asked.emit(""))
+        title = ElidedLabel(LEVELS[name][0])
+        title.setProperty("role", "heading")
+        title.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        level = QWidget()
+        column = QVBoxLayout(level)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.addLayout(line(back, title, stretch=1))
+        column.addWidget(_scrolled(view, stretch=True), 1)
+        level.setObjectName(name)
+        name_controls(level)
+        self.levels.addWidget(level)
+
+    def show_level(self, name: str) -> None:
+        """Show a level of the inspector; empty: the verdict."""
+        for k in range(self.levels.count()):
+            if self.levels.widget(k).objectName() == name:
+                self.levels.setCurrentIndex(k)
+        self.row_holder.setVisible(not name)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Give the inspector more room in a large window."""
+        super().resizeEvent(event)
+        self.inspector.setFixedWidth(WIDE if self.width() >= ROOMY else NARROW)
 
     def _aperture_card(self) -> QWidget:
         panel, column = card()
         self.legend, larger = QLabel(), QPushButton("Larger …")
         self.legend.setToolTip("Outline fitted to the depth-plane sum, and the one that the camera lets expect there")
+        larger.setProperty("role", "tight")
         larger.setToolTip("The apertures of all planes in a separate window, large enough to compare their blades")
         larger.clicked.connect(lambda: self.show_apertures())
         self.aperture_text = QLabel()
@@ -193,7 +301,7 @@ class PSFPanel(QWidget):
         """
         self._pixel_um = pixel_um
         self._each_strip(lambda strip: strip.set_planes(depths))
-        self.show_box.setVisible(reference)
+        self.view_buttons["Difference"].setVisible(reference)
         self._show_unit(unit)
 
     def _show_unit(self, unit: str) -> None:
@@ -205,15 +313,12 @@ class PSFPanel(QWidget):
     def show_intent(self, intent: PSFIntent, plane_words: str, position_words: str) -> None:
         """Show what was asked for."""
         self.place_label.setText(f"{plane_words}<br>{position_words}")
-        blocker = QSignalBlocker(self.show_box)
-        self.show_box.setCurrentIndex(self.show_box.findData(intent.show))
-        blocker.unblock()
         self._each_strip(lambda strip: strip.set_current(intent.z))
         self.map.set_position(intent.y, intent.x)
         self._show_view(intent)
 
     def _show_view(self, intent: PSFIntent) -> None:
-        """Show H, HT, both, or the depth-plane sum instead of them."""
+        """Show H, HT, both, the difference, the patterns of a fit, or the depth-plane sum."""
         for title, changes, _ in VIEWS:
             self.view_buttons[title].setChecked(all(getattr(intent, key) == one for key, one in changes.items()))
         large = intent.view == "sum"
@@ -224,11 +329,29 @@ class PSFPanel(QWidget):
                 self.sum_place.layout().addWidget(self.sum_view)
         self.sum_place.setVisible(not large)
         self.main_view.setVisible(not large)
-        self.linked_view.setVisible(intent.view == "both")
+        self.linked_view.setVisible(intent.view in ("both", "difference"))
+        by_fit = intent.view == "fit"
+        self.pictures.setCurrentWidget(self.fitted if by_fit else self.split)
+        self.contrast.setVisible(not by_fit)
 
-    def show_plane(self, loaded: PlaneData, recorded: NDArray[Any]) -> None:
-        """Show what holds for a whole plane: energy of each position and whether it was recorded, depth sum."""
-        self.map.set_values(loaded.energy, recorded)
+    def show_fit(self, found: FoundFit | None) -> None:
+        """Offer the patterns of a fit; None: there is none."""
+        self.view_buttons["Fit"].setVisible(found is not None)
+        if found is None:
+            self.map.clear()  # its lines hold on to the fit
+        if found is not None or "fitted" in self.__dict__:
+            self.fitted.show_fit(found)
+
+    def show_map(self, shown: PositionMap) -> None:
+        """Show a quantity over the positions of the plane."""
+        self.map_title.setText(shown.title)
+        self.map_range.setText(shown.range_words)
+        self.map.lines = shown.lines
+        marks = {"x": shown.missing, "o": shown.ringed, "s": shown.aside}
+        self.map.set_values(shown.values, marks=marks, name=shown.name, levels=shown.levels, quantity=shown.title)
+
+    def show_plane(self, loaded: PlaneData) -> None:
+        """Show the depth-plane sum."""
         nt, ns = loaded.depth_sum.shape
         shown = Shot(loaded.depth_sum, name="depth_sum", quantity=self._unit, origin=(-(nt // 2), -(ns // 2)))
         self.sum_view.set_shot(shown)
@@ -252,14 +375,20 @@ class PSFPanel(QWidget):
         self.aperture_text.setText("")
         self.readout.setText(words)
 
-    def show_picture(self, picture: PSFPicture, intent: PSFIntent, levels: Levels, unit: str) -> None:
-        """Show the main and the linked picture with values in ``unit``; ``levels`` None: each fills the scale."""
+    def show_picture(self, picture: PSFPicture, intent: PSFIntent, ends: tuple[Levels, Levels], unit: str) -> None:
+        """Show the main and the linked picture with values in ``unit``.
+
+        ``ends`` are the levels of the pictures and of a difference; None: each fills the scale.
+        """
+        levels, signed = ends
         self._show_unit(unit)
         for view, image, title, cross in (
             (self.main_view, picture.main, picture.main_title, picture.main_cursor),
             (self.linked_view, picture.linked, picture.linked_title, picture.linked_cursor),
         ):
-            view.set_shot(Shot(image, title, unit, "psf", levels, picture.signed, cross=cross, pixel_um=self._pixel_um))
+            apart = picture.signed and view is self.linked_view
+            shot = Shot(image, title, unit, "psf", signed if apart else levels, apart, cross=cross)
+            view.set_shot(replace(shot, pixel_um=self._pixel_um))
         words = HOVER if intent.pixel is None else pixel_words(picture, intent.pixel, unit)
         self.readout.setText(words)
         self._show_profile(picture.main, intent, levels)
@@ -314,6 +443,8 @@ class PSFPanel(QWidget):
         self._display = display
         for view in (self.main_view, self.linked_view, self.sum_view):
             view.set_display(display)
+        if "fitted" in self.__dict__:
+            self.fitted.set_display(display)
         self.contrast.update()
 
     def toggle_scale(self, scale: str) -> None:
@@ -333,15 +464,57 @@ class PSFPanel(QWidget):
             self.contrast,
         ):
             widget.apply_theme()
-        if self.apertures is not None:
-            self.apertures.apply_theme()
+        for large in (self.apertures, self.__dict__.get("fitted")):
+            if large is not None:
+                large.apply_theme()
         self._colour()
 
     def _colour(self) -> None:
         """Give outlines, and the words about lines, the colours of the theme in use."""
         self._show_outlines(*self._outlines)
-        self.legend.setText(legend_words())
+        self.legend.setText(legend_words(" "))
         self.profile_title.setText(_profile_words())
+
+
+class LevelRow(QPushButton):
+    """A line of the inspector that opens a level: what it is, how it stands, and an arrow."""
+
+    def __init__(self, title: str, tip: str) -> None:
+        super().__init__()
+        self.setProperty("role", "row")
+        self.setToolTip(tip)
+        self.name, self.state = QLabel(), ElidedLabel()
+        self.name.setProperty("role", "heading")
+        self.state.setProperty("role", "hint")
+        self.state.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(10, 0, 8, 0)
+        for part, stretch in ((self.name, 0), (self.state, 1), (QLabel("›"), 0)):
+            part.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+            row.addWidget(part, stretch)
+        self.setFixedHeight(ROW)
+        self.say(title, "")
+
+    def say(self, title: str, state: str) -> None:
+        """Show what it opens, and how that stands."""
+        self.name.setText(title)
+        self.state.setText(state)
+        self.setAccessibleName(f"{title}: {state}" if state else title)
+
+
+def _scrolled(*parts: QWidget, stretch: bool = False) -> QScrollArea:
+    """Return parts one below the other in an area that scrolls where the window is low."""
+    inner = QWidget()
+    column = QVBoxLayout(inner)
+    column.setContentsMargins(0, 0, 4, 0)
+    column.setSpacing(6)
+    for part in parts:
+        column.addWidget(part, int(stretch))
+    if not stretch:
+        column.addStretch()
+    area = scrolling(inner)
+    clear(area)
+    return area
 
 
 def _profile_words() -> str:

@@ -109,7 +109,7 @@ class Page(BasePage):
             self.hint.setText(self.spec.hint)
             self.show_no_matrix(
                 state.psf,
-                "A reconstruction needs an H: assemble one, simulate one, or open one on the PSF page.",
+                "A reconstruction needs an H: assemble one, simulate one, or open one in the place H.",
                 {
                     "PSF": self.lead("psf", "Open an H that was assembled, simulated or fitted before"),
                     "Compute": self.lead("simulate", "Compute an H of the camera and plan; no recording is needed"),

@@ -5,14 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lfcal.base import LfcalError, format_plane
 from lfcal_gui.comparing import Comparing
 from lfcal_gui.context import Context
-from lfcal_gui.models import CompareRequest, stamp_of, stated_order
+from lfcal_gui.models import Both, CompareRequest, Place, both_at, stamp_of, stated_order
 from lfcal_gui.pages.sessions.model import Verdict, can_judge, fact_rows, pair_rows
 from lfcal_gui.pages.sessions.panel import SessionsPanel
 
 if TYPE_CHECKING:
-    from lfcal.judge import StoredResult
+    from lfcal.judge import Pair, StoredResult
 
 __all__ = ["Pairing"]
 
@@ -33,6 +34,8 @@ class Pairing(Comparing):
         self._whole = panel
         self._files: tuple[str, str] = ("", "")
         self._by_number = False
+        self._pair: Pair | None = None
+        context.matrices.changed.connect(self._matrix_changed)
 
     def request(self) -> CompareRequest | None:
         """Return the two files as they are now."""
@@ -75,6 +78,57 @@ class Pairing(Comparing):
 
         self._context.jobs.drop("sessions pair")
         self._context.jobs.load("sessions pair", read, lambda rows: self._whole.show_pair(names, rows), refused)
+
+    def release(self) -> None:
+        """Forget what was compared, and stop what is at work."""
+        super().release()
+        self._pair = None
+
+    def show_place(self, place: Place) -> None:
+        """Show a position of both, and where it is."""
+        from lfcal.judge.report import map_levels
+
+        found, panel = self.found, self._whole.compare
+        if found is None:
+            return
+        self._place = place
+        k = place[0]
+        plane = format_plane(found.planes[k].depths_um[0], found.planes[k].planes[0], "z")
+        error = 100 * found.error[k]
+        panel.show_map(k, f"Difference over the positions, {plane}", error, map_levels(error))
+        pair = self._opened()
+        if pair is None:
+            return
+        where = f"at ({found.pair.planes[k][0]}, {place[1]}, {place[2]})"
+
+        def read(both: Both) -> None:
+            if self.found is found:
+                panel.show_both(both, where)
+
+        def failed(words: str) -> None:
+            if self._pair is pair:  # else the files changed meanwhile
+                self._context.message.emit(words)
+
+        self._context.jobs.compute("sessions both", lambda: both_at(pair, place), read, failed)
+
+    def _opened(self) -> Pair | None:
+        """Return both H as they are open in the window, None: not yet."""
+        from lfcal.judge import pair
+
+        if self._pair is None and self._asked is not None:
+            a, b = (self._context.matrix(path) for path in (self._asked.first[0], self._asked.second[0]))
+            if a is not None and b is not None:
+                try:
+                    self._pair = pair(a, b, by_number=self._asked.by_number)
+                except LfcalError:  # the files were replaced since the comparison; `follow` discards it
+                    return None
+        return self._pair
+
+    def _matrix_changed(self, path: str) -> None:
+        if self._asked is not None and path in (self._asked.first[0], self._asked.second[0]):
+            self._pair = None
+            if self.found is not None:
+                self.show_place(self._place)
 
     def let_go(self) -> None:
         """Forget what was compared, and close its files."""

@@ -42,7 +42,7 @@ def trend_of(folders: Sequence[Path]) -> Trend:
     places = [place for folder in folders for place in inspections_in(folder)]
     if len(places) < 2:
         raise InputError.expected(
-            "quality reports in the gallery", "two or more", len(places), "write them on page Quality: Write report"
+            "quality reports in the gallery", "two or more", len(places), "write them in H > Checks: Write report"
         )
     return trend([read_inspection(place, label) for place, label in zip(places, labels_of(places), strict=True)])
 

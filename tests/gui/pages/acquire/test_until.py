@@ -1,4 +1,4 @@
-"""Recording until H is known, in the window: chosen, followed, stopped, gone on with, and taken to the page Fit."""
+"""Recording until H is known, in the window: chosen, followed, stopped, gone on with, and fitted."""
 
 from __future__ import annotations
 
@@ -161,13 +161,13 @@ def test_from_start_to_the_page_fit(page: Page, context: Context, qtbot: QtBot, 
     now = folder_state(str(folder))
     assert now.there is not None and now.complete and now.there[before.there].all() and verify(folder).ok
     assert now.there.sum() == curve.positions[-1] == sum(map(len, session.redo))
-    # everything recorded becomes an H, and the page Fit is told of the fit
+    # everything recorded becomes an H, and its fit is shown
     assert context.jobs.jobs()[0].result is None, "jobs are remembered: they must not hold a fit"
     sent: list[tuple[str, Any]] = []
     context.go.connect(lambda key, payload: sent.append((key, payload)))
     press(page, "fit", qtbot)
     qtbot.waitUntil(lambda: bool(sent), timeout=GUARD_MS)
-    assert sent[0][0] == "fit" and isinstance(sent[0][1], Fit) and context.state.psf == str(folder / "H.h5")
+    assert sent[0][0] == "psf" and isinstance(sent[0][1], Fit) and context.state.psf == str(folder / "H.h5")
     with open_psf(folder / "H.h5") as H:
         assert set(map(tuple, np.argwhere(H.recorded > 0).tolist())) == set(sent[0][1].residuals)
 

@@ -9,8 +9,17 @@ from hypothesis import strategies as st
 
 from lfcal.base.units import format_plane
 from lfcal.camera import preset
+from lfcal.judge import pair
 from lfcal.psf import PSFMatrix, transpose
-from lfcal_gui.pages.psf.model import LoadedPlane, PSFIntent, linked_pixel, place_words, resolve, turn_pixel
+from lfcal_gui.pages.psf.model import (
+    LoadedPlane,
+    PSFIntent,
+    linked_pixel,
+    place_words,
+    read_plane,
+    resolve,
+    turn_pixel,
+)
 from lfcal_gui.pages.psf.model_aperture import aperture_tip
 
 SHAPE = (3, 4, 5, 7, 9)
@@ -51,10 +60,28 @@ def test_the_picture_follows_the_intent(transposed: bool) -> None:
 
 def test_differences_are_at_equal_energy() -> None:
     loaded = plane()
-    twice = LoadedPlane(1, 2 * loaded.values)
-    picture = resolve(PSFIntent(show="difference"), loaded, twice)
-    assert picture.signed and np.abs(picture.main).max() < 1e-6
-    np.testing.assert_array_equal(resolve(PSFIntent(show="reference"), loaded, twice).main, twice.values[0, 0])
+    H, other = PSFMatrix(loaded.values[None]), PSFMatrix(2 * loaded.values[None])
+    data = read_plane(H, pair(H, other), 0)
+    assert data.reference is not None and data.reference.scale == pytest.approx(0.5)
+    picture = resolve(PSFIntent(view="difference"), data.plane, data.reference)
+    assert picture.signed and np.abs(picture.linked).max() < 1e-6
+    np.testing.assert_array_equal(picture.main, loaded.values[0, 0])
+    shown = resolve(PSFIntent(show="reference"), data.plane, data.reference).main
+    np.testing.assert_array_equal(shown, 2 * loaded.values[0, 0])
+
+
+def test_another_h_is_paired_by_depth_and_cut_to_the_pixels_of_both() -> None:
+    """It was compared by number, and only where its shape was the same."""
+    values = np.random.default_rng(0).random((2, 4, 5, 7, 9)).astype(np.float32)
+    H = PSFMatrix(values, depths=[-20.0, -10.0])
+    other = PSFMatrix(values[1:, :, :, 1:-1, 2:-2], depths=[-10.0])
+    both = pair(H, other)
+    data = read_plane(H, both, 1)
+    assert data.reference is not None and read_plane(H, both, 0).reference is None
+    np.testing.assert_array_equal(data.reference.values[..., 1:-1, 2:-2], values[1, :, :, 1:-1, 2:-2])
+    assert np.isnan(data.reference.values[..., 0, :]).all() and np.isfinite(data.levels["difference"]).all()
+    apart = resolve(PSFIntent(z=1, view="difference"), data.plane, data.reference).linked
+    assert np.nanmax(np.abs(apart)) < 1e-6
 
 
 def test_intents_stay_inside() -> None:

@@ -76,7 +76,7 @@ HELD = {
     *("psf", "frames", "out", "name", "iterations", "resample", "device", "method", "threshold", "within"),
     *("margin", "voxel", "anchor", "mat_order"),
 }
-"""Fields that the page shows by entries of its own, and the order that page PSF asks for."""
+"""Fields that the page shows by entries of its own, and the order that the place H asks for."""
 
 
 def test_every_field_is_in_the_form_or_has_an_entry_of_its_own() -> None:
