@@ -459,8 +459,10 @@ def _check_on_sensor(plan: ScanPlan) -> None:
             )
 
 
-def moved_onto_sensor(plan: ScanPlan, *, cutout: tuple[int, int] | None = None) -> ScanPlan:
-    """Return the plan with another cutout, its scan moved by as little as keeps every cutout on the sensor.
+def moved_onto_sensor(
+    plan: ScanPlan, *, cutout: tuple[int, int] | None = None, anchor: tuple[float, float] | None = None
+) -> ScanPlan:
+    """Return the plan with another cutout or anchor, moved by as little as keeps every cutout on the sensor.
 
     Along each axis the scan moves by whole periods of the array where there is such a place, so that a position has the
     pattern that it had; else by whole pixels. Frames that are resampled have periods of broken numbers of pixels.
@@ -469,8 +471,8 @@ def moved_onto_sensor(plan: ScanPlan, *, cutout: tuple[int, int] | None = None) 
     ----------
     plan
         A plan.
-    cutout
-        Pixels ``(nt, ns)``; None: those of the plan.
+    cutout, anchor
+        Pixels ``(nt, ns)``, and sensor position ``(row, column)``; None: those of the plan.
 
     Raises
     ------
@@ -486,7 +488,7 @@ def moved_onto_sensor(plan: ScanPlan, *, cutout: tuple[int, int] | None = None) 
     """
     window = plan.cutout if cutout is None else cutout
     check_cutout(*window)
-    anchor, period_px = list(plan.anchor), plan.cell_camera.period_px
+    place, period_px = list(plan.anchor if anchor is None else anchor), plan.cell_camera.period_px
     for axis, name in enumerate(("rows", "columns")):
         low, high = _anchors_on_sensor(plan, window[axis], axis)
         if low > high:
@@ -494,8 +496,8 @@ def moved_onto_sensor(plan: ScanPlan, *, cutout: tuple[int, int] | None = None) 
             most = math.floor((size - _span(plan, axis)) * plan.resample_factors[axis])
             wanted = f"at most {most - 1 + most % 2} {name} on a sensor of {size}"
             raise InputError.expected("cutout", wanted, window[axis], "choose a smaller cutout")
-        anchor[axis] = _nearest_place(plan, anchor[axis], plan.cells[axis] * period_px[axis], low, high)
-    return replace(plan, cutout=window, anchor=(anchor[0], anchor[1]))
+        place[axis] = _nearest_place(plan, place[axis], plan.cells[axis] * period_px[axis], low, high)
+    return replace(plan, cutout=window, anchor=(place[0], place[1]))
 
 
 def _span(plan: ScanPlan, axis: int) -> float:

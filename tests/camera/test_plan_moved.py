@@ -40,6 +40,14 @@ def test_the_scan_moves_to_the_nearest_place_of_the_same_phase(
         assert shift == wanted - pixel
 
 
+def test_a_place_off_the_sensor_becomes_the_nearest_one_on_it() -> None:
+    plan = plan_at(150.0, 144.0)
+    moved = moved_onto_sensor(plan, anchor=(-40.0, 5000.0))
+    # 3 periods of 19 rows lead to 17, which is off by 3 px: 4 of them
+    assert moved.anchor[0] == -40 + round(4 * plan.cell_camera.period_px[0])
+    assert moved.anchor[1] <= 320 - 33 - 20 and (5000 - moved.anchor[1]) % 33 == 0
+
+
 def test_resampled_frames_move_by_the_array_s_own_period() -> None:
     plan = plan_at(20.0, 144.0, resample=True)
     moved = moved_onto_sensor(plan, cutout=(61, 41))

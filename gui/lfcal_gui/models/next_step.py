@@ -46,9 +46,9 @@ class Sitting:
     camera, white
         Whether a camera was described, and checked against a white image.
     assumed
-        Names of values that were not stated.
-    wrong
-        Why the plan cannot work; empty where it can.
+        Names of values that were not stated and that time, cutout or H depend on.
+    wrong, movable
+        Why the plan cannot work; empty where it can; and whether another place of the scan on the sensor helps.
     plan, positions, planes
         Whether there is a plan; number of positions and of planes.
     record_s, frame_bytes
@@ -87,6 +87,7 @@ class Sitting:
     white: bool = False
     assumed: tuple[str, ...] = ()
     wrong: str = ""
+    movable: bool = False
     plan: bool = False
     positions: int = 0
     planes: int = 0
@@ -266,6 +267,8 @@ def _camera_of_h(s: Sitting) -> Step | None:
 def _wrong_plan(s: Sitting) -> Step | None:
     if not s.wrong or not s.needs_h or s.source == "folder":
         return None
+    if s.movable:
+        return Step("Next", f"{_short(s.wrong, 60)}: move the scan.", "Move it", "setup.move", "setup")
     return Step("Next", f"change the plan: {_short(s.wrong, 60)}.", "Show the plan", "setup.show", "setup")
 
 

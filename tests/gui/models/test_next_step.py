@@ -57,6 +57,12 @@ TABLE = (
         {"setup": "cannot work"},
     ),
     (
+        replace(CAMERA, wrong="the cutout leaves the sensor", movable=True),
+        "Next: the cutout leaves the sensor: move the scan.",
+        "setup.move",
+        {"setup": "cannot work"},
+    ),
+    (
         replace(CAMERA, assumed=("f-number", "gap")),
         "Next: confirm 2 assumed values: f-number, gap.",
         "setup.assumed",
