@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lfcal.camera._doubts import doubts
-from lfcal.camera.derived import Derived, derived_of
+from lfcal.camera.derived import Derived, derived_of, not_stated_for_noise
 from lfcal.camera.description import MARKS, Camera, Marks
 from lfcal.camera.distortion import BrownDistortion, LatticeDistortion
 from lfcal.camera.draft import Draft
@@ -46,6 +46,7 @@ __all__ = [
     "has_value",
     "import_camera",
     "moved_onto_sensor",
+    "not_stated_for_noise",
     "preset",
     "quantities_of",
     "read_camera",

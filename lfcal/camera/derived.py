@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from lfcal.base import InputError, format_length
 from lfcal.camera.description import Camera
 from lfcal.camera.main_lens import MainLens
+from lfcal.camera.quantities import quantities_of
 
-__all__ = ["DEPTH", "STEP", "WHOLE_FRAMES", "Derived", "assumed_of", "derived_of"]
+__all__ = ["DEPTH", "STEP", "WHOLE_FRAMES", "Derived", "assumed_of", "derived_of", "not_stated_for_noise"]
 
 STEP = (
     "sensor.pixel_um",
@@ -23,6 +24,7 @@ DEPTH = ("optics.focal_length_um", "optics.working_distance_um", "optics.magnifi
 APERTURE = ("optics.focal_length_um", "optics.f_number", "optics.working_distance_um", "optics.numerical_aperture")
 WHOLE_FRAMES = ("sensor.shape",)
 IN_PIXELS = ("lattice.pitch_um", "lattice.kind")
+NOISE = ("sensor.full_well_e", "sensor.read_noise_e", "sensor.bit_depth")
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +62,21 @@ def assumed_of(camera: Camera, paths: tuple[str, ...]) -> tuple[str, ...]:
     there = set(camera.marks.paths("assumed"))
     telecentric = camera.optics.telecentric
     return tuple(path for path in paths if path in there and not (telecentric and path == "lattice.gap_um"))
+
+
+def not_stated_for_noise(camera: Camera) -> tuple[str, ...]:
+    """Return the names of assumed values on which the noise of H depends; empty: all are stated or measured.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from lfcal.camera import Marks, not_stated_for_noise, preset
+    >>> camera = replace(preset("bench"), marks=Marks.of({"sensor.read_noise_e": "assumed"}))
+    >>> not_stated_for_noise(camera)
+    ('read noise',)
+    """
+    paths = assumed_of(camera, NOISE)
+    return tuple(q.label for q in quantities_of(camera) if q.path in paths)
 
 
 def derived_of(camera: Camera) -> tuple[Derived, ...]:

@@ -20,7 +20,6 @@ from lfcal.simulate.noise_forecast import (
     ExpectedLight,
     ScanChoice,
     iter_expected_light,
-    not_stated_for_noise,
     scan_choices,
 )
 from lfcal.simulate.progressive import iter_refine_psf
@@ -49,7 +48,6 @@ __all__ = [
     "iter_write_session",
     "ladder",
     "light_field",
-    "not_stated_for_noise",
     "plan_effects",
     "plume",
     "points",

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from lfcal.base import Clock, Work, check_number
-from lfcal.camera import Camera, Forecast, ScanPlan, Sensor, assumed_of, quantities_of
+from lfcal.camera import Forecast, ScanPlan, Sensor
 from lfcal.simulate.accuracy import few_seconds
 from lfcal.simulate.effects import IrisShape, LensletDiffraction, LensTypeDefocus
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.staging import outlook_of
 
-__all__ = ["PLANNED_PEAK", "ExpectedLight", "ScanChoice", "iter_expected_light", "not_stated_for_noise", "scan_choices"]
+__all__ = ["PLANNED_PEAK", "ExpectedLight", "ScanChoice", "iter_expected_light", "scan_choices"]
 
 PLANNED_PEAK = 0.8
 """Share of the full well that the brightest pixel of a session is planned to reach."""
@@ -38,29 +38,10 @@ BINS = 160
 DIMMEST = 1e-7
 """Light of a pixel over that of the brightest one, below which pixels are dark."""
 
-DESCRIBED = ("sensor.full_well_e", "sensor.read_noise_e", "sensor.bit_depth")
-"""Values without which the noise of a sensor is not known."""
-
 PEAKS = (0.05, 0.1, 0.2, 0.4, 0.8)
 AVERAGES = (1, 2, 4, 8, 16, 32, 64)
 SAME = 0.01
 """Relative difference in time and noise up to which two choices are one."""
-
-
-def not_stated_for_noise(camera: Camera) -> tuple[str, ...]:
-    """Return the names of assumed values on which the noise of H depends; empty: all are stated or measured.
-
-    Examples
-    --------
-    >>> from dataclasses import replace
-    >>> from lfcal.camera import Marks, preset
-    >>> from lfcal.simulate import not_stated_for_noise
-    >>> camera = replace(preset("bench"), marks=Marks.of({"sensor.read_noise_e": "assumed"}))
-    >>> not_stated_for_noise(camera)
-    ('read noise',)
-    """
-    paths = assumed_of(camera, DESCRIBED)
-    return tuple(q.label for q in quantities_of(camera) if q.path in paths)
 
 
 @dataclass(frozen=True, eq=False)

@@ -366,7 +366,8 @@ class PlanScan(_PlanOfCamera):
 
     def _noise(self, plan: ScanPlan, peak: float) -> Work[tuple[float, ...] | None]:
         """Return the expected noise of each plane of H; None, with a note, where the sensor is not described."""
-        from lfcal.simulate import iter_expected_light, not_stated_for_noise
+        from lfcal.camera import not_stated_for_noise
+        from lfcal.simulate import iter_expected_light
 
         if unknown := not_stated_for_noise(plan.camera):
             note(f"the noise of H is not forecast: {' and '.join(unknown)} only assumed")

@@ -10,10 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 from lfcal.base import drain
-from lfcal.camera import Forecast, Marks, ScanPlan, preset
+from lfcal.camera import Forecast, Marks, ScanPlan, not_stated_for_noise, preset
 from lfcal.frames import ArraySource, CorrectionRecipe, corrected_view
 from lfcal.psf import Cutout, assemble
-from lfcal.simulate import ExpectedLight, ScanChoice, iter_expected_light, not_stated_for_noise, scan_choices
+from lfcal.simulate import ExpectedLight, ScanChoice, iter_expected_light, scan_choices
 from lfcal.simulate.effects import (
     DarkCurrent,
     IrisShape,
