@@ -1,15 +1,15 @@
-"""What the place shows of camera and plan: the sensor with the scan on it, the planes, the big numbers. No Qt."""
+"""What the place shows of camera and plan: the sensor with the scan on it, and the planes. No Qt."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import format_bytes, format_count, format_seconds
-from lfcal.camera import Camera, Forecast, ScanPlan
+from lfcal.camera import Camera, ScanPlan
 from lfcal_gui.models import CUTOUT, Outline, Overlay, Shot, cutout_of
 from lfcal_gui.pages.setup.model_check import Checked
 from lfcal_gui.pages.setup.model_scan import scan_path
@@ -17,7 +17,7 @@ from lfcal_gui.pages.setup.model_scan import scan_path
 if TYPE_CHECKING:
     from lfcal.psf.aperture import Aperture
 
-__all__ = ["Area", "Number", "ScanScene", "apertures_of", "numbers_of"]
+__all__ = ["Area", "ScanScene", "apertures_of"]
 
 MOST = 480
 """Samples along the longer side of a drawn lattice."""
@@ -193,39 +193,11 @@ def _drawn(camera: Camera, rows: NDArray[Any], columns: NDArray[Any], step: floa
     return values
 
 
-def apertures_of(plan: ScanPlan) -> list[Aperture | None]:
-    """Return the apertures that are expected in the planes; None: in focus, or not to be seen."""
+@lru_cache(maxsize=4)
+def apertures_of(
+    camera: Camera, depths_um: tuple[float, ...], cutout: tuple[int, int]
+) -> tuple[Aperture | None, ...]:
+    """Return the apertures that are expected in planes; None: in focus, or not to be seen."""
     from lfcal.psf.aperture import expected_aperture
 
-    return [expected_aperture(plan.camera, depth, plan.cutout) for depth in plan.depths_um]
-
-
-@dataclass(frozen=True)
-class Number:
-    """A big number: its value, what stands behind it, and what it is."""
-
-    value: str
-    unit: str
-    words: str
-
-
-def _number(text: str, words: str) -> Number:
-    value, _, unit = text.partition(" ")
-    return Number(value, unit, words)
-
-
-def numbers_of(scene: ScanScene, forecast: Forecast | None) -> tuple[Number, ...]:
-    """Return what the scan costs, and how far the lattice is off."""
-    plan, checked = scene.plan, scene.checked
-    found = []
-    if plan is not None and forecast is not None:
-        positions = format_count(forecast.positions, "position", "positions")
-        planes = format_count(len(plan.depths_um), "plane", "planes")
-        found += [
-            _number(format_seconds(3600 * forecast.hours), f"for {positions} in {planes}"),
-            _number(format_bytes(forecast.frame_bytes), f"of frames; H is {format_bytes(forecast.h_float32_bytes)}"),
-            _number(f"{max(map(abs, plan.period_residual_px)):.2f} px", "period off the lattice"),
-        ]
-    if checked is not None and checked.check.fit is not None:
-        found.append(_number(f"{checked.check.fit.residual_rms_px:.3f} px", "lattice off by, rms"))
-    return tuple(found)
+    return tuple(expected_aperture(camera, depth, cutout) for depth in depths_um)

@@ -1,17 +1,18 @@
-"""The scan plan as the task PlanScan, its drawing and its forecast as rows. No Qt."""
+"""The scan plan as the task PlanScan, and its drawing. No Qt."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, LfcalError, format_bytes, format_length, format_seconds
-from lfcal.camera import Camera, Forecast, ScanPlan, half_cell
+from lfcal.base import InputError, LfcalError, check_cutout
+from lfcal.camera import Camera, ScanPlan, half_cell, moved_onto_sensor
 from lfcal.records import rows
 from lfcal.tasks import PlanScan
 from lfcal_gui.models import CAMERA_FILE, shown_of
@@ -21,11 +22,11 @@ __all__ = [
     "HELD",
     "apply_change",
     "default_plan",
-    "forecast_rows",
     "half_of",
     "is_usual",
     "list_beside",
     "list_text",
+    "moved",
     "path_lines",
     "scan_path",
     "scan_task",
@@ -102,6 +103,25 @@ def apply_change(plan: ScanPlan, key: str, value: Any) -> tuple[ScanPlan | None,
         return None, str(error)
 
 
+def moved(plan: ScanPlan, key: str, value: Any) -> ScanPlan | str:
+    """Return the plan with a cutout or an anchor that leaves the sensor here, moved; or why that does not help.
+
+    Empty: the value is refused for another reason.
+    """
+    if key not in ("cutout", "anchor"):
+        return ""
+    try:
+        given = ROWS[key].value(value, ROWS[key].label)
+        given = (given, given) if isinstance(given, int) else given
+        check_cutout(*(given if key == "cutout" else plan.cutout))
+    except LfcalError:
+        return ""
+    try:
+        return moved_onto_sensor(plan, **{key: given})
+    except LfcalError as error:
+        return str(error)
+
+
 def _changed(plan: ScanPlan, key: str, value: Any) -> ScanPlan:
     given = {key: value}
     if key in PLANES:
@@ -121,6 +141,7 @@ def _changed(plan: ScanPlan, key: str, value: Any) -> ScanPlan:
     return replace(made, stage=replace(made.stage, origin_um=plan.stage.origin_um))
 
 
+@lru_cache(maxsize=8)
 def is_usual(plan: ScanPlan) -> bool:
     """Return whether the task makes this plan of its camera, but for the origin of the stage."""
     try:
@@ -155,7 +176,9 @@ def scan_path(plan: ScanPlan, positions: NDArray[np.intp] | None = None) -> NDAr
 
 
 def _first_plane(plan: ScanPlan, positions: NDArray[np.intp] | None) -> NDArray[np.intp]:
-    order = plan.order_indices() if positions is None else positions
+    if positions is None:  # of one plane: large plans have millions of positions
+        return replace(plan, depths_um=plan.depths_um[:1], exposure_s=plan.exposures[0]).order_indices()
+    order = positions
     found: NDArray[np.intp] = order[order[:, 0] == order[0, 0]]
     return found
 
@@ -166,38 +189,3 @@ def path_lines(plan: ScanPlan, between: str, positions: NDArray[np.intp] | None 
     order = _first_plane(plan, positions)
     for (_, y, x), (row, column) in zip(order.tolist(), plan.image_px(order).tolist(), strict=True):
         yield between.join((f"{y}", f"{x}", f"{row:.9g}", f"{column:.9g}")) + "\n"
-
-
-def forecast_rows(
-    plan: ScanPlan,
-    speed: float = 1000.0,
-    frame_rate: float | None = None,
-    positions: NDArray[np.intp] | None = None,
-) -> list[tuple[str, str]]:
-    """Return the forecast as pairs of name and value with unit; with ``positions`` no others are recorded."""
-    found = Forecast.of(plan, stage_um_per_s=speed, frames_per_s=frame_rate, positions=positions)
-    half = "" if positions is None else f" of {plan.n_positions} (half cell)"
-    ry, rx = plan.period_residual_px
-    ny, nx = plan.period
-    readout = found.readout_hours
-    return [
-        ("Planes × rows × columns", f"{len(plan.depths_um)} × {ny} × {nx}"),
-        ("Positions", f"{found.positions}{half}"),
-        ("Frames", f"{found.frames}"),
-        ("Time without readout" if readout is None else "Time", format_seconds(found.hours * 3600)),
-        ("  whole frames at", f"{format_bytes(found.bytes_per_s)}/s"),
-        ("  exposing", format_seconds(found.exposure_hours * 3600)),
-        *([] if readout is None else [("  reading out", format_seconds(readout * 3600))]),
-        ("  settling", format_seconds(found.settle_hours * 3600)),
-        (f"  moving at {format_length(speed)}/s", format_seconds(found.move_hours * 3600)),
-        ("Whole frames on disk", format_bytes(found.frame_bytes)),
-        ("Cutouts on disk", format_bytes(found.cutout_bytes)),
-        ("H, float32", format_bytes(found.h_float32_bytes)),
-        ("H, rounded, at most", format_bytes(found.h_rounded_bytes)),
-        ("HT if exported", format_bytes(found.ht_float32_bytes)),
-        ("Memory to assemble", format_bytes(found.assembly_bytes)),
-        ("Lateral step, first plane", format_length(plan.step_um(0)[1])),
-        ("Lateral step, last plane", format_length(plan.step_um(len(plan.depths_um) - 1)[1])),
-        ("Period residual, x", f"{round(rx, 3) + 0.0:+.3f} px"),
-        ("Period residual, y", f"{round(ry, 3) + 0.0:+.3f} px"),
-    ]
