@@ -241,7 +241,7 @@ class FoldedForm(QFrame):
             return label
         edit = QLineEdit()
         edit.setPlaceholderText(field.empty)
-        if field.kind in ("float", "int"):
+        if field.kind in ("float", "int", "floats") or field.unit or field.read is not None:
             edit.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         if field.file:
             icon = self.style().standardIcon(QStyle.StandardPixmap.SP_DirOpenIcon)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QIcon, QImage, QPainter, QPen, QPixmap, QPolygonF
-from PySide6.QtWidgets import QListWidget, QListWidgetItem
+from PySide6.QtGui import QColor, QIcon, QImage, QPainter, QPen, QPixmap, QPolygonF, QResizeEvent
+from PySide6.QtWidgets import QListWidget, QListWidgetItem, QStyle
 
 from lfcal.base import format_plane
 from lfcal_gui.models import DisplaySettings, levels_of, to_uint8
@@ -114,7 +114,7 @@ class Strip(QListWidget):
 
     def __init__(self, tip: Callable[[int, PlaneTile, int], str], side: int = 76, *, wrapping: bool = False) -> None:
         super().__init__()
-        self._tip, self._side = tip, side
+        self._tip, self._side, self._wrapping = tip, side, wrapping
         self.tiles: list[PlaneTile] = []
         self.setViewMode(QListWidget.ViewMode.IconMode)
         self.setFlow(QListWidget.Flow.LeftToRight)
@@ -125,7 +125,7 @@ class Strip(QListWidget):
         self.setGridSize(QSize(side + 18, side + 26))
         self.setAccessibleName("apertures of all planes")
         if not wrapping:
-            self.setFixedHeight(side + 38)
+            self.setFixedHeight(side + 30)
             self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setToolTip("Depth-plane sums: the aperture as seen from each depth. Click to choose a plane.")
         self.currentRowChanged.connect(self._changed)
@@ -144,6 +144,18 @@ class Strip(QListWidget):
             self.tiles.append(tile)
             self._show(z, count=len(tiles))
         self.blockSignals(False)
+        self._fit()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Make room for the scroll bar where there are more planes than fit."""
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        if not self._wrapping:
+            scrolled = self.count() * self.gridSize().width() > self.viewport().width()
+            bar = self.style().pixelMetric(QStyle.PixelMetric.PM_ScrollBarExtent) if scrolled else 0
+            self.setFixedHeight(self._side + 30 + bar)
 
     def set_tile(self, z: int, **known: Any) -> None:
         """Show more of plane ``z``: fields of `PlaneTile`."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QComboBox, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QGridLayout, QLabel, QPushButton, QToolButton, QVBoxLayout, QWidget
 
-from lfcal.camera import PRESETS, Camera, ScanPlan
+from lfcal.camera import PRESETS, Camera, ScanPlan, quantities_of
 from lfcal.tasks import PlanScan
 from lfcal_gui.models import fields_of
 from lfcal_gui.pages.setup.model import values_of
@@ -18,7 +18,10 @@ from lfcal_gui.pages.setup.model_marks import TIPS, mark_of, path_of
 from lfcal_gui.pages.setup.model_scan import BASIC_OF_SCAN, HELD, suggested_values
 from lfcal_gui.pages.setup.model_scan import values_of as values_of_plan
 from lfcal_gui.pages.setup.model_target import PlanSettings
-from lfcal_gui.widgets import FoldedForm, WrappedLabel, card, line, set_role
+from lfcal_gui.widgets import ElidedLabel, FoldedForm, VerdictCard, WrappedLabel, card, line, set_role
+
+if TYPE_CHECKING:
+    from lfcal.simulate import AssumedEffect
 
 __all__ = ["Inspector", "PresetBox"]
 
@@ -53,6 +56,17 @@ BUTTONS = {
     "details": ("Details …", "Every value compared with the white image, and maps of the lattice"),
 }
 """Names of buttons, what is on them, and when one would press them."""
+
+HEADS = {
+    "good": "✓ The white image agrees",
+    "fair": "▲ The white image differs",
+    "bad": "▲ The white image contradicts",
+}
+"""Headline of the comparison with a white image."""
+
+
+SMALL = 18
+"""Side of a tick (px)."""
 
 
 class PresetBox(QComboBox):
@@ -113,6 +127,7 @@ class Inspector(QWidget):
         super().__init__()
         self.buttons: dict[str, QPushButton] = {}
         self._suggested: Camera | None = None
+        self._camera_shown: Camera | None = None
         self._assumed: tuple[str, ...] = ()
         self.setProperty("dense", True)
         column = QVBoxLayout(self)
@@ -139,6 +154,7 @@ class Inspector(QWidget):
         frame, column = card("Start from")
         self.presets = PresetBox()
         column.addLayout(line(self._button("import"), self.presets, stretch=1))
+        column.addLayout(line(self._button("white"), self._button("dark")))
         return frame
 
     def _camera(self, check: Callable[[str, Any], str]) -> QWidget:
@@ -148,8 +164,11 @@ class Inspector(QWidget):
         self.values.check = check
         self.values.edited.connect(self.edited)
         self.values.confirmed.connect(lambda key: self.confirmed.emit((path_of(key),)))
+        self.assumed_list = AssumedList()
+        self.assumed_list.confirmed.connect(lambda path: self.confirmed.emit((path,)))
+        self.values.fold_line(self.assumed_list, above=True)
         self.values.fold_line(self._button("confirm"), self._button("sensor"), above=True)
-        self.values.fold_line(self._button("dark"), self._button("save"), above=True)
+        self.values.fold_line(self._button("save"), above=True)
         column.addWidget(self.values)
         return frame
 
@@ -161,8 +180,6 @@ class Inspector(QWidget):
         self.scan = FoldedForm(basic, rest, "Stage, order, targets", MORE)
         self.scan.check = check
         self.scan.edited.connect(self.scan_edited)
-        for key in ("virtual_depths", "depths"):
-            self.scan.own_line(key)
         self.refused = WrappedLabel()
         set_role(self.refused, "error")
         self.no_plan = QWidget()
@@ -179,13 +196,17 @@ class Inspector(QWidget):
         return frame
 
     def _checks(self) -> QWidget:
-        self.check_card, column = card()
-        self.verdict = WrappedLabel()
-        column.addWidget(self.verdict)
-        column.addLayout(line(self._button("white"), self._button("details")))
+        self.check_card = VerdictCard(BUTTONS["details"][1])
+        self.buttons["details"] = self.check_card.why
+        self.check_card.why.setText(BUTTONS["details"][0])
+        self.check_card.why_asked.connect(lambda: self.asked.emit("details"))
+        holder = QWidget()
+        column = QVBoxLayout(holder)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.addWidget(self.check_card)
         column.addLayout(line(self._button("take")))
-        self.show_verdict("Not compared with a white image yet.", "hint")
-        return self.check_card
+        self.show_verdict("", "")
+        return holder
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_camera(self, camera: Camera) -> None:
@@ -193,9 +214,19 @@ class Inspector(QWidget):
         values = values_of(camera)
         marks = {key: mark_of(camera, key) for key in values}
         self.values.set_state(values, {key: (mark, TIPS[mark]) for key, mark in marks.items()})
-        self._assumed = camera.marks.paths("assumed")
+        self._camera_shown, self._assumed = camera, camera.marks.paths("assumed")
         self.values.head.name(f"All {len(values)} values")
         self.buttons["confirm"].setEnabled(bool(self._assumed))
+
+    def show_effects(self, effects: tuple[AssumedEffect, ...]) -> None:
+        """Show the assumed values first, with what changes if they are wrong; without ``effects``, by name alone."""
+        camera = self._camera_shown
+        if camera is None:
+            return
+        known = {one.path: one.words for one in effects}
+        labels = {one.path: one.label for one in quantities_of(camera)}
+        order = sorted(self._assumed, key=lambda path: list(known).index(path) if path in known else len(known))
+        self.assumed_list.show_values([(path, labels.get(path, path), known.get(path, "")) for path in order])
 
     @property
     def assumed(self) -> tuple[str, ...]:
@@ -214,9 +245,58 @@ class Inspector(QWidget):
                 self.scan.set_defaults(suggested_values(plan.camera))
             self.scan.set_values({**settings.shown(), **values_of_plan(plan)})
 
-    def show_verdict(self, words: str, role: str, *, found: bool = False, measured: bool = False) -> None:
+    def show_verdict(self, merit: str, words: str, *, found: bool = False, measured: bool = False) -> None:
         """Say whether a white image agrees; ``found``: there is more to say of it, ``measured``: also its lattice."""
-        self.verdict.setText(words)
-        set_role(self.verdict, role)
+        self.check_card.show_verdict(merit, words, HEADS.get(merit, "White image"))
+        self.check_card.setVisible(bool(words))
         self.buttons["details"].setVisible(found)
         self.buttons["take"].setVisible(measured)
+
+
+class AssumedList(QWidget):
+    """Assumed values, what changes if they are wrong, and a tick to confirm each.
+
+    Signals
+    -------
+    confirmed(path)
+        The value at this place of the description is right.
+    """
+
+    confirmed = Signal(str)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.rows: list[tuple[str, str, str]] = []
+        self.ticks: dict[str, QToolButton] = {}
+        self.grid = QGridLayout(self)
+        self.grid.setContentsMargins(0, 0, 0, 0)
+        self.grid.setHorizontalSpacing(6)
+        self.grid.setVerticalSpacing(2)
+        self.grid.setColumnStretch(0, 1)
+        self.hide()
+
+    def show_values(self, rows: list[tuple[str, str, str]]) -> None:
+        """Show values in this order: path, name, and what changes."""
+        if rows == self.rows:
+            return
+        self.rows = rows
+        while (item := self.grid.takeAt(0)) is not None:
+            if (old := item.widget()) is not None:
+                old.deleteLater()
+        self.ticks = {}
+        for at, (path, label, words) in enumerate(rows):
+            name, effect, tick = ElidedLabel(), QLabel(words), QToolButton()
+            name.setText(label[:1].upper() + label[1:])
+            effect.setProperty("role", "hint")
+            effect.setToolTip("What changes if the value is off as far as it plausibly may be")
+            tick.setText("✓")
+            tick.setFixedSize(SMALL, SMALL)
+            tick.setProperty("role", "mark")
+            tick.setProperty("mark", "assumed")
+            tick.setAccessibleName(f"confirm {label}")
+            tick.setToolTip(TIPS["assumed"])
+            tick.clicked.connect(lambda _=False, path=path: self.confirmed.emit(path))
+            self.ticks[path] = tick
+            for column, part in enumerate((name, effect, tick)):
+                self.grid.addWidget(part, at, column)
+        self.setVisible(bool(rows))

@@ -14,7 +14,8 @@ from lfcal.base import Clock, Work
 from lfcal.camera import Camera
 from lfcal.frames import compared_orientations, read_image
 from lfcal.frames.corrections import read_average
-from lfcal.lattice import CameraCheck, check_camera
+from lfcal.lattice import FITS, CameraCheck, check_camera
+from lfcal_gui.models import typeset
 from lfcal_gui.pages.setup.model_lattice_map import DISTORTION, RESIDUALS, LatticeMap, distortion_map, residual_map
 
 __all__ = ["Checked", "iter_check"]
@@ -59,6 +60,16 @@ class Checked:
     def whole(self) -> bool:
         """Whether the white image is of the whole sensor, so that a scan can be drawn in it."""
         return self.picture.shape == tuple(-(-n // self.step) for n in self.camera.sensor.shape)
+
+    @property
+    def words(self) -> str:
+        """What the comparison shows, in a sentence."""
+        wrong = [one for one in self.check.lines if one.verdict == self.check.verdict]
+        if self.check.verdict != FITS and wrong:
+            more = f" ({len(wrong) - 1} more)" if len(wrong) > 1 else ""
+            return typeset(f"{wrong[0].label}: {wrong[0].measured}, described as {wrong[0].expected}{more}.")
+        fit = self.check.fit
+        return "" if fit is None else f"Pitch {fit.pitch_px:.3f} px, off by {fit.residual_rms_px:.2f} px."
 
 
 def iter_check(camera: Camera, white: Path, dark: Path | None) -> Work[Checked]:

@@ -138,8 +138,8 @@ def numbers_of(costs: ScanCosts | None, checked: Checked | None) -> tuple[Number
     found = []
     if costs is not None:
         forecast = costs.forecast
-        positions = f"for {forecast.positions:,} positions"
-        size = f"of frames; H is {format_bytes(forecast.h_float32_bytes)}"
+        positions = f"{forecast.positions:,} positions"
+        size = f"frames; H {format_bytes(forecast.h_float32_bytes)}"
         found = [
             Number.of(format_seconds(3600 * forecast.hours), positions),
             Number.of(format_bytes(forecast.frame_bytes), size),
@@ -149,7 +149,7 @@ def numbers_of(costs: ScanCosts | None, checked: Checked | None) -> tuple[Number
         found.append(Number.of(f"{checked.check.fit.residual_rms_px:.2f} px", "lattice off by, rms"))
     elif costs is not None:
         residual = max(map(abs, costs.plan.period_residual_px))
-        found.append(Number.of(f"{residual:.2f} px", "period off the lattice"))
+        found.append(Number.of(f"{residual:.2f} px", "period off lattice"))
     return tuple(found)
 
 

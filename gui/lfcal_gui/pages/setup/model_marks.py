@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
-from lfcal.base import LfcalError
+from lfcal.base import LfcalError, drain
 from lfcal.camera import Camera, Marks, ScanPlan, quantities_of
 from lfcal_gui.models import ProjectState
+from lfcal_gui.pages.setup.model_scan import default_plan
 
-__all__ = ["TIPS", "confirmed", "mark_of", "path_of", "state_with", "stated"]
+if TYPE_CHECKING:
+    from lfcal.simulate import AssumedEffect
+
+__all__ = ["TIPS", "confirmed", "mark_of", "path_of", "state_with", "stated", "weighed", "weighed_key"]
 
 PATHS = {
     "optics.kind": "",
@@ -96,6 +101,21 @@ def carried(plan: ScanPlan, camera: Camera) -> ScanPlan | None:
         except (LfcalError, ZeroDivisionError, OverflowError):
             continue
     return None
+
+
+def weighed_key(state: ProjectState) -> tuple[Any, ...] | None:
+    """Return what the effects of assumed values depend on; None: none is assumed."""
+    camera, plan = state.camera, state.plan
+    assumed = camera.marks.paths("assumed")
+    # time is relative, so that neither exposures nor averages matter much; the cutout does not matter at all
+    return (camera, assumed, None if plan is None else plan.depths_um) if assumed else None
+
+
+def weighed(state: ProjectState) -> tuple[AssumedEffect, ...]:
+    """Return what hangs on each assumed value, the largest first; it takes a second."""
+    from lfcal.simulate import iter_assumed_effects
+
+    return drain(iter_assumed_effects(state.plan or default_plan(state.camera)))
 
 
 def _same_geometry(one: Camera, other: Camera) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -30,8 +30,6 @@ LENSLETS = 24
 DARK, LIT, SHADE = 0.08, 0.36, 0.12
 """Values between and within lenslets, of 1, and by how much less at their edges."""
 
-OF_PLAN = tuple(one.name for one in fields(ScanPlan))
-
 Area = tuple[float, float, float, float]
 """First row and column, height and width (px)."""
 
@@ -54,13 +52,6 @@ class ScanScene:
     plan: ScanPlan | None = None
     half: NDArray[np.intp] | None = None
     checked: Checked | None = None
-
-    def only_moved(self, other: ScanScene | None) -> bool:
-        """Return whether at most the place of the scan differs."""
-        if other is None or self.plan is None or other.plan is None or self.checked is not other.checked:
-            return False
-        one, two = ([getattr(s.plan, name) for name in OF_PLAN if name != "anchor"] for s in (self, other))
-        return one == two and (self.half is None) == (other.half is None)
 
     def same_view(self, other: ScanScene | None) -> bool:
         """Return whether both are looked at in the same way, wherever the scan is."""
@@ -121,7 +112,8 @@ class ScanScene:
         row, column, height, width = view
         step = max(height, width) / MOST
         rows, columns = (
-            start + step * np.arange(max(2, round(n / step))) for start, n in ((row, height), (column, width))
+            _on_sensor(start + step * np.arange(max(2, round(n / step))), side)
+            for start, n, side in zip((row, column), (height, width), self.camera.sensor.shape, strict=True)
         )
         values = _drawn(self.camera, rows, columns, step)
         return Shot(
@@ -129,7 +121,7 @@ class ScanScene:
             "Lattice as described",
             name="lattice",
             levels=(0.0, 1.0),
-            origin=(row, column),
+            origin=(float(rows[0]), float(columns[0])),
             step=step,
             pixel_um=self.camera.sensor.pixel_um * step,
         )
@@ -169,9 +161,15 @@ class ScanScene:
         return border
 
 
+def _on_sensor(places: NDArray[Any], side: int) -> NDArray[np.float64]:
+    """Return the places that are on a sensor of so many pixels, or one that is not."""
+    inside: NDArray[np.float64] = places[(places >= -0.5) & (places <= side - 0.5)]
+    return inside if inside.size else places[:1]
+
+
 def _drawn(camera: Camera, rows: NDArray[Any], columns: NDArray[Any], step: float) -> NDArray[np.float32]:
-    """Return lenslets as discs, or as squares without gaps, at sensor rows and columns; nothing off the sensor."""
-    shape, lattice = camera.sensor.shape, camera.lattice
+    """Return lenslets as discs, or as squares without gaps, at sensor rows and columns."""
+    lattice = camera.lattice
     values = np.full((rows.size, columns.size), DARK, np.float32)
     if camera.pitch_px >= FINEST * step:
         xy = camera.sensor_um(np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1))
@@ -187,16 +185,12 @@ def _drawn(camera: Camera, rows: NDArray[Any], columns: NDArray[Any], step: floa
         # brighter in the middle, so that neighbours that touch are distinguished; edges are one sample wide
         lit = np.clip((radius - reach) / (step * camera.sensor.pixel_um) + 0.5, 0, 1)
         values = (DARK + (LIT - DARK - SHADE * (reach / radius) ** 4) * lit).astype(np.float32)
-    inside = [(at >= -0.5) & (at <= n - 0.5) for at, n in zip((rows, columns), shape, strict=True)]
-    values[~inside[0], :] = np.nan
-    values[:, ~inside[1]] = np.nan
     return values
 
 
 @lru_cache(maxsize=4)
-def apertures_of(
-    camera: Camera, depths_um: tuple[float, ...], cutout: tuple[int, int]
-) -> tuple[Aperture | None, ...]:
+@lru_cache(maxsize=4)
+def apertures_of(camera: Camera, depths_um: tuple[float, ...], cutout: tuple[int, int]) -> tuple[Aperture | None, ...]:
     """Return the apertures that are expected in planes; None: in focus, or not to be seen."""
     from lfcal.psf.aperture import expected_aperture
 

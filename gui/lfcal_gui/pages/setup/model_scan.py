@@ -95,6 +95,7 @@ def suggested_values(camera: Camera) -> dict[str, Any]:
         return {}
 
 
+@lru_cache(maxsize=4, typed=True)
 def apply_change(plan: ScanPlan, key: str, value: Any) -> tuple[ScanPlan | None, str]:
     """Return the plan with one field changed and an empty string, or None and the reason it cannot be."""
     try:
@@ -118,8 +119,10 @@ def moved(plan: ScanPlan, key: str, value: Any) -> ScanPlan | str:
         return ""
     try:
         return moved_onto_sensor(plan, **{key: given})
-    except LfcalError as error:
-        return str(error)
+    except LfcalError:
+        most = [n - p + 1 for n, p in zip(plan.camera.sensor.shape, plan.period, strict=True)]
+        high, wide = (max(0, n - 1 + n % 2) for n in most)
+        return f"the cutout may have at most {high} × {wide} px on this sensor"
 
 
 def _changed(plan: ScanPlan, key: str, value: Any) -> ScanPlan:

@@ -37,13 +37,16 @@ __all__ = [
     "target_task",
 ]
 
+PEAK = 0.8
+"""Share of the full well that the brightest pixel is planned to reach."""
+
 MOST_DRAWN = 6000
 """Points that are drawn at most: whole frames, the first ones."""
 
 RATES = ("speed", "frame_rate")
 """Fields that forecasts of scan and target have in common: the form of the scan shows them."""
 
-OF_SCAN = (*RATES, "half_cell")
+OF_SCAN = (*RATES, "half_cell", "peak")
 """Fields of the form of the scan that are settings of the page, and no values of the plan."""
 
 HELD_OF_TARGET = frozenset({"plan", "out", *RATES})
@@ -57,7 +60,7 @@ TABLE = ("plane", "frames", "at least", "points a frame", "phases covered", "cro
 class PlanSettings(PageSettings):
     """Values of `lfcal.tasks.PlanTarget` by the names of its fields; without a ``source`` there is a single point.
 
-    ``half_cell`` is that of `lfcal.tasks.PlanScan`.
+    ``half_cell`` and ``peak`` are those of `lfcal.tasks.PlanScan`.
     """
 
     page: ClassVar[str] = "plan"
@@ -72,6 +75,7 @@ class PlanSettings(PageSettings):
     speed: float = 1000.0
     frame_rate: float | None = None
     half_cell: bool = False
+    peak: float | None = PEAK
 
     @classmethod
     def read(cls, data: object) -> tuple[Self, tuple[str, ...]]:
@@ -99,7 +103,8 @@ class PlanSettings(PageSettings):
 
     def shown(self) -> dict[str, Any]:
         """Return what forms show."""
-        return shown_of(PlanTarget, self.to_dict()) | {"half_cell": self.half_cell}
+        of_scan = shown_of(PlanScan, {"half_cell": self.half_cell, "peak": self.peak})
+        return shown_of(PlanTarget, self.to_dict()) | {key: of_scan[key] for key in ("half_cell", "peak")}
 
     @classmethod
     def of_plan(cls, plan: TargetPlan) -> PlanSettings:
@@ -109,13 +114,13 @@ class PlanSettings(PageSettings):
         return cls(target_words(plan.target), plan.tolerance_px, max(plan.crosstalk), None, plan.target.pose.words)
 
     def at_rates_of(self, other: PlanSettings) -> PlanSettings:
-        """Return the settings with the speed and the frame rate of others."""
-        return replace(self, speed=other.speed, frame_rate=other.frame_rate)
+        """Return the settings with the speed, the frame rate and the brightest pixel of others."""
+        return replace(self, speed=other.speed, frame_rate=other.frame_rate, peak=other.peak)
 
 
 def target_task(settings: PlanSettings, out: str = "target_plan.json") -> PlanTarget:
     """Return the task that plans the target; raises `InputError` where it cannot be."""
-    own = {one.name: getattr(settings, one.name) for one in fields(settings) if one.name != "half_cell"}
+    own = {one.name: getattr(settings, one.name) for one in fields(settings) if one.name not in ("half_cell", "peak")}
     return PlanTarget(plan=Path(PLAN_FILE), out=Path(out), **own)
 
 

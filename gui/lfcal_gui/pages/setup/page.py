@@ -6,14 +6,13 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from PySide6.QtWidgets import QFileDialog
 
 from lfcal.base import LfcalError
 from lfcal.camera import CAMERA_FORMATS, Camera, Imported, ScanPlan, doubts, import_camera, preset
 from lfcal.frames.formats import image_suffixes
-from lfcal.judge import judgement_of
 from lfcal.lattice import DIFFERS, FITS
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
@@ -25,13 +24,17 @@ from lfcal_gui.pages.setup._sensor_dialog import SensorDialog
 from lfcal_gui.pages.setup._target_dialog import TargetDialog, change_settings, refused_setting
 from lfcal_gui.pages.setup.model import apply_change
 from lfcal_gui.pages.setup.model_check import Checked, iter_check
-from lfcal_gui.pages.setup.model_marks import confirmed, state_with
+from lfcal_gui.pages.setup.model_costs import expected_light, light_key
+from lfcal_gui.pages.setup.model_marks import confirmed, state_with, weighed, weighed_key
 from lfcal_gui.pages.setup.model_scan import apply_change as change_plan
-from lfcal_gui.pages.setup.model_scan import default_plan, half_of, list_beside, list_text
+from lfcal_gui.pages.setup.model_scan import default_plan, half_of, list_beside, list_text, moved
 from lfcal_gui.pages.setup.model_target import OF_SCAN, PlannedTarget, PlanSettings, read_plan
 from lfcal_gui.pages.setup.panel import PlanningPanel
 from lfcal_gui.pages.setup.step import camera_step, scan_step
 from lfcal_gui.saving import ask_target, write_file
+
+if TYPE_CHECKING:
+    from lfcal.simulate import AssumedEffect, ExpectedLight, ScanChoice
 
 __all__ = ["Page"]
 
@@ -39,6 +42,10 @@ SUFFIXES = sorted({suffix for form in CAMERA_FORMATS for suffix in form.suffixes
 FILES = f"Cameras ({' '.join('*' + suffix for suffix in SUFFIXES)});;All files (*)"
 IMAGES = f"Images ({' '.join('*' + suffix for suffix in sorted(image_suffixes()))});;All files (*)"
 LOST = "This camera cannot scan the planes of the plan, which was removed; undo brings it back"
+LEAVES = "the cutout leaves the sensor"
+MATTERS = 0.01
+"""Change of time, cutout or H from which an assumed value is asked for."""
+
 ROLES = {FITS: "good", DIFFERS: "fair"}
 
 
@@ -48,6 +55,9 @@ class Page(BasePage):
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
         self._white, self._dark, self._job = "", "", 0
+        self._light: tuple[Any, ExpectedLight] | None = None
+        self._weighed: tuple[Any, tuple[AssumedEffect, ...]] | None = None
+        self._off: ScanPlan | str = ""
         self._checked: Checked | None = None
         self.dialog: SensorDialog | None = None
         self._target: TargetDialog | None = None
@@ -63,6 +73,7 @@ class Page(BasePage):
         inspector.confirmed.connect(self._confirmed)
         inspector.asked.connect(self._do)
         self.panel.dragged.connect(self.move_scan)
+        self.panel.numbers.chosen.connect(self._choose)
         self.set_panel(self.panel)
         self.theme_changed.connect(self._take_theme)
         self._show(context.state)
@@ -94,7 +105,8 @@ class Page(BasePage):
             "assumed": self.panel.inspector.values.open,
             "white": self.choose_white,
             "make": self.make_default,
-            "show": self.setFocus,
+            "show": lambda: self.panel.inspector.scan.editor("cutout").setFocus(),
+            "move": self.move_onto_sensor,
         }
 
     @property
@@ -113,6 +125,7 @@ class Page(BasePage):
     def entered(self) -> None:
         """Look at the scan, now that there is room for it."""
         self.panel.look()
+        self._forecast_noise()
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Show camera and plan if they changed; a comparison with another camera is of no use."""
@@ -133,9 +146,64 @@ class Page(BasePage):
             self._target.forget()
 
     def _show(self, state: ProjectState) -> None:
-        self.panel.show_state(state, self._checked)
+        self._off = ""
+        self.panel.show_state(state, self._checked, self._light_of(state.plan))
         if self._target is not None:
             self._target.show_state(state)
+        self._forecast_noise()
+        self._weigh()
+        self._report()
+
+    # -- noise and assumed values ----------------------------------------------------------------------
+    def _light_of(self, plan: ScanPlan | None) -> ExpectedLight | None:
+        """Return the light of a plan's patterns, where it was computed."""
+        known = plan is not None and self._light is not None and self._light[0] == light_key(plan)
+        return self._light[1] if known and self._light is not None else None
+
+    def _forecast_noise(self) -> None:
+        """Compute the light of the plan's patterns, on which the noise of H depends, in the background."""
+        plan, costs = self.context.state.plan, self.panel.costs
+        if plan is None or costs is None or costs.unknown or self._light_of(plan) is not None or not self.isVisible():
+            return
+
+        def done(light: ExpectedLight) -> None:
+            self._light = light_key(plan), light
+            if self._light_of(self.context.state.plan) is not None:
+                self.panel.show_state(self.context.state, self._checked, light)
+
+        self.context.jobs.compute("light of the scan", lambda: expected_light(plan), done)
+
+    def _choose(self, choice: ScanChoice) -> None:
+        """Record the scan faster, or more exactly."""
+        state = self.context.state
+        settings = replace(PlanSettings.of(state), peak=choice.peak).into(state)
+        self.context.project.merge("time against accuracy", plan=choice.plan, settings=settings)
+
+    def _weigh(self) -> None:
+        """Find in the background what hangs on the assumed values."""
+        state = self.context.state
+        key = weighed_key(state)
+        if key is None or (self._weighed is not None and self._weighed[0] == key):
+            return
+
+        def done(found: tuple[AssumedEffect, ...]) -> None:
+            self._weighed = key, found
+            self._report()
+
+        self.context.jobs.compute("assumed values", lambda: weighed(state), done, lambda _: None)
+
+    def _report(self) -> None:
+        """Report whether the plan can work, and the assumed values on which much depends."""
+        state, facts = self.context.state, dict[str, Any]()
+        effects: tuple[AssumedEffect, ...] = ()
+        if self._weighed is not None and self._weighed[0] == weighed_key(state):
+            effects = self._weighed[1]
+            facts["assumed"] = tuple(one.label for one in effects if one.largest > MATTERS)
+        if self._off:
+            facts["movable"] = isinstance(self._off, ScanPlan)
+            facts["wrong"] = LEAVES if facts["movable"] else self._off
+        self.panel.inspector.show_effects(effects)
+        self.context.tell("setup", **facts)
 
     def _edited(self, key: str, value: Any) -> None:
         camera, _ = apply_change(self.context.state.camera, key, value)
@@ -259,7 +327,7 @@ class Page(BasePage):
         """Hold the camera against the white image at ``path``, as a job."""
         self._white = path
         self.notice.clear()
-        self.panel.inspector.show_verdict(f"Fitting the lattice of {Path(path).name} …", "hint")
+        self.panel.inspector.show_verdict("", f"Fitting the lattice of {Path(path).name} …")
         self.context.jobs.cancel(self._job)
         camera, dark = self.context.state.camera, Path(self._dark) if self._dark else None
         self._job = self.context.jobs.start(
@@ -279,16 +347,16 @@ class Page(BasePage):
         self._checked = found
         self.check.show_check(found)
         role = ROLES.get(found.check.verdict, "bad")
-        words = f"{found.name}: {judgement_of(found.check).verdict}"
-        self.panel.inspector.show_verdict(words, role, found=True, measured=found.check.camera is not None)
+        measured = found.check.camera is not None
+        self.panel.inspector.show_verdict(role, found.words, found=True, measured=measured)
         self._show(self.context.state)
         if found.check.verdict == FITS:
             self.context.project.note(settings=with_checked(self.context.state))
 
-    def _forget_check(self, words: str = "Not compared with a white image yet.") -> None:
+    def _forget_check(self, words: str = "") -> None:
         self._checked = None
         self.check.hide()
-        self.panel.inspector.show_verdict(words, "hint")
+        self.panel.inspector.show_verdict("", words)
 
     def _check_failed(self, job: WindowJob) -> None:
         self._forget_check()
@@ -300,7 +368,7 @@ class Page(BasePage):
         if self._checked is not None and self._checked.check.camera is not None:
             if self._set(self._checked.check.camera, f"lattice measured in {self._checked.name}"):
                 words = "The measured lattice is the camera's now; save the camera to use it elsewhere."
-                self.panel.inspector.show_verdict(words, "good", found=True)
+                self.panel.inspector.show_verdict("good", words, found=True)
 
     # -- scan ------------------------------------------------------------------------------------------
     def _check_scan(self, key: str, value: Any) -> str:
@@ -312,6 +380,8 @@ class Page(BasePage):
                 _refused_half(state.plan) if key == "half_cell" and value else ""
             )
         plan, why = change_plan(state.plan, key, value)
+        self._off = moved(state.plan, key, value) if why else ""
+        self._report()
         if plan is not None and PlanSettings.of(state).half_cell and not _refused_half(state.plan):
             why = _refused_half(plan)
         return why or self.context.project.held(replace(state, plan=plan))
@@ -336,6 +406,11 @@ class Page(BasePage):
             return
         if not (PlanSettings.of(self.context.state).half_cell and _refused_half(moved)):
             self.context.project.merge("move of the scan", plan=moved)
+
+    def move_onto_sensor(self) -> None:
+        """Move the scan so that the cutout that was typed is on the sensor everywhere."""
+        if isinstance(self._off, ScanPlan):
+            self.context.project.update("move of the scan onto the sensor", plan=self._off)
 
     def make_default(self) -> None:
         """Make the plan that the camera's geometry suggests."""

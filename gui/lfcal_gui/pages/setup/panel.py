@@ -2,24 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QMenu, QPushButton, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QMenu,
+    QPushButton,
+    QSlider,
+    QStackedWidget,
+    QVBoxLayout,
+    QWidget,
+)
 
-from lfcal.base import LfcalError, format_length
-from lfcal.camera import Forecast, ScanPlan
+from lfcal.base import LfcalError, format_length, format_share
+from lfcal.camera import ScanPlan
 from lfcal_gui.models import ProjectState, Shot, plane_words
 from lfcal_gui.pages.setup._inspector import Inspector
 from lfcal_gui.pages.setup._optics_view import OpticsView
 from lfcal_gui.pages.setup.model import facts
 from lfcal_gui.pages.setup.model_check import Checked
-from lfcal_gui.pages.setup.model_picture import Area, Number, ScanScene, apertures_of, numbers_of
-from lfcal_gui.pages.setup.model_scan import forecast_rows, half_of, path_lines
+from lfcal_gui.pages.setup.model_costs import Number, ScanCosts, numbers_of
+from lfcal_gui.pages.setup.model_picture import Area, ScanScene, apertures_of
+from lfcal_gui.pages.setup.model_scan import half_of, path_lines
 from lfcal_gui.pages.setup.model_target import PlanSettings
-from lfcal_gui.widgets import Picture, PlaneTile, Strip, clear, outline_tones, scrolling, table_entries
+from lfcal_gui.widgets import ElidedLabel, Picture, PlaneTile, Strip, clear, outline_tones, scrolling, table_entries
+
+if TYPE_CHECKING:
+    from lfcal.simulate import ExpectedLight, ScanChoice
 
 __all__ = ["PlanningPanel"]
 
@@ -36,6 +50,113 @@ NARROW, WIDE, ROOMY = 304, 368, 1380
 
 BIG = 20
 """Size of a big number (pt)."""
+
+ABREAST = 820
+"""Least width of the numbers and the slider next to each other (px)."""
+
+
+class CostRow(QWidget):
+    """The big numbers of a scan, and a slider between fast and exact ways to record it.
+
+    Signals
+    -------
+    chosen(choice)
+        Record it in this way: a `lfcal.simulate.ScanChoice`.
+    """
+
+    chosen = Signal(object)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._costs: ScanCosts | None = None
+        self._numbers: tuple[Number, ...] = ()
+        self._shown: tuple[ScanChoice, ...] = ()
+        self.labels = [(QLabel(), ElidedLabel()) for _ in range(4)]
+        self.title, self.slider = QLabel(), QSlider(Qt.Orientation.Horizontal)
+        self.title.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.slider.setAccessibleName("time against accuracy")
+        self.slider.setPageStep(1)
+        self.slider.valueChanged.connect(self._chosen)
+        self.slider.sliderReleased.connect(self._show_slider)
+        self.effort = QWidget()
+        effort = QGridLayout(self.effort)
+        effort.setContentsMargins(0, 0, 0, 0)
+        faster, exact = QLabel("faster"), QLabel("more exact")
+        for label in (faster, exact, *(words for _, words in self.labels)):
+            label.setProperty("role", "hint")
+        for column, label in enumerate((faster, self.title, exact)):
+            effort.addWidget(label, 0, column)
+        effort.addWidget(self.slider, 1, 0, 1, 3)
+        effort.setColumnStretch(1, 1)
+        self.grid = QGridLayout(self)
+        self.grid.setContentsMargins(0, 0, 0, 0)
+        self.grid.setHorizontalSpacing(16)
+        self.grid.setVerticalSpacing(0)
+        for column, (number, words) in enumerate(self.labels):
+            number.setTextFormat(Qt.TextFormat.RichText)
+            self.grid.addWidget(number, 0, column)
+            self.grid.addWidget(words, 1, column)
+            self.grid.setColumnStretch(column, 2)
+        self._place()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Put the slider next to the numbers where there is room."""
+        super().resizeEvent(event)
+        self._place()
+
+    def _place(self) -> None:
+        abreast = self.width() >= ABREAST
+        self.grid.addWidget(self.effort, *((0, 4, 2, 1) if abreast else (2, 0, 1, 4)))
+        self.grid.setColumnStretch(4, 3 if abreast else 0)
+
+    @property
+    def numbers(self) -> tuple[Number, ...]:
+        """The numbers that are shown."""
+        return self._numbers
+
+    def show_costs(self, costs: ScanCosts | None, numbers: tuple[Number, ...]) -> None:
+        """Show the numbers of a scan, and where the way in which it is recorded is between fast and exact."""
+        self._costs, self._numbers = costs, numbers
+        for k, (value, words) in enumerate(self.labels):
+            there = k < len(numbers)
+            for label in (value, words):
+                label.setVisible(there)
+            if there:
+                number = numbers[k]
+                style = f"font-size:{BIG}pt; font-weight:600"
+                value.setText(f"<span style='{style}'>{number.value}</span> {number.unit}")
+                words.setText(number.words)
+        self.effort.setVisible(costs is not None)
+        if not self.slider.isSliderDown():  # else the choices would change under the pointer
+            self._show_slider()
+
+    def _show_slider(self) -> None:
+        costs = self._costs
+        if costs is None:
+            return
+        self.title.setText(costs.way)
+        self.title.setToolTip(_effort_tip(costs))
+        self.slider.setEnabled(costs.own >= 0)
+        blocker = QSignalBlocker(self.slider)
+        self.slider.setMaximum(max(0, len(costs.choices) - 1))
+        self.slider.setValue(max(0, costs.own))
+        blocker.unblock()
+        self._shown = costs.choices
+        self.slider.setToolTip(_effort_tip(costs))
+
+    def _chosen(self, number: int) -> None:
+        if number < len(self._shown):
+            self.chosen.emit(self._shown[number])
+
+
+def _effort_tip(costs: ScanCosts) -> str:
+    if costs.own < 0:
+        return f"The noise of H is not known: {costs.unknown or 'it is being computed'}"
+    peak = format_share(costs.choices[costs.own].peak)
+    return (
+        "Time against accuracy. Left: shorter exposures, fewer frames. Right: longer exposures, then more frames.\n"
+        f"Now: {costs.way}. The brightest pixel reaches {peak} of the full well. Undo (Ctrl+Z) restores the plan"
+    )
 
 
 class PlanningPanel(QWidget):
@@ -57,7 +178,8 @@ class PlanningPanel(QWidget):
     def __init__(self, check: Callable[[str, Any], str], check_scan: Callable[[str, Any], str]) -> None:
         super().__init__()
         self._scene: ScanScene | None = None
-        self._settings: PlanSettings | None = None
+        self.costs: ScanCosts | None = None
+        self._expected: Sequence[Any] = ()
         self._shown: tuple[Any, Shot] | None = None
         """What the picture was drawn of, and the picture."""
         self.inspector = Inspector(check, check_scan)
@@ -65,6 +187,7 @@ class PlanningPanel(QWidget):
         self.picture.graphics.setAccessibleName("sensor with lenslets, scan and cutout")
         self.picture.dragged.connect(self.dragged.emit)
         self.picture.moved.connect(self._draw)
+        self.picture.box.sigResized.connect(lambda *_: self._draw())
         self.optics = OpticsView()
         self.facts, self.forecast = _figures(), _figures()
         self.strip = Strip(_tip, 64)
@@ -74,13 +197,12 @@ class PlanningPanel(QWidget):
         for view in (self.picture, self.optics, self._depth()):
             self.views.addWidget(view)
         self._tools()
-        self.numbers = QHBoxLayout()
-        self.numbers.setSpacing(24)
+        self.numbers = CostRow()
         left = QVBoxLayout()
         left.setSpacing(4)
         left.addWidget(self.views, 1)
         left.addWidget(self.strip)
-        left.addLayout(self.numbers)
+        left.addWidget(self.numbers)
         self.area = scrolling(self.inspector)
         clear(self.area)
         row = QHBoxLayout(self)
@@ -143,8 +265,11 @@ class PlanningPanel(QWidget):
         self.area.setFixedWidth(WIDE if self.width() >= ROOMY else NARROW)
 
     # -- showing ---------------------------------------------------------------------------------------
-    def show_state(self, state: ProjectState, checked: Checked | None) -> None:
-        """Show camera and plan of a project, with the white image that the camera was compared with."""
+    def show_state(self, state: ProjectState, checked: Checked | None, light: ExpectedLight | None) -> None:
+        """Show camera and plan of a project.
+
+        ``checked`` has the white image that the camera was compared with, ``light`` that of the patterns.
+        """
         plan, settings, refused = state.plan, PlanSettings.of(state), ""
         half = None
         if plan is not None and settings.half_cell:
@@ -155,14 +280,11 @@ class PlanningPanel(QWidget):
         scene = ScanScene(state.camera, plan, half, checked)
         before, self._scene = self._scene, scene
         self.inspector.show_plan(plan, settings, refused)
-        if settings == self._settings and scene.only_moved(before):
-            self._draw()
-            return
-        self._settings = settings
-        self.inspector.show_camera(state.camera)
-        self.optics.set_camera(state.camera)
-        self.facts.setText(facts(state.camera))
-        self._show_costs(scene, settings)
+        if before is None or (before.camera, before.camera.marks) != (state.camera, state.camera.marks):
+            self.inspector.show_camera(state.camera)
+            self.optics.set_camera(state.camera)
+            self.facts.setText(facts(state.camera))
+        self._show_costs(None if plan is None else ScanCosts.of(plan, settings, half, light), checked)
         self._show_planes(plan)
         if scene.same_view(before):
             self._draw()
@@ -174,34 +296,27 @@ class PlanningPanel(QWidget):
         if self._scene is not None:
             self._draw(self._scene.area())
 
-    def _show_costs(self, scene: ScanScene, settings: PlanSettings) -> None:
-        plan, half = scene.plan, scene.half
-        forecast, rows = None, []
-        if plan is not None:
-            rates = settings.speed, settings.frame_rate
-            forecast = Forecast.of(plan, stage_um_per_s=rates[0], frames_per_s=rates[1], positions=half)
-            rows = forecast_rows(plan, *rates, half)
+    def _show_costs(self, costs: ScanCosts | None, checked: Checked | None) -> None:
+        self.costs = costs
         cells = "".join(
             f"<tr><td style='padding-right:12px'>{name.replace('  ', '&nbsp;&nbsp;')}</td><td><b>{value}</b></td></tr>"
-            for name, value in rows
+            for name, value in (() if costs is None else costs.rows())
         )
         self.forecast.setText(f"<table cellspacing='1'>{cells}</table>")
-        while self.numbers.count():
-            gone = self.numbers.takeAt(0).widget()
-            if gone is not None:
-                gone.deleteLater()
-        for number in numbers_of(scene, forecast):
-            self.numbers.addWidget(_big(number))
-        self.numbers.addStretch()
+        self.numbers.show_costs(costs, numbers_of(costs, checked))
 
     def _show_planes(self, plan: ScanPlan | None) -> None:
         self.strip.setVisible(plan is not None)
-        if plan is not None:
-            shape = plan.cutout
-            tiles = zip(plan.depths_um, apertures_of(plan), strict=True)
-            chosen = self.strip.currentRow()
-            self.strip.show_tiles([PlaneTile(depth, expected=one, shape=shape) for depth, one in tiles])
-            self.strip.set_current(chosen if 0 <= chosen < len(plan.depths_um) else len(plan.depths_um) - 1)
+        if plan is None:
+            return
+        expected = apertures_of(plan.camera, plan.depths_um, plan.cutout)
+        if expected is self._expected:  # the same planes, looked at in the same way
+            return
+        self._expected = expected
+        tiles = [PlaneTile(z, expected=one, shape=plan.cutout) for z, one in zip(plan.depths_um, expected, strict=True)]
+        chosen = self.strip.currentRow()
+        self.strip.show_tiles(tiles)
+        self.strip.set_current(chosen if 0 <= chosen < len(tiles) else len(tiles) - 1)
 
     def _draw(self, view: Area | None = None) -> None:
         """Draw what is seen: the part that was before, or ``view``."""
@@ -242,14 +357,6 @@ def _figures() -> QLabel:
     label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
     label.setAlignment(Qt.AlignmentFlag.AlignTop)
     label.setWordWrap(True)
-    return label
-
-
-def _big(number: Number) -> QLabel:
-    label = QLabel(
-        f"<span style='font-size:{BIG}pt; font-weight:600'>{number.value}</span> {number.unit}<br>{number.words}"
-    )
-    label.setTextFormat(Qt.TextFormat.RichText)
     return label
 
 

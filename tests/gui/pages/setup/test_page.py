@@ -149,11 +149,11 @@ def test_check_against_a_white_image(open_page: OpenPage, context: Context, qtbo
     assert measured.pitch_px == pytest.approx(16.0, abs=0.01) and measured.marks["lattice.pitch_um"] == "measured"
     assert inspector.buttons["take"].isHidden()
     context.project.update("made", camera=camera)
-    assert "changed since" in inspector.verdict.text() and inspector.buttons["details"].isHidden()
+    assert "changed since" in inspector.check_card.sentence.text() and inspector.buttons["details"].isHidden()
     tifffile.imwrite(tmp_path / "flat.tif", np.full((220, 260), 7, np.uint16))
     page.check_white(str(tmp_path / "flat.tif"))
     idle(context.jobs, qtbot)
-    assert page.notice.isVisibleTo(page) and "Not compared" in inspector.verdict.text()
+    assert page.notice.isVisibleTo(page) and inspector.check_card.isHidden()
 
 
 def test_a_bent_lattice_and_its_residuals_are_drawn(
@@ -205,7 +205,7 @@ def test_a_specimen_is_refused_in_one_line(open_page: OpenPage, context: Context
     idle(context.jobs, qtbot)
     said = page.notice.label.text()
     assert page.notice.isVisibleTo(page) and "specimen" in said and "\n" not in said
-    assert context.state == before and "Not compared" in page.panel.inspector.verdict.text()
+    assert context.state == before and page.panel.inspector.check_card.isHidden()
     tifffile.imwrite(tmp_path / "white.tif", draw_white((300, 400), pitch=16.0, kind="square").frame)
     page.check_white(str(tmp_path / "white.tif"))
     idle(context.jobs, qtbot)

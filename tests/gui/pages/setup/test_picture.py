@@ -11,11 +11,13 @@ import pytest
 import tifffile
 from pytestqt.qtbot import QtBot
 
-from lfcal.camera import PRESETS, Camera, Forecast, LensletLattice, LensType, MainLens, ScanPlan, Sensor, preset
+from lfcal.camera import PRESETS, Camera, LensletLattice, LensType, MainLens, ScanPlan, Sensor, preset
 from lfcal_gui.context import Context
 from lfcal_gui.models.frame_view import lattice_points
-from lfcal_gui.pages.setup.model_picture import DARK, LIT, ScanScene, numbers_of
+from lfcal_gui.pages.setup.model_costs import ScanCosts, numbers_of
+from lfcal_gui.pages.setup.model_picture import DARK, LIT, ScanScene
 from lfcal_gui.pages.setup.model_scan import default_plan, scan_path
+from lfcal_gui.pages.setup.model_target import PlanSettings
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import idle
 from tests.lattice.white_frames import draw_white
@@ -53,18 +55,21 @@ def test_lenslets_are_bright_at_their_centres_and_dark_between(name: str) -> Non
 
 
 def test_nothing_is_drawn_off_the_sensor() -> None:
-    values = ScanScene(preset("bench")).shot((-10.0, -20.0, 40.0, 60.0)).values
-    assert values is not None and np.isnan(values[:40]).all() and np.isfinite(values[-1, -1])
+    shot = ScanScene(preset("bench")).shot((-10.0, -20.0, 40.0, 60.0))
+    assert shot.values is not None and np.isfinite(shot.values).all()
+    assert all(-0.5 <= first < -0.5 + shot.step for first in shot.origin)
+    far = ScanScene(preset("bench")).shot((-100.0, -200.0, 40.0, 60.0)).values
+    assert far is not None and far.shape == (1, 1)
 
 
 def test_numbers_say_time_disk_and_lattice() -> None:
-    scene = scene_of("bench")
-    assert scene.plan is not None
-    time, disk, lattice = numbers_of(scene, Forecast.of(scene.plan))
-    assert (time.value, time.unit, time.words) == ("4", "min 19 s", "for 2508 positions in 4 planes")
-    assert (disk.value, disk.unit, disk.words) == ("513.6", "MB", "of frames; H is 45.0 MB")
+    costs = ScanCosts.of(default_plan(preset("bench")), PlanSettings(), None, None)
+    time, disk, noise, lattice = numbers_of(costs, None)
+    assert (time.value, time.unit, time.words) == ("4", "min 19 s", "2,508 positions")
+    assert (disk.value, disk.unit, disk.words) == ("513.6", "MB", "frames; H 45.0 MB")
+    assert (noise.value, noise.words) == ("…", "expected noise of H"), "it is being computed"
     assert (lattice.value, lattice.unit) == ("0.05", "px")
-    assert numbers_of(ScanScene(preset("bench")), None) == ()
+    assert numbers_of(None, None) == ()
 
 
 def test_dragging_the_cutout_moves_the_scan_as_one_step(open_page: OpenPage, context: Context) -> None:
@@ -119,7 +124,7 @@ def test_a_white_image_of_the_whole_sensor_becomes_the_picture(
     idle(context.jobs, qtbot)
     assert page.panel.picture.shot.caption == "Lattice as described", "the place of a part is not known"
     shown: Any = page.panel.inspector
-    assert "220 x 260" in shown.verdict.text() and shown.verdict.property("role") == "bad"
+    assert "220 × 260" in shown.check_card.sentence.text() and shown.check_card.property("merit") == "bad"
 
 
 def _white(folder: Path, shape: tuple[int, int]) -> Path:

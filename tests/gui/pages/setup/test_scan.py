@@ -4,8 +4,10 @@ import re
 
 import pytest
 
-from lfcal.camera import PRESETS, MainLens, preset
+from lfcal.camera import PRESETS, MainLens, ScanPlan, preset
 from lfcal_gui.pages.setup import model_scan as plan_form
+from lfcal_gui.pages.setup.model_costs import ScanCosts
+from lfcal_gui.pages.setup.model_target import PlanSettings
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -15,6 +17,10 @@ def test_plan_fields_go_both_ways(name: str) -> None:
         again, error = plan_form.apply_change(plan, key, value)
         assert not error, (key, error)
         assert again is not None and again.shape == plan.shape
+
+
+def rows_of(plan: ScanPlan, **rates: float) -> list[tuple[str, str]]:
+    return ScanCosts.of(plan, PlanSettings(**rates), None, None).rows()  # type: ignore[arg-type]
 
 
 def test_plan_changes() -> None:
@@ -33,11 +39,11 @@ def test_scan_path_and_forecast() -> None:
     plan = plan_form.default_plan(preset("bench"))
     path = plan_form.scan_path(plan)
     assert len(path) == 19 * 33 and tuple(path[0]) == plan.anchor
-    rows = dict(plan_form.forecast_rows(plan))
+    rows = dict(rows_of(plan))
     assert rows["Positions"] == str(plan.n_positions) and rows["H, float32"].endswith("B")
     assert "Time without readout" in rows and rows["  whole frames at"].endswith("B/s"), "what is not counted is told"
     assert "  moving at 1 mm/s" in rows, "what is assumed is told"
-    rows = dict(plan_form.forecast_rows(plan, 2000.0, 10.0))
+    rows = dict(rows_of(plan, speed=2000.0, frame_rate=10.0))
     assert {"Time", "  reading out", "  moving at 2 mm/s"} <= rows.keys()
     assert isinstance(plan.camera.optics, MainLens)
 
@@ -48,5 +54,5 @@ def test_no_minus_before_a_zero() -> None:
     shown = [str(value) for value in values.values()]
     assert not [text for text in shown if re.search(r"-0(\.0)?([, ]|$)", text)], shown
     for name in PRESETS:
-        told = plan_form.forecast_rows(plan_form.default_plan(preset(name)))
+        told = rows_of(plan_form.default_plan(preset(name)))
         assert "-0.000" not in str(told)

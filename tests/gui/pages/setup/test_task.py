@@ -15,11 +15,11 @@ from lfcal.camera import ScanPlan, StageAxes, preset
 from lfcal.records import rows
 from lfcal.tasks import PlanScan, PlanTarget, Task, command_of, job_of
 from lfcal_gui.models import CommandStep, ProjectState, fields_of
+from lfcal_gui.pages.setup.model_costs import ScanCosts
 from lfcal_gui.pages.setup.model_scan import (
     HELD,
     apply_change,
     default_plan,
-    forecast_rows,
     half_of,
     list_text,
     path_lines,
@@ -111,7 +111,7 @@ def test_all_routes_write_the_half_cell_scan_of_the_page(
 
 def test_a_half_cell_scan_is_drawn_and_forecast_by_half() -> None:
     half = half_of(HALF)
-    rows, whole = dict(forecast_rows(HALF, positions=half)), dict(forecast_rows(HALF))
+    rows, whole = (dict(ScanCosts.of(HALF, PlanSettings(), one, None).rows()) for one in (half, None))
     assert rows["Positions"] == f"{len(half)} of {HALF.n_positions} (half cell)"
     assert int(rows["Frames"]) * 2 == int(whole["Frames"]) and rows["H, float32"] == whole["H, float32"]
     assert 2 * len(scan_path(HALF, half)) == len(scan_path(HALF)) == 72

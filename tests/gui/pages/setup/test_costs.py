@@ -1,0 +1,173 @@
+"""Time against accuracy, moving a scan onto the sensor, assumed values by what hangs on them, and what changes cost."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from pytestqt.qtbot import QtBot
+
+from lfcal.base import drain
+from lfcal.camera import Camera, Forecast, Marks, ScanPlan, preset
+from lfcal.simulate import iter_expected_light
+from lfcal_gui.context import Context
+from lfcal_gui.models import Step, next_step
+from lfcal_gui.pages.setup import model_costs
+from lfcal_gui.pages.setup.model_costs import ScanCosts, numbers_of
+from lfcal_gui.pages.setup.model_target import PlanSettings
+from lfcal_gui.window import MainWindow
+from tests.gui.conftest import OpenPage
+from tests.gui.waiting import idle
+
+PLAN = ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0, 4.0), cutout=55)
+
+
+def assumed(*paths: str) -> Camera:
+    return replace(preset("bench"), marks=Marks.of(dict.fromkeys(paths, "assumed")))
+
+
+def typed(form: Any, key: str, text: str) -> None:
+    form.editor(key).setText(text)
+    form.editor(key).textEdited.emit(text)
+
+
+def test_moving_the_slider_changes_time_and_noise_together_and_is_undone(
+    open_page: OpenPage, context: Context, qtbot: QtBot
+) -> None:
+    page = open_page("setup")
+    context.project.update("made", plan=PLAN)
+    row = page.panel.numbers
+    assert row.numbers[2].value == "…" and not row.slider.isEnabled()
+    page.entered()
+    idle(context.jobs, qtbot)
+    share = drain(iter_expected_light(PLAN)).noise(PLAN)
+    wanted = (sum(one**2 for one in share) / len(share)) ** 0.5
+    assert float(row.numbers[2].value) == pytest.approx(100 * wanted, rel=0.05)
+    begun, before = row.slider.value(), row.numbers
+    assert row.slider.isEnabled() and row.slider.maximum() == 10
+    row.slider.setValue(begun + 2)
+    plan = context.state.plan
+    assert plan == replace(PLAN, frames_averaged=4)
+    assert float(row.numbers[2].value) == pytest.approx(100 * wanted / 2, rel=0.06)
+    assert page.panel.costs.forecast.hours == Forecast.of(plan).hours
+    assert row.numbers[0] != before[0] and row.title.text() == "4 frames of 20 ms"
+    row.slider.setValue(begun - 2)
+    assert context.state.plan == replace(PLAN, exposure_s=0.005), "the same light: less of the full well"
+    assert PlanSettings.of(context.state).peak == pytest.approx(0.2)
+    assert page.panel.inspector.scan.editor("peak").text() == "20 %" and row.slider.value() == begun - 2
+    context.project.undo()
+    assert context.state.plan == PLAN and PlanSettings.of(context.state).peak == 0.8
+    assert row.slider.value() == begun and row.numbers == before
+
+
+def test_choices_stay_while_the_slider_is_dragged(open_page: OpenPage, context: Context, qtbot: QtBot) -> None:
+    page = open_page("setup")
+    three = replace(PLAN, frames_averaged=3)
+    context.project.update("made", plan=three)
+    page.entered()
+    idle(context.jobs, qtbot)
+    slider = page.panel.numbers.slider
+    assert slider.maximum() == 11, "the plan's averages are none of the steps"
+    slider.setSliderDown(True)
+    slider.setSliderPosition(slider.value() + 1)
+    assert context.state.plan.frames_averaged == 4 and slider.maximum() == 11
+    slider.setSliderDown(False)
+    assert slider.maximum() == 10
+
+
+def test_what_is_not_stated_of_the_sensor_is_said_and_no_number_is_made_up() -> None:
+    camera = assumed("sensor.full_well_e", "sensor.read_noise_e")
+    costs = ScanCosts.of(replace(PLAN, camera=camera), PlanSettings(), None, drain(iter_expected_light(PLAN)))
+    noise = numbers_of(costs, None)[2]
+    assert noise.value == "-" and noise.words == "noise of H: full well and read noise only assumed"
+    none = ScanCosts.of(PLAN, PlanSettings(peak=None), None, None)
+    assert numbers_of(none, None)[2].words == "noise of H: brightest pixel not planned"
+
+
+def test_a_cutout_that_leaves_the_sensor_moves_the_scan(window: MainWindow) -> None:
+    window.go("setup")
+    page: Any = window.page("setup")
+    plan = replace(PLAN, anchor=(40.0, 144.0))
+    window.project.update("made", plan=plan)
+    form = page.panel.inspector.scan
+
+    def comes_next() -> Step:
+        window.leading.gather()
+        return next_step(window.leading.sitting)
+
+    typed(form, "cutout", "121")
+    step = comes_next()
+    assert "expected rows" in form.error and window.project.state.plan == plan
+    assert step.line == "Next: the cutout leaves the sensor: move the scan." and step.button == "Move it"
+    window.leading.do(step.action)
+    moved = window.project.state.plan
+    assert moved is not None and (moved.cutout, moved.anchor) == ((121, 121), (78.0, 144.0)) and not form.error
+    assert comes_next().action != "setup.move"
+    window.project.undo()
+    typed(form, "cutout", "303")
+    step = comes_next()
+    assert step.words == "change the plan: the cutout may have at most 301 × 287 px on this sensor."
+    assert step.action == "setup.show"
+    typed(form, "cutout", "57")
+    assert "sensor" not in comes_next().words and window.project.state.plan == replace(plan, cutout=(57, 57))
+
+
+def test_only_assumed_values_on_which_much_depends_are_asked_for(window: MainWindow, qtbot: QtBot) -> None:
+    window.go("setup")
+    page: Any = window.page("setup")
+    camera = assumed("optics.f_number", "sensor.prnu", "lattice.gap_um", "sensor.shape")
+    window.project.update("made", camera=camera, plan=replace(PLAN, camera=camera))
+    idle(window.jobs, qtbot)
+    window.leading.gather()
+    assert window.leading.sitting.assumed == ("gap from lenslets to sensor", "f-number of the main lens")
+    rows = page.panel.inspector.assumed_list.rows
+    assert [path for path, *_ in rows[:2]] == ["lattice.gap_um", "optics.f_number"] and len(rows) == 4
+    assert rows[0][2].startswith("H by up to ") and rows[-1][2] == "no change"
+    page.panel.inspector.assumed_list.ticks["lattice.gap_um"].click()
+    assert window.project.state.camera.marks["lattice.gap_um"] == "stated"
+    idle(window.jobs, qtbot)
+    window.leading.gather()
+    assert window.leading.sitting.assumed == ("f-number of the main lens",)
+
+
+def count(monkeypatch: pytest.MonkeyPatch, place: Any, name: str) -> list[object]:
+    calls: list[object] = []
+    own: Callable[..., Any] = getattr(place, name)
+
+    def counted(*given: Any, **named: Any) -> Any:
+        calls.append(given)
+        return own(*given, **named)
+
+    monkeypatch.setattr(place, name, counted)
+    return calls
+
+
+def test_a_change_of_a_large_plan_is_cheap_and_draws_only_what_is_other(
+    open_page: OpenPage, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    camera = preset("r29")
+    planes = [2.0 + 0.05 * k for k in range(60)]
+    context.project.update("made", camera=camera, plan=ScanPlan.for_camera(camera, virtual_depths=planes))
+    page = open_page("setup")
+    inspector, strip = page.panel.inspector, page.panel.strip
+    shown, tiles = count(monkeypatch, inspector, "show_camera"), count(monkeypatch, strip, "show_tiles")
+    costs = count(monkeypatch, model_costs.Forecast, "of")
+    typed(inspector.scan, "average", "2")
+    assert context.state.plan.n_positions > 300_000
+    assert not shown and not tiles and len(costs) == 1
+    typed(inspector.scan, "cutout", "151")
+    assert not shown and len(tiles) == 1
+    begun = time.thread_time()
+    for text in ("3", "4", "5"):
+        typed(inspector.scan, "average", text)
+    assert (time.thread_time() - begun) / 3 < 0.2
+
+
+def test_nothing_is_simulated_for_a_place_that_is_not_looked_at(open_page: OpenPage, context: Context) -> None:
+    page = open_page("setup")
+    page.hide()
+    context.project.update("made", plan=PLAN)
+    assert not context.jobs.busy
