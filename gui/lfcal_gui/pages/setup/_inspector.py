@@ -180,6 +180,8 @@ class Inspector(QWidget):
         self.scan = FoldedForm(basic, rest, "Stage, order, targets", MORE)
         self.scan.check = check
         self.scan.edited.connect(self.scan_edited)
+        for key in ("virtual_depths", "depths"):  # lists are read as a whole
+            self.scan.own_line(key)
         self.refused = WrappedLabel()
         set_role(self.refused, "error")
         self.no_plan = QWidget()

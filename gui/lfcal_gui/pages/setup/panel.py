@@ -179,6 +179,8 @@ class PlanningPanel(QWidget):
         super().__init__()
         self._scene: ScanScene | None = None
         self.costs: ScanCosts | None = None
+        self._area: Area | None = None
+        """The part that is to be seen, whatever the size of the picture."""
         self._expected: Sequence[Any] = ()
         self._shown: tuple[Any, Shot] | None = None
         """What the picture was drawn of, and the picture."""
@@ -186,8 +188,8 @@ class PlanningPanel(QWidget):
         self.picture = Picture("white image (counts)", legend=False, colour_map="gray")
         self.picture.graphics.setAccessibleName("sensor with lenslets, scan and cutout")
         self.picture.dragged.connect(self.dragged.emit)
-        self.picture.moved.connect(self._draw)
-        self.picture.box.sigResized.connect(lambda *_: self._draw())
+        self.picture.moved.connect(self._moved)
+        self.picture.box.sigResized.connect(lambda *_: self._draw(self._area))
         self.optics = OpticsView()
         self.facts, self.forecast = _figures(), _figures()
         self.strip = Strip(_tip, 64)
@@ -318,12 +320,18 @@ class PlanningPanel(QWidget):
         self.strip.show_tiles(tiles)
         self.strip.set_current(chosen if 0 <= chosen < len(tiles) else len(tiles) - 1)
 
+    def _moved(self) -> None:
+        seen = self.picture.box.viewRect()
+        self._area = seen.top(), seen.left(), seen.height(), seen.width()
+        self._draw()
+
     def _draw(self, view: Area | None = None) -> None:
         """Draw what is seen: the part that was before, or ``view``."""
         scene = self._scene
         if scene is None:
             return
         if view is not None:
+            self._area = view
             self.picture.show_part(*view, padding=0)
         seen = self.picture.box.viewRect()
         view = seen.top(), seen.left(), seen.height(), seen.width()

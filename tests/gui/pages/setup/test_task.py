@@ -145,6 +145,8 @@ def test_every_field_is_in_a_form_or_set_elsewhere() -> None:
     kept = {one.name: one.default for one in fields(PlanSettings)}
     assert kept.keys() == target | set(OF_SCAN)
     for row in (*rows(PlanScan), *rows(PlanTarget)):
+        if row.name == "peak":  # a command forecasts no noise unless it is asked to
+            continue
         assert row.name not in kept or kept[row.name] == ("" if row.default is MISSING else row.default), row.name
 
 
