@@ -35,6 +35,9 @@ BESIDE = {
 SHIM = "assets/iframe-worker.js"
 """What the search needs where the site is opened from a folder."""
 
+TABLE = re.compile(r"<!-- table: (\w+) -->\n\*The site shows a table here[^\n]*")
+"""Where a page has a table, and what readers of the page itself see there."""
+
 ABOUT = """Every public name, by package. Names that you import from a package (`from lfcal.psf import ...`) have an
 example. The tests run each example, in a folder that holds the sample session
 (`session`), a session that lfcal recorded (`recorded`; both are in `sample_data`), and `H.h5`, the H that `lfcal demo`
@@ -103,7 +106,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
             rf"\]\((?:\.\./)*{re.escape(name)}(#[^)]*)?\)", lambda m, p=place: f"]({up}{p}{m[1] or ''})", text
         )
     text = re.sub(r"<!-- keys: (\w+) -->", lambda m: _keys(m[1]), text)
-    text = re.sub(r"<!-- table: (\w+) -->", lambda m: TABLES[m[1]](), text)
+    text = TABLE.sub(lambda m: TABLES[m[1]](), text)
     return re.sub(r"\]\(docs/", f"]({up}", text)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from PySide6.QtCore import QUrl
 from PySide6.QtGui import QDesktopServices
 from PySide6.QtWidgets import QDialog, QHBoxLayout, QPushButton, QTextBrowser, QVBoxLayout, QWidget
@@ -45,8 +47,8 @@ class Manual(QDialog):
 
     def show_page(self, page: str = ATLAS, name: str = "") -> None:
         """Show a page, or its section about ``name``; raises `LfcalError` where the manual is not installed."""
-        folder = manual_folder()
-        text = read_text(folder / page)
+        path = manual_folder() / page
+        text, folder = read_text(path), path.parent
         shown = section_of(text, name) if name else text
         self._page = page
         self.browser.setSearchPaths([str(folder)])
@@ -58,8 +60,11 @@ class Manual(QDialog):
         self.raise_()
 
     def _follow(self, link: QUrl) -> None:
-        name = link.path().rsplit("/", 1)[-1]
         if link.scheme() in ("http", "https"):
             QDesktopServices.openUrl(link)
-        elif name.endswith(".md") and (manual_folder() / name).is_file():
-            self.show_page(name)
+            return
+        folder = manual_folder()
+        path = Path(link.path()) if link.isLocalFile() else (folder / self._page).parent / link.path()
+        path = path.resolve()
+        if path.suffix == ".md" and path.is_file() and path.is_relative_to(folder):
+            self.show_page(path.relative_to(folder).as_posix())

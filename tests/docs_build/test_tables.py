@@ -65,3 +65,5 @@ def test_cells_are_kept_whole() -> None:
 def test_pages_name_tables_that_exist_and_use_each_once() -> None:
     pages = "".join(page.read_text(encoding="utf-8") for page in DOCS.rglob("*.md"))
     assert sorted(re.findall(r"<!-- table: (\w+) -->", pages)) == sorted(TABLES)
+    # readers of the page itself, in the window or a repository, see where else the table is
+    assert pages.count("<!-- table: ") == pages.count(" -->\n*The site shows a table here; ")

@@ -25,6 +25,14 @@ def test_a_fault_is_shown_in_the_atlas_with_its_picture(window: MainWindow) -> N
     assert "Hot line" in manual.browser.toPlainText() and not manual.whole.isEnabled()
     manual._follow(QUrl("quality.md"))
     assert "Hot line of the sensor" not in manual.windowTitle() and manual._page == "quality.md"
+    # links lead into folders and back
+    manual._follow(QUrl("tutorials/bad_psf.md"))
+    assert manual._page == "tutorials/bad_psf.md" and "PSF" in manual.windowTitle()
+    manual._follow(QUrl("../faults.md#ghost"))
+    assert manual._page == "faults.md"
+    manual._follow(QUrl("../README.md"))
+    manual._follow(QUrl("nosuch.md"))
+    assert manual._page == "faults.md", "only pages of the manual are shown"
     manual.close()
 
 
