@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mkdocs.exceptions import PluginError
+from mkdocs.plugins import event_priority
 from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -119,7 +120,11 @@ def _keys(key: str) -> str:
     return f"| keys | on this page |\n| --- | --- |\n{rows}" if pairs else ""
 
 
+@event_priority(-200)
 def on_post_build(config: Any) -> None:
-    """Look whether every link leads somewhere."""
-    if broken := broken_links(Path(config.site_dir)):
+    """Check every link, and what the search needs in a folder, after all plug-ins are done."""
+    site = Path(config.site_dir)
+    if missing := [name for name in (SHIM, "search/search_index.js") if not (site / name).is_file()]:
+        raise PluginError(f"the search does not work from a folder without {', '.join(missing)}")
+    if broken := broken_links(site):
         raise PluginError("links that lead nowhere:\n" + "\n".join(broken))

@@ -1,8 +1,8 @@
-"""Tutorials are run while the site is built: what they print and draw is put in where they say so.
+"""Run tutorials while the site is built, and add what they print and draw to their pages.
 
-A fenced block that begins with ```` ```python run ```` or ```` ```sh run ```` is run, in the order of the page, in a
-folder of its own; names of Python live on from block to block. What it prints stands below it. A picture that the page
-shows and that is not among the files of the site must have been written by then.
+Fenced blocks that begin with ```` ```python run ```` or ```` ```sh run ```` run in the order of the page, in a new
+folder. Python names are kept from block to block. The output follows its block. A picture of the page must be a file
+of the site, or a block must have drawn it.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def run_page(markdown: str, folder: Path, shown: Callable[[str], bool] = lambda 
     ------
     TutorialError
         With the block and what it said, where a block fails (or does not, and the page says that it does:
-        ``sh run fails=2``), or where a picture is shown that nobody has drawn.
+        ``sh run fails=2``), or where no block has drawn a picture that is shown.
     """
     names: dict[str, Any] = {"__name__": "__main__"}
 

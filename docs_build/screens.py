@@ -13,7 +13,7 @@ SIZE = "1280x800"
 THEME = "light"
 SCENES = ("sample", "recording")
 SHOWN = {"acquire": "acquire_record_complete", "accuracy": "accuracy_simulation"}
-"""States of the window that stand for a page, where that is not the one of its own name."""
+"""State of the window that shows a page, if its name is not that of the page."""
 
 
 def take_screens(out: Path) -> dict[str, bytes]:

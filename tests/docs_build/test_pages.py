@@ -48,8 +48,8 @@ def test_every_picture_of_a_page_is_taken_in_a_scene() -> None:
     )
     # a name that a scene makes of others stands for any
     taken = [re.sub(r"\\{\w+\\}", r"\\w+", re.escape(name)) for name in re.findall(r'Capture\(f?"([^"]+)"', text)]
-    shown = re.findall(r"images/workstation/(\w+)\.png", (DOCS / "workstation.md").read_text(encoding="utf-8"))
-    for key in shown:
+    pages = "".join(path.read_text(encoding="utf-8") for path in DOCS.rglob("*.md"))
+    for key in set(re.findall(r"images/workstation/(\w+)\.png", pages)):
         assert any(re.fullmatch(pattern, SHOWN.get(key, key)) for pattern in taken), key
     assert SHOWN["accuracy"].removeprefix("accuracy_") in PLACES.names()
 
