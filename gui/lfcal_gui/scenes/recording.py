@@ -64,11 +64,11 @@ def _set_up(stage: Stage, page: Any) -> Iterator[Capture]:
     stage.tidy()
     yield Capture("acquire_setup_found")
     page.panel.devices.open()
-    setup.devices.more.setChecked(True)
+    setup.devices.options.head.setChecked(True)
     setup.faults.fold.open()
     stage.turn()
     yield Capture("acquire_setup_options")
-    setup.devices.more.setChecked(False)
+    setup.devices.options.head.setChecked(False)
     page.panel.devices.head.setChecked(False)
 
 
