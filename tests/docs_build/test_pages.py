@@ -96,3 +96,27 @@ def test_modules_of_parts_that_are_shown_have_docstrings() -> None:
         blocks = code_of("extending.md", section)
         modules = [block for block in blocks if re.search(r"^(def|class) ", block, re.MULTILINE)]
         assert modules and all(block.startswith('"""') for block in modules), section
+
+
+def anchors_of(page: Path) -> set[str]:
+    """Return the places of a page that links name: its headings as the site writes them."""
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    titles = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    plain = (re.sub(r"[^\w\s-]", "", re.sub(r"`|\[([^\]]*)\]\([^)]*\)", r"\1", title)) for title in titles)
+    return {re.sub(r"[-\s]+", "-", title.strip().lower()) for title in plain}
+
+
+def test_links_between_pages_lead_somewhere() -> None:
+    """As they are in the repository and in the window; the site checks its own."""
+    made = {DOCS / name for name in ("changelog.md", "licence.md", "reference/options.md", "reference/index.md")}
+    broken = []
+    for page in [ROOT / "README.md", *DOCS.rglob("*.md")]:
+        text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+        for link in re.findall(r"\]\(((?!https?:|#)[^)\s]+)\)", text):
+            name, _, anchor = link.partition("#")
+            target = (page.parent / name).resolve()
+            if target in made or (DOCS / "reference") in target.parents or name.endswith(".png"):
+                continue
+            if not target.is_file() or (anchor and anchor not in anchors_of(target)):
+                broken.append(f"{page.name}: {link}")
+    assert not broken
