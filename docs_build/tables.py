@@ -22,6 +22,10 @@ def _cell(value: object) -> str:
     return " ".join(str(value).split()).replace("|", "\\|")
 
 
+def _first_line(part: Any) -> str:
+    return (part.__doc__ or "").strip().split("\n")[0]
+
+
 def _code(names: Sequence[str]) -> str:
     return ", ".join(f"`{name}`" for name in names)
 
@@ -70,8 +74,8 @@ def _effects() -> str:
     for effect in CATALOGUE:
         where = next(ACTS_ON[kind.__name__] for kind in effect.__mro__ if kind.__name__ in ACTS_ON)
         magnitudes = _code([field.name for field in dataclasses.fields(effect)])
-        rows.append((effect.title, f"`{effect.name}`", where, magnitudes))
-    return table(("effect", "name", "acts on", "magnitudes"), rows)
+        rows.append((effect.title, f"`{effect.name}`", where, magnitudes, _first_line(effect)))
+    return table(("effect", "name", "acts on", "magnitudes", "meaning"), rows)
 
 
 def _unknowns() -> str:
@@ -83,7 +87,10 @@ def _unknowns() -> str:
 def _devices() -> str:
     from lfcal.devices.registry import BACKENDS
 
-    rows = [(f"`{one.name}`", one.title, _code(list(one.options))) for one in BACKENDS]
+    rows = []
+    for one in BACKENDS:
+        options = "<br>".join(f"`{name}`: {meaning}" for name, meaning in one.options.items())
+        rows.append((f"`{one.name}`", one.title, options))
     return table(("backend", "devices", "options"), rows)
 
 
