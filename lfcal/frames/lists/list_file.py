@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError, StorageError, parse_json, read_text
+from lfcal.base import FileFormatError, InputError, StorageError, parse_json, read_text
 from lfcal.frames.formats import image_suffixes, open_image
 from lfcal.frames.lists.entries import located, manifest_of
 from lfcal.frames.lists.listing import MAX_EXPOSURE_S, Listing, read_listing
@@ -74,9 +75,31 @@ def manifest_from(path: Path, root: Path, options: FrameOptions) -> tuple[Manife
 def from_micromanager(
     path: Path, root: Path, options: FrameOptions
 ) -> tuple[Manifest, tuple[str, ...], dict[str, Any]]:
-    """Return the manifest of the frames that Micro-Manager's ``metadata.txt`` names, notes, and common facts."""
-    listing, facts = read_micromanager(path)
+    """Return the manifest of the frames that Micro-Manager's ``metadata.txt`` names, notes, and common facts.
+
+    Of several channels one is read: the only one that is not named as dark, or that of ``columns="channel=NAME"``. A
+    channel that is named as dark is the dark of the others.
+    """
+    role, _, channel = options.columns.partition("=")
+    if options.columns and role.strip() != "channel":
+        raise InputError.expected(f"columns of {path}", "channel=NAME", repr(options.columns), "leave it out")
+    listing, facts = read_micromanager(path, channel.strip())
+    dark = facts.pop("dark", None)
+    if dark is not None:
+        facts |= _darks(located(dark, root), root)
     return *_placed(located(listing, root), root, options), facts
+
+
+def _darks(listing: Listing, root: Path) -> dict[str, Any]:
+    """Return the mean of the dark frames of a list, for the exposure that they have; empty without an exposure."""
+    from lfcal.frames.corrections import Dark, average_frames
+
+    read, times = reader(listing, root), listing.exposures
+    if times is None or len(set(times)) != 1:
+        return {}
+    step = -(-len(listing) // MOST_DARKS)
+    chosen = range(0, len(listing), step)
+    return {"darks": {times[0]: Dark(average_frames(read(k) for k in chosen), count=len(chosen))}}
 
 
 def any_listing(path: Path, columns: str = "") -> Listing:
@@ -189,6 +212,12 @@ def reader(listing: Listing, root: Path, colour: str | None = None, turn: Orient
 MAX_BYTES = 1 << 30
 
 
+_DARK = re.compile(r"\b(?:dark|background|off|closed)\b", re.IGNORECASE)
+"""Names of channels without light."""
+
+MOST_DARKS = 64
+"""Dark frames that are averaged at most."""
+
 _PLACES = ("XPositionUm", "YPositionUm", "ZPositionUm")
 
 
@@ -198,17 +227,18 @@ def micromanager_list(folder: Path) -> Path | None:
     return found[0] if len(found) == 1 else None
 
 
-def read_micromanager(path: Path) -> tuple[Listing, dict[str, Any]]:
+def read_micromanager(path: Path, channel: str = "") -> tuple[Listing, dict[str, Any]]:
     """Return the frames of ``metadata.txt`` or ``…_metadata.txt`` with their stage coordinates, and common facts.
 
     Versions 1.4 (``FrameKey-…``) and 2.0 (``Metadata-…``): ``XPositionUm``, ``YPositionUm``, ``ZPositionUm``,
     ``Exposure-ms``, ``FileName``. Facts: ``pixel_um`` (``PixelSizeUm``, in object space), ``bit_depth`` and
-    ``saturation``, and ``roi`` (``ROI``, the region of the camera as column, row, width and height).
+    ``saturation``, ``roi`` (``ROI``, the region of the camera as column, row, width and height), and ``dark``, the
+    frames of a channel that is named as dark. Of several other channels that called ``channel`` is read.
 
     Raises
     ------
     FileFormatError
-        If it is not Micro-Manager's, or an entry lacks its place.
+        If it is not Micro-Manager's, an entry lacks its place, or a channel has to be chosen.
     """
     body = parse_json(read_text(path, limit=MAX_BYTES), str(path), finite=False)
     entries = list(_frames(body))
@@ -216,15 +246,9 @@ def read_micromanager(path: Path) -> tuple[Listing, dict[str, Any]]:
         raise FileFormatError.expected(
             str(path), "Micro-Manager's metadata of each frame", "none", "name a list of the frames with --manifest"
         )
-    places = np.array([[_number(path, entry, key) for key in _PLACES] for entry in entries])
-    exposures = [_optional(entry.get("Exposure-ms")) for entry in entries]
-    known = tuple(ms / 1e3 for ms in exposures if ms is not None and ms > 0)
-    files = tuple(str(entry["FileName"]) for entry in entries)
-    note = f"positions: of the stage, as Micro-Manager wrote them to {path.name}"
-    listing = Listing(
-        path.name, files, (0,) * len(files), places, "um", known if len(known) == len(files) else None, notes=(note,)
-    )
-    facts: dict[str, Any] = {}
+    entries, dark, notes = _of_channel(path, entries, channel)
+    listing = _listing(path, entries, (f"positions: of the stage, as Micro-Manager wrote them to {path.name}", *notes))
+    facts: dict[str, Any] = {"dark": _listing(path, dark, ())} if dark else {}
     size, bits = _optional(entries[0].get("PixelSizeUm")), _optional(entries[0].get("BitDepth"))
     if size:
         facts["pixel_um"] = size
@@ -233,6 +257,40 @@ def read_micromanager(path: Path) -> tuple[Listing, dict[str, Any]]:
     if (roi := parse_roi(entries[0].get("ROI"))) is not None:
         facts["roi"] = roi
     return replace(listing, roi=roi), facts
+
+
+def _listing(path: Path, entries: list[dict[str, Any]], notes: tuple[str, ...]) -> Listing:
+    places = np.array([[_number(path, entry, key) for key in _PLACES] for entry in entries])
+    exposures = [_optional(entry.get("Exposure-ms")) for entry in entries]
+    known = tuple(ms / 1e3 for ms in exposures if ms is not None and ms > 0)
+    files, pages = tuple(str(entry["FileName"]) for entry in entries), tuple(entry.get("page", 0) for entry in entries)
+    times = known if len(known) == len(files) else None
+    return Listing(path.name, files, pages, places, "um", times, notes=notes)
+
+
+def _of_channel(
+    path: Path, entries: list[dict[str, Any]], wanted: str
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]], tuple[str, ...]]:
+    """Return the entries of one channel, those of a dark one, and a note where there are several channels."""
+    names = list(dict.fromkeys(str(entry.get("Channel", "")) for entry in entries))
+    dark = [name for name in names if _DARK.search(name)]
+    light = [name for name in names if name not in dark]
+    if len(names) < 2 and wanted in ("", *names):
+        return entries, [], ()
+    seen: Counter[str] = Counter()
+    for entry in entries:  # of a file of many pages the rows are its pages in their order
+        entry["page"] = seen[str(entry["FileName"])]
+        seen[str(entry["FileName"])] += 1
+    chosen = wanted or (light[0] if len(light) == 1 else "")
+    if chosen not in names:
+        listed = ", ".join(map(repr, names))
+        raise FileFormatError.expected(
+            f"{path}, channel", "one", listed, f"choose one with --columns 'channel={(light or names)[0]}'"
+        )
+    of = {name: [entry for entry in entries if str(entry.get("Channel", "")) == name] for name in (chosen, *dark)}
+    used = of[dark[0]] if len(dark) == 1 and chosen not in dark else []
+    note = f"channels: {chosen!r} is read, of {', '.join(map(repr, names))}"
+    return of[chosen], used, (f"{note}; {dark[0]!r} is its dark" if used else note,)
 
 
 def _frames(body: Any) -> Iterator[dict[str, Any]]:

@@ -12,7 +12,7 @@ import tifffile
 
 from lfcal.base.errors import FileFormatError, LfcalError
 from lfcal.camera import ScanPlan
-from lfcal.frames import open_frames
+from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
 from lfcal.frames.formats._ome import ome_facts
 from lfcal.frames.lists.list_file import any_listing, read_micromanager
 from tests.frames.lists.scans import COLUMNS, ROWS, START, Scan, frame, scan, small_camera, write_frames
@@ -142,6 +142,42 @@ def test_a_stack_of_micro_manager(tmp_path: Path, found: Scan) -> None:
     with open_frames(tmp_path, plan=plan()) as source:
         np.testing.assert_array_equal([source.info(k).position for k in range(len(source))], found.positions)
         np.testing.assert_array_equal(source.read(5), frames[5])
+
+
+@pytest.mark.parametrize("stacked", [False, True])
+def test_channels_of_micro_manager(tmp_path: Path, found: Scan, stacked: bool) -> None:
+    """A channel without light is the dark of the other one (micro-manager#910)."""
+    count = len(found.stage)
+    lit = [frame((y, x), seed=k) for k, (_, y, x) in enumerate(found.positions)]
+    dark = [np.rint(np.random.default_rng(k).normal(100, 3, lit[0].shape)).astype(np.uint16) for k in range(count)]
+    names = [f"img_{k}.tif" for k in range(2 * count)]
+    both = [one for pair in zip(lit, dark, strict=True) for one in pair]
+    if stacked:
+        names = ["scan_MMStack.ome.tif"] * len(both)
+        tifffile.imwrite(tmp_path / names[0], np.stack(both), photometric="minisblack")
+    else:
+        for name, values in zip(names, both, strict=True):
+            tifffile.imwrite(tmp_path / name, values)
+    twice = Scan(found.camera, found.depths, np.repeat(found.positions, 2, 0), np.repeat(found.stage, 2, 0))
+    body = metadata_of(twice, names, 1)
+    frames = [entry for key, entry in body.items() if key != "Summary"]
+    for k, entry in enumerate(frames):
+        entry["Channel"] = "Dark" if k % 2 else "Lamp"
+    (tmp_path / "scan_metadata.txt").write_text(json.dumps(body))
+    with open_frames(tmp_path, plan=plan()) as source:
+        assert "channels: 'Lamp' is read, of 'Lamp', 'Dark'; 'Dark' is its dark" in source.metadata.notes
+        np.testing.assert_array_equal([source.info(k).position for k in range(count)], found.positions)
+        np.testing.assert_array_equal(source.read(5), lit[5])
+        assert list(source.metadata.darks) == [0.02]
+        clean = corrected_view(source, CorrectionRecipe()).read(5)
+        np.testing.assert_allclose(clean, lit[5] - np.mean(dark, 0), atol=0.01)
+    with open_frames(tmp_path, plan=plan(), columns="channel=Dark") as source:
+        np.testing.assert_array_equal(source.read(5), dark[5])
+    for k, entry in enumerate(frames):
+        entry["Channel"] = "Blue" if k % 2 else "Green"
+    (tmp_path / "scan_metadata.txt").write_text(json.dumps(body))
+    with pytest.raises(FileFormatError, match=r"got 'Green', 'Blue'; choose one with --columns 'channel=Green'"):
+        open_frames(tmp_path, plan=plan())
 
 
 def test_a_frame_without_a_place(tmp_path: Path, found: Scan) -> None:
