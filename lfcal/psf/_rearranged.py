@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lfcal.base import centre
 from lfcal.psf._planes import Planes, TransposedPlanes
 
-__all__ = ["MirroredPlanes", "PlacedPlanes", "placed"]
+__all__ = ["MirroredPlanes", "PlacedPlanes", "padding_note", "placed"]
 
 Window = tuple[slice, slice]
 """Rows and columns of a pattern."""
@@ -33,6 +33,15 @@ def placed(values: NDArray[Any], window: Window, cutout: tuple[int, int]) -> NDA
         target.append(slice(max(0, first), max(0, min(want, first + have))))
     out[..., target[0], target[1]] = part[..., source[0], source[1]]
     return out
+
+
+def padding_note(shape: tuple[int, int]) -> str:
+    """Return how patterns of an even number of pixels become odd; empty where ``shape`` is odd."""
+    rows, columns = (n + 1 - n % 2 for n in shape)
+    if (rows, columns) == shape:
+        return ""
+    words = f"the patterns of {shape[0]} x {shape[1]} px are padded with zeros to {rows} x {columns}"
+    return f"{words}; the middle of n pixels is pixel n/2 + 1, as for MATLAB's conv2(…, 'same')"
 
 
 class PlacedPlanes:

@@ -17,7 +17,7 @@ from lfcal.base import FileFormatError, InputError, storage_errors
 from lfcal.base.h5 import H5File
 from lfcal.psf._matlab import COLUMNS_FIRST, ROWS_FIRST
 from lfcal.psf._planes import DatasetPlanes, FilePlanes, Planes
-from lfcal.psf._rearranged import MirroredPlanes, PlacedPlanes, Window
+from lfcal.psf._rearranged import MirroredPlanes, PlacedPlanes, Window, padding_note
 from lfcal.psf.matrix import PSFMatrix
 
 __all__ = ["MAT_ORDERS", "check_mat_order", "open_mat"]
@@ -118,8 +118,10 @@ class _Reader:
             base = MirroredPlanes(base)
             self._notes.append("a quarter of the positions (ReducedMatrix) was mirrored, as its code does")
         windows = self._windows(nz, nt, ns)
-        if self._swapped or windows:
+        if self._swapped or windows or not (nt % 2 and ns % 2):
             base = self._placed(base, windows)
+        if padded := padding_note((nt, ns)):
+            self._notes.append(padded)
         depths, anchor = self._depths(nz), self._anchor()
         provenance: dict[str, Any] = {"imported": self._file.path.name, **self._lens(base.shape)}
         provenance["mat_order"] = _WORDS[ROWS_FIRST if self._swapped else COLUMNS_FIRST][0]
@@ -152,7 +154,6 @@ class _Reader:
     def _placed(self, base: Planes, windows: list[Window] | None) -> Planes:
         """Return the planes in lfcal's order, each in the middle of an odd cutout."""
         shape = base.shape[:2:-1] if self._swapped else base.shape[3:]
-        # of an even kernel 'same' convolutions take pixel n/2 + 1 for the middle: a row and a column of zeros follow
         nt, ns = self._cutout(shape) or (n + 1 - n % 2 for n in shape)
         return PlacedPlanes(base, (nt, ns), windows, swapped=self._swapped)
 

@@ -17,6 +17,7 @@ from lfcal.base.h5 import Attributes, H5Data, H5File
 from lfcal.camera import Camera
 from lfcal.psf._chunk_codec import parallel_read
 from lfcal.psf._planes import DatasetPlanes, FilePlanes, Planes, ScaledPlanes
+from lfcal.psf._rearranged import PlacedPlanes, padding_note
 from lfcal.psf._steps import SteppedPlanes
 from lfcal.psf.facts import Facts
 from lfcal.psf.matrix import PSFMatrix
@@ -107,7 +108,7 @@ def _open(source: Path, region: str, check: bool, mat_order: str) -> PSFMatrix:
     if check and suffix in FOREIGN:
         raise InputError.expected(f"{source}, checksums", "an H file of lfcal", f"a {suffix} file", "leave them out")
     if suffix == ".npy":
-        return PSFMatrix(FilePlanes(map_npy(source), source))
+        return _of_npy(source)
     if suffix == ".mat":
         from lfcal.psf.mat_import import open_mat
 
@@ -126,6 +127,15 @@ def _open(source: Path, region: str, check: bool, mat_order: str) -> PSFMatrix:
     except BaseException:
         file.close()
         raise
+
+
+def _of_npy(source: Path) -> PSFMatrix:
+    planes: Planes = FilePlanes(map_npy(source), source)
+    if len(planes.shape) != 5 or not (note := padding_note(planes.shape[3:])):
+        return PSFMatrix(planes)
+    nt, ns = planes.shape[3:]
+    padded = PlacedPlanes(planes, (nt + 1 - nt % 2, ns + 1 - ns % 2))
+    return PSFMatrix(padded, provenance={"imported": source.name, "notes": [note]})
 
 
 def opening_notes(matrix: PSFMatrix) -> tuple[str, ...]:

@@ -229,3 +229,29 @@ def test_import_of_other_codes_files(tmp_path: Path) -> None:
         file["PSF"] = values
     with pytest.raises(FileFormatError, match="only PSF"):
         open_psf(tmp_path / "none.mat")
+
+
+@pytest.mark.parametrize("suffix", [".mat", ".npy"])
+def test_patterns_of_even_size_are_padded_and_that_is_said(tmp_path: Path, suffix: str) -> None:
+    """Square lenslets of 2k pixels make even kernels, whose middle is pixel n/2 + 1 (doda42/LFToolbox#13)."""
+    stored = np.random.default_rng(0).random((2, 3, 3, 8, 6)).astype(np.float32)
+    path = tmp_path / f"H{suffix}"
+    if suffix == ".npy":
+        np.save(path, stored)
+    else:
+        with h5py.File(path, "w") as file:
+            file["H"] = stored
+    with open_psf(path) as H:
+        assert H.shape == (2, 3, 3, 9, 7)
+        np.testing.assert_array_equal(H[1, 2, 0][:8, :6], stored[1, 2, 0])
+        assert not H[1, 2, 0][8:].any() and not H[1, 2, 0][:, 6:].any()
+        assert any("8 x 6 px are padded with zeros to 9 x 7" in note for note in opening_notes(H))
+        scene = np.random.default_rng(1).random((2, 12, 12)).astype(np.float32)
+        found = Projector(H, (12, 12)).forward(scene)
+    expected = np.zeros((12, 12))
+    for z, r, c in np.ndindex(2, 12, 12):  # every voxel adds its pattern with pixel n/2 + 1 at the voxel
+        for t, s in np.ndindex(8, 6):
+            p, q = r + t - 4, c + s - 3
+            if 0 <= p < 12 and 0 <= q < 12:
+                expected[p, q] += scene[z, r, c] * stored[z, r % 3, c % 3, t, s]
+    np.testing.assert_allclose(found, expected, rtol=1e-4)
