@@ -38,6 +38,12 @@ __all__ = [
     "sample_of",
 ]
 
+_DARK = re.compile(r"\b(?:dark|background|off|closed)\b", re.IGNORECASE)
+"""Names of channels without light."""
+
+MOST_DARKS = 64
+"""Dark frames that are averaged at most."""
+
 SAMPLE = 50
 """Rows that tell whether places are counted or measured."""
 
@@ -211,12 +217,6 @@ def reader(listing: Listing, root: Path, colour: str | None = None, turn: Orient
 
 MAX_BYTES = 1 << 30
 
-
-_DARK = re.compile(r"\b(?:dark|background|off|closed)\b", re.IGNORECASE)
-"""Names of channels without light."""
-
-MOST_DARKS = 64
-"""Dark frames that are averaged at most."""
 
 _PLACES = ("XPositionUm", "YPositionUm", "ZPositionUm")
 
