@@ -89,7 +89,7 @@ class Leading(QObject):
         self._window, self._page, self._shown = window, page, shown
         self._tried: Stamp | None = None
         self._judging = 0
-        self._paces = Paces.of(context.kept_texts(PACES))
+        context.paces = Paces.of(context.kept_texts(PACES))
         self.own: dict[str, Callable[[], object]] = {"h.leave_out": LeavingOut(context).begin}
         """What a button of the line does that is no page's."""
         self._pressed, self._watching = -ELSEWHERE_S, False
@@ -135,8 +135,8 @@ class Leading(QObject):
         """Correct later forecasts by how long a job took."""
         forecast = self.context.told.get(job.page, {}).get(FORECASTS.get(job.kind, ""))
         if job.state is JobState.DONE and isinstance(forecast, float):
-            self._paces.take(job.kind, forecast, time.monotonic() - job.started)
-            self.context.keep_texts(PACES, self._paces.texts())
+            self.context.paces.take(job.kind, forecast, time.monotonic() - job.started)
+            self.context.keep_texts(PACES, self.context.paces.texts())
 
     def _count(self) -> None:
         """Count what the session's folder holds, in the background: a disk may hang."""
@@ -154,7 +154,7 @@ class Leading(QObject):
         """Show what comes next now."""
         context = self.context
         state, (page, place) = context.state, self._shown()
-        matrix, paces = context.matrix(state.psf), self._paces
+        matrix, paces = context.matrix(state.psf), context.paces
         found = sitting_of(state, context.told, context.jobs.jobs(), page=page, place=place, matrix=matrix, paces=paces)
         if self._judge_wanted(found):
             self._judge.start()

@@ -19,6 +19,7 @@ from lfcal_gui.models import (
     Keeping,
     KeptRun,
     MeasuredCurves,
+    Paces,
     Project,
     ProjectState,
     Taken,
@@ -88,6 +89,7 @@ class Context(QObject):
         self._fitted: FittedCamera | None = None
         self.history = History()
         self.curves = MeasuredCurves()
+        self.paces = Paces()
         self.judged: Any = None
         """The judgement of H that was made in the background, as the page that judges takes it over."""
         self.told: dict[str, dict[str, Any]] = {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from lfcal.psf._export import ExportOptions, check_missing, export_files, export_notes
 from lfcal.psf._transpose import depth_sum, ht_slice
 from lfcal.psf.assembly import AssembledPlanes, AssemblyProgress, planes_of_frames
-from lfcal.psf.codes import CODES
+from lfcal.psf.codes import CODES, code_of, codes_for, refused_by
 from lfcal.psf.cutout import INTERPOLATIONS, Window
 from lfcal.psf.denoising import mean_noise
 from lfcal.psf.facts import Origin
@@ -51,6 +51,8 @@ __all__ = [
     "check_found",
     "check_mat_order",
     "check_missing",
+    "code_of",
+    "codes_for",
     "copied_positions",
     "dark_planes",
     "depth_sum",
@@ -76,6 +78,7 @@ __all__ = [
     "optics_of",
     "pixel_um",
     "planes_of_frames",
+    "refused_by",
     "scan_noise",
     "simulated_planes",
     "voxel_um",

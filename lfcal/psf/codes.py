@@ -37,7 +37,7 @@ class Code:
     stored
         Container and type of the values.
     use
-        What a user of the code must do, in a line; empty: nothing.
+        What a user of the code must do; empty: nothing.
     source
         Where its source is published.
     one_lens

@@ -144,7 +144,7 @@ def _missing() -> bool:
     return opt(
         False,
         "Write zeros for positions that were never recorded, which this format cannot mark.",
-        label="Zeros for missing positions",
+        label="Zeros where missing",
         more=True,
     )
 

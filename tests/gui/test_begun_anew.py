@@ -119,18 +119,21 @@ def test_a_volume_of_another_project(window: MainWindow, good: Path, tmp_path: P
     window.project.update("other H", psf=str(tmp_path / "other.h5"))
     idle(window.jobs, qtbot)
     page._show_volume()
-    assert "by good.h5" in page.panel.title.text(), "of the H before, whose volume it still is"
+    assert "by good.h5" in page.panel.view._title, "of the H before, whose volume it still is"
     window.project.start(ProjectState(psf=str(tmp_path / "other.h5")))
     idle(window.jobs, qtbot)
     assert page.solving is None and page.synthetic is None and not solved._matrices
-    assert page.panel.volume.volume is None and page.panel.title.text() == "Volume"
-    assert not page.panel.buttons["save"].isEnabled() and "Open a light field" in page.panel.hint.text()
-    assert page.panel.status.text() == ""
+    view = page.panel.view
+    assert view.volume is None and view.prepared is None and view.strip.count() == 0
+    assert not page.panel.save.isEnabled() and view.stack.currentWidget() is view.empty
+    assert page.panel.status.text() == page.panel.took.text() == ""
     window.project.start(ProjectState(psf=str(good), volume=str(tmp_path / "volume.npy")))
     idle(window.jobs, qtbot)
-    assert page.panel.title.text() == "Volume volume.npy", "the volume of a project is shown when it is opened"
+    assert view._title == "volume.npy" and view.prepared is not None, (
+        "the volume of a project is shown when it is opened"
+    )
     window.project.update("no volume", volume="")
-    assert page.saved is None and page.panel.volume.volume is None
+    assert page.saved is None and view.volume is None
     window.project.start(ProjectState())
     assert page.hint.text() == page.spec.hint, "the H before was named over an empty page"
 

@@ -15,7 +15,6 @@ ELSEWHERE = {"lamp", "tile", "rest", "solver", "backend", "engine", "operator", 
 
 ALLOWED = {
     "gui/lfcal_gui/pages/frames/orientation.py": {"cropped"},  # by others, before lfcal saw the frames
-    "gui/lfcal_gui/pages/psf/export_model.py": {"Nnum"},  # as the codes call it that read the file
 }
 
 

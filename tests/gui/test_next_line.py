@@ -124,14 +124,14 @@ def test_the_sample_by_the_next_button_alone(
     assert window.next_line.button.text() == "Import …" and only_primary(window)
     window.tools.sample()
     leads_to(window, qtbot, "Stop")
-    leads_to(window, qtbot, "Export for oLaF")
+    leads_to(window, qtbot, "Export H")
     assert window.shown.spec.key == "psf" and only_primary(window)
     assert window.leading.sitting.verdict is not None, "H was judged without being asked for"
     assert window.rail.word("h") == "✓ good" and "H is good" in window.next_line.words.text()
-    answers(str(tmp_path / "sample_oLaF.mat"))
-    follow(window, "Export for oLaF", qtbot)
+    answers(str(tmp_path / "sample.mat"))
+    follow(window, "Export H", qtbot)
     leads_to(window, qtbot, "Show folder")
-    assert (tmp_path / "sample_oLaF.mat").stat().st_size > 1e6
+    assert (tmp_path / "sample.mat").stat().st_size > 1e6
     assert window.next_line.lead.text() == "Done:" and window.rail.word("use") == "✓ exported"
     idle(window.jobs, qtbot)
 
@@ -145,7 +145,7 @@ def test_a_folder_of_frames_by_the_next_button_alone(
     follow(window, "Assemble H", qtbot)
     qtbot.waitUntil(lambda: window.shown.spec.key == "psf", timeout=GUARD_MS)
     assert (tmp_path / "H.h5").exists()
-    leads_to(window, qtbot, "Export for oLaF")
+    leads_to(window, qtbot, "Export H")
     idle(window.jobs, qtbot)
 
 

@@ -16,7 +16,7 @@ import lfcal.psf
 from lfcal.camera import preset
 from lfcal.psf import PSFMatrix, save
 from lfcal_gui.app import begin, make_window, parse
-from lfcal_gui.pages.psf.export_model import ExportIntent
+from lfcal_gui.pages.reconstruct.export_model import ExportSettings
 from lfcal_gui.window import MainWindow
 from tests.gui.waiting import GUARD_MS, idle
 
@@ -232,8 +232,10 @@ def test_no_page_replaces_a_file_unasked(
     window.page("setup").save_plan()  # type: ignore[attr-defined]
     window.page("setup").save_file()  # type: ignore[attr-defined]
     choose("x")
-    page.ask_export_file(ExportIntent.of_path("x.mat"))
-    page.ask_export_file(ExportIntent.of_path("x.tif"))
+    use: Any = window.page("reconstruct")
+    for suffix in (".mat", ".tif"):
+        window.project.update("kind", settings=ExportSettings(suffix=suffix).into(window.project.state))
+        use.exporting.ask()
     window.page("psf").checking.write_report()  # type: ignore[attr-defined]
     choose("view")
     page.panel.main_view.save_picture()

@@ -108,14 +108,12 @@ def test_from_the_camera_to_the_volume(
     assert psf.comparing.found is not None
 
     # export and a volume
-    window.go("psf")
-    done(window, qtbot)
-    psf.export(str(tmp_path / "H.mat"))
-    done(window, qtbot)
-    assert (tmp_path / "H.mat").stat().st_size > 1e6
     window.go("reconstruct")
     reconstruct: Any = window.page("reconstruct")
     done(window, qtbot)
+    reconstruct.exporting.start(str(tmp_path / "H.mat"))
+    done(window, qtbot)
+    assert (tmp_path / "H.mat").stat().st_size > 1e6
     reconstruct.make_light_field("points", str(tmp_path / "points.tif"))
     done(window, qtbot)
     reconstruct.panel.form.set_values({"iterations": 3})

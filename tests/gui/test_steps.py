@@ -35,9 +35,9 @@ from lfcal_gui.pages.acquire.step import step as recording_step
 from lfcal_gui.pages.frames.model import FrameSettings
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.pages.multiplex.model_scene import iter_reconstruct
-from lfcal_gui.pages.psf.export_model import ExportIntent
 from lfcal_gui.pages.psf.model_checks import QualitySettings
 from lfcal_gui.pages.psf.model_fit import FitSettings
+from lfcal_gui.pages.reconstruct.export_model import ExportSettings
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings
 from lfcal_gui.pages.simulate.model import SimulateSettings
 from lfcal_gui.palette import Palette
@@ -297,12 +297,12 @@ def test_history_is_a_script_that_runs(
     plan = replace(PLAN, period=(3, 4), resample=False)
     settings = {"simulate": SimulateSettings(tolerance=0.2, overrides=(("coma", "off"),)).to_dict()}
     window.project.start(ProjectState(camera=plan.camera, plan=plan, settings=settings))
-    pages: dict[str, Any] = {key: window.page(key) for key in ("simulate", "psf", "setup")}
+    pages: dict[str, Any] = {key: window.page(key) for key in ("simulate", "reconstruct", "setup")}
     pages["setup"].save_plan(str(tmp_path / "my plan.json"))
     pages["simulate"].simulate("sim.h5")
     idle(window.jobs, qtbot)
-    pages["psf"].export("H.npy")
-    pages["psf"]._start_export("T.mat", ExportIntent(include_transpose=False, compress=False))
+    pages["reconstruct"].exporting.start("H.npy")
+    pages["reconstruct"].exporting.start("T.mat", ExportSettings(no_ht=True, uncompressed=True))
     idle(window.jobs, qtbot)
     window.project.update("other", plan=None)  # the history is of what was done then
     assert [one.title for one in window.context.history.taken] == [

@@ -7,7 +7,6 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyqtgraph as pg
 import pytest
 from PySide6.QtCore import QSettings
@@ -23,7 +22,6 @@ from PySide6.QtWidgets import (
 )
 from pytestqt.qtbot import QtBot
 
-from lfcal.psf import PSFMatrix
 from lfcal_gui._job_log import JobLogView
 from lfcal_gui._manual import Manual
 from lfcal_gui._welcome import Welcome
@@ -34,8 +32,6 @@ from lfcal_gui.models.job_log import JobLog
 from lfcal_gui.models.page import PAGES
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.frames._import_dialog import ImportDialog
-from lfcal_gui.pages.psf._export_dialog import ExportDialog
-from lfcal_gui.pages.psf.export_model import ExportIntent
 from lfcal_gui.pages.psf.panel import LEVELS
 from lfcal_gui.palette import Palette
 from lfcal_gui.preferences import Preferences
@@ -142,7 +138,6 @@ def test_docks_and_dialogs_of_the_window(window: MainWindow) -> None:
 
 
 def test_other_dialogs(qtbot: QtBot, tmp_path: Path, window: MainWindow) -> None:
-    H = PSFMatrix(np.ones((1, 2, 2, 3, 3), np.float32))
     made: list[QWidget] = [
         CrashDialog(tmp_path / "log.txt"),
         JobLogView(JobLog("work")),
@@ -151,7 +146,6 @@ def test_other_dialogs(qtbot: QtBot, tmp_path: Path, window: MainWindow) -> None
         RestoreDialog(UnsavedCopy(tmp_path / "copy.lfcal", ProjectState(), "", 0.0)),
         Welcome([], shown=True),
         ImportDialog(window.jobs),
-        ExportDialog(H, ExportIntent()),
     ]
     for dialog in made:
         qtbot.addWidget(dialog)

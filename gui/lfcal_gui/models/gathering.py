@@ -107,6 +107,7 @@ def sitting_of(
         filled=_filled(kept_verdict(project), matrix),
         exported=path,
         exported_bytes=0.0 if file is None else float(file[2]),
+        export_for=_export_for(matrix),
         light_field=bool(project.light_field),
         volume=bool(project.volume),
         **_costs(project.plan),
@@ -124,6 +125,14 @@ def _filled(verdict: Verdict | None, matrix: PSFMatrix | None) -> int:
         return 0
     origin = (matrix.T if matrix.is_transposed else matrix).facts.origin
     return 0 if origin is None else sum(int(origin[place]) >= Origin.MODEL for place in verdict.redo)
+
+
+def _export_for(matrix: PSFMatrix | None) -> str:
+    """Return the name of the first code that can use H; empty: none can."""
+    from lfcal.psf import codes_for
+
+    usable = () if matrix is None else codes_for(matrix)
+    return usable[0].title if usable else ""
 
 
 def _source(project: ProjectState, page: str) -> Literal["rig", "folder", "compute"]:

@@ -75,8 +75,8 @@ class Sitting:
     h, h_camera, h_bytes, verdict, filled
         Whether there is an H; whether its file names a camera; its size; its verdict, None where it was not judged;
         number of bad positions that a model has filled.
-    exported, exported_bytes
-        File that H was exported to.
+    exported, exported_bytes, export_for
+        File that H was exported to, and its size; name of a code that can use H, empty where none can.
     light_field, volume, voxels, reconstruct_s
         Whether a light field and its volume are there; voxels (z, y, x); forecast of the reconstruction.
     """
@@ -122,6 +122,7 @@ class Sitting:
     filled: int = 0
     exported: str = ""
     exported_bytes: float = 0.0
+    export_for: str = ""
     light_field: bool = False
     volume: bool = False
     voxels: tuple[int, int, int] = (0, 0, 0)
@@ -408,13 +409,14 @@ def _export(s: Sitting) -> Step | None:
     if s.exported:
         return None
     size = f", {format_bytes(s.h_bytes)}" if s.h_bytes else ""
-    return Step("Next", f"export H and HT{size}: H is {_worth(s)}.", "Export for oLaF", "psf.export", "use")
+    button = f"Export for {s.export_for}" if s.export_for else "Export H"
+    return Step("Next", f"export H and HT{size}: H is {_worth(s)}.", button, "reconstruct.export", "use")
 
 
 def _exported(s: Sitting) -> Step:
     size = f", {format_bytes(s.exported_bytes)}" if s.exported_bytes else ""
     name = s.exported.replace("\\", "/").rpartition("/")[2]
-    return Step("Done", f"H and HT are in {_short(name, 40)}{size}.", "Show folder", "psf.folder", "use")
+    return Step("Done", f"H and HT are in {_short(name, 40)}{size}.", "Show folder", "reconstruct.folder", "use")
 
 
 ROWS: tuple[Callable[[Sitting], Step | None], ...] = (

@@ -8,7 +8,7 @@ from statistics import median
 
 __all__ = ["FORECASTS", "Paces"]
 
-FORECASTS = {"make": "make_s", "compute": "compute_s"}
+FORECASTS = {"make": "make_s", "compute": "compute_s", "reconstruct": "reconstruct_s"}
 """Kinds of jobs with a forecast, and the field of `Sitting` that has it."""
 
 KEPT = 5
@@ -35,13 +35,18 @@ class Paces:
         if forecast > 0 and seconds > 0:
             self.runs[kind] = [*self.runs.get(kind, ()), seconds / forecast][-KEPT:]
 
+    def seconds(self, kind: str, forecast: float) -> float:
+        """Return a forecast for a kind of job as this machine is."""
+        runs = self.runs.get(kind)
+        return forecast * median(runs) if runs else forecast
+
     def corrected(self, facts: Mapping[str, object]) -> dict[str, object]:
         """Return facts of a sitting with forecasts as this machine is."""
         found = dict(facts)
         for kind, name in FORECASTS.items():
-            seconds, runs = found.get(name), self.runs.get(kind)
-            if runs and isinstance(seconds, float):
-                found[name] = seconds * median(runs)
+            seconds = found.get(name)
+            if isinstance(seconds, float):
+                found[name] = self.seconds(kind, seconds)
         return found
 
     def texts(self) -> list[str]:

@@ -161,19 +161,32 @@ def fit(stage: Stage) -> Iterator[Capture]:
 
 
 def reconstruct(stage: Stage) -> Iterator[Capture]:
-    """Show a light field, and the volume made of it."""
+    """Show the place without a light field, with one, the volume in all views, and the settings."""
     page = stage.page("reconstruct")
-    page.make_light_field("points", str(stage.folder / "points.tif"))
+    stage.tidy()
+    yield Capture("reconstruct_empty")
+    page.make_light_field("vesicle", str(stage.folder / "vesicle.tif"))
     stage.done()
     stage.tidy()
     yield Capture("reconstruct_light_field")
-    page.panel.form.set_values({"iterations": 5})
-    page._edited("iterations", 5)
+    page._edited("iterations", 15)
     stage.settle()
     page.start()
     stage.done()
     stage.tidy()
     yield Capture("reconstruct")
+    view = page.panel.view
+    for segment in view.segments[1:]:
+        segment.click()
+        stage.settle()
+        yield Capture(f"reconstruct_{segment.text().lower()}")
+    view.segments[0].click()
+    page.panel.export.other.open()
+    page.panel.more.open()
+    stage.settle()
+    yield Capture("reconstruct_folds")
+    for fold in (page.panel.export.other, page.panel.more):
+        fold.head.setChecked(False)
 
 
 def multiplex(stage: Stage) -> Iterator[Capture]:

@@ -51,10 +51,10 @@ def _jobs(stage: Stage) -> Iterator[Capture]:
     """Show jobs that have ended, failed, run and wait; then the log."""
     window = stage.window
     window.project.update("back", psf=str(stage.folder / LONG))
-    page = stage.page("psf")
-    page.export(str(stage.folder / "exported.mat"))
+    page = stage.page("reconstruct")
+    page.exporting.start(str(stage.folder / "exported.mat"))
     stage.settle()
-    page.export("/proc/none/exported.mat")
+    page.exporting.start("/proc/none/exported.mat")
     stage.settle()
     page = stage.page("accuracy")
     page.measure(PLACES.names())

@@ -158,7 +158,7 @@ TABLE = (
     (
         replace(H, verdict=replace(FEW, merit="good"), folder=True, filled=5),
         "Next: export H and HT, 179.0 MB: H is good.",
-        "psf.export",
+        "reconstruct.export",
         {"h": "good"},
     ),
     (
@@ -193,11 +193,11 @@ TABLE = (
         "reconstruct.start",
         {"use": "ready"},
     ),
-    (H, "Next: export H and HT, 179.0 MB: H is good.", "psf.export", {"h": "good", "use": "ready"}),
+    (H, "Next: export H and HT, 179.0 MB: H is good.", "reconstruct.export", {"h": "good", "use": "ready"}),
     (
         replace(H, exported="/data/bench_oLaF.mat", exported_bytes=179e6),
         "Done: H and HT are in bench_oLaF.mat, 179.0 MB.",
-        "psf.folder",
+        "reconstruct.folder",
         {"use": "exported"},
     ),
 )
@@ -302,9 +302,9 @@ def test_rail_and_line_never_contradict_each_other(sitting: Sitting) -> None:
         assert rail["record"].words == "stopped"
     if step.lead == "Paused":
         assert rail["record"].words in ("paused", "stopped")
-    if step.action == "psf.export" and "H is good" in step.words:
+    if step.action == "reconstruct.export" and "H is good" in step.words:
         assert rail["h"].words in ("good", f"{sitting.verdict.bad:,} to redo" if sitting.verdict else "")
     if rail["h"].words == "bad" and not sitting.job:
         assert "H is good" not in step.words
     if rail["use"].words == "needs H":
-        assert step.action not in ("psf.export", "psf.folder", "reconstruct.start", "psf.judge")
+        assert step.action not in ("reconstruct.export", "reconstruct.folder", "reconstruct.start", "psf.judge")

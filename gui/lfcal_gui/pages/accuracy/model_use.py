@@ -116,10 +116,13 @@ def _storage(project: ProjectState, rung: Rung) -> RungUse:
             "Nothing was changed: the window exports H rounded or as float32, with gzip or without. "
             "Other types are for the command line and for Python."
         )
-    chosen = {"suffix": ".h5", "sixteen": dtype == "rounded", "compress": compression == "gzip"}
+    chosen = {"suffix": ".h5", "dtype": dtype, "uncompressed": compression == "none"}
     packed = "with gzip" if compression == "gzip" else "not compressed"
     return RungUse(
-        f"PSF: Export proposes an H file, {dtype}, {packed}.", "export", _settings(project, "psf", **chosen), "psf"
+        f"Use: Other formats proposes an H file, {dtype}, {packed}.",
+        "export",
+        _settings(project, "export", **chosen),
+        "reconstruct",
     )
 
 

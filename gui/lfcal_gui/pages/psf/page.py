@@ -15,23 +15,17 @@ from lfcal.base import LfcalError, format_bytes
 from lfcal.psf import PSFMatrix, mat_orders_of, opening_notes
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
-from lfcal_gui.crash_dialog import open_folder
 from lfcal_gui.models import (
-    KeptRun,
     OpeningSettings,
     PageSpec,
     Place,
     ProjectState,
-    exported_to,
     kept_verdict,
     stated_order,
-    with_exported,
 )
 from lfcal_gui.pages.psf import takes
 from lfcal_gui.pages.psf._checking import Checking
 from lfcal_gui.pages.psf._comparing import ProjectComparing
-from lfcal_gui.pages.psf._export_dialog import ExportDialog
-from lfcal_gui.pages.psf.export_model import ExportIntent, ExportSettings, iter_exported
 from lfcal_gui.pages.psf.model import (
     LoadedPlane,
     PlaneData,
@@ -46,8 +40,6 @@ from lfcal_gui.pages.psf.model import (
 from lfcal_gui.pages.psf.model_aperture import expected_in
 from lfcal_gui.pages.psf.model_checks import QualitySettings
 from lfcal_gui.pages.psf.panel import LEVELS, PSFPanel
-from lfcal_gui.pages.psf.step import step
-from lfcal_gui.saving import ask_target
 
 if TYPE_CHECKING:
     from lfcal.judge import Pair
@@ -73,7 +65,6 @@ class Page(BasePage):
         self.plane: LoadedPlane | None = None
         self.reference_plane: LoadedPlane | None = None
         self._asked = ""  # a file that is opened for the project
-        self._export_intent = ExportSettings.of(context.state).on(ExportIntent())
         self._held = self._offering = False
         self._levels: Mapping[str, tuple[float, float]] = {}
         self._summed: PSFMatrix | None = None
@@ -107,7 +98,6 @@ class Page(BasePage):
         self.stop_button.hide()
         self.context.jobs.changed.connect(lambda _: self.stop_button.setVisible(self.stop_button.isEnabled()))
         self.tool_button("Open H …", OPEN, self.choose_file)
-        self.tool_button("Export …", "Write H and HT as a deconvolution code reads them", self.export)
 
     # -- levels of the inspector -------------------------------------------------------------------------
     @cached_property
@@ -214,7 +204,7 @@ class Page(BasePage):
     # -- files -----------------------------------------------------------------------------------------
     def deeds(self) -> dict[str, Callable[[], object]]:
         """Return what the next step may ask for."""
-        return {"export": self.export_for_olaf, "folder": self._show_folder, **self.checking.deeds()}
+        return self.checking.deeds()
 
     def let_go(self) -> None:
         """Open no file any more that the project before was to take."""
@@ -231,9 +221,6 @@ class Page(BasePage):
             self._open()
         elif old.camera != new.camera and self.matrix is not None:
             self._show_hint(self.matrix)
-        asked = ExportSettings.of(new)
-        if asked != ExportSettings.of(old):
-            self._export_intent = asked.on(self._export_intent)
         by_number = QualitySettings.of(old).by_number != QualitySettings.of(new).by_number
         if by_number and (old.psf, old.reference) == (new.psf, new.reference):
             self._show_matrices()
@@ -405,63 +392,6 @@ class Page(BasePage):
         self._asked = path
         self.notice.wait(f"Opening {Path(path).name} …", lambda: self.context.matrices.cancel(path))
         self.context.matrices.take(path, opened, self.refuse)
-
-    def export(self, path: str = "") -> None:
-        """Export H as a job; without a path the way is asked for, and then the file."""
-        if self.matrix is None:
-            self.refuse("there is no H to export; open or assemble one first")
-        elif path:
-            self._start_export(path, ExportIntent.of_path(path))
-        else:
-            intent = replace(self._export_intent, position=(self.intent.y, self.intent.x))
-            self._export_dialog = ExportDialog(self.matrix, intent, self)
-            self._export_dialog.asked.connect(self.ask_export_file)
-            self._export_dialog.finished.connect(self._export_dialog.deleteLater)
-            self._export_dialog.open()
-
-    def ask_export_file(self, intent: ExportIntent) -> None:
-        """Ask for the file of an export, and begin."""
-        matrix = self.matrix
-        if matrix is None:
-            return
-        self._export_intent = intent
-        name, kind = f"H{intent.suffix}", f"{intent.suffix[1:]} files (*{intent.suffix})"
-        path = ask_target(self, "Export H", name, kind, lambda chosen: intent.files(matrix, chosen))
-        if path:
-            self._start_export(path, intent)
-
-    def _start_export(self, path: str, intent: ExportIntent) -> None:
-        state = self.context.state
-        psf, order = state.psf, stated_order(state, state.psf)
-        self.context.jobs.start(
-            f"Export {Path(path).name}",
-            "psf",
-            lambda: iter_exported(psf, intent, path, order),
-            self._exported,
-            kind="export",
-            keeping=KeptRun(path),
-            needs=(psf,),
-            taken=self.context.taken("psf", f"Export {Path(path).name}", path, partial(step, state, path, intent)),
-        )
-
-    def _exported(self, out: Path) -> None:
-        self.context.message.emit(f"exported {out}")
-        self.context.project.note(settings=with_exported(self.context.state, str(out)))
-
-    def export_for_olaf(self) -> None:
-        """Export H and HT as oLaF reads them."""
-        if self.matrix is None:
-            self.refuse("there is no H to export; open or assemble one first")
-            return
-        intent = ExportIntent(".mat")
-        centred = "lens_centred" in intent.open_to(self.matrix)
-        self.ask_export_file(replace(intent, lens_centred=centred, allow_missing=bool(intent.refusal(self.matrix))))
-
-    def _show_folder(self) -> None:
-        """Show the folder of the file that H was exported to."""
-        exported = exported_to(self.context.state)
-        if exported:
-            open_folder(Path(exported).parent)
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped H file."""

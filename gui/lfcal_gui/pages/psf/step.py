@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+from lfcal.psf import regions_of
+from lfcal.tasks import task_set
 from lfcal_gui.models import CommandStep, ProjectState, needed_file, stated_order
-from lfcal_gui.pages.psf.export_model import ExportIntent, export_task
 
 __all__ = ["step"]
 
 
-def step(project: ProjectState, out: str = "", intent: ExportIntent | None = None) -> CommandStep:
-    """Return how H is exported: for MATLAB where nothing else was asked for."""
-    psf, out = needed_file(project.psf, "H", "PSF"), out or "H.mat"
-    return CommandStep.of(export_task(psf, out, intent or ExportIntent.of_path(out), stated_order(project, psf)))
+def step(project: ProjectState, out: str = "") -> CommandStep:
+    """Return how H is exported for MATLAB, or as the name of the file says; of several regions the one shown."""
+    psf = needed_file(project.psf, "H", "PSF")
+    shown, *others = regions_of(psf) if Path(psf).is_file() else ("",)
+    given = {"region": shown if others else "", "mat_order": stated_order(project, psf)}
+    given = {name: value for name, value in given.items() if value}
+    return CommandStep.of(task_set("export").make({"source": psf, "out": out or "H.mat", **given}, str))

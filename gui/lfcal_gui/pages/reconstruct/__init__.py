@@ -1,7 +1,9 @@
-"""Reconstruct: what the PSF is worth: a light field becomes a volume.
+"""Use: what H is for: a file for another code, and a light field that becomes a volume.
 
 - ``page``, ``panel``; ``_volume_view``: the volume turned (``_solid_picture``) or from three sides (``model_volume``)
-- ``model``: settings, light fields; ``model_solving``: a reconstruction that can be stopped and gone on with
+- ``_exporting``, ``_export_card``, ``export_model``: H as a file for another code; ``step``: both as commands
+- ``model``: settings; ``model_solving``: light fields, the forecast, and a run that is stopped and continued
+- ``_costing``: what accuracy costs; ``_volume_file``: the volume of the project
 """
 
 from __future__ import annotations
@@ -28,12 +30,13 @@ def takes(path: str) -> bool:
 
 PAGE = PageSpec(
     "reconstruct",
-    "Reconstruct",
-    "Turn a light field into a volume",
+    "Use",
+    "Export H, and turn a light field into a volume",
     order=80,
     package=__name__,
     state=state,
     place="use",
     needs="lfcal.reconstruct",
     takes=takes,
+    keys=(("Page up, Page down", "step through depth planes"), ("Home", "first view of the volume")),
 )

@@ -1,4 +1,4 @@
-"""A volume turned, as three orthogonal slices, or as maximum projections, all at true scale with one cross."""
+"""What the view bar chooses from: a volume turned, as three slices, or as projections, with slice and light field."""
 
 from __future__ import annotations
 
@@ -9,29 +9,27 @@ import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QAction, QResizeEvent
-from PySide6.QtWidgets import (
-    QBoxLayout,
-    QButtonGroup,
-    QGridLayout,
-    QHBoxLayout,
-    QLabel,
-    QMenu,
-    QPushButton,
-    QSlider,
-    QStackedWidget,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QBoxLayout, QGridLayout, QMenu, QPushButton, QStackedWidget, QVBoxLayout, QWidget
 
+from lfcal.base import format_plane
+from lfcal_gui.base_page import EmptyState
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.models import BEGIN, CUTOUT, Levels, Outline, Shot, turned
+from lfcal_gui.models import BEGIN, CUTOUT, Levels, Outline, Shot, plane_words, turned
 from lfcal_gui.pages.reconstruct._solid_picture import Newest, SolidPicture, View
 from lfcal_gui.pages.reconstruct.model_volume import MODES, Prepared, Side, VolumeIntent, prepare, sides
-from lfcal_gui.widgets import Contrast, ElidedLabel, Picture, link, share_contrast
+from lfcal_gui.theme import current_theme
+from lfcal_gui.widgets import Contrast, Picture, PlaneTile, Strip, link, share_contrast, split
 
 __all__ = ["VolumeView"]
 
 VALUE = "brightness (counts)"
+
+VIEWS = (
+    "The brightest value along each line of sight. Drag to turn, wheel to zoom",
+    "Slices through the cross",
+    "The brightest voxel along each axis",
+)
+"""Tips of `MODES`."""
 
 TICKS = (
     ("by_depth", "Colour by depth", "Colours of the 3-D view: depth, with brightness by value; off: by value alone"),
@@ -44,6 +42,12 @@ TICKS = (
 
 AXES = {"xy": "xy", "xz": "xz", "yz": "zy"}
 """What is across and down in each picture."""
+
+LEAST = (90, 70)
+"""Least width and height of a picture (px)."""
+
+TILE = 60
+"""Side of a picture of the strip (px)."""
 
 
 class VolumePanes(QWidget):
@@ -72,7 +76,7 @@ class VolumePanes(QWidget):
         column.addWidget(self._stack)
 
     def set_volume(self, prepared: Prepared | None) -> None:
-        """Show a volume from the next `show` on."""
+        """Show a volume from the next `show_as` on."""
         before, self.prepared = self.prepared, prepared
         if prepared is None:
             for picture in self.pictures.values():
@@ -85,46 +89,66 @@ class VolumePanes(QWidget):
             self._grid.setRowStretch(0, 100)
             self._grid.setRowStretch(1, round(100 * min(1.5, max(0.3, float(z) / float(y)))))
 
-    def show_as(self, intent: VolumeIntent, turn: NDArray[np.float64], levels: Levels) -> None:
+    def show_as(self, intent: VolumeIntent, turn: NDArray[np.float64], levels: Levels, title: str) -> None:
         """Show the volume as it is asked for."""
         prepared = self.prepared
         if prepared is None:
             return
-        planes, rows, columns = prepared.volume.shape
-        size = f"{columns} × {rows} × {planes} voxels"
-        if intent.mode == MODES[0]:
+        solid = intent.mode == MODES[0]
+        self._stack.setCurrentIndex(0 if solid else 1)
+        if solid:
             cross = (intent.z, intent.y, intent.x) if intent.cross else None
             self.solid.set_display(intent.display)
-            view = View(turn, intent.by_depth, intent.box, cross, levels, f"{self.name}, {size}")
-            self.solid.show_volume(prepared, view)
-            self._stack.setCurrentIndex(0)
+            self.solid.show_volume(prepared, View(turn, intent.by_depth, intent.box, cross, levels, title))
             return
-        self._stack.setCurrentIndex(1)
         self.shown = sides(intent, prepared)
-        x, y, z = prepared.solid.axes
-        at = {"x": float(x[intent.x]), "y": float(y[intent.y]), "z": float(z[intent.z])}
         for key, side in self.shown.items():
             across, down = AXES[key]
             own = intent.own_scale and key == "xy" and intent.mode == MODES[1]
-            rows, columns = (n * side.pixel for n in side.values.shape)
-            frame = side.origin[0] - side.pixel / 2, side.origin[1] - side.pixel / 2, rows, columns
-            cross = (_line(True, at[across], frame), _line(False, at[down], frame)) if intent.cross else ()
-            shot = Shot(
-                side.values,
-                f"{self.short}{down} over {across}",
-                name=f"volume_{key}",
-                levels=None if own else levels,
-                origin=side.origin,
-                step=side.pixel,
-                overlays=cross,
-                pixel_um=side.pixel if prepared.solid.measured else None,
-            )
+            shot = side_shot(intent, prepared, key, side, None if own else levels)
             self.pictures[key].set_display(intent.display)
-            self.pictures[key].set_shot(shot)
+            self.pictures[key].set_shot(replace(shot, caption=f"{self.short}{down} over {across}"))
+
+
+def side_shot(intent: VolumeIntent, prepared: Prepared, key: str, side: Side, levels: Levels | None) -> Shot:
+    """Return the picture of a volume from one side, with the cross."""
+    across, down = AXES[key]
+    at = {axis: float(places[getattr(intent, axis)]) for axis, places in zip("xyz", prepared.solid.axes, strict=True)}
+    rows, columns = (n * side.pixel for n in side.values.shape)
+    frame = side.origin[0] - side.pixel / 2, side.origin[1] - side.pixel / 2, rows, columns
+    return Shot(
+        side.values,
+        name=f"volume_{key}",
+        levels=levels,
+        origin=side.origin,
+        step=side.pixel,
+        overlays=(_line(True, at[across], frame), _line(False, at[down], frame)) if intent.cross else (),
+        pixel_um=side.pixel if prepared.solid.measured else None,
+    )
+
+
+class Looks(QWidget):
+    """The volume and the known one, side by side, or one above the other where both have more room then."""
+
+    def __init__(self, *looks: VolumePanes) -> None:
+        super().__init__()
+        self.setObjectName("looks")
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+        self._row = QBoxLayout(QBoxLayout.Direction.LeftToRight, self)
+        self._row.setContentsMargins(0, 0, 0, 0)
+        self._row.setSpacing(3)
+        for look in looks:
+            self._row.addWidget(look, 1)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Choose the direction."""
+        super().resizeEvent(event)
+        direction = QBoxLayout.Direction
+        self._row.setDirection(direction.TopToBottom if self.height() > self.width() else direction.LeftToRight)
 
 
 class VolumeView(QWidget):
-    """Show a volume ``(Z, Y, X)``: turned in 3-D, sliced, or projected, and next to it a known one.
+    """Show a volume ``(Z, Y, X)`` and next to it a known one; at the right the light field and a slice.
 
     Parameters
     ----------
@@ -135,44 +159,64 @@ class VolumeView(QWidget):
     -------
     moved(z, y, x)
         The cross is elsewhere.
+    said(words)
+        Place and value of the voxel behind the pointer, or of the cross; empty: there is no volume.
     """
 
     moved = Signal(int, int, int)
+    said = Signal(str)
 
     def __init__(self, jobs: Jobs | None = None, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.intent = VolumeIntent()
         self.turn = BEGIN
+        self.readout = ""
+        self._title = "Volume"
         self._volume: NDArray[Any] | None = None
         self._newest = Newest(jobs, f"volume {id(self)}")
         self._emptied = 0
+        self._light_field = False
         self.looks = VolumePanes("Volume", jobs, first=True), VolumePanes("Truth", jobs, first=False)
         self.solid, self.pictures = self.looks[0].solid, self.looks[0].pictures
         self.xy, self.xz, self.yz = self.pictures.values()
-        share_contrast(*(p for look in self.looks for p in (look.solid, *look.pictures.values())))
+        self.slice = Picture(VALUE, steered=True, legend=False)
+        self.slice.setAccessibleName("slice at the cross")
+        self.slice.steered_to.connect(lambda row, column: self._steer(self.looks[0], "xy", row, column))
+        self.light_field = Picture(legend=False)
+        self.light_field.setToolTip("The light field; the frame shows the region that is used")
+        share_contrast(self.slice, *(p for look in self.looks for p in (look.solid, *look.pictures.values())))
         link(*(look.solid for look in self.looks))
         for key in AXES:
             link(*(look.pictures[key] for look in self.looks))
         for look in self.looks:
             self._watch(look)
-        self._beside = QBoxLayout(QBoxLayout.Direction.LeftToRight)
-        self._beside.setSpacing(3)
-        for look in self.looks:
-            self._beside.addWidget(look, 1)
         self.contrasts = Contrast(self.solid), Contrast(self.xy)
         for contrast in self.contrasts:
             contrast.display_asked.connect(lambda changes: self._display(**changes))
-        outer = QVBoxLayout(self)
-        outer.setContentsMargins(0, 0, 0, 0)
-        outer.setSpacing(5)
-        outer.addLayout(self._controls())
-        outer.addLayout(self._beside, 1)
-        for contrast in self.contrasts:
-            outer.addWidget(contrast)
-        outer.addLayout(self._depth_row())
+        self.strip = Strip(self._tip, TILE)
+        self.strip.setAccessibleName("depth planes of the volume")
+        self.strip.setToolTip("Depth planes of the volume. Click to put the cross into one (Page up, Page down)")
+        self.strip.chosen.connect(lambda z: self.set_cross(z=z))
+        for picture in (*self._volumes(), self.light_field):
+            picture.graphics.setMinimumSize(*LEAST)
+        self._lay_out()
+        self._make_tools()
         self.apply_theme()
 
     # -- building --------------------------------------------------------------------------------------
+    def _lay_out(self) -> None:
+        self.looking = Looks(*self.looks)
+        self.stack = QStackedWidget()
+        self.stack.addWidget(self.looking)
+        self.side = split(self.light_field, self.slice, sizes=(1, 1), vertical=True)
+        self.split = split(self.stack, self.side, sizes=(5, 2))
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(2)
+        column.addWidget(self.split, 1)
+        for part in (*self.contrasts, self.strip):
+            column.addWidget(part)
+
     def _watch(self, look: VolumePanes) -> None:
         look.solid.turned.connect(self._turn)
         look.solid.begun_again.connect(self.show_all)
@@ -181,30 +225,21 @@ class VolumeView(QWidget):
         for key, picture in look.pictures.items():
             picture.steered_to.connect(lambda row, column, key=key: self._steer(look, key, row, column))
 
-    def _controls(self) -> QHBoxLayout:
-        row = QHBoxLayout()
-        row.setSpacing(4)
-        self.modes = QButtonGroup(self)
-        tips = (
-            "The brightest value along each line of sight; drag to turn",
-            "Slices through the cross",
-            "The brightest voxel along each axis",
-        )
-        for k, (mode, tip) in enumerate(zip(MODES, tips, strict=True)):
+    def _make_tools(self) -> None:
+        """Make what the header has: the views, and what is drawn."""
+        self.segments = []
+        for mode, tip in zip(MODES, VIEWS, strict=True):
             button = QPushButton(mode)
-            button.setCheckable(True)
             button.setProperty("role", "segment")
+            button.setCheckable(True)
+            button.setAutoExclusive(True)
+            button.setChecked(mode == self.intent.mode)
             button.setToolTip(tip)
-            self.modes.addButton(button, k)
-            row.addWidget(button)
-        self.modes.button(0).setChecked(True)
-        self.modes.idClicked.connect(lambda k: self._change(mode=MODES[k]))
-        row.addStretch()
-        row.addWidget(self._overlay())
-        return row
-
-    def _overlay(self) -> QPushButton:
-        self.overlay = QPushButton("Overlay")
+            button.clicked.connect(lambda _=False, mode=mode: self._change(mode=mode))
+            self.segments.append(button)
+        self.brightest, self.overlay = QPushButton("Brightest voxel"), QPushButton("Overlay")
+        self.brightest.setToolTip("Put the cross on the brightest voxel")
+        self.brightest.clicked.connect(lambda: self.go_to_brightest())
         self.overlay.setToolTip("What is drawn, and how")
         menu = QMenu(self.overlay)
         menu.setToolTipsVisible(True)
@@ -215,38 +250,31 @@ class VolumeView(QWidget):
             tick.setChecked(getattr(self.intent, key))
             tick.setToolTip(tip)
             tick.toggled.connect(lambda on, key=key: self._change(**{key: on}))
-        self.overlay.setMenu(menu)
         menu.addSeparator()
-        self.moves: dict[str, QAction] = {}
-        for words, tip, do in (
-            ("Brightest voxel", "Put the cross on the brightest voxel", self.go_to_brightest),
-            ("Reset view", "The first turn and zoom (Home)", self.show_all),
-        ):
-            move = self.moves[words] = menu.addAction(words)
-            move.setToolTip(tip)
-            move.triggered.connect(lambda _=False, do=do: do())
-        return self.overlay
+        self.first_view = menu.addAction("Reset view")
+        self.first_view.setToolTip("The first turn and zoom (Home)")
+        self.first_view.triggered.connect(lambda _=False: self.show_all())
+        self.overlay.setMenu(menu)
 
-    def _depth_row(self) -> QHBoxLayout:
-        row = QHBoxLayout()
-        self.slider = QSlider(Qt.Orientation.Horizontal)
-        self.slider.setAccessibleName("depth plane")
-        self.slider.setToolTip("Depth plane of the cross")
-        self.slider.valueChanged.connect(lambda z: self.set_cross(z=z))
-        self.readout = ElidedLabel("–")
-        self.readout.setProperty("role", "hint")
-        row.addWidget(QLabel("z"))
-        row.addWidget(self.slider, 2)
-        row.addWidget(self.readout, 3)
-        return row
+    def set_empty(self, empty: EmptyState) -> None:
+        """Show what to do next where there is no light field."""
+        self.empty = empty
+        self.stack.addWidget(empty)
 
     # -- content ---------------------------------------------------------------------------------------
+    def show_none(self, *, light_field: bool) -> None:
+        """Show the light field alone, or where none is open what to do next."""
+        self._light_field = light_field
+        self.stack.setCurrentWidget(self.empty)
+        self._show_parts()
+
     def set_volume(
         self,
         volume: NDArray[Any] | None,
         depths_um: NDArray[np.float64] | None = None,
         voxel_um: tuple[float, float] | None = None,
         truth: NDArray[Any] | None = None,
+        title: str = "Volume",
     ) -> None:
         """Show ``volume`` ``(Z, Y, X)``; cross, turn and zoom stay if they fit.
 
@@ -260,14 +288,21 @@ class VolumeView(QWidget):
             Sides of a voxel (rows, columns).
         truth
             What it should be, where that is known.
+        title
+            First words of the caption.
         """
-        self._volume = volume
+        self._volume, self._title = volume, title
         if volume is None:
             self._emptied += 1
             for look in self.looks:
                 look.set_volume(None)
-            self.readout.setText("–")
+            self.slice.set_shot(None)
+            self.strip.show_tiles([])
+            self._say("")
             return
+        self._light_field = True
+        self.stack.setCurrentWidget(self.looking)
+        self._show_parts()
         asked = self._emptied
 
         def work() -> list[Prepared]:
@@ -285,11 +320,9 @@ class VolumeView(QWidget):
         for look, prepared in zip(self.looks, (*found, None), strict=False):
             look.set_volume(prepared)
         self.ticks["truth"].setEnabled(len(found) > 1)
+        tiles = zip(found[0].tiles, found[0].depths, strict=True)
+        self.strip.show_tiles([PlaneTile(depth, image) for image, depth in tiles])
         if first:
-            self.slider.blockSignals(True)
-            self.slider.setRange(0, shape[0] - 1)
-            self.slider.setEnabled(shape[0] > 1)
-            self.slider.blockSignals(False)
             z, y, x = found[0].brightest
             self.intent = replace(self.intent, z=z, y=y, x=x)
         self._show()
@@ -325,26 +358,19 @@ class VolumeView(QWidget):
     def show_all(self) -> None:
         """Show the first view: turn and zoom."""
         self.turn = BEGIN
-        for look in self.looks:
-            for picture in (look.solid, *look.pictures.values()):
-                picture.show_all()
+        for picture in self._volumes():
+            picture.show_all()
         self._show()
+
+    def _volumes(self) -> list[Picture]:
+        return [self.slice, *(p for look in self.looks for p in (look.solid, *look.pictures.values()))]
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        for look in self.looks:
-            for picture in (look.solid, *look.pictures.values()):
-                picture.apply_theme()
-        for contrast in self.contrasts:
-            contrast.apply_theme()
+        for part in (*self._volumes(), self.light_field, *self.contrasts, self.strip):
+            part.apply_theme()
+        self.looking.setStyleSheet(f"QWidget#looks {{ background: {current_theme().canvas}; }}")
         self._show()
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        """Put the truth where both have more room: on the right, or below."""
-        super().resizeEvent(event)
-        room = self._beside.geometry()
-        direction = QBoxLayout.Direction
-        self._beside.setDirection(direction.TopToBottom if room.height() > room.width() else direction.LeftToRight)
 
     # -- inside ----------------------------------------------------------------------------------------
     def _turn(self, across: float, down: float) -> None:
@@ -352,9 +378,10 @@ class VolumeView(QWidget):
         self._show()
 
     def _steer(self, look: VolumePanes, key: str, row: int, column: int) -> None:
-        if look.prepared is None or key not in look.shown:
+        prepared = look.prepared
+        if prepared is None:
             return
-        side, axes = look.shown[key], dict(zip("xyz", look.prepared.solid.axes, strict=True))
+        side, axes = sides(self.intent, prepared)[key], dict(zip("xyz", prepared.solid.axes, strict=True))
         across, down = AXES[key]
         at = {down: side.origin[0] + row * side.pixel, across: side.origin[1] + column * side.pixel}
         self.set_cross(**{axis: int(np.argmin(np.abs(axes[axis] - place))) for axis, place in at.items()})
@@ -363,7 +390,16 @@ class VolumeView(QWidget):
         """Say which voxel is behind the pointer, else where the cross is."""
         at = look.solid.voxel_at(row, column) or (self.intent.z, self.intent.y, self.intent.x)
         if look.prepared is not None:
-            self.readout.setText(look.prepared.words_at(*at))
+            self._say(look.prepared.words_at(*at))
+
+    def _say(self, words: str) -> None:
+        self.readout = words
+        self.said.emit(words)
+
+    def _tip(self, z: int, tile: PlaneTile, count: int) -> str:
+        prepared = self.prepared
+        share = "" if prepared is None or z >= len(prepared.shares) else f"\n{prepared.shares[z]:.0%} of the light"
+        return f"{plane_words(z, count)}: {format_plane(tile.depth_um, z)}{share}"
 
     def _change(self, **changes: Any) -> None:
         self.intent = replace(self.intent, **changes)
@@ -372,22 +408,36 @@ class VolumeView(QWidget):
     def _display(self, **changes: Any) -> None:
         self._change(display=replace(self.intent.display, **changes))
 
+    def _show_parts(self) -> None:
+        """Show the parts that there is something for."""
+        there, solid = self.stack.currentWidget() is self.looking, self.intent.mode == MODES[0]
+        self.contrasts[0].setVisible(there and solid)
+        self.contrasts[1].setVisible(there and not solid)
+        self.strip.setVisible(there)
+        self.slice.setVisible(there and solid)
+        self.stack.setVisible(there or not self._light_field)
+        self.side.setVisible(self._light_field)
+        for control in (*self.segments, self.brightest, self.overlay):
+            control.setEnabled(there)
+
     def _show(self) -> None:
-        intent, solid = self.intent, self.intent.mode == MODES[0]
-        self.contrasts[0].setVisible(solid)
-        self.contrasts[1].setVisible(not solid)
-        truth = self.looks[1].prepared
+        self._show_parts()
+        intent, prepared, truth = self.intent, self.prepared, self.looks[1].prepared
         self.looks[1].setVisible(truth is not None and intent.truth)
-        if self.prepared is None:
+        if prepared is None:
             return
         known = [look.prepared.levels for look in self.looks if look.prepared is not None]
         levels = min(low for low, _ in known), max(high for _, high in known)
-        for look in self.looks:
-            look.show_as(intent, self.turn, levels)
-        self.slider.blockSignals(True)
-        self.slider.setValue(intent.z)
-        self.slider.blockSignals(False)
-        self.readout.setText(self.prepared.words_at(intent.z, intent.y, intent.x))
+        planes, rows, columns = prepared.volume.shape
+        for look, title in zip(self.looks, (self._title, "Truth"), strict=True):
+            look.show_as(intent, self.turn, levels, f"{title}, {columns} × {rows} × {planes} voxels")
+        if intent.mode == MODES[0]:
+            flat = replace(intent, mode=MODES[1])
+            shot = side_shot(intent, prepared, "xy", sides(flat, prepared)["xy"], None if intent.own_scale else levels)
+            self.slice.set_display(intent.display)
+            self.slice.set_shot(replace(shot, caption=f"Slice at {format_plane(prepared.depths[intent.z], intent.z)}"))
+        self.strip.set_current(intent.z)
+        self._say(prepared.words_at(intent.z, intent.y, intent.x))
 
 
 def _line(upright: bool, at: float, frame: tuple[float, float, float, float]) -> Outline:

@@ -1,16 +1,15 @@
-"""What the Reconstruct page asks for and shows: settings, projector and forecast. No Qt."""
+"""The settings of a reconstruction, and how they become the task. No Qt."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from lfcal.base import InputError, format_bytes, format_seconds
-from lfcal.psf import PSFMatrix, mat_order_of
+from lfcal.base import InputError
+from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import (
     METHODS,
     SOLVERS,
@@ -28,21 +27,24 @@ from lfcal.reconstruct.solvers import GOALS, OPTIONS, STOPS
 from lfcal.records import SOLVER_ENDS, SolverFields, rows
 from lfcal.tasks import Reconstruct, solver_settings
 from lfcal_gui.models import Field, PageSettings, fields_of, value_in
-from lfcal_gui.pages.reconstruct.model_device import DEVICE
 
 if TYPE_CHECKING:
     from lfcal.reconstruct import MetricGrid
 
-__all__ = [
-    "FIELDS",
-    "RARE",
-    "ReconstructSettings",
-    "forecast_for",
-    "forecast_words",
-    "projector_for",
-    "task_of",
-    "used_by",
-]
+__all__ = ["BASIC", "DEVICE", "FIELDS", "NO_DEVICE", "ReconstructSettings", "device_reason", "task_of", "used_by"]
+
+DEVICE = Field(
+    "device",
+    "Device",
+    kind="choice",
+    choices=(("auto", "auto"), ("cpu", "cpu: processor"), ("cuda", "cuda: accelerator")),
+    tip="Where H is applied; auto takes an accelerator that has room and is forecast to be quicker, else the processor",
+)
+
+NO_DEVICE = (
+    "Greyed out: this machine has no accelerator that PyTorch or CuPy can use, so all is computed on the processor. "
+    "With a graphics card, install torch or cupy and array-api-compat."
+)
 
 ENDS = {end: words for words, end in SOLVER_ENDS.items()}
 """What a task is given in place of a number of iterations, by what ends a run."""
@@ -72,7 +74,7 @@ FIELDS: tuple[Field, ...] = (
         choices=tuple((name, name) for name in SOLVERS.names()),
         tip="; ".join(f"{solver.name}: {solver.title}" for solver in SOLVERS),
     ),
-    Field("iterations", "Iterations", "", "Number of iterations; Continue adds as many", kind="int"),
+    Field("iterations", "Iterations", "", "Number of iterations; Go on adds as many", kind="int"),
     Field(
         "stop",
         "End at",
@@ -99,7 +101,7 @@ FIELDS: tuple[Field, ...] = (
     DEVICE,
     Field(
         "threshold",
-        "Ignore H below",
+        "Threshold",
         "% of peak",
         "Entries of H below this share of their plane's peak count as zero: faster, less exact",
         scale=0.01,
@@ -129,7 +131,7 @@ FIELDS: tuple[Field, ...] = (
         kind="text",
         empty="by pixel",
     ),
-    ROWS["double"],
+    replace(ROWS["double"], label="Compute in double"),  # two lines: the column is narrow
     ROWS["memory"],
     Field(
         "as_is",
@@ -162,13 +164,19 @@ FIELDS: tuple[Field, ...] = (
 
 FIELDS = tuple(replace(one, group=ROWS[one.key].group if one.key in ROWS else one.group) for one in FIELDS)
 
-RARE = frozenset(
-    {
-        *("anchor", "double", "margin", "memory", "threshold", "tolerance"),
-        *("dark", "white", "lattice", "regions"),
-    }
-)
-"""Entries that the page folds."""
+BASIC = ("solver", "iterations")
+"""Entries that are always seen."""
+
+
+def device_reason() -> str:
+    """Return why no accelerator can be chosen here, empty where one can; libraries are loaded, so it may take seconds.
+
+    One that computes wrongly counts as none.
+    """
+    from lfcal.reconstruct.projectors import find_device
+
+    # a machine without a driver loads no library for it
+    return "" if find_device("auto") is not None else NO_DEVICE
 
 
 def used_by(solver: str, key: str) -> bool:
@@ -413,72 +421,3 @@ def _side(text: str) -> float:
     if not 0 < side < math.inf:
         raise InputError.expected("voxel size", "a positive number of µm, auto, or nothing", repr(text), "correct it")
     return side
-
-
-# -- projector ---------------------------------------------------------------------------------------------
-def projector_for(
-    matrices: Sequence[PSFMatrix],
-    shape: tuple[int, int],
-    settings: ReconstructSettings,
-    view: Resampling | None = None,
-) -> Any:
-    """Return the projector of a light field's used region and its margin, with the memory that solvers leave.
-
-    Parameters
-    ----------
-    matrices
-        H, and those of other regions.
-    shape
-        Rows and columns of all of an image, as ``view`` resampled it.
-    settings
-        What the user chose.
-    view
-        How the light field was resampled.
-    """
-    from lfcal.reconstruct import room_for_projections
-
-    H, choice = matrices[0], settings.choice_for(matrices[0], shape)
-    rows, columns = settings.window(shape)
-    used = rows.stop - rows.start, columns.stop - columns.start
-    row, column = settings.place(H, view)
-    optics = replace(settings.optics(H.path), anchor=(row - rows.start, column - columns.start))
-    wide = (used[0] + 2 * choice.margin, used[1] + 2 * choice.margin)
-    most = None if settings.memory is None else int(settings.memory * 1e9)
-    room = room_for_projections((len(H), *wide), choice, 8 if settings.double else 4, memory=most)
-    return optics.projector(matrices, used, None, choice.margin, memory=room, workers=None, device=settings.device)
-
-
-def forecast_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSettings) -> str:
-    """Return what it will cost to reconstruct a light field of ``shape``, as rich text."""
-    view = settings.view(H, shape)
-    shape = shape if view is None else view.shape
-    with ExitStack() as stack:
-        matrices = settings.optics(H.path, mat_order_of(H)).open(stack) if settings.other_regions else [H]
-        return forecast_words(projector_for(matrices, shape, settings, view), settings.choice_for(H, shape))
-
-
-def forecast_words(P: Any, choice: SolverChoice) -> str:
-    """Return what the reconstruction will cost, as rich text."""
-    from lfcal.reconstruct import run_memory
-
-    found, iterations, memory = P.forecast(), choice.iterations, run_memory(P, choice)
-    cost = found.chosen
-    nz, ny, nx = P.volume_shape
-    total = cost.prepare_s + iterations * cost.pair_s
-    margin = choice.margin
-    rows = [
-        ("Volume", f"{nx - 2 * margin} × {ny - 2 * margin} × {nz} voxels"),
-        ("Margin", f"{margin} px around" if margin else "none"),
-        ("Projector", cost.method + ("" if cost.resident else ", prepared each time")),
-        ("Device", "processor" if P.device is None else P.device.name),
-        ("Set-up", format_seconds(cost.prepare_s)),
-        ("Forward, adjoint", f"{format_seconds(cost.forward_s)}, {format_seconds(cost.adjoint_s)}"),
-        (f"{iterations} iterations{' at most' if choice.auto else ''}", f"about {format_seconds(total)}"),
-        ("Memory", format_bytes(memory.total)),
-        ("for H, the solver", f"{format_bytes(memory.matrix)}, {format_bytes(memory.solver)}"),
-    ]
-    others = [f"{o.method} {format_seconds(o.pair_s)}" for o in found.options if o.method != cost.method]
-    if others:
-        rows.append(("Other projectors", ", ".join(others) + " a pair"))
-    cells = "".join(f"<tr><td style='padding-right:8px'>{a}</td><td><b>{b}</b></td></tr>" for a, b in rows)
-    return f"<table cellspacing='1'>{cells}</table>"

@@ -1,25 +1,188 @@
-"""A reconstruction as the window runs it: begun, watched, stopped, gone on with. No Qt."""
+"""A reconstruction as the window runs it: light field, forecast, and a run that is stopped and continued. No Qt."""
 
 from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Work, format_seconds
-from lfcal.psf import PSFMatrix
-from lfcal.reconstruct import Resampling, SolverProgress, SolverState, cleaner, cropped, drift_note, drift_words, nrmse
+from lfcal.base import InputError, Work, format_bytes, format_seconds
+from lfcal.psf import PSFMatrix, mat_order_of
+from lfcal.reconstruct import (
+    Resampling,
+    SolverChoice,
+    SolverProgress,
+    SolverState,
+    cleaner,
+    cropped,
+    drift_note,
+    drift_words,
+    nrmse,
+)
 from lfcal.reconstruct.solvers import iter_solve
-from lfcal_gui.pages.reconstruct.model import ReconstructSettings, projector_for
+from lfcal_gui.pages.reconstruct.model import ReconstructSettings
 
-__all__ = ["Placed", "Solving"]
+__all__ = [
+    "Placed",
+    "Solving",
+    "SolvingForecast",
+    "Synthetic",
+    "forecast_for",
+    "light_field",
+    "make_light_field",
+    "outlook_of",
+    "projector_for",
+    "synthetic_shape",
+]
 
 
+# -- light field ----------------------------------------------------------------------------------------
+LARGEST = 640
+COUNTS = 2000.0
+
+
+def light_field(path: str) -> NDArray[Any]:
+    """Return the light field in an image file, ``(rows, columns)``."""
+    from lfcal.frames import read_image
+
+    return read_image(Path(path))
+
+
+@dataclass(frozen=True, eq=False)
+class Synthetic:
+    """A light field that was made: its file, and the volume it shows."""
+
+    path: str
+    truth: NDArray[np.float32]
+
+
+def synthetic_shape(H: PSFMatrix) -> tuple[int, int]:
+    """Return a size for a made light field: several periods and two cutouts, no more than is quick to solve."""
+    rows, columns = (int(min(LARGEST, max(4 * n, 2 * c))) for n, c in zip(H.shape[1:3], H.shape[3:], strict=True))
+    return rows, columns
+
+
+def make_light_field(
+    H: PSFMatrix, name: str, path: str, *, shape: tuple[int, int] | None = None, counts: float = COUNTS, seed: int = 0
+) -> Synthetic:
+    """Project the phantom ``name`` through ``H``, add photon noise, and write it as a 16-bit TIFF.
+
+    Parameters
+    ----------
+    H
+        The matrix to project with.
+    name
+        One of `lfcal.reconstruct.phantoms.PHANTOMS`.
+    path
+        Image file to write (.tif).
+    shape
+        Rows and columns; by default `synthetic_shape`.
+    counts
+        Brightest pixel; each count is taken as one photon.
+    seed
+        Of phantom and noise.
+    """
+    from lfcal.base import write_tiff
+    from lfcal.reconstruct import Projector, phantom
+
+    if not path.lower().endswith((".tif", ".tiff")):
+        raise InputError.expected("light field", "a .tif file", Path(path).name, "use that suffix")
+    P = Projector(H, shape or synthetic_shape(H))
+    volume = phantom(name, P.volume_shape, seed)
+    image = P.forward(volume)
+    top = float(image.max())
+    if not top > 0:
+        raise InputError.expected("light field", "light", "none", "H is empty: assemble it again")
+    scale = counts / top
+    noisy = np.random.default_rng(seed).poisson(np.maximum(image * scale, 0))
+    write_tiff(path, np.minimum(noisy, 65535).astype(np.uint16))
+    return Synthetic(path, (volume * scale).astype(np.float32))
+
+
+# -- projector ------------------------------------------------------------------------------------------
+def projector_for(
+    matrices: Sequence[PSFMatrix],
+    shape: tuple[int, int],
+    settings: ReconstructSettings,
+    view: Resampling | None = None,
+) -> Any:
+    """Return the projector of a light field's used region and its margin, with the memory that solvers leave.
+
+    Parameters
+    ----------
+    matrices
+        H, and those of other regions.
+    shape
+        Rows and columns of all of an image, as ``view`` resampled it.
+    settings
+        What the user chose.
+    view
+        How the light field was resampled.
+    """
+    from lfcal.reconstruct import room_for_projections
+
+    H, choice = matrices[0], settings.choice_for(matrices[0], shape)
+    rows, columns = settings.window(shape)
+    used = rows.stop - rows.start, columns.stop - columns.start
+    row, column = settings.place(H, view)
+    optics = replace(settings.optics(H.path), anchor=(row - rows.start, column - columns.start))
+    wide = (used[0] + 2 * choice.margin, used[1] + 2 * choice.margin)
+    most = None if settings.memory is None else int(settings.memory * 1e9)
+    room = room_for_projections((len(H), *wide), choice, 8 if settings.double else 4, memory=most)
+    return optics.projector(matrices, used, None, choice.margin, memory=room, workers=None, device=settings.device)
+
+
+class SolvingForecast(NamedTuple):
+    """What a reconstruction will cost: seconds, and all of it as rich text."""
+
+    seconds: float
+    words: str
+
+
+def forecast_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSettings) -> SolvingForecast:
+    """Return what it will cost to reconstruct a light field of ``shape``."""
+    view = settings.view(H, shape)
+    shape = shape if view is None else view.shape
+    with ExitStack() as stack:
+        matrices = settings.optics(H.path, mat_order_of(H)).open(stack) if settings.other_regions else [H]
+        return outlook_of(projector_for(matrices, shape, settings, view), settings.choice_for(H, shape))
+
+
+def outlook_of(P: Any, choice: SolverChoice) -> SolvingForecast:
+    """Return what the reconstruction with a projector will cost."""
+    from lfcal.reconstruct import run_memory
+
+    found, iterations, memory = P.forecast(), choice.iterations, run_memory(P, choice)
+    cost = found.chosen
+    nz, ny, nx = P.volume_shape
+    total = cost.prepare_s + iterations * cost.pair_s
+    margin = choice.margin
+    rows = [
+        ("Volume", f"{nx - 2 * margin} × {ny - 2 * margin} × {nz} voxels"),
+        ("Margin", f"{margin} px around" if margin else "none"),
+        ("Projector", cost.method + ("" if cost.resident else ", prepared each time")),
+        ("Device", "processor" if P.device is None else P.device.name),
+        ("Set-up", format_seconds(cost.prepare_s)),
+        ("Forward, adjoint", f"{format_seconds(cost.forward_s)}, {format_seconds(cost.adjoint_s)}"),
+        (f"{iterations} iterations{' at most' if choice.auto else ''}", f"about {format_seconds(total)}"),
+        ("Memory", format_bytes(memory.total)),
+        ("for H, the solver", f"{format_bytes(memory.matrix)}, {format_bytes(memory.solver)}"),
+    ]
+    others = [f"{o.method} {format_seconds(o.pair_s)}" for o in found.options if o.method != cost.method]
+    if others:
+        rows.append(("Other projectors", ", ".join(others) + " a pair"))
+    cells = "".join(f"<tr><td style='padding-right:8px'>{a}</td><td><b>{b}</b></td></tr>" for a, b in rows)
+    return SolvingForecast(total, f"<table cellspacing='1'>{cells}</table>")
+
+
+# -- run ------------------------------------------------------------------------------------------------
 class Placed(NamedTuple):
     """A volume ``(nz, Y, X)`` as it is saved, the sides of its voxels (rows, columns; µm), and how it came to be."""
 
@@ -59,6 +222,8 @@ class Solving:
         self.psf, self.image, self.settings, self._truth = psf, image, settings, truth
         self.mat_order = mat_order
         self.history: tuple[SolverProgress, ...] = ()
+        self.errors: tuple[float, ...] = ()
+        """Error against the truth (NRMSE) after each iteration, where the truth is known."""
         self.state: SolverState | None = None
         self.notes: tuple[str, ...] = ()
         self.stopped, self.chi2 = "", float("nan")
@@ -111,7 +276,7 @@ class Solving:
         last, truth = self.history[-1], self.truth
         lines = [
             f"{self.state.iteration} iterations in {format_seconds(last.seconds)}",
-            f"residual {100 * last.residual:.3g} % of the image",
+            f"misfit {100 * last.residual:.3g} % of the image",
         ]
         if math.isfinite(self.chi2):
             lines.append(f"chi2 per pixel {self.chi2:.3g}")
@@ -152,8 +317,11 @@ class Solving:
             while True:
                 record = next(running)
                 if isinstance(record, SolverProgress):
-                    self.history = (*self.history, record)
                     self.state = record.state
+                    truth = self.truth
+                    if truth is not None and truth.any():
+                        self.errors = (*self.errors, float(nrmse(self.volume, truth)))
+                    self.history = (*self.history, record)
                 yield record
                 if self._stop.is_set():
                     break

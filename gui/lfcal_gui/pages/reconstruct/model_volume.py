@@ -23,6 +23,9 @@ NEAR, FAR = "#9eabba", "#59636f"
 
 FRONT = 1e-6
 
+TILE = 96
+"""Most pixels of a side of a small picture."""
+
 
 @dataclass(frozen=True)
 class VolumeIntent:
@@ -79,6 +82,12 @@ class Prepared:
         Plane, row and column of its brightest voxel.
     levels
         Its lowest value, or zero, and its highest.
+    depths
+        Depth of each plane (µm), not-a-number where it is not known.
+    tiles
+        A small picture of each plane.
+    shares
+        Share of all light in each plane.
     """
 
     volume: NDArray[Any]
@@ -86,6 +95,9 @@ class Prepared:
     most: tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
     brightest: tuple[int, int, int]
     levels: Levels
+    depths: NDArray[np.float64]
+    tiles: tuple[NDArray[Any], ...]
+    shares: NDArray[np.float64]
 
     def words_at(self, z: int, y: int, x: int) -> str:
         """Return the place and value of a voxel."""
@@ -104,7 +116,21 @@ def prepare(
     low, high = levels_of(volume)
     most = whole.max(0), whole.max(1), whole.max(2).T
     _ = solid.by_columns, solid.coarse.by_columns  # made here, in the background
-    return Prepared(volume, solid, most, (z, y, x), (min(low, 0.0), high))
+    depths = solid.given if solid.measured else np.full(len(volume), np.nan)
+    light = np.array([np.clip(np.nan_to_num(plane), 0, None).sum(dtype=float) for plane in volume])
+    tiles = tuple(_small(plane) for plane in volume)
+    return Prepared(
+        volume, solid, most, (z, y, x), (min(low, 0.0), high), depths, tiles, light / max(light.sum(), 1e-300)
+    )
+
+
+def _small(plane: NDArray[Any]) -> NDArray[Any]:
+    """Return a plane of at most about `TILE` pixels a side, each the brightest of its block."""
+    step = max(1, -(-max(plane.shape) // TILE))
+    rows, columns = (max(1, n // step) * min(step, n) for n in plane.shape)
+    blocks = plane[:rows, :columns].reshape(-1, min(step, plane.shape[0]), columns).max(1)
+    small: NDArray[Any] = blocks.reshape(len(blocks), -1, min(step, plane.shape[1])).max(2)
+    return small
 
 
 class Side(NamedTuple):

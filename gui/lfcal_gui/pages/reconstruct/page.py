@@ -1,8 +1,9 @@
-"""Reconstruct: what the PSF is worth: a light field becomes a volume."""
+"""Use: H becomes a file for another code, and a light field becomes a volume."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,18 @@ from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
 from lfcal_gui.models import PageSpec, ProjectState, Shot, stated_order
 from lfcal_gui.pages.reconstruct import takes
+from lfcal_gui.pages.reconstruct._costing import Costing
+from lfcal_gui.pages.reconstruct._exporting import Exporting
 from lfcal_gui.pages.reconstruct._volume_file import VolumeFile
-from lfcal_gui.pages.reconstruct.model import ReconstructSettings, forecast_for
-from lfcal_gui.pages.reconstruct.model_device import device_reason
-from lfcal_gui.pages.reconstruct.model_light_field import Synthetic, light_field, make_light_field
-from lfcal_gui.pages.reconstruct.model_solving import Solving
+from lfcal_gui.pages.reconstruct.model import ReconstructSettings, device_reason
+from lfcal_gui.pages.reconstruct.model_solving import (
+    Solving,
+    SolvingForecast,
+    Synthetic,
+    forecast_for,
+    light_field,
+    make_light_field,
+)
 from lfcal_gui.pages.reconstruct.panel import ReconstructPanel
 from lfcal_gui.saving import ask_target
 
@@ -33,7 +41,7 @@ FOLLOWED = ("psf", "light_field", "volume")
 
 
 class Page(BasePage):
-    """Light field and H in, volume out; stopped and gone on with as one likes."""
+    """H out to a file; light field and H in, volume out, stopped and continued at will."""
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
@@ -46,14 +54,30 @@ class Page(BasePage):
         self._ready: tuple[str, NDArray[Any]] | None = None  # read already when the project takes it
         self._job = 0
         self._shown_iteration = -1
+        self._seconds: float | None = None
+        self._facts = spec.hint
+        self.exporting = Exporting(self, self.panel.export)
+        self.costing = Costing(context, self.panel, self._use, self)
         self.volume_file = VolumeFile(self)
         self.volume_file.loaded.connect(self._volume_loaded)
+        for segment in self.panel.view.segments:
+            self.segments.addWidget(segment)
+        self.tools.addWidget(self.panel.view.brightest)
+        self.tools.addWidget(self.panel.view.overlay)
         self.set_panel(self.panel)
-        self.panel.form.check = self._check
-        self.panel.form.edited.connect(self._edited)
+        for form in (self.panel.form, self.panel.more):
+            form.check = self._check
+            form.edited.connect(self._edited)
         self.panel.pressed.connect(self._pressed)
-        self.panel.open_asked.connect(self.choose_light_field)
         self.panel.make_asked.connect(self.make_light_field)
+        view = self.panel.view
+        view.said.connect(self._say)
+        self.shortcut("PgUp", lambda: view.set_cross(z=view.intent.z - 1))
+        self.shortcut("PgDown", lambda: view.set_cross(z=view.intent.z + 1))
+        self._follow_context()
+
+    def _follow_context(self) -> None:
+        context = self.context
         context.jobs.changed.connect(self._job_changed)
         context.jobs.finished.connect(self._job_finished)
         self.theme_changed.connect(self.panel.apply_theme)
@@ -77,12 +101,13 @@ class Page(BasePage):
             self.context.jobs.cancel(number)
         else:
             self._close()
-        self.solving = self.synthetic = self.saved = None
+        self.solving = self.synthetic = self.saved = self._seconds = None
         self.panel.show_no_volume()
         self._show_controls()
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Follow H, light field and settings."""
+        """Follow H, light field and settings; what is exported follows the verdict, too."""
+        self.exporting.show()
         same = ReconstructSettings.of(old) == ReconstructSettings.of(new)
         if not same or any(getattr(old, key) != getattr(new, key) for key in FOLLOWED):
             self._show(new)
@@ -95,7 +120,7 @@ class Page(BasePage):
 
     def deeds(self) -> dict[str, Callable[[], object]]:
         """Return what the next step may ask for."""
-        return {"start": self.start}
+        return {"start": self.start, "export": self.exporting.ask_usual, "folder": self.exporting.show_folder}
 
     def _matrix_changed(self, path: str) -> None:
         if path == self.context.state.psf:
@@ -109,7 +134,7 @@ class Page(BasePage):
             self.hint.setText(self.spec.hint)
             self.show_no_matrix(
                 state.psf,
-                "A reconstruction needs an H: assemble one, simulate one, or open one in the place H.",
+                "No H yet\nExport and reconstruction need an H: assemble one, simulate one, or open one in place H.",
                 {
                     "PSF": self.lead("psf", "Open an H that was assembled, simulated or fitted before"),
                     "Compute": self.lead("simulate", "Compute an H of the camera and plan; no recording is needed"),
@@ -118,15 +143,23 @@ class Page(BasePage):
             return
         self.show_body()
         nz, ny, nx, nt, ns = matrix.shape
-        said = f"H: {Path(state.psf).name}, {nz} planes, period {nx} × {ny} px, cutout {ns} × {nt} px"
-        self.hint.setText("; ".join(filter(None, (said, empty_words(matrix)))))
+        said = f"{Path(state.psf).name}: {nz} planes, period {nx} × {ny} px, cutout {ns} × {nt} px"
+        self._facts = "; ".join(filter(None, (said, empty_words(matrix))))
+        self._say(self.panel.view.readout)
         settings = self.settings
-        self.panel.form.set_values(vars(settings))
+        for form in (self.panel.form, self.panel.more):
+            form.set_values(vars(settings))
         self.panel.show_device(settings.device)
         self.panel.show_solver(settings)
+        self.exporting.show()
+        self.costing.show()
         self._show_file()
         self._show_region()
         self._show_controls()
+
+    def _say(self, words: str) -> None:
+        """Say which voxel is looked at, or what H is where there is no volume."""
+        self.hint.setText(words or self._facts)
 
     def _device_looked_for(self, reason: str) -> None:
         self.panel.no_device = reason
@@ -143,29 +176,40 @@ class Page(BasePage):
         settings = self.settings.changed(key, value).into(self.context.state)
         self.context.project.merge(f"change of {key.replace('_', ' ')}", settings=settings)
 
+    def _use(self, label: str, values: dict[str, Any]) -> None:
+        """Use the settings of a measured point."""
+        settings = replace(self.settings, **values).into(self.context.state)
+        self.context.project.update(f"settings {label}", settings=settings)
+
     def _show_controls(self) -> None:
         # also of the project before: its run ends after the iteration under way
-        running, ready = self.spec.key in self.context.jobs.running_pages(), self.image is not None
-        state, buttons = self.context.state, self.panel.buttons
+        jobs = self.context.jobs.jobs()
+        running = any(job.active and job.page == self.spec.key and job.kind == "reconstruct" for job in jobs)
+        ready, state, panel = self.image is not None, self.context.state, self.panel
         done = self.solving is not None and self.solving.state is not None
-        self.context.tell(self.spec.key, volume=done or bool(state.volume), voxels=self._voxels())
+        facts: dict[str, Any] = {
+            "volume": done or bool(state.volume),
+            "voxels": self._voxels(),
+            **self.exporting.facts(),
+        }
+        self.context.tell(self.spec.key, **facts, reconstruct_s=self._seconds if ready else None)
         same = self.solving is not None and self.solving.fits(state.psf, self.settings, stated_order(state, state.psf))
         same = same and self._opened == state.light_field
-        buttons["start"].setEnabled(ready and not running)
-        buttons["stop"].setEnabled(running)
-        buttons["more"].setEnabled(done and same and not running)
-        buttons["save"].setEnabled(done)
-        for widget in (self.panel.form, self.panel.open, self.panel.make):
+        if running:
+            panel.show_go("stop")
+        elif done and same:
+            panel.show_go("more", self.settings.iterations)
+        else:
+            panel.show_go("start", enabled=ready)
+        panel.again.setEnabled(ready and not running)
+        panel.save.setEnabled(done)
+        for widget in (panel.form, panel.more, panel.open, panel.make):
             widget.setEnabled(not running)
         if not running:
-            self.panel.show_solver(self.settings)
+            panel.show_solver(self.settings)
+            panel.show_device(self.settings.device)
         if not done and not running and self.saved is None:
-            self.panel.show_hint(
-                "Press Reconstruct."
-                if ready
-                else "Open a light field recorded behind the same optics, or make one: "
-                "Make one … projects a phantom through this H."
-            )
+            panel.view.show_none(light_field=bool(state.light_field))
 
     def _voxels(self) -> tuple[int, int, int]:
         """Return the size (z, y, x) of the volume that would be reconstructed; zeros where it is not known."""
@@ -206,14 +250,14 @@ class Page(BasePage):
     def _load(self) -> None:
         path = self.context.state.light_field
         self.image = None
-        self.panel.light_field.set_shot(None)
+        self.panel.view.light_field.set_shot(None)
         self._show_controls()
         ready, self._ready = self._ready, None
         self.context.jobs.drop("reconstruct load")
         if ready is not None and ready[0] == path:
             self._loaded(*ready)
         elif path:
-            self.panel.light_field.blank.wait(f"Opening {Path(path).name} …")
+            self.panel.view.light_field.blank.wait(f"Opening {Path(path).name} …")
             self.context.jobs.load(
                 "reconstruct load",
                 lambda: light_field(path),
@@ -224,7 +268,7 @@ class Page(BasePage):
     def _loaded(self, path: str, image: NDArray[Any]) -> None:
         self.image, self._opened = image, path
         self._show_file()
-        self.panel.light_field.set_shot(Shot(image, name="light_field"), keep_view=False)
+        self.panel.view.light_field.set_shot(Shot(image, name="light_field"), keep_view=False)
         self._show_region()
         self._show_controls()
         self._forecast()
@@ -235,7 +279,7 @@ class Page(BasePage):
         self.panel.file.setText(f"{Path(path).name}{size}" if path else "none yet")
 
     def _not_loaded(self, words: str) -> None:
-        self.panel.light_field.blank.wait("")
+        self.panel.view.light_field.blank.wait("")
         self.panel.file.setText(words)
         self.context.message.emit(words)
 
@@ -262,7 +306,7 @@ class Page(BasePage):
             path = ask_target(self, "Light field to make", str(name), "TIFF (*.tif)")
         if path:
             self.panel.file.setText(f"making {Path(path).name} …")
-            self.panel.light_field.blank.wait(f"Making {Path(path).name} …")
+            self.panel.view.light_field.blank.wait(f"Making {Path(path).name} …")
             begun = self.context.project.begun
             self.context.jobs.compute(
                 "reconstruct make",
@@ -288,16 +332,29 @@ class Page(BasePage):
         shape = (image.shape[0], image.shape[1])
         self.panel.show_forecast("forecasting …")
         self.context.jobs.compute(
-            "reconstruct forecast",
-            lambda: forecast_for(matrix, shape, settings),
-            self.panel.show_forecast,
-            self.panel.show_forecast,
+            "reconstruct forecast", lambda: forecast_for(matrix, shape, settings), self._forecasted, self._no_forecast
         )
+
+    def _forecasted(self, found: SolvingForecast) -> None:
+        self._seconds = found.seconds
+        self.panel.show_forecast(found.words)
+        if not self._job and (self.solving is None or not self.solving.history):
+            real = self.context.paces.seconds("reconstruct", found.seconds)
+            self.panel.show_took(f"about {format_seconds(real)}")
+        self._show_controls()
+
+    def _no_forecast(self, words: str) -> None:
+        self._seconds = None
+        self.panel.show_forecast(words)
+        self.panel.show_took("")
+        self._show_controls()
 
     # -- solving ---------------------------------------------------------------------------------------
     def _pressed(self, key: str) -> None:
         actions: dict[str, Callable[[], None]] = {
+            "open": self.choose_light_field,
             "start": self.start,
+            "again": self.start,
             "stop": self.stop,
             "more": self.go_on,
             "save": self.save,
@@ -327,7 +384,7 @@ class Page(BasePage):
         """End after the iteration under way."""
         if self.solving is not None and self._job:
             self.solving.stop()
-            self.panel.show_status(STOPPING, None)
+            self.panel.show_status(STOPPING, None, busy=True)
         if self._job in self.context.jobs.waiting():
             self.context.jobs.cancel(self._job)
 
@@ -346,8 +403,8 @@ class Page(BasePage):
         self._job = jobs.start(
             title, "reconstruct", lambda: work, kind="reconstruct", on_end=ended, abandon=True, needs=needs, taken=taken
         )
-        self.panel.show_running()
-        self.panel.show_status(WAITS if self._job in jobs.waiting() else "setting up …", None)
+        self.panel.show_took("")
+        self.panel.show_status(WAITS if self._job in jobs.waiting() else "setting up …", None, busy=True)
         self._show_controls()
 
     def _job_changed(self, job: WindowJob) -> None:
@@ -355,9 +412,10 @@ class Page(BasePage):
             return
         record = job.progress
         if self.solving.stopping or job.stopping:
-            self.panel.show_status(STOPPING, record.fraction)
+            self.panel.show_status(STOPPING, record.fraction, busy=True)
             return
-        self.panel.show_status(f"{record.stage}: {record.done} of {record.total}<br>{record.note}", record.fraction)
+        words = f"{record.stage}: {record.done} of {record.total}<br>{record.note}"
+        self.panel.show_status(words, record.fraction, busy=True)
         self._show_progress()
 
     def _show_progress(self) -> None:
@@ -365,17 +423,17 @@ class Page(BasePage):
         if solving is None or not solving.history or solving.history[-1].iteration == self._shown_iteration:
             return
         self._shown_iteration = solving.history[-1].iteration
-        self.panel.show_history(solving.history, solving.pixels)
+        self.panel.show_history(solving.history, solving.pixels, solving.errors)
         self._show_volume()
 
     def _show_volume(self) -> None:
         solving = self.solving
         if solving is None or solving.state is None:
             return
-        title = f"Volume after {solving.state.iteration} iterations, {format_seconds(solving.state.seconds)}"
+        title = f"Volume after {solving.state.iteration} iterations"
         if solving.psf != self.context.state.psf:
             title += f", by {Path(solving.psf).name}"
-        self.panel.show_volume(solving.volume, title, solving.depths, solving.voxel_um, solving.truth)
+        self.panel.view.set_volume(solving.volume, solving.depths, solving.voxel_um, solving.truth, title)
 
     def _job_finished(self, job: WindowJob) -> None:
         if job.number != self._job:
@@ -387,11 +445,12 @@ class Page(BasePage):
         self._show_progress()
         self._show_volume()  # of a run that stopped by itself an earlier one is the best
         if job.state is JobState.FAILED:
-            self.panel.show_status(job.error, 0.0, bad=True)
+            self.panel.show_status(job.error, None, bad=True)
         elif solving is not None and solving.history:
-            self.panel.show_status(solving.words(), 1.0)
+            self.panel.show_status(solving.words(), None)
+            self.panel.show_took(f"done in {format_seconds(solving.history[-1].seconds)}", "good")
         else:
-            self.panel.show_status("stopped", 0.0)
+            self.panel.show_status("stopped", None)
         self._show_controls()
 
     def save(self, path: str = "") -> None:
@@ -409,7 +468,7 @@ class Page(BasePage):
     def _volume_loaded(self, path: str, volume: NDArray[Any], facts: VolumeFacts) -> None:
         if self.solving is None and path == self.context.state.volume:
             self.saved = volume
-            self.panel.show_volume(volume, f"Volume {Path(path).name}", facts.depths_um, facts.voxel_um)
+            self.panel.view.set_volume(volume, facts.depths_um, facts.voxel_um, title=Path(path).name)
 
     def _close(self) -> None:
         if self.solving is not None:

@@ -1,60 +1,73 @@
-"""Reconstruct: what goes in on the left, the volume in the middle, the light field and the convergence right."""
+"""Use: the volume, light field and slice at the left; export and reconstruction in the inspector."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QPoint, QSignalBlocker, Qt, Signal
+from PySide6.QtGui import QCursor, QResizeEvent
 from PySide6.QtWidgets import (
-    QComboBox,
-    QGridLayout,
     QHBoxLayout,
     QLabel,
+    QMenu,
     QProgressBar,
     QPushButton,
-    QSizePolicy,
-    QStackedWidget,
-    QTabWidget,
     QVBoxLayout,
     QWidget,
 )
 
 from lfcal.reconstruct import PHANTOMS, SOLVERS
+from lfcal_gui.base_page import EmptyState
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.models import cutout_of, unbroken
+from lfcal_gui.pages.reconstruct._export_card import ExportCard
 from lfcal_gui.pages.reconstruct._volume_view import VolumeView
-from lfcal_gui.pages.reconstruct.model import FIELDS, RARE, ReconstructSettings, used_by
-from lfcal_gui.pages.reconstruct.model_device import DEVICE, NO_DEVICE
+from lfcal_gui.pages.reconstruct.model import BASIC, DEVICE, FIELDS, NO_DEVICE, ReconstructSettings, used_by
 from lfcal_gui.widgets import (
+    CostCurve,
     ElidedLabel,
+    Folded,
     FoldedForm,
     LinePlot,
-    Picture,
     WrappedLabel,
     card,
-    column_area,
+    choice_box,
+    clear,
+    heading,
     line,
+    scrolling,
     set_role,
-    split,
 )
 
-__all__ = ["BUTTONS", "ReconstructPanel"]
-
-BUTTONS = (
-    ("start", "Reconstruct", "Start again with these settings, as a job"),
-    ("stop", "Stop", "Stop after the current iteration; the volume is kept and can be continued"),
-    ("more", "Continue", "As many iterations again, from where it stopped"),
-    ("save", "Save …", "Write the volume: .tif (opens in ImageJ), .h5 or .npy"),
-)
-"""Key, title and meaning of each button."""
+__all__ = ["PLACES", "ReconstructPanel"]
 
 NOT_BY_ITSELF = "It cannot leave out pixels, and ends after the iterations."
 
-FORECAST = "What it will take in time and memory, and how: before it is begun"
-CONVERGENCE = "Does it still get better? Image less model, iteration by iteration"
+NO_LIGHT_FIELD = (
+    "No light field open\n"
+    "Open an image taken through these optics, or make one with a known specimen to see what this H is worth.\n"
+    "Or drop a .tif, .png or .raw file here."
+)
+
+OPEN = "An image behind the same optics: TIFF, PNG, RAW and others; files can be dropped here as well"
+MAKE = "Project a phantom through this H, add photon noise, and save it as a light field; its true volume is known"
+
+PLACES = (("solvers", "Solver and iterations"), ("projection", "Projector"))
+"""Places where accuracy is paid for, as the chart of costs has them."""
+
+GO = {
+    "start": "Reconstruct with these settings, as a job",
+    "more": "As many iterations again, from where it stopped",
+    "stop": "Stop after the current iteration; the volume is kept and can be continued",
+}
+"""What the button does, by what it is."""
+
+NARROW, WIDE, ROOMY = 304, 368, 1380
+"""Two widths of the inspector, and the least width of the panel for the wider one (px)."""
+
+PLOT, CURVE = 150, 240
+"""Heights of charts in the inspector (px)."""
 
 
 class ReconstructPanel(QWidget):
@@ -63,238 +76,226 @@ class ReconstructPanel(QWidget):
     Signals
     -------
     pressed(key)
-        One of `BUTTONS`.
-    open_asked(), make_asked(phantom)
-        Choose a light field; make one from a phantom.
+        A button: ``"open"``, ``"save"``, ``"again"``, or one of `GO`.
+    make_asked(phantom)
+        Make a light field from a phantom.
     """
 
     pressed = Signal(str)
-    open_asked = Signal()
     make_asked = Signal(str)
 
     def __init__(self, jobs: Jobs | None = None, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        some, rare = (tuple(field for field in FIELDS if (field.key in RARE) is rare) for rare in (False, True))
-        tip = "End by tolerance, place of H, margin of the volume, memory, precision"
-        self.form = FoldedForm(some, rare, tip=tip)
-        self.form.set_defaults(vars(ReconstructSettings()))
+        basic, more = (tuple(field for field in FIELDS if (field.key in BASIC) is seen) for seen in (True, False))
+        self.form = FoldedForm(basic)
+        tip = "End, noise, projector, margin, region, memory, and what accuracy costs"
+        self.more = FoldedForm((), more, f"{len(more)} more settings", tip)
+        for form in (self.form, self.more):
+            form.set_defaults(vars(ReconstructSettings()))
         self.no_device = NO_DEVICE
-        self.volume = VolumeView(jobs)
-        self.light_field = Picture(legend=False)
-        self.light_field.blank.words = "Open a light field, or make one."
-        self.light_field.setToolTip("The light field; the frame shows the region that is used")
-        self.residual = LinePlot("iteration", "residual (%)", counted=True)
-        self.residual.setToolTip("Weighted rms of image minus model, over that of the image")
-        self.likelihood = LinePlot("iteration", "log-lik. / px", counted=True)
-        self.likelihood.setToolTip(
-            "Log-likelihood of the image less its largest possible value, per pixel: 0 is a perfect fit. "
-            "Accelerated solvers may fall back for an iteration, and do not stay there"
-        )
-        for view in (self.light_field, self.residual, self.likelihood):
-            # what they would like to have takes no height from each other
-            view.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Ignored)
+        self.view = VolumeView(jobs)
+        self.view.light_field.blank.words = "Open a light field, or make one."
+        self.phantoms = QMenu(self)
+        for name in PHANTOMS:
+            self.phantoms.addAction(name).triggered.connect(lambda _=False, name=name: self.make_asked.emit(name))
+        empty = {
+            "Open light field …": (OPEN, lambda: self.pressed.emit("open")),
+            "Make one …": (MAKE, self._show_phantoms),
+        }
+        self.view.set_empty(EmptyState(NO_LIGHT_FIELD, empty))
+        self.export = ExportCard()
+        self.area = scrolling(self._inspector())
+        clear(self.area)
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(8)
-        row.addWidget(column_area(284, self._input_card(), self._run_card(), self._settings_card()))
-        self.split = split(self._volume_card(), self._side(), sizes=(3, 2))
-        row.addWidget(self.split, 1)
+        row.addWidget(self.view, 1)
+        row.addWidget(self.area)
+        self.view.show_none(light_field=False)
+
+    def _show_phantoms(self) -> None:
+        self.phantoms.popup(QCursor.pos() if self.isActiveWindow() else self.mapToGlobal(QPoint(0, 0)))
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Give the inspector more room in a large window."""
+        super().resizeEvent(event)
+        self.area.setFixedWidth(WIDE if self.width() >= ROOMY else NARROW)
 
     # -- building --------------------------------------------------------------------------------------
-    def _input_card(self) -> QWidget:
-        frame, column = card("Light field")
+    def _inspector(self) -> QWidget:
+        inner = QWidget()
+        inner.setProperty("dense", True)
+        column = QVBoxLayout(inner)
+        column.setContentsMargins(0, 0, 6, 0)
+        column.setSpacing(6)
+        for part in (self.export, self._reconstruction(), self._costs()):
+            column.addWidget(part)
+        column.addStretch()
+        return inner
+
+    def _button(self, key: str, words: str, tip: str) -> QPushButton:
+        button = QPushButton(words)
+        button.setToolTip(tip)
+        button.clicked.connect(lambda _=False: self.pressed.emit(key))
+        return button
+
+    def _reconstruction(self) -> QWidget:
+        frame, column = card()
+        self.took = ElidedLabel()
+        self.took.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        column.addLayout(line(heading("Reconstruct"), self.took, stretch=1))
+        self.open = self._button("open", "Open light field …", OPEN)
+        self.make = QPushButton("Make one …")
+        self.make.setToolTip(MAKE)
+        self.make.setMenu(self.phantoms)
+        column.addLayout(line(self.open, self.make, stretch=0))
         self.file = WrappedLabel("none yet")
         self.file.setProperty("role", "hint")
-        self.open = QPushButton("Open …")
-        self.open.setToolTip("An image behind the same optics: TIFF, PNG, RAW, …; files can be dropped here as well")
-        self.open.clicked.connect(lambda: self.open_asked.emit())
-        self.phantom = QComboBox()
-        for name in PHANTOMS:
-            self.phantom.addItem(name, name)
-        self.phantom.setAccessibleName("phantom")
-        self.phantom.setToolTip("What the light field shows; the true volume is known, so the error is measured")
-        self.make = QPushButton("Make one …")
-        self.make.setToolTip("Project a phantom through this H, add photon noise, and save it as a light field")
-        self.make.clicked.connect(lambda: self.make_asked.emit(self.phantom.currentData()))
-        column.addLayout(line(self.file, self.open, stretch=0))
-        column.addLayout(line(self.make, self.phantom, stretch=1))
+        column.addWidget(self.file)
+        column.addWidget(self.form)
+        self.misfit = LinePlot("iteration", "misfit (%)", counted=True)
+        self.misfit.setToolTip(
+            "Weighted rms of image minus model over that of the image; with a known truth its error too"
+        )
+        self.misfit.setFixedHeight(PLOT)
+        self.misfit.graphics.setMinimumSize(120, 60)
+        column.addWidget(self.misfit)
+        self._fill_more()
+        column.addWidget(self.more)
+        self.go = QPushButton("Reconstruct")
+        self.go.clicked.connect(lambda: self.pressed.emit(self._go))
+        self.save = self._button("save", "Save volume …", "Write the volume: .tif (opens in ImageJ), .h5 or .npy")
+        column.addLayout(line(self.go, self.save, stretch=0))
+        self.bar = QProgressBar()
+        self.bar.setTextVisible(False)
+        self.status = QLabel()
+        self.status.setWordWrap(True)
+        for part in (self.bar, self.status):
+            column.addWidget(part)
+        self.show_go("start")
+        self.show_status("", None)
         return frame
 
-    def _run_card(self) -> QWidget:
-        frame, column = card("Reconstruction")
-        grid = QGridLayout()
-        grid.setSpacing(5)
-        self.buttons: dict[str, QPushButton] = {}
-        for k, (key, title, tip) in enumerate(BUTTONS):
-            button = QPushButton(title)
-            button.setToolTip(tip)
-            button.setMinimumWidth(60)
-            button.clicked.connect(lambda _=False, key=key: self.pressed.emit(key))
-            self.buttons[key] = button
-            grid.addWidget(button, k // 2, k % 2)
-        column.addLayout(grid)
-        return frame
+    def _fill_more(self) -> None:
+        """Add to the folded settings what the solver does, and what accuracy costs."""
+        self.solver_words = WrappedLabel()
+        self.solver_words.setProperty("role", "hint")
+        self.again = self._button("again", "Start again", "Reconstruct from the first iteration with these settings")
+        self.place = choice_box(PLACES, "What the chart compares: solvers and iterations, or ways to apply H")
+        self.place.setAccessibleName("what the chart compares")
+        self.curve = CostCurve()
+        self.curve.setFixedHeight(CURVE)
+        holder = QWidget()
+        column = QVBoxLayout(holder)
+        column.setContentsMargins(0, 0, 0, 0)
+        for part in (heading("What accuracy costs"), self.place, self.curve):
+            column.addWidget(part)
+        self.more.fold_line(self.solver_words, above=True)
+        self.more.fold_line(holder)
+        self.more.fold_line(self.again)
 
-    def _forecast(self) -> QWidget:
-        frame = QWidget()
-        column = QVBoxLayout(frame)
-        column.setContentsMargins(0, 4, 0, 0)
-        self.forecast = QLabel("Told when there is a light field.")
+    def _costs(self) -> QWidget:
+        folded = Folded("Time, memory and likelihood", "What a reconstruction will take, and how likely the image is")
+        self.forecast = QLabel("Known when a light field is open.")
         self.forecast.setTextFormat(Qt.TextFormat.RichText)
         self.forecast.setWordWrap(True)
         self.forecast.setToolTip("From a cost model calibrated on this machine")
-        column.addWidget(self.forecast)
-        column.addStretch()
-        return frame
-
-    def _settings_card(self) -> QWidget:
-        frame, column = card("How")
-        self.solver_words = QLabel("")
-        self.solver_words.setProperty("role", "hint")
-        self.solver_words.setWordWrap(True)
-        column.addWidget(self.solver_words)
-        column.addWidget(self.form)
-        return frame
-
-    def _volume_card(self) -> QWidget:
-        frame, column = card()
-        self.title = ElidedLabel("Volume")
-        self.title.setProperty("role", "heading")
-        column.addWidget(self.title)
-        self.hint = QLabel("")
-        self.hint.setProperty("role", "hint")
-        self.hint.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self.hint.setWordWrap(True)
-        self.stack = QStackedWidget()
-        self.stack.addWidget(self.hint)
-        self.stack.addWidget(self.volume)
-        column.addWidget(self.stack, 1)
-        return frame
-
-    def _side(self) -> QVBoxLayout:
-        column = QVBoxLayout()
-        column.setSpacing(8)
-        self.pixel = QLabel("Light field")
-        top, inner = card(self.pixel)
-        self.light_field.hovered.connect(self._hovered)
-        self.light_field.graphics.setMinimumSize(150, 110)
-        inner.addWidget(self.light_field, 1)
-        column.addWidget(top, 5)
-        below, inner = card()
-        self.bar = QProgressBar()
-        self.bar.setTextVisible(False)
-        self.status = QLabel("")
-        self.status.setWordWrap(True)
-        inner.addWidget(self.bar)
-        inner.addWidget(self.status)
-        self.costs = QTabWidget()
-        self.costs.setDocumentMode(True)
-        self.costs.tabBar().setDrawBase(False)
-        tabs = (self._forecast(), "Forecast", FORECAST), (self._convergence(), "Convergence", CONVERGENCE)
-        for tab, title, tip in tabs:
-            self.costs.setTabToolTip(self.costs.addTab(tab, title), tip)
-        inner.addWidget(self.costs, 1)
-        column.addWidget(below, 6)
-        return column
-
-    def _convergence(self) -> QWidget:
-        frame = QWidget()
-        column = QVBoxLayout(frame)
-        column.setContentsMargins(0, 4, 0, 0)
-        for plot in (self.residual, self.likelihood):
-            plot.graphics.setMinimumSize(150, 80)
-            column.addWidget(plot, 1)
-        return frame
-
-    def show_running(self) -> None:
-        """Look at how it goes, no longer at what it will cost."""
-        self.costs.setCurrentIndex(1)
+        self.likelihood = LinePlot("iteration", "log-lik. / px", counted=True)
+        self.likelihood.setToolTip(
+            "Log-likelihood of the image less its largest possible value, per pixel: 0 is a perfect fit. "
+            "Accelerated solvers may fall back for an iteration, and recover"
+        )
+        self.likelihood.setFixedHeight(PLOT)
+        self.likelihood.graphics.setMinimumSize(120, 60)
+        for part in (self.forecast, self.likelihood):
+            folded.column.addWidget(part)
+        return folded
 
     # -- showing ---------------------------------------------------------------------------------------
+    def show_go(self, key: str, more: int = 0, *, enabled: bool = True) -> None:
+        """Show what the button does: one of `GO`; ``more``: how many iterations it adds."""
+        self._go = key
+        words = {"start": "Reconstruct", "more": f"Go on: {more} more", "stop": "Stop"}
+        self.go.setText(words[key])
+        self.go.setToolTip(GO[key])
+        self.go.setEnabled(enabled)
+
     def show_solver(self, settings: ReconstructSettings) -> None:
         """Say what the solver does, and enable what it uses; one that ends by itself takes what it needs."""
         name, by_itself = settings.solver, settings.ends_by_itself
         words = SOLVERS.get(name).title
         self.solver_words.setText(f"{words}. {NOT_BY_ITSELF}" if settings.stop and not by_itself else words)
         for key in ("background", "read_noise", "saturation", "strength", "subsets", "margin", "tolerance"):
-            self.form.set_enabled(key, used_by(name, key))
-        for key in ("strength", "subsets"):  # the form has no room for rows that only other solvers use
-            self.form.set_shown(key, used_by(name, key))
+            self.more.set_enabled(key, used_by(name, key))
+        for key in ("strength", "subsets"):  # rows that only other solvers use
+            self.more.set_shown(key, used_by(name, key))
         self.form.set_enabled("iterations", not by_itself)
-        # one in place of the other: the form has no room for a row that says nothing
-        noise = settings.stop == "discrepancy"
-        self.form.set_shown("gain", noise)
-        self.form.set_shown("iterations", not noise)
-        self.form.set_shown("goal", settings.stop == "left-out")
+        self.more.set_shown("gain", settings.stop == "discrepancy")
+        self.more.set_shown("goal", settings.stop == "left-out")
 
     def show_device(self, chosen: str) -> None:
         """Grey out the choice of a device where there is none; one that was chosen elsewhere can be taken back."""
-        self.form.set_enabled("device", not self.no_device or chosen == "cuda")
-        editor = self.form.editor("device")
+        self.more.set_enabled("device", not self.no_device or chosen == "cuda")
+        editor = self.more.editor("device")
         editor.setToolTip("\n".join(filter(None, (DEVICE.tip, self.no_device))))
         editor.setAccessibleDescription(self.no_device)
 
     def show_region(self, region: tuple[int, int, int, int] | None) -> None:
         """Frame the region that is used: first row, row behind the last, and so for columns; None: no light field."""
         if region is None:
-            self.light_field.set_overlays()
+            self.view.light_field.set_overlays()
             return
         top, bottom, left, right = region
-        self.light_field.set_overlays(*cutout_of(top, left, (bottom - top, right - left)))
+        self.view.light_field.set_overlays(*cutout_of(top, left, (bottom - top, right - left)))
 
     def show_forecast(self, words: str) -> None:
         """Show what a reconstruction will cost, as rich text, or why that is not known."""
         self.forecast.setText(unbroken(words))
 
-    def show_hint(self, text: str) -> None:
-        """Say what to do next in place of a volume."""
-        self.hint.setText(text)
-        self.stack.setCurrentWidget(self.hint)
-
     def show_no_volume(self) -> None:
         """Show none, and nothing of how one came to be."""
-        self.stack.setCurrentWidget(self.hint)
-        self.title.setText("Volume")
-        self.volume.set_volume(None)
-        self.residual.clear()
+        self.view.set_volume(None)
+        self.misfit.clear()
         self.likelihood.clear()
-        self.show_status("", 0.0)
+        self.show_status("", None)
+        self.show_took("")
 
-    def show_volume(
-        self,
-        volume: NDArray[Any],
-        title: str,
-        depths_um: NDArray[np.float64] | None = None,
-        voxel_um: tuple[float, float] | None = None,
-        truth: NDArray[Any] | None = None,
-    ) -> None:
-        """Show a volume ``(Z, Y, X)``, and the true one where it is known."""
-        self.stack.setCurrentWidget(self.volume)
-        self.title.setText(title)
-        self.volume.set_volume(volume, depths_um, voxel_um, truth)
-
-    def show_history(self, history: Sequence[Any], pixels: int) -> None:
-        """Show the convergence: `SolverProgress` records of an image of so many pixels."""
+    def show_history(self, history: Sequence[Any], pixels: int, errors: Sequence[float] = ()) -> None:
+        """Show the convergence: `SolverProgress` records of an image of so many pixels, and errors of the volume."""
         at = [record.iteration for record in history]
         symbol = "o" if len(at) < 3 else None
-        self.residual.clear()
-        self.likelihood.clear()
-        self.residual.set_curve("residual", at, [100 * record.residual for record in history], symbol=symbol)
+        for plot in (self.misfit, self.likelihood):
+            plot.clear()
+        self.misfit.set_curve("misfit", at, [100 * record.residual for record in history], symbol=symbol)
+        if errors:
+            known = [100 * error for error in errors]
+            self.misfit.set_curve("error against the truth", at[-len(known) :], known, symbol=symbol, dashed=True)
+        self.misfit.set_labels("iteration", "misfit, error (%)" if errors else "misfit (%)")
         values = [record.likelihood / max(1, pixels) for record in history]
         self.likelihood.set_curve("likelihood", at, values, symbol=symbol)
 
-    def show_status(self, words: str, fraction: float | None, *, bad: bool = False) -> None:
-        """Show how far it is; None: not known."""
-        set_role(self.status, "error" if bad else "")
+    def show_took(self, words: str, role: str = "hint") -> None:
+        """Say next to the title how long it will take, or took."""
+        self.took.setText(words)
+        set_role(self.took, role)
+
+    def show_status(self, words: str, fraction: float | None, *, bad: bool = False, busy: bool = False) -> None:
+        """Show how far it is while it is ``busy``, None: not known; and words, or nothing where there are none."""
+        set_role(self.status, "error" if bad else "hint")
         self.status.setText(words)
+        self.status.setVisible(bool(words))
+        self.bar.setVisible(busy)
         self.bar.setRange(0, 0 if fraction is None else 1000)
         if fraction is not None:
             self.bar.setValue(round(1000 * fraction))
 
-    def _hovered(self, row: int, column: int, value: float) -> None:
-        self.pixel.setText("Light field" if row < 0 else f"row {row}, column {column}: {value:.4g} counts")
+    def show_place(self, name: str) -> None:
+        """Show the chart of a place."""
+        blocker = QSignalBlocker(self.place)
+        self.place.setCurrentIndex(self.place.findData(name))
+        blocker.unblock()
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        for widget in (self.volume, self.light_field, self.residual, self.likelihood):
+        for widget in (self.view, self.misfit, self.likelihood, self.curve):
             widget.apply_theme()

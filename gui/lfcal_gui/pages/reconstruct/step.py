@@ -1,20 +1,39 @@
-"""A reconstruction as a command. No Qt."""
+"""Export and reconstruction as commands. No Qt."""
 
 from __future__ import annotations
 
 from lfcal.base import InputError
 from lfcal.tasks import python_of, words_of
-from lfcal_gui.models import CommandStep, ProjectState, needed_file, stated_order
+from lfcal_gui.models import CommandStep, ProjectState, kept_verdict, needed_file, stated_order
+from lfcal_gui.pages.reconstruct.export_model import ExportSettings
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings, task_of
 
-__all__ = ["step"]
+__all__ = ["export_step", "quality_in", "step"]
 
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
-    """Return how the light field becomes a volume."""
+    """Return how the light field becomes a volume; where none is open, how H is exported."""
     psf = needed_file(project.psf, "H", "PSF")
-    frame, chosen = needed_file(project.light_field, "light field", "Reconstruct"), ReconstructSettings.of(project)
+    if not project.light_field:
+        return export_step(project, out)
+    chosen = ReconstructSettings.of(project)
     if chosen.region:
         raise InputError.expected("region", "the whole light field", chosen.region, "a command takes all of it")
-    task = task_of(chosen, psf, frame, out or "volume.tif", stated_order(project, psf))
+    task = task_of(chosen, psf, project.light_field, out or "volume.tif", stated_order(project, psf))
     return CommandStep(words_of(task), python_of(task))
+
+
+def export_step(
+    project: ProjectState, out: str = "", chosen: ExportSettings | None = None, code: str = ""
+) -> CommandStep:
+    """Return how H is exported for a code, or as the options say; by default for MATLAB."""
+    psf = needed_file(project.psf, "H", "PSF")
+    chosen = chosen or (ExportSettings.of_path(out) if out else ExportSettings())
+    out, order = out or f"H{chosen.suffix_for(code)}", stated_order(project, psf)
+    return CommandStep.of(chosen.task(psf, out, order, code, quality_in(project)))
+
+
+def quality_in(project: ProjectState) -> str:
+    """Return the word for the quality of H that is written into a file; empty: H was not judged."""
+    verdict = kept_verdict(project)
+    return "" if verdict is None or verdict.merit == "unknown" else verdict.merit

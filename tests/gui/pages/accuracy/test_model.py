@@ -21,7 +21,7 @@ from lfcal_gui.pages.accuracy.model_use import NO_USE, use_of
 from lfcal_gui.pages.accuracy.step import step
 from lfcal_gui.pages.frames.model import FrameSettings
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
-from lfcal_gui.pages.psf.export_model import ExportIntent, ExportSettings
+from lfcal_gui.pages.reconstruct.export_model import ExportSettings
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings
 from lfcal_gui.pages.simulate.model import SimulateSettings
 from tests.acquire.rigs import small_plan
@@ -115,7 +115,7 @@ def test_rungs_change_the_settings_that_pages_read() -> None:
     )
     state, _ = used(state, "interpolation", interpolation="cubic")
     state, _ = used(state, "storage", dtype="rounded", compression="none")
-    assert ExportSettings.of(state).on(ExportIntent()) == ExportIntent(".h5", sixteen=True, compress=False)
+    assert ExportSettings.of(state) == ExportSettings(suffix=".h5", dtype="rounded", uncompressed=True)
     assert FrameSettings.of(state).interpolation == "cubic"
     state, _ = used(state, "filters", route="spatial", filter="lanczos", pattern="Bayer")
     state, _ = used(state, "bases", mask="MURA", size=11, exposure_s=0.02)

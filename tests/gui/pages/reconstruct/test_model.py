@@ -23,15 +23,15 @@ from lfcal.reconstruct.resample import resampling_for
 from lfcal.reconstruct.solvers.choice import SolverChoice, reconstruct
 from lfcal.reconstruct.solvers.stopping import MOST_ITERATIONS
 from lfcal_gui.models.project import ProjectState
-from lfcal_gui.pages.reconstruct.model import (
-    FIELDS,
-    ReconstructSettings,
-    forecast_words,
+from lfcal_gui.pages.reconstruct.model import FIELDS, ReconstructSettings, used_by
+from lfcal_gui.pages.reconstruct.model_solving import (
+    Solving,
+    light_field,
+    make_light_field,
+    outlook_of,
     projector_for,
-    used_by,
+    synthetic_shape,
 )
-from lfcal_gui.pages.reconstruct.model_light_field import light_field, make_light_field, synthetic_shape
-from lfcal_gui.pages.reconstruct.model_solving import Solving
 from lfcal_gui.pages.reconstruct.model_volume import MOST_ROWS, VolumeIntent, prepare, sides
 from lfcal_gui.pages.reconstruct.step import step
 
@@ -135,7 +135,7 @@ def test_a_region_moves_the_anchor_with_it(psf: str) -> None:
         assert np.abs(wrong.forward(volume[:, 5:19, 6:21]) - image[5:19, 6:21]).max() > 0.01
         with pytest.raises(InputError, match="region"):
             projector_for([H], (20, 20), ReconstructSettings(region=(5, 6, 16, 15)))
-        words = forecast_words(whole, SolverChoice(iterations=5))
+        words = outlook_of(whole, SolverChoice(iterations=5)).words
         assert "28 × 24 × 2 voxels" in words and "5 iterations" in words
 
 
@@ -145,7 +145,7 @@ def test_what_projections_may_miss_and_the_memory_of_the_run(psf: str) -> None:
         assert P.tolerance == 0.01 and projector_for([H], (24, 28), ReconstructSettings()).tolerance == 0
         lean, accelerated = (run_memory(P, SolverChoice(name)) for name in ("rl", "rl-biggs"))
         assert accelerated.solver > 1.8 * lean.solver
-        assert format_bytes(accelerated.solver) in forecast_words(P, SolverChoice("rl-biggs"))
+        assert format_bytes(accelerated.solver) in outlook_of(P, SolverChoice("rl-biggs")).words
 
 
 @pytest.mark.parametrize("name", ["points", "vesicle", "plume"])
@@ -217,7 +217,7 @@ def test_a_margin_takes_light_from_beside_the_region(psf: str) -> None:
         assert margin > 0 and solving.details()["margin"] == margin
         P = Projector(H, (24 + 2 * margin, 28 + 2 * margin), (H.anchor[0] + margin, H.anchor[1] + margin))
         wanted = reconstruct(P, image, SolverChoice(iterations=3, margin=margin)).volume
-        words = forecast_words(P, SolverChoice(margin=margin))
+        words = outlook_of(P, SolverChoice(margin=margin)).words
         assert "28 × 24 × 2 voxels" in words and f"{margin} px around" in words
     assert solving.volume.shape == (2, 24, 28) == wanted.shape
     np.testing.assert_allclose(solving.volume, wanted, rtol=1e-5)

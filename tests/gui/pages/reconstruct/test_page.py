@@ -10,15 +10,16 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QComboBox, QLineEdit
 from pytestqt.qtbot import QtBot
 
+from lfcal.accuracy import Curve, Rung
 from lfcal.psf import PSFMatrix, save
 from lfcal.reconstruct.projectors.device import ArrayDevice
 from lfcal.reconstruct.solvers.choice import SolverChoice
 from lfcal.reconstruct.volumes import load_volume, save_volume
 from lfcal_gui.context import Context
+from lfcal_gui.models.cost import subject_of
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.reconstruct import model
-from lfcal_gui.pages.reconstruct.model import ReconstructSettings
-from lfcal_gui.pages.reconstruct.model_device import NO_DEVICE, device_reason
+from lfcal_gui.pages.reconstruct.model import NO_DEVICE, ReconstructSettings, device_reason
 from lfcal_gui.pages.reconstruct.page import Page
 from lfcal_gui.theme import DARK, LIGHT, apply_theme
 from tests.gui.conftest import OpenPage
@@ -43,10 +44,13 @@ def make(page: Page, qtbot: QtBot, path: Path, name: str = "vesicle") -> None:
     qtbot.waitUntil(lambda: page.image is not None and page._opened == str(path), timeout=GUARD_MS)
 
 
-def test_empty_states_say_what_comes_next(page: Page, context: Context) -> None:
-    assert "Make one" in page.panel.hint.text() and not page.panel.buttons["start"].isEnabled()
+def test_empty_states_say_what_comes_next(page: Page, context: Context, qtbot: QtBot) -> None:
+    idle(context.jobs, qtbot)
+    empty = page.panel.view.empty
+    assert "No light field open" in empty.label.text() and empty.isVisibleTo(page) and not page.panel.go.isEnabled()
+    assert not page.panel.view.light_field.isVisibleTo(page) and page.panel.export.isVisibleTo(page)
     context.project.update("none", psf="")
-    assert page.empty is not None and "needs an H" in page.empty.label.text()
+    assert page.empty is not None and "need an H" in page.empty.label.text()
 
 
 def test_missing_positions_of_h_are_named(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
@@ -76,25 +80,29 @@ def test_a_made_light_field_is_reconstructed_and_judged(
     assert context.state.light_field.endswith("v.tif") and "28 × 24 px" in page.panel.file.text()
     qtbot.waitUntil(lambda: "Memory" in page.panel.forecast.text(), timeout=GUARD_MS)
     context.project.update("n", settings=ReconstructSettings(iterations=5).into(context.state))
-    qtbot.mouseClick(page.panel.buttons["start"], Qt.MouseButton.LeftButton)
-    assert not page.panel.form.isEnabled() and page.panel.buttons["stop"].isEnabled()
+    assert page.panel.go.text() == "Reconstruct"
+    qtbot.mouseClick(page.panel.go, Qt.MouseButton.LeftButton)
+    assert not page.panel.form.isEnabled() and page.panel.go.text() == "Stop" and page.panel.go.isEnabled()
     qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
     words = page.panel.status.text()
-    assert "5 iterations" in words and "residual" in words and "NRMSE" in words
-    assert page.panel.volume.volume is not None and page.panel.volume.volume.shape == (2, 24, 28)
+    assert "5 iterations" in words and "misfit" in words and "NRMSE" in words
+    assert page.panel.view.volume is not None and page.panel.view.volume.shape == (2, 24, 28)
     first = page.solving
     assert first is not None and len(first.history) == 5
-    qtbot.mouseClick(page.panel.buttons["more"], Qt.MouseButton.LeftButton)
+    assert page.panel.go.text() == "Go on: 5 more" and page.panel.took.text().startswith("done in")
+    qtbot.mouseClick(page.panel.go, Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
     assert [r.iteration for r in first.history] == list(range(1, 11)) and page.solving is first
-    x, y = page.panel.residual._curves["residual"].getData()
+    x, y = page.panel.misfit._curves["misfit"].getData()
     # an accelerated method may overshoot by a little
     assert len(x) == 10 and y[-1] < y[0] / 20 and (y < 1.1 * np.minimum.accumulate(y)).all()
+    _, errors = page.panel.misfit._curves["error against the truth"].getData()
+    assert len(errors) == 10 and errors[-1] == pytest.approx(100 * first.errors[-1]) and errors[-1] < errors[0]
     idle(context.jobs, qtbot)
-    truth = page.panel.volume.looks[1]
+    truth = page.panel.view.looks[1]
     assert page.synthetic is not None and truth.isVisibleTo(page) and truth.prepared is not None
     np.testing.assert_array_equal(truth.prepared.volume, page.synthetic.truth)
-    page.panel.volume.ticks["truth"].trigger()
+    page.panel.view.ticks["truth"].trigger()
     assert not truth.isVisibleTo(page)
 
     for name in ("out.tif", "out.h5"):
@@ -104,10 +112,12 @@ def test_a_made_light_field_is_reconstructed_and_judged(
         np.testing.assert_allclose(load_volume(tmp_path / name), first.volume, rtol=1e-6)
 
     context.project.update("solver", settings=ReconstructSettings("isra").into(context.state))
-    assert not page.panel.buttons["more"].isEnabled(), "another solver begins anew"
+    assert page.panel.go.text() == "Reconstruct", "another solver begins again"
     again = open_page("reconstruct")
     qtbot.waitUntil(lambda: again.saved is not None and again.image is not None, timeout=GUARD_MS)
-    assert "out.h5" in again.panel.title.text() and again.panel.stack.currentWidget() is again.panel.volume
+    idle(context.jobs, qtbot)
+    assert "out.h5" in again.panel.view.solid.shot.caption or again.panel.view._title == "out.h5"
+    assert again.panel.view.stack.currentWidget() is again.panel.view.looking
 
 
 def test_a_saved_volume_has_the_scale_of_its_file(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
@@ -115,7 +125,7 @@ def test_a_saved_volume_has_the_scale_of_its_file(page: Page, context: Context, 
     save_volume(tmp_path / "v.tif", np.ones((2, 4, 5)), depths_um=[30.0, 10.0], voxel_um=(2.5, 3.0))
     context.project.update("open", volume=str(tmp_path / "v.tif"))
     idle(context.jobs, qtbot)
-    prepared = page.panel.volume.prepared
+    prepared = page.panel.view.prepared
     assert prepared is not None and prepared.solid.measured
     np.testing.assert_allclose(prepared.solid.sides, (2.5, 3.0), rtol=1e-5)
     assert prepared.solid.given.tolist() == [30.0, 10.0]
@@ -128,15 +138,16 @@ def test_stop_keeps_what_there_is(page: Page, context: Context, qtbot: QtBot, tm
     solving = page.solving
     assert solving is not None
     qtbot.waitUntil(lambda: len(solving.history) > 2, timeout=GUARD_MS)
-    qtbot.mouseClick(page.panel.buttons["stop"], Qt.MouseButton.LeftButton)
+    qtbot.mouseClick(page.panel.go, Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
-    assert page.panel.buttons["more"].isEnabled() and page.panel.buttons["save"].isEnabled()
-    assert page.panel.stack.currentWidget() is page.panel.volume
-    page.start()
+    assert page.panel.go.text().startswith("Go on") and page.panel.save.isEnabled()
+    assert page.panel.view.stack.currentWidget() is page.panel.view.looking
+    page.panel.again.click()
+    assert page.solving is not solving, "it starts again"
     qtbot.waitUntil(lambda: page.solving is not None and len(page.solving.history) > 2, timeout=GUARD_MS)
     context.jobs.cancel(page._job)  # the stop button of the status area
     qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
-    assert "residual" in page.panel.status.text()
+    assert "misfit" in page.panel.status.text()
 
 
 def test_stop_answers_at_once_also_while_it_is_set_up(
@@ -157,7 +168,7 @@ def test_stop_answers_at_once_also_while_it_is_set_up(
     qtbot.waitUntil(lambda: not context.jobs.computing, timeout=GUARD_MS)
     monkeypatch.setattr(module, "projector_for", slow)
     page.start()
-    solving, stop = page.solving, page.panel.buttons["stop"]
+    solving, stop = page.solving, page.panel.go
     assert solving is not None and begun.wait(GUARD_MS / 1e3) and stop.isEnabled()
     stop.click()
     assert "stopping" in page.panel.status.text()
@@ -166,7 +177,7 @@ def test_stop_answers_at_once_also_while_it_is_set_up(
     assert solving.history == () and page.panel.status.text() == "stopped"
     monkeypatch.undo()
     page.start()
-    page.panel.buttons["stop"].click()  # before its thread has come to anything
+    page.panel.go.click()  # before its thread has come to anything
     qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
     assert page.solving is not None and len(page.solving.history) <= 1
 
@@ -202,24 +213,27 @@ def test_form_and_project_follow_each_other(page: Page, context: Context, qtbot:
     assert "iterations" in form.error and page.settings.iterations == SolverChoice().iterations == 15
     solver: Any = form.editor("solver")
     assert solver.currentData() == SolverChoice().name, "as the command"
+    page.panel.more.open()
     solver.setCurrentIndex(solver.findData("rl-tv"))
     assert page.settings.solver == "rl-tv" and "total variation" in page.panel.solver_words.text()
-    assert form.editor("strength").isEnabled() and not form.editor("subsets").isEnabled()
-    stop: Any = form.editor("stop")
+    assert page.panel.more.editor("strength").isEnabled() and not page.panel.more.editor("subsets").isEnabled()
+    stop: Any = page.panel.more.editor("stop")
     stop.setCurrentIndex(stop.findData("left-out"))
     assert page.settings.stop == "left-out" and not form.editor("iterations").isEnabled()
-    assert form.editor("gain").isHidden()
+    assert page.panel.more.editor("gain").isHidden()
     stop.setCurrentIndex(stop.findData("discrepancy"))
-    assert form.editor("iterations").isHidden() and not form.editor("gain").isHidden()
+    assert not form.editor("iterations").isEnabled() and not page.panel.more.editor("gain").isHidden()
     stop.setCurrentIndex(stop.findData(""))
     assert form.editor("iterations").isEnabled() and not form.editor("iterations").isHidden()
-    assert form.editor("gain").isHidden()
+    assert page.panel.more.editor("gain").isHidden()
     for key, text, value in (("threshold", "2", 0.02), ("tolerance", "1e-4", 1e-4), ("memory", "2.5", 2.5)):
-        folded: Any = page.panel.form.editor(key)
+        folded: Any = page.panel.more.editor(key)
         folded.setText(text)
         folded.textEdited.emit(text)
         assert getattr(page.settings, key) == pytest.approx(value)
-    assert not page.panel.form.editor("margin").isVisibleTo(page.panel), "what is rarely needed is folded"
+    page.panel.more.head.setChecked(False)
+    assert page.panel.more.editor("memory").isHidden(), "what is rarely needed is folded"
+    assert page.panel.more.head.words == "3 changed", "and its row says what differs"
 
 
 def test_a_solver_that_cannot_end_as_asked_says_so(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -243,7 +257,7 @@ def test_it_fits_small_screens_and_both_themes(page: Page, context: Context, qap
 def test_a_device_can_be_chosen_where_there_is_one(page: Page, context: Context, qtbot: QtBot) -> None:
     """There was no way to say so in the window."""
     idle(context.jobs, qtbot)
-    box = page.panel.form.editor("device")
+    box = page.panel.more.editor("device")
     assert isinstance(box, QComboBox) and [box.itemData(k) for k in range(box.count())] == ["auto", "cpu", "cuda"]
     page._device_looked_for("")
     assert box.isEnabled() and "processor" in box.toolTip() and "Greyed" not in box.toolTip()
@@ -283,11 +297,65 @@ def test_it_fits_small_screens_with_all_that_is_told(
     """What was told of a run and its forecast made the column longer than the window."""
     make(page, qtbot, tmp_path / "light.tif")
     idle(context.jobs, qtbot)
-    costs = page.panel.costs
-    assert costs.tabText(costs.currentIndex()) == "Forecast" and "Memory" in page.panel.forecast.text()
+    assert "Memory" in page.panel.forecast.text() and page.panel.took.text().startswith("about")
     context.project.update("few", settings=ReconstructSettings(iterations=2).into(context.state))
     page.start()
-    assert costs.tabText(costs.currentIndex()) == "Convergence"
     idle(context.jobs, qtbot)
-    assert "residual" in page.panel.status.text()
-    assert page.body.minimumSizeHint().height() <= 640
+    assert "misfit" in page.panel.status.text()
+    for fold in (page.panel.export.other, page.panel.more):
+        fold.open()
+    QApplication.processEvents()
+    inner = page.panel.area.widget()
+    assert inner.minimumSizeHint().width() <= page.panel.area.viewport().width(), "nothing of the inspector is cut"
+    assert page.minimumSizeHint().width() <= 1000 - 85 and page.minimumSizeHint().height() <= 600 - 54 - 26
+
+
+def test_the_forecast_reaches_the_next_step(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
+    make(page, qtbot, tmp_path / "light.tif")
+    idle(context.jobs, qtbot)
+    told = context.told["reconstruct"]
+    assert told["reconstruct_s"] > 0 and told["voxels"] == (2, 24, 28)
+    seconds = []
+    for iterations in (100, 100_000):
+        context.project.update("n", settings=ReconstructSettings(iterations=iterations).into(context.state))
+        idle(context.jobs, qtbot)
+        seconds.append(context.told["reconstruct"]["reconstruct_s"])
+    assert seconds[1] > 10 * seconds[0]
+    context.project.update("bad", settings=ReconstructSettings(region=(0, 0, 99, 5)).into(context.state))
+    idle(context.jobs, qtbot)
+    assert context.told["reconstruct"]["reconstruct_s"] is None and page.panel.took.text() == ""
+
+
+def test_a_measured_point_sets_solver_and_iterations(page: Page, context: Context, qtbot: QtBot) -> None:
+    """The chart in the settings shows what this H costs, as page Accuracy measures it."""
+    idle(context.jobs, qtbot)
+    page.panel.more.open()
+    assert page.panel.curve.measure_button.text() == "Measure"
+    curve = Curve("solvers", "Solvers", "error", "seconds", "seconds")
+    for solver, iterations, error, cost in (("isra", 4, 0.2, 1.0), ("rl", 30, 0.01, 9.0)):
+        settings = {"solver": solver, "iterations": iterations}
+        curve = curve.with_rung(Rung(f"{solver}, {iterations}", settings, error, cost, "seconds"))
+    context.curves.put(subject_of(context.state, "psf"), curve, 2.0)
+    page.costing.show()
+    assert "measured in" in page.panel.curve.status.text()
+    page.panel.curve.chosen.emit(1)
+    assert (page.settings.solver, page.settings.iterations) == ("rl", 30)
+    assert [point.picked for point in page.panel.curve._points] == [False, True]
+    context.project.undo()
+    assert page.settings.solver == SolverChoice().name
+    page.panel.place.setCurrentIndex(1)
+    assert page.costing.place == "projection" and not page.panel.curve._points
+
+
+def test_a_curve_is_measured_as_a_job(
+    page: Page, context: Context, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lfcal_gui.pages.reconstruct._costing.SECONDS", 0.2)
+    idle(context.jobs, qtbot)
+    page.panel.more.open()
+    page.panel.curve.measure_button.click()
+    assert not page.panel.curve.measure_button.isEnabled() and page.panel.go.text() == "Reconstruct"
+    idle(context.jobs, qtbot)
+    found = context.curves.of(subject_of(context.state, "psf"))["solvers"]
+    assert found.rungs and len(page.panel.curve._points) == len(found.rungs)
+    assert page.panel.curve.measure_button.text() == "Measure again"

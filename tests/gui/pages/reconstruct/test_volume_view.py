@@ -21,6 +21,7 @@ from lfcal_gui.models.shot import Label, Outline
 from lfcal_gui.models.solid import BEGIN
 from lfcal_gui.pages.reconstruct._solid_picture import STEP, Newest, SolidPicture
 from lfcal_gui.pages.reconstruct._volume_view import VolumeView
+from lfcal_gui.pages.reconstruct.model_volume import prepare
 from lfcal_gui.theme import LIGHT, NIGHT, apply_theme
 from lfcal_gui.widgets.picture import Picture
 from tests.gui.waiting import GUARD_MS, idle
@@ -64,7 +65,7 @@ def on_screen(picture: SolidPicture, place: NDArray[np.float64], turn: NDArray[n
 
 
 def test_it_starts_in_3_d_with_the_brightest_voxel_in_view(view: VolumeView) -> None:
-    assert view.modes.checkedButton().text() == "3-D" and (view.intent.z, view.intent.y, view.intent.x) == (2, 4, 21)
+    assert view.segments[0].isChecked() and (view.intent.z, view.intent.y, view.intent.x) == (2, 4, 21)
     prepared, picture = view.prepared, view.solid
     assert prepared is not None
     at = on_screen(picture, prepared.solid.place_of(2, 4, 21), view.turn)
@@ -90,7 +91,7 @@ def test_contrast_and_scaling_are_those_of_every_picture(view: VolumeView) -> No
     view.ticks["by_depth"].trigger()
     assert picture.shot.tint is None and picture.display.colour_map == COLOUR_MAPS[1]
     np.testing.assert_array_equal(picture.item.image, grey)
-    view.modes.button(1).click()
+    view.segments[1].click()
     assert view.xy.levels == (0.5, 2.0) and view.xy.display.scale == "gamma"
     assert view.contrasts[1].isVisible() and not view.contrasts[0].isVisible()
 
@@ -115,7 +116,7 @@ def test_mouse_and_arrows_turn_it_and_home_shows_the_first_view(view: VolumeView
         QTest.keyClick(picture, key)
         assert np.degrees(np.arccos((np.trace(view.turn @ BEGIN.T) - 1) / 2)) < 2 * np.degrees(STEP) + 1
         assert not np.allclose(view.turn, BEGIN)
-    view.moves["Reset view"].trigger()
+    view.first_view.trigger()
     np.testing.assert_array_equal(view.turn, BEGIN)
 
 
@@ -125,9 +126,9 @@ def test_a_click_puts_the_cross_on_the_voxel_behind_it(view: VolumeView) -> None
     at = on_screen(view.solid, view.prepared.solid.place_of(2, 4, 21), view.turn)
     QTest.mouseClick(view.solid.graphics.viewport(), Qt.MouseButton.LeftButton, pos=at)
     assert (view.intent.z, view.intent.y, view.intent.x) == (2, 4, 21)
-    assert view.slider.value() == 2 and "plane 2 (1.5 mm), y 4, x 21: 3 counts" in view.readout.text()
+    assert view.strip.currentRow() == 2 and "plane 2 (1.5 mm), y 4, x 21: 3 counts" in view.readout
     view.set_cross(z=0)
-    view.moves["Brightest voxel"].trigger()
+    view.brightest.click()
     assert view.intent.z == 2
 
 
@@ -159,7 +160,7 @@ def test_a_known_truth_is_turned_with_it_and_can_be_hidden(view: VolumeView) -> 
     view.solid.box.scaleBy((0.5, 0.5))
     view.solid.moved.emit()
     assert other.box.viewRect().width() == pytest.approx(view.solid.box.viewRect().width(), rel=0.01)
-    view.modes.button(1).click()
+    view.segments[1].click()
     np.testing.assert_array_equal(view.looks[1].pictures["xy"].values, truth[2])
     view.ticks["truth"].trigger()
     assert not view.looks[1].isVisible()
@@ -173,27 +174,50 @@ def test_the_cross_links_slices_and_projections(qtbot: QtBot) -> None:
     view.moved.connect(lambda *place: places.append(place))
     view.set_volume(values, np.array([1e3, 2e3, 3e3]), (500.0, 500.0))
     for mode in (1, 2):
-        view.modes.button(mode).click()
+        view.segments[mode].click()
         view.set_cross(z=1, y=10, x=15)
         view.xy.steered_to.emit(10, 22)
         assert places[-1] == (1, 10, 22) and lines_in(view.xz) == {22 * 500, 2e3}
         view.yz.steered_to.emit(10, 5)
-        assert view.slider.value() == 2 and lines_in(view.xz) == {22 * 500, 3e3} and "3 mm" in view.readout.text()
+        assert view.strip.currentRow() == 2 and lines_in(view.xz) == {22 * 500, 3e3} and "3 mm" in view.readout
         wanted = values[:, :, 22] if mode == 1 else values.max(2)
         np.testing.assert_array_equal(view.yz.values[:, ::2], wanted.T)
         assert view.xz.shot.pixel_um == 500 and view.xz.shot.step == 500
-    view.slider.setValue(0)
+    view.strip.setCurrentRow(0)
     assert places[-1] == (0, 10, 22)
     view.ticks["cross"].trigger()
     assert not view.xy.overlays
-    view.modes.button(1).click()
+    view.segments[1].click()
     view.ticks["own_scale"].trigger()
     assert view.xy.levels == (values[0].min(), values[0].max()) != view.xz.levels
     view.set_volume(values[:1])
-    assert view.intent.z == 0 and not view.slider.isEnabled()
+    assert view.intent.z == 0 and view.strip.count() == 1
     view.set_volume(None)
     view.set_cross(z=1)
-    assert view.volume is None and view.readout.text() == "–"
+    assert view.volume is None and view.readout == ""
+
+
+def test_slice_and_strip_follow_the_cross(view: VolumeView) -> None:
+    """In 3-D the slice through the cross is at the right; the strip shows each plane with its share of the light."""
+    assert view.slice.isVisible() and "1.5 mm" in view.slice.shot.caption
+    np.testing.assert_array_equal(view.slice.values, volume()[2])
+    assert [round(tile.depth_um) for tile in view.strip.tiles] == DEPTHS.tolist()
+    shares = [float(part) for part in volume().sum((1, 2)) / volume().sum()]
+    assert f"{shares[1]:.0%} of the light" in view.strip.item(1).toolTip()
+    view.strip.chosen.emit(0)
+    assert view.intent.z == 0 and "3 mm" in view.slice.shot.caption
+    view.slice.steered_to.emit(7, 9)
+    assert (view.intent.y, view.intent.x) == (7, 9) and lines_in(view.slice) == {7 * 60, 9 * 60}
+    view.segments[1].click()
+    assert not view.slice.isVisible()
+
+
+def test_tiles_keep_the_brightest_voxel_of_each_block() -> None:
+    large = np.zeros((2, 301, 250))
+    large[1, 222, 111] = 5
+    found = prepare(large, None, None)
+    assert found.tiles[1].max() == 5 and max(found.tiles[1].shape) <= 100 and found.shares.tolist() == [0, 1]
+    assert np.isnan(found.depths).all()
 
 
 def test_the_truth_is_below_where_both_have_more_room_there(view: VolumeView) -> None:
@@ -256,13 +280,13 @@ def test_a_volume_is_red_where_all_is_red(qapp: QApplication, view: VolumeView) 
         apply_theme(qapp, NIGHT)
         view.apply_theme()
         assert view.solid.item.image.ndim == 2
-        view.modes.button(1).click()
+        view.segments[1].click()
         for item in (view.solid.item, *(one.item for one in view.pictures.values())):
             assert not item.lut[:, 1:3].any() and item.lut[:, 0].any()
     finally:
         apply_theme(qapp, LIGHT)
     view.apply_theme()
-    view.modes.button(0).click()
+    view.segments[0].click()
     assert view.solid.item.image.ndim == 3
 
 
@@ -270,7 +294,7 @@ def test_a_volume_is_red_where_all_is_red(qapp: QApplication, view: VolumeView) 
 def test_volumes_without_light_or_depth_are_shown(view: VolumeView, values: NDArray[Any]) -> None:
     view.set_volume(values)
     for k in range(3):
-        view.modes.button(k).click()
+        view.segments[k].click()
     assert view.solid.values is not None and not any(
         isinstance(one, Outline) and not np.isfinite(one.points).all() for one in view.solid.overlays
     )

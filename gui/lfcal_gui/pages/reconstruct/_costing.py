@@ -1,0 +1,114 @@
+"""What accuracy costs in a reconstruction, measured with this H: a click on a point uses its settings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from PySide6.QtCore import QObject
+
+from lfcal.accuracy import Curve, Rung
+from lfcal_gui.context import Context
+from lfcal_gui.jobs import JobState, WindowJob
+from lfcal_gui.models import axis_labels, iter_measure, points_of, subject_of
+from lfcal_gui.pages.reconstruct.model import ReconstructSettings
+from lfcal_gui.pages.reconstruct.panel import ReconstructPanel
+
+__all__ = ["Costing"]
+
+SECONDS = 10.0
+"""About how long a curve is measured (s)."""
+
+USES = {"solvers": ("solver", "iterations"), "projection": ("method", "double", "threshold")}
+"""Settings that a point of each place sets."""
+
+
+class Costing(QObject):
+    """Shows the curves of solvers and projectors, measures them as a job, and takes a point.
+
+    Parameters
+    ----------
+    context, panel, parent
+        Of the page.
+    use
+        Changes settings, given by name.
+    """
+
+    def __init__(
+        self, context: Context, panel: ReconstructPanel, use: Callable[[str, dict[str, Any]], None], parent: QObject
+    ) -> None:
+        super().__init__(parent)
+        self._context, self._panel, self._use = context, panel, use
+        self._job, self._error = 0, 0.01
+        self._shown: Curve | None = None
+        panel.place.currentIndexChanged.connect(lambda _: self.show())
+        panel.curve.chosen.connect(self.take)
+        panel.curve.moved.connect(self._move)
+        panel.curve.measure_asked.connect(self.measure)
+        panel.more.head.toggled.connect(lambda _: self.show())
+        context.jobs.changed.connect(self._job_changed)
+        context.jobs.finished.connect(self._job_finished)
+
+    @property
+    def place(self) -> str:
+        """The place that is shown."""
+        found: str = self._panel.place.currentData()
+        return found
+
+    def show(self) -> None:
+        """Show the curve of this H as far as it is measured."""
+        if not self._panel.more.head.isChecked():
+            return
+        curves, key = self._context.curves, subject_of(self._context.state, "psf")
+        self._shown = curve = curves.of(key).get(self.place)
+        if curve is not None:
+            self._panel.curve.set_labels(*axis_labels(curve))
+        points = () if curve is None else points_of(curve, self._picked(curve))
+        self._panel.curve.show_points(points, math.log10(100 * self._error), "error")
+        took = curves.took(key, self.place)
+        self._panel.curve.show_status(took, "" if self._job else "Measure again" if took else "Measure")
+
+    def _picked(self, curve: Curve) -> Rung | None:
+        """Return the point that is in use."""
+        settings = ReconstructSettings.of(self._context.state)
+        wanted = {name: getattr(settings, name) for name in USES[self.place]}
+        return next(
+            (rung for rung in curve.rungs if {name: rung.settings.get(name) for name in wanted} == wanted), None
+        )
+
+    def _move(self, error: float) -> None:
+        self._error = error
+        self.show()
+
+    def measure(self) -> None:
+        """Measure the place that is shown, as a job."""
+        state, kept, place = self._context.state, self._context.curves, self.place
+        if self._job or not state.psf:
+            return
+        kept.forget(subject_of(state, "psf"), (place,))
+        self._job = self._context.jobs.start(
+            f"What accuracy costs: {self._panel.place.currentText().lower()}",
+            "reconstruct",
+            lambda: iter_measure(state, "psf", SECONDS, (place,), kept),
+            abandon=True,
+            needs=(state.psf,),
+        )
+        self.show()
+
+    def take(self, number: int) -> None:
+        """Use a point of the curve."""
+        curve = self._shown
+        if curve is not None and 0 <= number < len(curve.rungs):
+            settings = curve.rungs[number].settings
+            self._use(curve.rungs[number].label, {name: settings[name] for name in USES[curve.place]})
+            self.show()
+
+    def _job_changed(self, job: WindowJob) -> None:
+        if job.number == self._job and job.state is JobState.RUNNING:
+            self.show()
+
+    def _job_finished(self, job: WindowJob) -> None:
+        if job.number == self._job:
+            self._job = 0
+            self.show()

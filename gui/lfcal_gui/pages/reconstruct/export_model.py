@@ -1,0 +1,210 @@
+"""What the export of H asks for: a code, or a kind of file with its options. No Qt."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+
+from lfcal.base import InputError, Work, format_bytes
+from lfcal.psf import (
+    CODES,
+    PSFMatrix,
+    check_missing,
+    code_of,
+    codes_for,
+    empty_positions,
+    export_files,
+    export_notes,
+    lens_centre_of,
+    refused_by,
+)
+from lfcal.records import CODE_NAMES, rows
+from lfcal.tasks import ExportH5, ExportMat, ExportNpy, ExportTiff
+from lfcal_gui.models import Field, PageSettings, fields_of, said_in_window, shown_of, value_in
+
+if TYPE_CHECKING:
+    from lfcal.tasks import Task
+
+__all__ = ["KINDS", "OPTIONS", "ExportFacts", "ExportSettings", "facts_of", "iter_exported"]
+
+KINDS = {
+    ".mat": (ExportMat, "MATLAB v7.3, H and Ht"),
+    ".h5": (ExportH5, "H file, with all that is known of it"),
+    ".npy": (ExportNpy, "NumPy array"),
+    ".tif": (ExportTiff, "ImageJ hyperstack, to look at"),
+}
+"""Tasks by the suffix of their file, and what it is for."""
+
+ELSEWHERE = ("source", "out", "region", "mat_order")
+"""Fields of the tasks that no form shows: which H, how it is read, and where it goes."""
+
+OPTIONS: dict[str, Field] = {
+    field.key: field for task, _ in KINDS.values() for field in fields_of(task, without=ELSEWHERE)
+}
+"""Every option of these tasks, by name."""
+
+OF_LENS = ("lens_centred", "interpolation")
+
+
+class ExportFacts(NamedTuple):
+    """Size, order of the axes and quality, each as a value and a remark."""
+
+    size: tuple[str, str]
+    order: tuple[str, str]
+    quality: tuple[str, str]
+
+
+@dataclass(frozen=True)
+class ExportSettings(PageSettings):
+    """What the project says of the export.
+
+    Attributes
+    ----------
+    code
+        One of `CODE_NAMES`; empty: the first that can use H.
+    suffix
+        Other kind of file, one of `KINDS`.
+    no_ht, rows_first, lens_centred, interpolation, uncompressed, allow_missing, transposed, dtype, position
+        As in the tasks of `KINDS`.
+    """
+
+    page: ClassVar[str] = "export"
+
+    code: str = ""
+    suffix: str = ".mat"
+    no_ht: bool = False
+    rows_first: bool = False
+    lens_centred: bool = False
+    interpolation: str = ""
+    uncompressed: bool = False
+    allow_missing: bool = False
+    transposed: bool = False
+    dtype: str = ""
+    position: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        if self.code not in ("", *CODE_NAMES):
+            code_of(self.code)
+        if self.suffix not in KINDS:
+            raise InputError.expected("kind of file", " ".join(KINDS), repr(self.suffix), "choose one")
+        for name in ("interpolation", "dtype"):
+            allowed = dict(OPTIONS[name].choices)
+            if getattr(self, name) not in allowed:
+                raise InputError.expected(name, " or ".join(map(str, allowed)), getattr(self, name), "choose one")
+        if len(self.position) not in (0, 2):
+            raise InputError.expected("position", "y,x", self.position, "for example 2,1")
+
+    @classmethod
+    def of_path(cls, path: str) -> Self:
+        """Return what the name of a file asks for."""
+        return cls(suffix=Path(path).suffix.lower())
+
+    def changed(self, key: str, value: Any) -> Self:
+        """Return the settings with one value changed; patterns are moved only where a lens is centred."""
+        if key == "position":
+            value = value_in(ExportTiff, key, value) or ()
+        changes: dict[str, Any] = {key: value}
+        if key == "interpolation" and value:
+            changes["lens_centred"] = True
+        if key == "lens_centred" and not value:
+            changes["interpolation"] = ""
+        return replace(self, **changes)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Options of the kind of file."""
+        return tuple(row.name for row in rows(KINDS[self.suffix][0]) if row.name not in ELSEWHERE)
+
+    def shown(self) -> dict[str, Any]:
+        """Return what a form of `OPTIONS` shows."""
+        values = {one.name: getattr(self, one.name) for one in fields(self) if one.name in OPTIONS}
+        values["position"] = self.position or None
+        return {
+            key: value for task, _ in KINDS.values() for key, value in shown_of(task, values).items() if key in values
+        }
+
+    def open_to(self, H: PSFMatrix) -> set[str]:
+        """Return the options that can be chosen for H: a lens is centred where it is known."""
+        unknown = set(OF_LENS) if lens_centre_of(H) is None else set()
+        complete = set() if len(empty_positions(H)) else {"allow_missing"}
+        return set(self.names) - unknown - complete
+
+    def task(self, psf: str, out: str, mat_order: str = "", code: str = "", quality: str = "") -> Task:
+        """Return the task that exports the H of a file, of several regions the one that is shown.
+
+        Parameters
+        ----------
+        psf, out, mat_order
+            H, the file to write, and the order of axes that was stated for H.
+        code, quality
+            Write it for this code, with a word for the quality of H; empty: as the options say.
+        """
+        from lfcal.psf import regions_of
+        from lfcal.tasks import task_set
+
+        shown, *others = regions_of(psf) if psf and Path(psf).is_file() else ("",)
+        given: Mapping[str, Any] = {name: getattr(self, name) for name in self.names}
+        if code:
+            given = {"code": code, "quality": quality, "allow_missing": self.allow_missing}
+        where = {"source": psf or "H.h5", "out": out, "region": shown if others else "", "mat_order": mat_order}
+        return task_set("export").make({name: value for name, value in {**where, **given}.items() if value}, str)
+
+    def suffix_for(self, code: str) -> str:
+        """Return the suffix of the file for a code; of none: that of the kind of file."""
+        return CODES[code].suffix if code else self.suffix
+
+    def refusal(self, H: PSFMatrix, code: str = "") -> str:
+        """Return why H cannot be written so; empty where it can."""
+        problem = refused_by(CODES[code], H) if code else None
+        if problem is None:
+            task: Any = self.task("", f"H{self.suffix_for(code)}", code=code)
+            try:
+                check_missing(task.exported(H), self.suffix_for(code), task.options())
+            except InputError as error:
+                problem = error
+        return "" if problem is None else said_in_window(str(problem))
+
+    def notes(self, H: PSFMatrix, code: str = "") -> tuple[str, ...]:
+        """Return what readers of the file should know, a line each; why it cannot be written comes first."""
+        refusal = self.refusal(H, code)
+        if code and refusal:
+            return (refusal,)
+        task: Any = self.task("", f"H{self.suffix_for(code)}", code=code)
+        notes = export_notes(task.exported(H), task.out, task.options())
+        return (refusal, *notes[1:]) if refusal else notes
+
+    def files(self, H: PSFMatrix, path: Path, code: str = "") -> list[Path]:
+        """Return the files that an export to ``path`` writes."""
+        task: Any = self.task("", str(path), code=code)
+        return export_files(task.exported(H), path, task.options().position)
+
+    def code_for(self, H: PSFMatrix) -> str:
+        """Return the code that is chosen, else the first that can use H, else the first of all."""
+        usable = codes_for(H)
+        return self.code or (usable[0].name if usable else CODE_NAMES[0])
+
+
+def facts_of(H: PSFMatrix, code: str, quality: str) -> ExportFacts:
+    """Return size, order and quality of a file for a code."""
+    reader = CODES[code]
+    stored = reader.stored.removeprefix("cells of ")
+    size, _, unit = format_bytes(H.nbytes * (2 if reader.one_lens else 1)).partition(" ")
+    return ExportFacts(
+        (size, f"{unit}, {stored}"),
+        (reader.order, f"as {reader.title} reads"),
+        (quality or "not judged", "written into the file" if quality else ""),
+    )
+
+
+def iter_exported(task: Task, path: str) -> Work[Path]:
+    """Write the H of a file, opened again, as the window may close its own meanwhile.
+
+    Planes that are done stay where it is stopped; called again it continues from them.
+    """
+    from lfcal.tasks import RunSettings
+
+    yield from task.work(RunSettings(resume=True))
+    return Path(path)
