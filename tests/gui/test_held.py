@@ -74,13 +74,8 @@ def test_what_is_refused_is_not_called_done(held: MainWindow, qtbot: QtBot) -> N
     assert plan is not None
     held.go("acquire")
     setup: Any = held.page("acquire").setup  # type: ignore[attr-defined]
-    setup.measuring.found["stage"] = type("Fit", (), {"axes": plan.stage.__class__("-x", "+y", "+z")})()
-    setup.measuring.use("stage")
-    assert setup.panel.results["stage"].text() == ""
-    setup.reserved = True
-    setup.show_controls()
-    assert not setup.panel.use_buttons["stage"].isEnabled()
-    setup.reserved = False
+    turned = replace(plan, stage=plan.stage.__class__("-x", "+y", "+z"))
+    assert setup.measuring._take("stage axes as measured", turned) == ""
     held.go("setup")
     camera: Any = held.page("setup")
     camera.measure_sensor()

@@ -14,22 +14,23 @@ from lfcal_gui.scenes.stage import Capture, Stage
 
 __all__ = ["recording", "settle_live"]
 
+ENOUGH = 800
+"""Positions that are recorded before a pause: the second plane is under way."""
+
 
 def recording(stage: Stage) -> Iterator[Capture]:
-    """Set up, record one plane, assemble it."""
+    """Set up, record two planes, assemble them."""
     page = _begin(stage)
     yield from _set_up(stage, page)
     yield from _record(stage, page)
 
 
 def _begin(stage: Stage) -> Any:
-    """Begin a project of one plane of the sample, to be recorded into a new folder; return its page."""
+    """Begin a project of the sample's plan, to be recorded into a new folder; return its page."""
     window, folder = stage.window, stage.folder / "session"
     shutil.rmtree(folder, ignore_errors=True)
     plan = ScanPlan.from_json((sample_session() / "plan.json").read_text(encoding="utf-8"))
-    window.project.update(
-        "one plane", plan=replace(plan, depths_um=plan.depths_um[:1], exposure_s=plan.exposures[:1], settle_s=0.0)
-    )
+    window.project.update("plan of the sample", plan=replace(plan, settle_s=0.0))
     window.project.update("where to record", camera=plan.camera, recording=str(folder), redo=(), frames="", psf="")
     page = stage.page("acquire")
     stage.until(lambda: page.panel.setup.devices.backend.count() > 0, "the list of devices")
@@ -57,7 +58,7 @@ def _set_up(stage: Stage, page: Any) -> Iterator[Capture]:
     stage.tidy()
     yield Capture("acquire_setup_live")
     settle_live(stage, page)
-    for key in ("stage", "axis", "exposure", "white", "dark"):
+    for key in ("stage", "exposure", "dark"):
         page.setup.measuring.find(key)
         stage.until(lambda: page.setup.free, key)
         settle_live(stage, page)
@@ -75,15 +76,17 @@ def _set_up(stage: Stage, page: Any) -> Iterator[Capture]:
 def _record(stage: Stage, page: Any) -> Iterator[Capture]:
     """Record, let the camera fail on the way, go on, and assemble."""
     tab, panel = page.record, page.panel.record
-    page.panel.setCurrentWidget(panel)
     settle_live(stage, page)
     stage.tidy()
     yield Capture("acquire_record_ready")
     tab.start()
-    stage.until(lambda: tab.recording and panel.bar.value() > 250, "a quarter of the recording")
+    stage.until(lambda: tab.recorder is not None and tab.recorder.taken > ENOUGH, "a part of the recording")
     tab.pause()
     stage.turn(60)
     yield Capture("acquire_record_running")
+    page.panel.setCurrentWidget(panel)
+    stage.turn(20)
+    yield Capture("acquire_record_session")
     yield from _dark_lab(stage, page)
     page.setup.station.inject(DeviceFault("vanishes", 40, 1))
     tab.pause()

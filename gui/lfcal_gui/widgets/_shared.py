@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from lfcal_gui.widgets.axis_arrows import AxisArrows
-from lfcal_gui.widgets.blank import NOTHING
 from lfcal_gui.widgets.cards import (
     card,
     choice_box,
@@ -36,7 +35,6 @@ from lfcal_gui.widgets.words import ElidedLabel, WrappedLabel, set_look, set_rol
 
 __all__ = [
     "LINES",
-    "NOTHING",
     "AxisArrows",
     "ComparePanel",
     "ComparedNumbers",

@@ -30,7 +30,7 @@ from lfcal_gui.models import (
     Shot,
     Symbols,
 )
-from lfcal_gui.widgets.blank import NOTHING
+from lfcal_gui.widgets._blank import NOTHING
 from lfcal_gui.widgets.cards import card, choice_box, line, told_or_shown
 from lfcal_gui.widgets.picture import Picture, link, share_contrast
 from lfcal_gui.widgets.rows_table import RowsTable

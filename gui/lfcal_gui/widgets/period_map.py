@@ -7,10 +7,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import Signal
+from PySide6.QtCore import QRectF, Signal
+from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QWidget
 
-from lfcal_gui.models import Shot, Symbols
+from lfcal_gui.models import Levels, Shot, Symbols
+from lfcal_gui.theme import current_theme
+from lfcal_gui.widgets.colours import theme_table
 from lfcal_gui.widgets.picture import Picture
 from lfcal_gui.widgets.picture_menu import table_entries
 
@@ -19,6 +22,8 @@ __all__ = ["PeriodMap"]
 MISSING = "#ff5a5f"
 SIZES = {"x": 5, "o": 11, "s": 9}
 """Of symbols (px)."""
+UNKNOWN = "#222831"
+"""What is drawn where there is no value."""
 
 
 class PeriodMap(Picture):
@@ -78,6 +83,14 @@ class PeriodMap(Picture):
         self._position = (y, x)
         if self._cross is not None:
             self.set_cross(y, x)
+
+    def _put(self, shot: Shot, picture: NDArray[np.uint8], place: QRectF, levels: Levels) -> None:
+        """Draw positions of which nothing is known in a grey that no colour map has."""
+        unknown = None if shot.values is None else np.isnan(shot.values)
+        if picture.ndim == 2 and unknown is not None and unknown.any():
+            picture = theme_table(self.display.colour_map)[picture]
+            picture[unknown] = QColor(current_theme().raised if current_theme().red else UNKNOWN).getRgb()
+        super()._put(shot, picture, place, levels)
 
     @property
     def _cross(self) -> tuple[int, int] | None:

@@ -45,9 +45,9 @@ from lfcal_gui.models import (
     visible_tile,
 )
 from lfcal_gui.theme import TYPE_COLOURS, current_theme
+from lfcal_gui.widgets._blank import Blank
 from lfcal_gui.widgets._measuring import Measuring
 from lfcal_gui.widgets._pixel_axis import count_pixels, pixel_axes
-from lfcal_gui.widgets.blank import Blank
 from lfcal_gui.widgets.colours import ramp, row_of, theme_table
 from lfcal_gui.widgets.picture_menu import copy_picture, offer_menu, save_picture, save_values
 from lfcal_gui.widgets.plots import style_axes, theme_plot

@@ -17,8 +17,8 @@ from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
 
 from lfcal_gui.saving import ask_target, write_file
 from lfcal_gui.theme import current_theme
+from lfcal_gui.widgets._blank import Blank
 from lfcal_gui.widgets._pixel_axis import PixelAxis
-from lfcal_gui.widgets.blank import Blank
 from lfcal_gui.widgets.picture_menu import offer_menu, save_picture
 
 __all__ = ["LINES", "DecadeAxis", "LinePlot", "UprightAxis", "line_px", "shown_tone", "style_axes", "theme_plot"]

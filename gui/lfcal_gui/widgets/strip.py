@@ -40,11 +40,16 @@ def legend_words(between: str = "<br>") -> str:
     return f"<span style='color:{fitted}'>━</span> fitted{between}<span style='color:{expected}'>┅</span> expected"
 
 
+LEAST = 84
+"""Least width of a tile with its depth (px)."""
+
+
 @dataclass(frozen=True, eq=False)
 class PlaneTile:
     """What is known of a plane: its depth (µm), its sum ``(nt, ns)``, and its apertures.
 
-    The ``shape`` is that of the cutout, where only what is expected is shown.
+    The ``shape`` is that of the cutout, where only what is expected is shown. Of a plane that is being recorded there
+    are a ``word``, the share that is done (``progress``), and the ``merit`` once it was judged.
     """
 
     depth_um: float
@@ -52,6 +57,9 @@ class PlaneTile:
     fitted: Aperture | None = None
     expected: Aperture | None = None
     shape: tuple[int, int] | None = None
+    word: str = ""
+    progress: float | None = None
+    merit: str = ""
 
     def outlines(self) -> tuple[tuple[str, Qt.PenStyle, NDArray[np.float64]], ...]:
         """Return colour, pen and points (row, column) of what is drawn over the sum."""
@@ -67,10 +75,28 @@ class PlaneTile:
         found = QPixmap(pixels, pixels) if self.image is None else to_pixmap(self.image, pixels)
         if self.image is None:
             found.fill(Qt.GlobalColor.transparent if shape is None else QColor(current_theme().canvas))
+        if self.progress is not None or self.merit:
+            self._draw_state(found, ratio)
         if shape is not None:
             self._draw(found, found.width() / shape[1], found.height() / shape[0], ratio)
         found.setDevicePixelRatio(ratio)
         return found
+
+    def _draw_state(self, on: QPixmap, ratio: float) -> None:
+        """Draw how much is recorded as a bar, and the merit as a dot: filled where it is good, else a ring."""
+        theme, painter = current_theme(), QPainter(on)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        if self.progress is not None:
+            height = round(3 * ratio)
+            painter.fillRect(0, on.height() - height, on.width(), height, QColor(theme.line))
+            done = round(self.progress * on.width())
+            painter.fillRect(0, on.height() - height, done, height, QColor(theme.accent))
+        if self.merit:
+            tone = QColor(getattr(theme, self.merit, theme.muted))
+            painter.setPen(QPen(tone, 2 * ratio))
+            painter.setBrush(tone if self.merit == "good" else Qt.BrushStyle.NoBrush)
+            painter.drawEllipse(QPointF(on.width() - 8 * ratio, 8 * ratio), 3.5 * ratio, 3.5 * ratio)
+        painter.end()
 
     def _draw(self, on: QPixmap, across: float, down: float, ratio: float) -> None:
         painter = QPainter(on)
@@ -103,6 +129,8 @@ class Strip(QListWidget):
         Of a picture (px).
     wrapping
         Whether there are several rows.
+    worded
+        Whether there is a word of the state below each depth.
 
     Signals
     -------
@@ -112,9 +140,12 @@ class Strip(QListWidget):
 
     chosen = Signal(int)
 
-    def __init__(self, tip: Callable[[int, PlaneTile, int], str], side: int = 76, *, wrapping: bool = False) -> None:
+    def __init__(
+        self, tip: Callable[[int, PlaneTile, int], str], side: int = 76, *, wrapping: bool = False, worded: bool = False
+    ) -> None:
         super().__init__()
         self._tip, self._side, self._wrapping = tip, side, wrapping
+        words = 16 * worded
         self.tiles: list[PlaneTile] = []
         self.setViewMode(QListWidget.ViewMode.IconMode)
         self.setFlow(QListWidget.Flow.LeftToRight)
@@ -122,10 +153,10 @@ class Strip(QListWidget):
         self.setResizeMode(QListWidget.ResizeMode.Adjust)
         self.setMovement(QListWidget.Movement.Static)
         self.setIconSize(QSize(side, side))
-        self.setGridSize(QSize(side + 18, side + 26))
+        self.setGridSize(QSize(max(side + 18, LEAST), side + 26 + words))
         self.setAccessibleName("apertures of all planes")
         if not wrapping:
-            self.setFixedHeight(side + 30)
+            self.setFixedHeight(side + 30 + words)
             self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setToolTip("Depth-plane sums: the aperture as seen from each depth. Click to choose a plane.")
         self.currentRowChanged.connect(self._changed)
@@ -160,8 +191,11 @@ class Strip(QListWidget):
     def set_tile(self, z: int, **known: Any) -> None:
         """Show more of plane ``z``: fields of `PlaneTile`."""
         if z < len(self.tiles):
-            self.tiles[z] = replace(self.tiles[z], **known)
-            self._show(z, count=len(self.tiles))
+            tile = replace(self.tiles[z], **known)
+            # drawing a tile is slow, and most of the time nothing changed
+            if any(not _same(value, getattr(self.tiles[z], key)) for key, value in known.items()):
+                self.tiles[z] = tile
+                self._show(z, count=len(self.tiles))
 
     def _show(self, z: int, count: int) -> None:
         tile, item = self.tiles[z], self.item(z)
@@ -169,6 +203,7 @@ class Strip(QListWidget):
         icon = QIcon(picture)
         icon.addPixmap(picture, QIcon.Mode.Selected)  # else the one that is chosen is tinted
         item.setIcon(icon)
+        item.setText("\n".join(filter(None, (format_plane(tile.depth_um, z), tile.word))))
         item.setToolTip(self._tip(z, tile, count))
 
     def apply_theme(self) -> None:
@@ -185,3 +220,7 @@ class Strip(QListWidget):
     def _changed(self, row: int) -> None:
         if row >= 0:
             self.chosen.emit(row)
+
+
+def _same(one: object, other: object) -> bool:
+    return one is other or (isinstance(one, (str, float)) and one == other)

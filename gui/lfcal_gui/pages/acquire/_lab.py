@@ -7,11 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
 
 from lfcal.acquire import still_files
-from lfcal.camera import ScanPlan
 from lfcal_gui.context import Context
 from lfcal_gui.pages.acquire.panel import AcquirePanel
 from lfcal_gui.pages.acquire.record_tab import RecordTab
@@ -19,10 +17,10 @@ from lfcal_gui.pages.acquire.setup_tab import SetupTab
 from lfcal_gui.theme import NIGHT, current_theme
 from lfcal_gui.widgets import card
 
-__all__ = ["KEYS", "Lab", "LabPanel", "Standing", "next_step"]
+__all__ = ["KEYS", "Lab", "Standing", "next_step"]
 
 KEYS = (("next", "F9"), ("start", "F6"), ("pause", "F7"), ("stop", "F8"), ("abort", "Shift+F8"))
-"""Buttons and their keys, in the order in which they stand."""
+"""Buttons and their keys, in their order."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +32,7 @@ class Standing:
     connected, busy
         Whether there are devices, and whether something uses or opens them.
     found
-        What was measured by moving: ``"stage"`` a fit with its ``axes``, ``"exposure"`` a time for each plane (s).
+        What was measured by moving: ``"stage"``, ``"exposure"``.
     begun, complete
         Whether the folder has a recording, and whether that is whole.
     redo
@@ -53,7 +51,7 @@ class Standing:
     white: bool = False
 
 
-def next_step(now: Standing, plan: ScanPlan) -> tuple[str, str]:
+def next_step(now: Standing) -> tuple[str, str]:
     """Return key and words of what comes next; the key is empty where nothing can be begun now."""
     if now.busy:
         return "", "at work"
@@ -62,16 +60,11 @@ def next_step(now: Standing, plan: ScanPlan) -> tuple[str, str]:
     if now.complete:
         return _afterwards(now)
     if now.begun:  # what was measured before it began is not asked for again
-        return "start", "Go on recording"
-    stage, exposure = now.found.get("stage"), now.found.get("exposure")
-    if stage is None:
+        return "start", "Continue recording"
+    if "stage" not in now.found:
         return "stage", "Measure the stage"
-    if stage.axes != plan.stage:
-        return "use stage", "Use measured axes"
-    if exposure is None:
+    if "exposure" not in now.found:
         return "exposure", "Find exposures"
-    if tuple(exposure) != tuple(plan.exposures):
-        return "use exposure", "Use exposures"
     return "start", "Record"
 
 
@@ -87,34 +80,44 @@ def _afterwards(now: Standing) -> tuple[str, str]:
 
 TIPS = {
     "next": "What comes next in a sitting: connect, measure, record, dark and white frames, assemble",
-    "start": "Record every position, or go on with the session",
-    "pause": "Finish the current position, then wait; again: go on",
+    "start": "Record every position, or continue the session",
+    "pause": "Finish the current position, then wait; again: continue",
     "stop": "Finish the current position, then stop; the session can be resumed",
     "abort": "Stop the stage now; what is recorded is safe",
 }
 
 
-class LabPanel(QWidget):
-    """The tabs of the page, and below them, where it is wanted, status and buttons in large.
+class Lab(QWidget):
+    """The page, and below it, in a dark lab, its status and its buttons in large."""
 
-    Signals
-    -------
-    pressed(key)
-        A button of `lfcal_gui.pages.acquire._lab.KEYS`.
-    """
-
-    pressed = Signal(str)
-
-    def __init__(self, tabs: QWidget) -> None:
+    def __init__(
+        self, context: Context, tabs: AcquirePanel, setup: SetupTab, record: RecordTab, toggle: QPushButton
+    ) -> None:
         super().__init__()
+        self.context, self.tabs, self.setup, self.record, self.toggle = context, tabs, setup, record, toggle
+        self._before = ""
         self.bar, column = card()
         self.status = QLabel("")
         self.status.setProperty("role", "big")
         self.status.setWordWrap(True)
         self.status.setAccessibleName("status of the recording")
-        # long words go on in the next line, and never make the window wider
+        # long words never make the window wider
         self.status.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         column.addWidget(self.status)
+        column.addLayout(self._buttons())
+        outer = QVBoxLayout(self)
+        outer.setContentsMargins(0, 0, 0, 0)
+        outer.setSpacing(8)
+        outer.addWidget(tabs, 1)
+        outer.addWidget(self.bar)
+        self.bar.hide()
+        toggle.setCheckable(True)
+        toggle.toggled.connect(self._switch)
+        record.shown.connect(self.show_controls)
+        tabs.record.told.connect(self._tell)
+        self._tell()
+
+    def _buttons(self) -> QHBoxLayout:
         row = QHBoxLayout()
         row.setSpacing(8)
         self.buttons: dict[str, QPushButton] = {}
@@ -122,52 +125,17 @@ class LabPanel(QWidget):
             button = QPushButton()
             button.setProperty("role", "big")
             button.setToolTip(f"{TIPS[key]} ({shortcut})")
-            button.clicked.connect(lambda _=False, key=key: self.pressed.emit(key))
+            button.clicked.connect(lambda _=False, key=key: self._pressed(key))
             # the words change, the place does not
             button.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
             self.buttons[key] = button
             row.addWidget(button, 2 if key == "next" else 1)
-        column.addLayout(row)
-        outer = QVBoxLayout(self)
-        outer.setContentsMargins(0, 0, 0, 0)
-        outer.setSpacing(8)
-        outer.addWidget(tabs, 1)
-        outer.addWidget(self.bar)
-        self.bar.hide()
-
-    def show_button(self, key: str, words: str, *, enabled: bool) -> None:
-        """Show what a button does, with its key."""
-        button = self.buttons[key]
-        button.setText(f"{words}\n{dict(KEYS)[key]}")
-        button.setAccessibleName(f"{words} ({key})")
-        button.setEnabled(enabled)
-
-    def show_status(self, words: str) -> None:
-        """Show how the recording is."""
-        self.status.setText(words)
+        return row
 
     def press(self, key: str) -> None:
         """Press a button by its key, where it is shown and can be pressed."""
         if self.bar.isVisible():
             self.buttons[key].click()
-
-
-class Lab(QObject):
-    """Connects the large buttons with what the two tabs do."""
-
-    def __init__(
-        self, context: Context, tabs: AcquirePanel, setup: SetupTab, record: RecordTab, toggle: QPushButton
-    ) -> None:
-        super().__init__(toggle)
-        self.context, self.tabs, self.setup, self.record, self.toggle = context, tabs, setup, record, toggle
-        self.panel = LabPanel(tabs)
-        self.panel.pressed.connect(self._pressed)
-        toggle.setCheckable(True)
-        toggle.toggled.connect(self._switch)
-        self._before = ""
-        record.shown.connect(self.show)
-        tabs.record.told.connect(self._tell)
-        self._tell()
 
     def _switch(self, on: bool) -> None:
         """Show the buttons and turn everything red, or go back to the colours before."""
@@ -176,8 +144,8 @@ class Lab(QObject):
             self.context.theme_asked.emit(NIGHT.name)
         elif not on and self._before and current_theme() is NIGHT:
             self.context.theme_asked.emit(self._before)
-        self.panel.bar.setVisible(on)
-        self.show()
+        self.bar.setVisible(on)
+        self.show_controls()
 
     @property
     def standing(self) -> Standing:
@@ -199,42 +167,44 @@ class Lab(QObject):
             white,
         )
 
-    def show(self) -> None:
+    def show_controls(self) -> None:
         """Show on each button what it does now."""
-        plan = self.context.state.plan
-        if plan is None or not self.toggle.isChecked():
+        if self.context.state.plan is None or not self.toggle.isChecked():
             return
-        key, words = next_step(self.standing, plan)
-        self.panel.show_button("next", f"Next: {words}" if key else words, enabled=bool(key))
+        key, words = next_step(self.standing)
+        self._show_button("next", f"Next: {words}" if key else words, enabled=bool(key))
         for name, _ in KEYS[1:]:
             button = self.tabs.record.buttons[name]
             words = "Resume" if name == "start" and button.text() != "Start" else button.text()
-            self.panel.show_button(name, words, enabled=button.isEnabled())
+            self._show_button(name, words, enabled=button.isEnabled())
+
+    def _show_button(self, key: str, words: str, *, enabled: bool) -> None:
+        """Show what a button does, with its key."""
+        button = self.buttons[key]
+        button.setText(f"{words}\n{dict(KEYS)[key]}")
+        button.setAccessibleName(f"{words} ({key})")
+        button.setEnabled(enabled)
 
     def _tell(self) -> None:
         record = self.tabs.record
-        alarms = record.alarms.text() if record.alarms.isVisibleTo(record) else ""
-        said = ", ".join(filter(None, (record.status.text(), record.detail.text())))
-        self.panel.show_status("<br>".join(filter(None, (said, alarms))))
+        said = ", ".join(filter(None, (record.status.text() or "Not recording.", record.detail.text())))
+        self.status.setText("<br>".join(filter(None, (said, record.alarms.text()))))
 
     def _pressed(self, name: str) -> None:
         if name != "next":
             self.tabs.record.buttons[name].click()
             return
-        plan = self.context.state.plan
-        if plan is None:
+        if self.context.state.plan is None:
             return
-        key, _ = next_step(self.standing, plan)
+        key, _ = next_step(self.standing)
         setup, record = self.setup, self.record
         actions: dict[str, Callable[[], None]] = {
             "connect": setup.connect_devices,
             **{name: lambda name=name: setup.measuring.find(name) for name in ("stage", "exposure", "dark", "white")},
-            "use stage": lambda: setup.measuring.use("stage"),
-            "use exposure": lambda: setup.measuring.use("exposure"),
             "start": record.start,
             "redo": lambda: record.start(redo=True),
             "assemble": record.after.assemble,
         }
         if key in actions:
             actions[key]()
-        self.show()
+        self.show_controls()

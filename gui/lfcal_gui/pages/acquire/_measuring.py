@@ -63,7 +63,6 @@ class SetupMeasuring(QObject):
         self._job = 0
         self._scene: Any = None
         panel.find_asked.connect(self.find)
-        panel.use_asked.connect(self.use)
         context.jobs.finished.connect(self._job_finished)
 
     @property
@@ -94,7 +93,7 @@ class SetupMeasuring(QObject):
         station, plan = self._station(), self.context.state.plan
         if station is None or plan is None:
             return
-        options, z = AcquireSettings.of(self.context.state).options(), max(0, self.panel.stage.plane.currentIndex())
+        options, z = AcquireSettings.of(self.context.state).options(), min(self.panel.z, len(plan.depths_um) - 1)
         works: dict[str, Callable[[], Any]] = {
             "stage": lambda: library.iter_stage_fit(station.rig, plan, z=z, options=options),
             "axis": lambda: library.iter_optical_axis(station.rig, plan, options=options),
@@ -137,7 +136,7 @@ class SetupMeasuring(QObject):
             lambda: iter_stills(
                 still_taker(station, plan, exposure, kind), plan, Path(folder), kind, light=station.rig.light
             ),
-            lambda found: self.panel.show_result(kind, found.words()),
+            lambda found: self.panel.show_result(kind, found.words(), done=True),
         )
 
     def _found(self, key: str, found: Any, asked: ScanPlan) -> None:
@@ -148,25 +147,22 @@ class SetupMeasuring(QObject):
         self.found[key] = found
         if key == "stage":
             words, good = fit_words(found, plan)
-            self.context.attention.emit("acquire", not good)
-            self.panel.show_result(key, words, good=good, usable=found.axes != plan.stage)
+            taken = ""
+            if found.axes != plan.stage:
+                taken = self._take("stage axes as measured", replace(plan, stage=found.axes))
+            self.panel.show_result(key, words + taken, good=good, done=True)
+            self.context.attention.emit("acquire", not (good or taken))
         elif key == "axis":
-            self.panel.show_result(key, axis_words(found, plan))
+            self.panel.show_result(key, axis_words(found, plan), done=True)
         else:
-            self.panel.show_result(key, exposure_words(found, plan), usable=True)
+            words = exposure_words(found, plan)
+            words += self._take("exposures as measured", replace(plan, exposure_s=found))
+            self.panel.show_result(key, words, done=True)
 
-    def use(self, key: str) -> None:
-        """Take what was found into the plan."""
-        plan, found = self.context.state.plan, self.found.get(key)
-        if plan is None or found is None:
-            return
-        if key == "stage":
-            if not self.context.project.update("stage axes as measured", plan=replace(plan, stage=found.axes)):
-                return
-            self.context.attention.emit("acquire", False)
-            self.panel.show_result(key, "Taken into the plan. Measure again to check.")
-        elif self.context.project.update("exposures as measured", plan=replace(plan, exposure_s=found)):
-            self.panel.show_result(key, exposure_words(found, plan))
+    def _take(self, what: str, plan: ScanPlan) -> str:
+        """Take what was found into the plan, and return words that say so."""
+        taken = self.context.project.update(what, plan=plan)
+        return "<br>Taken into the plan; undo (Ctrl+Z) takes it back." if taken else ""
 
     def _job_finished(self, job: WindowJob) -> None:
         if job.number != self._job:

@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 import pyqtgraph as pg
-from numpy.typing import NDArray
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QGridLayout, QLabel, QStackedWidget, QWidget
 
@@ -20,7 +19,6 @@ from lfcal_gui.widgets import (
     DecadeAxis,
     ElidedLabel,
     LinePlot,
-    PeriodMap,
     Picture,
     card,
     name_controls,
@@ -133,7 +131,7 @@ def _log(values: np.ndarray) -> np.ndarray:
     return np.log10(np.maximum(values, LEAST))
 
 
-MAP, SUM, COVERED = "Period map", "Depth-plane sum", "Phases covered"
+SUM = "Depth-plane sum"
 NOTHING = "Nothing recorded in this plane yet."
 NO_SUM = "A target's frames show many positions at once: no sum grows before they are assembled."
 
@@ -146,15 +144,11 @@ FLOORS = {"energy": 1.0, "residual": 0.1, "saturated": 1.0}
 
 
 class RecordPictures(QWidget):
-    """Two pictures above three curves."""
+    """The sum of a plane, or the error of H, above three curves."""
 
     def __init__(self) -> None:
         super().__init__()
-        self._picture: RecordPicture | None = None
-        self._light: NDArray[np.float64] | None = None
-        self.map = PeriodMap()
-        self.map.setToolTip("Positions of one period in this plane; empty: not recorded")
-        self.map.pointed = False
+        self._reading = ""
         self.depth_sum = Picture("10³ counts")
         self.depth_sum.blank.words = NOTHING
         self.depth_sum.setToolTip("Sum of the plane's cutouts so far: it becomes the shape of the aperture")
@@ -176,24 +170,21 @@ class RecordPictures(QWidget):
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setSpacing(8)
-        self.map_title, self.third_title = QLabel(MAP), QLabel(SUM)
-        for picture in (self.map, self.depth_sum):
-            picture.graphics.setMinimumSize(120, 90)
-        for k, (title, view) in enumerate(((self.map_title, self.map), (self.third_title, self.third))):
-            panel, column = card(title)
-            column.addWidget(view, 1)
-            grid.addWidget(panel, 0, 3 * k, 1, 3)
+        self.third_title = QLabel(SUM)
+        self.depth_sum.graphics.setMinimumSize(120, 90)
+        panel, column = card(self.third_title)
+        column.addWidget(self.third, 1)
+        grid.addWidget(panel, 0, 0, 1, 3)
         for k, (key, plot) in enumerate(self.curves.items()):
             panel, column = card(ElidedLabel(f"{CURVES[key]} by frame"))
             plot.graphics.setMinimumSize(120, LOW)
-            for side in ("left", "bottom"):  # in a low window names beside the axes would be cut
+            for side in ("left", "bottom"):  # in a low window names at the axes would be cut
                 plot.plot.getAxis(side).showLabel(False)
             column.addWidget(plot)
-            grid.addWidget(panel, 1, 2 * k, 1, 2)
+            grid.addWidget(panel, 1, k)
+            grid.setColumnStretch(k, 1)
         grid.setRowStretch(0, 5)
         grid.setRowStretch(1, 3)
-        for k in range(6):
-            grid.setColumnStretch(k, 1)
 
     @cached_property
     def error(self) -> ErrorView:
@@ -205,12 +196,9 @@ class RecordPictures(QWidget):
         return view
 
     def show_picture(self, picture: RecordPicture) -> None:
-        """Show map, sum and curves."""
-        self._picture = picture
-        self._show_map()
+        """Show sum and curves."""
+        self._reading = picture.reading
         self._title_sum()
-        if self._light is None:
-            self.map_title.setText(COVERED if picture.covered else MAP)
         self.depth_sum.blank.words = NO_SUM if picture.covered else picture.reading.capitalize() or NOTHING
         seen = picture.depth_sum / 1e3 if picture.depth_sum.any() else None
         self.depth_sum.set_shot(Shot(seen, name="depth_sum"))
@@ -218,25 +206,6 @@ class RecordPictures(QWidget):
             self.curves[key].set_curve(key, x, y, colour=LINES[k])
             top = float(y.max(initial=0.0))
             self.curves[key].plot.setYRange(0.0, 1.05 * max(top, FLOORS[key]), padding=0)
-
-    def _show_map(self) -> None:
-        """Show H while it fills, and else what was recorded."""
-        if self._light is not None:
-            self.map.set_values(self._light)
-        elif self._picture is not None:
-            values, recorded = self._picture.values, self._picture.recorded
-            if self._picture.covered:
-                self.map.set_values(values, recorded)
-                return
-            if not np.isfinite(values).any():
-                values = np.where(recorded, 1.0, np.nan)
-            self.map.set_values(values)
-
-    def show_filling(self, light: NDArray[np.float64] | None, words: str) -> None:
-        """Show the light ``(ny, nx)`` of the patterns of a plane of H that is being assembled; None: none is."""
-        self._light = light
-        self.map_title.setText(MAP if light is None else words)
-        self._show_map()
 
     def show_error(self, curve: ErrorCurve | None) -> None:
         """Show the error of H in the place of the depth-plane sum, or that again."""
@@ -247,15 +216,12 @@ class RecordPictures(QWidget):
 
     def _title_sum(self) -> None:
         """Say how much of the sum is read where it is not all of it."""
-        reading = "" if self._picture is None else self._picture.reading
-        if self.third.currentWidget() is not self.depth_sum:
-            self.third_title.setText(TITLE)
-        else:
-            self.third_title.setText(f"{SUM}: {reading}" if reading else SUM)
+        summed = f"{SUM}: {self._reading}" if self._reading else SUM
+        self.third_title.setText(summed if self.third.currentWidget() is self.depth_sum else TITLE)
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        for view in (self.map, self.depth_sum, *self.curves.values()):
+        for view in (self.depth_sum, *self.curves.values()):
             view.apply_theme()
         if "error" in vars(self):
             self.error.apply_theme()

@@ -8,7 +8,6 @@ from typing import Any
 from PySide6.QtCore import QObject, Qt, QTimer, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent, QWheelEvent
 from PySide6.QtWidgets import (
-    QComboBox,
     QDoubleSpinBox,
     QGridLayout,
     QLabel,
@@ -26,6 +25,7 @@ from lfcal_gui.widgets import heading, line
 __all__ = ["StageMoves", "StagePanel"]
 
 Limits = tuple[tuple[float, float], ...]
+HOW = "Type a place and press Return, or press ↑ and ↓ in a field. Esc stops."
 FARTHEST_UM = 1e9
 """What can be typed (µm); limits of the stage are checked when it is asked to move."""
 
@@ -98,15 +98,12 @@ class StagePanel(QWidget):
         Move axis 0, 1, 2 (x, y, z) by so many µm.
     target_asked(words)
         Go to the position that was typed.
-    plane_asked(z)
-        Go to the middle of the cell in depth plane z.
     stop_asked()
         Stop the move under way.
     """
 
     jogged = Signal(int, float)
     target_asked = Signal(str)
-    plane_asked = Signal(int)
     stop_asked = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
@@ -130,6 +127,10 @@ class StagePanel(QWidget):
         self.refusal.setWordWrap(True)
         self.refusal.hide()
         column.addWidget(self.refusal)
+        self.hint = QLabel(HOW)
+        self.hint.setProperty("role", "hint")
+        self.hint.setWordWrap(True)
+        column.addWidget(self.hint)
         self.set_limits(None)
 
     # -- building --------------------------------------------------------------------------------------
@@ -147,10 +148,6 @@ class StagePanel(QWidget):
             grid.addWidget(QLabel(name), axis, 0)
             grid.addWidget(field, axis, 1)
         grid.setColumnStretch(1, 1)
-        self._add_step(grid)
-        return grid
-
-    def _add_step(self, grid: QGridLayout) -> None:
         self.step = QDoubleSpinBox()
         self.step.setRange(0.01, 1e6)
         self.step.setValue(100.0)
@@ -159,25 +156,11 @@ class StagePanel(QWidget):
         self.step.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
         self.step.setAccessibleName("step of the stage")
         self.step.setToolTip("How far an arrow moves the stage: large to find the image, small to centre it")
-        self.plane = QComboBox()
-        self.plane.setAccessibleName("depth plane to go to")
-        self.plane.setToolTip("Go to the middle of a plane's representative cell, to compare image and cutout")
-        self.plane.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-        self.plane.activated.connect(self.plane_asked.emit)
         grid.addWidget(QLabel("step"), 3, 0)
         grid.addWidget(self.step, 3, 1)
-        grid.addWidget(QLabel("plane"), 4, 0)
-        grid.addWidget(self.plane, 4, 1)
+        return grid
 
     # -- showing ---------------------------------------------------------------------------------------
-    def set_planes(self, depths_um: tuple[float, ...]) -> None:
-        """Offer the depth planes of a plan."""
-        chosen = self.plane.currentIndex()
-        self.plane.clear()
-        for z, depth in enumerate(depths_um):
-            self.plane.addItem(f"{z}: z = {format_length(depth)}", z)
-        self.plane.setCurrentIndex(min(max(chosen, 0), self.plane.count() - 1))
-
     def set_limits(self, limits: Limits | None) -> None:
         """Say the travel of each axis (µm); None: not known."""
         for k, (name, field) in enumerate(zip("xyz", self.fields, strict=True)):
@@ -211,8 +194,9 @@ class StagePanel(QWidget):
 
     def set_free(self, free: bool) -> None:
         """Allow moving, or not."""
-        for widget in (*self.fields, self.plane):
-            widget.setEnabled(free)
+        for field in self.fields:
+            field.setEnabled(free)
+        self.hint.setVisible(free)
 
 
 Point = tuple[float, float, float]
@@ -256,7 +240,6 @@ class StageMoves(QObject):
         self.poll_timer.timeout.connect(self._poll)
         panel.jogged.connect(self.jog)
         panel.target_asked.connect(self.go_to)
-        panel.plane_asked.connect(self.go_plane)
         panel.stop_asked.connect(self.stop)
 
     def follow(self, on: bool, *, free: bool = True) -> None:

@@ -51,7 +51,7 @@ __all__ = [
     "record_picture",
 ]
 
-QUANTITIES = (("energy", "energy (counts)"), ("residual", "position residual (px)"), ("saturated", "saturated (px)"))
+QUANTITIES = (("energy", "Light by position"), ("residual", "Position residual"), ("saturated", "Saturated pixels"))
 """What the map and the curves show."""
 
 
@@ -225,6 +225,8 @@ class RecordPicture:
         Whether the map tells how many frames of a target show each position, and not what was recorded there.
     reading
         How far the frames of earlier runs are read, in words; empty: nothing is left to read.
+    planes
+        Share of each plane's positions that is recorded.
     """
 
     values: NDArray[np.float64]
@@ -238,6 +240,17 @@ class RecordPicture:
     total: int
     covered: bool = False
     reading: str = ""
+    planes: tuple[float, ...] = ()
+
+    def spread(self, quantity: str) -> str:
+        """Return how far the values of `QUANTITIES` in this plane lie apart; empty where none is known."""
+        known = self.values[np.isfinite(self.values)]
+        if self.covered or not known.size:
+            return ""
+        if quantity == "energy":
+            mean = float(known.mean())
+            return f"within {50 * float(np.ptp(known)) / mean:.2g} %" if mean > 0 else ""
+        return f"up to {float(known.max()):.2g} px"
 
 
 def record_picture(
@@ -287,6 +300,7 @@ def record_picture(
         int(there.sum()),
         there.size,
         reading="" if read is None else read.words,
+        planes=tuple(there.reshape(len(there), -1).mean(axis=1).tolist()),
     )
 
 
@@ -321,6 +335,7 @@ def coverage_picture(state: CoverageState, z: int) -> RecordPicture:
         state.done,
         state.total,
         covered=True,
+        planes=tuple((state.shown > 0).reshape(len(state.shown), -1).mean(axis=1).tolist()),
     )
 
 

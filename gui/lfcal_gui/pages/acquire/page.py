@@ -46,7 +46,7 @@ class Page(BasePage):
         self.record.asked.connect(self._ask)
         toggle = self.tool_button("Dark lab", "Large buttons with keys, red on black (F11)", lambda: None)
         self.lab = Lab(context, self.panel, self.setup, self.record, toggle)
-        self.set_panel(self.lab.panel)
+        self.set_panel(self.lab)
         self._add_shortcuts()
         self.theme_changed.connect(self.panel.apply_theme)
         self._show(context.state, folder=True)
@@ -104,7 +104,7 @@ class Page(BasePage):
             return
         self.show_body()
         self.setup.show_state(state)
-        self.lab.show()
+        self.lab.show_controls()
 
     def _ask(self, words: str) -> None:
         """Ask a person to do what the recording waits for."""
@@ -125,7 +125,7 @@ class Page(BasePage):
         self.shortcut("Esc", stage.stop_asked.emit)
         self.shortcut("F11", self.lab.toggle.click)
         for key, shortcut in KEYS:
-            self.shortcut(shortcut, lambda key=key: self.lab.panel.press(key))
+            self.shortcut(shortcut, lambda key=key: self.lab.press(key))
 
     def _type_target(self) -> None:
         self.panel.setup.stage.type_target()
@@ -133,6 +133,7 @@ class Page(BasePage):
     def entered(self) -> None:
         """Look for devices the first time, and whether another program has recorded into the session's folder."""
         self.setup.entered()
+        self.record.refresh()
         if self.context.state.recording and not self.record.recording:
             self.record.folder_choice.look()
 

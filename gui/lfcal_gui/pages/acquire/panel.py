@@ -1,7 +1,8 @@
-"""Record > Rig: what the camera sees, or the session as it grows; next to it stage, devices and the recording."""
+"""Record > Rig: what the camera sees, or the session as it grows, above the planes; the inspector at the right."""
 
 from __future__ import annotations
 
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QPushButton, QStackedWidget, QVBoxLayout, QWidget
 
 from lfcal_gui.jobs import Jobs
@@ -11,14 +12,14 @@ from lfcal_gui.widgets import Folded, column_area, line
 
 __all__ = ["AcquirePanel"]
 
-INSPECTOR = 304
-"""Width of what stands right of the pictures (px)."""
+NARROW, WIDE, ROOMY = 304, 368, 1400
+"""Width of the inspector, and of a page from which it is wide (px)."""
 
-SESSION = "The session as it grows: positions, depth-plane sum, curves"
+SESSION = "The session as it grows: depth-plane sum, error of H, curves"
 
 
 class AcquirePanel(QWidget):
-    """The picture, and next to it all that is set."""
+    """The picture with the planes below it, and the inspector."""
 
     def __init__(self, jobs: Jobs) -> None:
         super().__init__()
@@ -35,9 +36,34 @@ class AcquirePanel(QWidget):
             button.setAutoExclusive(True)
         self.setup.whole.setChecked(True)
         self.session.toggled.connect(lambda on: self._show(int(on)))
+        left = QVBoxLayout()
+        left.setSpacing(4)
+        left.addLayout(line(*choices, self.bars, stretch=3))
+        left.addWidget(self.views, 1)
+        left.addWidget(self.record.strip)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(8)
+        row.addLayout(left, 1)
+        parts = (self.setup.pair, self.setup.stage, self.record.progress, self.record.map_box)
+        self.inspector = inspector = column_area(NARROW, *parts, *self._folds(), dense=True)
+        column = inspector.widget().layout()
+        assert isinstance(column, QVBoxLayout)
+        column.insertStretch(len(parts), 1)  # what is folded is at the foot
+        row.addWidget(inspector)
+        self.setup.results_changed.connect(self._say)
+        self.record.told.connect(self._say)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Give the inspector more room in a large window."""
+        super().resizeEvent(event)
+        self.inspector.setFixedWidth(WIDE if self.width() >= ROOMY else NARROW)
+
+    def _folds(self) -> tuple[Folded, ...]:
+        """Make what is folded in the inspector."""
         self.devices = Folded("Devices", "Choose camera and stage, and their settings")
         self.adjust = Folded("Adjust the rig", "Scale and axis of the stage, exposures, white and dark frames")
-        self.recording = Folded("Recording", "What is recorded, in which order, and what happens at a fault")
+        self.recording = Folded("Recording", "Folder, source, order, what happens at a fault, and all buttons")
         for fold, widgets in (
             (self.devices, (self.setup.devices, self.setup.faults)),
             (self.adjust, (self.setup.adjust,)),
@@ -45,16 +71,15 @@ class AcquirePanel(QWidget):
         ):
             for widget in widgets:
                 fold.column.addWidget(widget)
-        left = QVBoxLayout()
-        left.setSpacing(4)
-        left.addLayout(line(*choices, self.bars, stretch=3))
-        left.addWidget(self.views, 1)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(8)
-        row.addLayout(left, 1)
-        parts = (self.record.status_card, self.setup.pair, self.setup.stage, self.devices, self.adjust, self.recording)
-        row.addWidget(column_area(INSPECTOR, *parts, dense=True))
+        self._say()
+        return self.devices, self.adjust, self.recording
+
+    def _say(self) -> None:
+        """Say on the folds what is connected, how much of the rig is adjusted, and what differs from the defaults."""
+        self.devices.head.say(self.setup.devices.backend.currentText() if self.setup.connected else "not connected")
+        self.adjust.head.say(f"{len(self.setup.done)} of {len(self.setup.find_buttons)} done")
+        changed = sum(len(form.changed) for form in self.record.forms)
+        self.recording.head.say(f"{changed} changed" if changed else "defaults")
 
     def setCurrentWidget(self, view: QWidget) -> None:
         """Show the live view (``setup``) or the session (``record``)."""

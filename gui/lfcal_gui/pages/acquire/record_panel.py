@@ -1,36 +1,37 @@
-"""Record: how, the buttons, and the session as it grows."""
+"""A recording: its settings and buttons, its planes, and the session as it grows."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtCore import QSignalBlocker, Signal
 from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import (
-    QCheckBox,
-    QComboBox,
     QGridLayout,
-    QHBoxLayout,
     QLabel,
     QLineEdit,
     QProgressBar,
     QPushButton,
     QSizePolicy,
-    QSlider,
     QStyle,
     QVBoxLayout,
     QWidget,
 )
 
+from lfcal.base import format_length
+from lfcal_gui.models import plane_words
 from lfcal_gui.pages.acquire._pictures import RecordPictures
 from lfcal_gui.pages.acquire._words import ErrorCurve
 from lfcal_gui.pages.acquire.model import EXTENTS, FIELDS, MORE, UNTIL
 from lfcal_gui.pages.acquire.model_recorder import QUANTITIES, RecordPicture
-from lfcal_gui.widgets import ElidedLabel, FoldedForm, card, choice_box, line, name_controls
+from lfcal_gui.widgets import ElidedLabel, FoldedForm, PeriodMap, PlaneTile, Strip, choice_box, line, name_controls
+
+if TYPE_CHECKING:
+    from lfcal.psf.aperture import Aperture
 
 __all__ = ["BUTTONS", "RecordPanel"]
 
@@ -66,9 +67,12 @@ EXTENT_TIP = (
     "is known as well as wanted"
 )
 
+SIDE, MAP, LEAST_MAP = 52, 116, 90
+"""Side of a tile of the strip, and height and least width of the map (px)."""
+
 
 class RecordPanel(QWidget):
-    """The session as it grows; ``status_card`` and ``how`` are placed next to it.
+    """The session as it grows; ``strip``, ``progress``, ``map_box`` and ``how`` are placed next to it.
 
     Signals
     -------
@@ -78,6 +82,8 @@ class RecordPanel(QWidget):
         Another session folder; the dialog to choose one.
     view_changed()
         Show another plane or quantity.
+    plane_chosen(z), go_asked(z)
+        A plane was chosen in the strip; it was clicked, where the stage shall go to it.
     plane_asked(z)
         Open the H of a complete plane.
     extent_asked(key)
@@ -85,13 +91,15 @@ class RecordPanel(QWidget):
     target_asked()
         Another source is wanted: a target of many points, or a single point again.
     told()
-        Status, detail or alarms changed.
+        Status, detail, alarms or values changed.
     """
 
     pressed = Signal(str)
     folder_edited = Signal(str)
     folder_asked = Signal()
     view_changed = Signal()
+    plane_chosen = Signal(int)
+    go_asked = Signal(int)
     plane_asked = Signal(int)
     extent_asked = Signal(str)
     target_asked = Signal()
@@ -104,7 +112,13 @@ class RecordPanel(QWidget):
         self._picture: RecordPicture | None = None
         self._curve: ErrorCurve | None = None
         self._last_curve: ErrorCurve | None = None
-        self.status_card, self.how = self._status_card(), self._how()
+        self._light: NDArray[np.float64] | None = None
+        self.strip = Strip(_tip, SIDE, worded=True)
+        self.strip.setToolTip("Planes of the scan. Click one to look at it, and to move the stage there")
+        self.strip.chosen.connect(self.plane_chosen.emit)
+        self.strip.itemClicked.connect(lambda _: self.go_asked.emit(self.z))
+        self.progress, self.map_box = self._progress(), self._map_box()
+        self.how = self._how()
         self._seen = QVBoxLayout(self)
         self._seen.setContentsMargins(0, 0, 0, 0)
         self._seen.setSpacing(4)
@@ -113,7 +127,7 @@ class RecordPanel(QWidget):
 
     @cached_property
     def pictures(self) -> RecordPictures:
-        """The session as it grows; made when it is first looked at, for five plots are most of what the page takes."""
+        """The session as it grows; made when it is first looked at, for its plots are most of what the page takes."""
         made = RecordPictures()
         name_controls(made)
         self._seen.addWidget(made, 1)
@@ -125,6 +139,11 @@ class RecordPanel(QWidget):
     @property
     def _drawn(self) -> RecordPictures | None:
         return self.pictures if "pictures" in vars(self) else None
+
+    @property
+    def z(self) -> int:
+        """The plane that is looked at."""
+        return max(0, self.strip.currentRow())
 
     def showEvent(self, event: QShowEvent) -> None:
         """Make the pictures, and ask for what they show."""
@@ -138,66 +157,74 @@ class RecordPanel(QWidget):
         self.folder_words.setVisible(bool(words))
 
     # -- building --------------------------------------------------------------------------------------
-    def _status_card(self) -> QWidget:
-        """Make what is seen first: how far the session is, where it goes, and the buttons that can be pressed."""
-        frame, column = card()
-        column.setSpacing(4)
-        self.status = QLabel("Not recording.")
-        self.status.setProperty("role", "heading")
-        self.detail, self.why, self.folder_words, self.alarms = (QLabel("") for _ in range(4))
+    def _progress(self) -> QWidget:
+        """Make what says how far a recording is, why it cannot begin, and how it ended; hidden where nothing is."""
+        self.status, self.detail, self.alarms = _words("heading"), _words("hint"), _words("error")
         self.bar = QProgressBar()
         self.bar.setTextVisible(False)
-        self.alarms.setProperty("role", "error")
-        for label in (self.detail, self.why, self.folder_words):
-            label.setProperty("role", "hint")
-        for label in (self.status, self.detail, self.why, self.folder_words, self.alarms):
-            label.setWordWrap(True)
-            # long words never make the window wider
-            label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self.alarms.hide()
-        self.folder = QLineEdit()
-        self.folder.setPlaceholderText("folder of the session")
-        self.folder.setToolTip("A new or empty folder, or that of an interrupted session to resume it")
-        self.folder.editingFinished.connect(lambda: self.folder_edited.emit(self.folder.text().strip()))
-        browse = self.folder.addAction(
-            self.style().standardIcon(QStyle.StandardPixmap.SP_DirOpenIcon), QLineEdit.ActionPosition.TrailingPosition
-        )
-        browse.setText("Choose a folder")
-        browse.setToolTip("A new folder, or that of a session to continue")
+        widget, column = _column()
+        for one in (self.status, self.bar, self.detail, self.alarms):
+            column.addWidget(one)
+        widget.hide()
+        return widget
+
+    def _map_box(self) -> QWidget:
+        """Make the map of the plane that is looked at, with what it shows as its title."""
+        self.quantity = choice_box(QUANTITIES, "What the map shows of each position")
+        self.quantity.setAccessibleName("quantity of the map")
+        self.quantity.currentIndexChanged.connect(lambda _: self.view_changed.emit())
+        self.map_words = ElidedLabel()
+        self.map_words.setProperty("role", "hint")
+        self.map = PeriodMap()
+        self.map.setToolTip("Positions of one period in this plane; empty: not recorded")
+        self.map.pointed = False
+        self.map.graphics.setMinimumSize(LEAST_MAP, LEAST_MAP)
+        self.map.setFixedHeight(MAP)
+        for side in ("left", "bottom"):
+            self.map.plot.hideAxis(side)
+        widget, column = _column()
+        column.addLayout(line(self.quantity, self.map_words, stretch=1))
+        column.addWidget(self.map)
+        widget.hide()
+        return widget
+
+    def _folder_line(self) -> QLineEdit:
+        folder = QLineEdit()
+        folder.setPlaceholderText("folder of the session")
+        folder.setToolTip("A new or empty folder, or that of an interrupted session to resume it")
+        folder.editingFinished.connect(lambda: self.folder_edited.emit(folder.text().strip()))
+        icon = self.style().standardIcon(QStyle.StandardPixmap.SP_DirOpenIcon)
+        browse = folder.addAction(icon, QLineEdit.ActionPosition.TrailingPosition)
+        browse.setText("Choose a new folder, or that of a session to continue")
+        browse.setToolTip(browse.text())
         browse.triggered.connect(lambda: self.folder_asked.emit())
-        for widget in (self.status, self.bar, self.detail, self.alarms, self.folder, self.folder_words):
-            column.addWidget(widget)
-        column.addLayout(self._button_grid())
-        column.addWidget(self.why)
-        return frame
+        return folder
 
     def _button_grid(self) -> QGridLayout:
         grid = QGridLayout()
         grid.setSpacing(5)
-        self.connect_button = QPushButton("Connect")
-        self.connect_button.setToolTip("Connect camera and stage as chosen under Devices; nothing moves yet")
-        grid.addWidget(self.connect_button, 0, 0)
         self.buttons: dict[str, QPushButton] = {}
-        places = {"start": (0, 1), "pause": (0, 1), "stop": (0, 2), "abort": (0, 3), "redo": (1, 0), "assemble": (1, 1)}
-        for key, title, tip in BUTTONS:
+        for k, (key, title, tip) in enumerate(BUTTONS):
             button = QPushButton(title)
             button.setToolTip(tip)
             button.clicked.connect(lambda _=False, key=key: self.pressed.emit(key))
             self.buttons[key] = button
-            grid.addWidget(button, *places.get(key, (1, 2 if key == "fit" else 3)))
+            grid.addWidget(button, k // 4, k % 4)
         return grid
 
-    def show_buttons(self, *, connected: bool, startable: bool) -> None:
+    def show_buttons(self, *, startable: bool) -> None:
         """Show the buttons that can be pressed now, and Start also where it only waits for the devices."""
-        self.connect_button.setVisible(not connected)
         for key, button in self.buttons.items():
             button.setVisible(button.isEnabled() or (key == "start" and startable))
 
     def _how(self) -> QWidget:
-        widget = QWidget()
-        column = QVBoxLayout(widget)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(4)
+        widget, column = _column()
+        self.folder, self.folder_words, self.why = self._folder_line(), _words("hint"), _words("hint")
+        for one in (self.folder, self.folder_words):
+            column.addWidget(one)
+        column.addLayout(self._button_grid())
+        column.addWidget(self.why)
         self.source, self.choose_target = ElidedLabel(SINGLE), QPushButton("Target …")
         self.source.setProperty("role", "hint")
         self.choose_target.clicked.connect(lambda: self.target_asked.emit())
@@ -212,31 +239,17 @@ class RecordPanel(QWidget):
         return widget
 
     def _tools(self) -> QWidget:
-        """Make what stands next to the buttons that choose the view."""
+        """Make what the bar of the session has."""
         bar = QWidget()
-        self.plane = QSlider(Qt.Orientation.Horizontal)
-        self.plane.setToolTip("Depth plane of the map and the sum")
-        self.plane.valueChanged.connect(self._plane_moved)
         self.plane_label = ElidedLabel()
-        self.follow = QCheckBox("Follow")
-        self.follow.setChecked(True)
-        self.follow.setToolTip("Show the plane that is being recorded")
-        self.quantity = QComboBox()
-        self.quantity.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-        self.quantity.setMinimumContentsLength(10)
-        for key, title in QUANTITIES:
-            self.quantity.addItem(title, key)
-        self.quantity.setToolTip("What the map shows of each position")
-        self.quantity.currentIndexChanged.connect(lambda _: self.view_changed.emit())
         self.open_plane = QPushButton("Open plane")
         self.open_plane.setToolTip(
             "Assemble this plane, which is complete, and show its H and HT while recording continues"
         )
-        self.open_plane.clicked.connect(lambda: self.plane_asked.emit(self.plane.value()))
-        row = QHBoxLayout(bar)
+        self.open_plane.clicked.connect(lambda: self.plane_asked.emit(self.z))
+        row = line(self.plane_label, self.open_plane, stretch=0)
         row.setContentsMargins(0, 0, 0, 0)
-        for widget in (self.plane_label, self.plane, self.follow, self.quantity, self.open_plane):
-            row.addWidget(widget, int(widget in (self.plane, self.plane_label)))
+        bar.setLayout(row)
         return bar
 
     # -- showing ---------------------------------------------------------------------------------------
@@ -258,46 +271,87 @@ class RecordPanel(QWidget):
         for form in self.forms:
             form.set_values(values)
         self.until.setVisible(extent == "error")
+        self.told.emit()
 
-    def set_planes(self, count: int) -> None:
-        """Offer so many depth planes."""
-        self.plane.blockSignals(True)
-        self.plane.setRange(0, max(0, count - 1))
-        self.plane.setEnabled(count > 1)
-        self.plane.blockSignals(False)
+    def set_planes(self, depths_um: Sequence[float], shape: tuple[int, int]) -> None:
+        """Offer depth planes (µm) of cutouts of a shape."""
+        tiles = [PlaneTile(depth, shape=shape) for depth in depths_um]
+        if [(one.depth_um, one.shape) for one in self.strip.tiles] != [(one.depth_um, one.shape) for one in tiles]:
+            z = min(self.z, len(tiles) - 1)
+            self.strip.show_tiles(tiles)
+            self.strip.set_current(z)
+
+    def show_expected(self, apertures: Sequence[Aperture | None]) -> None:
+        """Draw the apertures that are expected in the planes; None: in focus, or not to be seen."""
+        for z, one in enumerate(apertures):
+            self.strip.set_tile(z, expected=one)
+
+    def show_merits(self, merits: Sequence[str]) -> None:
+        """Show how good each plane is by the checks of H; empty: not judged."""
+        for z in range(len(self.strip.tiles)):
+            self.strip.set_tile(z, merit=merits[z] if z < len(merits) else "")
 
     def set_plane(self, z: int) -> None:
         """Show plane ``z`` without reporting it."""
-        self.plane.blockSignals(True)
-        self.plane.setValue(z)
-        self.plane.blockSignals(False)
+        self.strip.set_current(z)
 
     def show_status(self, words: str, detail: str, fraction: float | None) -> None:
-        """Show how far the session is; None: not known."""
+        """Show how far the session is; None: not known; no words: nothing is recorded."""
         self.status.setText(words)
         self.detail.setText(detail)
         self.detail.setVisible(bool(detail))
         self.bar.setRange(0, 0 if fraction is None else 1000)
         if fraction is not None:
             self.bar.setValue(round(1000 * fraction))
+        self._show_progress()
+
+    def _show_progress(self) -> None:
+        self.progress.setVisible(bool(self.status.text() or self.alarms.text()))
         self.told.emit()
 
     def show_picture(self, picture: RecordPicture, plane_words: str) -> None:
-        """Show map, sum, curves and alarms."""
-        self.plane_label.setText(plane_words)
+        """Show map, sum, curves and alarms; ``plane_words`` name the plane."""
+        self.plane_label.setText(plane_words + ", complete" * picture.complete)
         self._picture = picture
         if self._drawn is not None:
             self._drawn.show_picture(picture)
         words = "<br>".join(picture.alarms)
         self.alarms.setText(f"<b>{words}</b>" if words else "")
         self.alarms.setVisible(bool(words))
-        self.told.emit()
+        self._show_progress()
         self.open_plane.setEnabled(picture.complete)
+        self._show_map()
+        self._show_planes(picture)
+
+    def _show_planes(self, picture: RecordPicture) -> None:
+        """Say of each plane how much of it is recorded, and show the sum of the one that is looked at."""
+        for z, share in enumerate(picture.planes):
+            word = "recorded" if share == 1 else f"{100 * share:.0f} %" if share else "to come"
+            partly = share if 0 < share < 1 else None
+            self.strip.set_tile(z, word=word if any(picture.planes) else "", progress=partly)
+        seen = picture.depth_sum
+        self.strip.set_tile(self.z, image=seen if seen.any() else None)
+
+    def _show_map(self) -> None:
+        """Show H while it fills, and else what was recorded."""
+        picture = self._picture
+        self.map_box.setVisible(self._light is not None or (picture is not None and any(picture.planes)))
+        self.quantity.setVisible(self._light is None and not (picture is not None and picture.covered))
+        if self._light is not None:
+            self.map.set_values(self._light)
+        elif picture is not None and picture.covered:
+            self.map_words.setText("Phases covered")
+            self.map.set_values(picture.values, picture.recorded)
+        elif picture is not None:
+            self.map_words.setText(picture.spread(self.quantity.currentData()))
+            known = np.isfinite(picture.values).any()
+            self.map.set_values(picture.values if known else np.where(picture.recorded, 1.0, np.nan))
 
     def show_filling(self, light: NDArray[np.float64] | None, words: str = "") -> None:
         """Show H in the place of the map while it is assembled; None: what was recorded again."""
-        if self._drawn is not None:
-            self._drawn.show_filling(light, words)
+        self._light = light
+        self.map_words.setText(words)
+        self._show_map()
 
     def show_error(self, curve: ErrorCurve | None) -> None:
         """Show the error of H in the place of the depth-plane sum, or that again."""
@@ -311,9 +365,30 @@ class RecordPanel(QWidget):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
+        self.strip.apply_theme()
+        self.map.apply_theme()
         if self._drawn is not None:
             self._drawn.apply_theme()
 
-    def _plane_moved(self, _: int) -> None:
-        self.follow.setChecked(False)
-        self.view_changed.emit()
+
+def _column() -> tuple[QWidget, QVBoxLayout]:
+    """Return a widget with a tight column."""
+    widget = QWidget()
+    column = QVBoxLayout(widget)
+    column.setContentsMargins(0, 0, 0, 0)
+    column.setSpacing(4)
+    return widget, column
+
+
+def _words(role: str) -> QLabel:
+    """Return a label whose words never make the window wider."""
+    label = QLabel("")
+    label.setProperty("role", role)
+    label.setWordWrap(True)
+    label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+    return label
+
+
+def _tip(z: int, tile: PlaneTile, count: int) -> str:
+    state = ", ".join(filter(None, (tile.word, f"H is {tile.merit} here" if tile.merit else "")))
+    return "\n".join(filter(None, (f"{plane_words(z, count)}: z = {format_length(tile.depth_um)}", state)))

@@ -16,7 +16,7 @@ from lfcal.camera import ScanPlan
 from lfcal.frames import Position
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
-from lfcal_gui.models import Hold, ProjectState, plane_words, said_in_window
+from lfcal_gui.models import Hold, ProjectState, kept_verdict, plane_words, said_in_window
 from lfcal_gui.pages.acquire._after import Afterwards
 from lfcal_gui.pages.acquire._choices import FolderChoice, TargetChoice
 from lfcal_gui.pages.acquire._words import (
@@ -30,6 +30,7 @@ from lfcal_gui.pages.acquire._words import (
 )
 from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.pages.acquire.model_folder import FolderState, folder_state
+from lfcal_gui.pages.acquire.model_live import apertures_of
 from lfcal_gui.pages.acquire.model_recorder import Recorder, RecordPicture, picture_of
 from lfcal_gui.pages.acquire.model_station import Station
 from lfcal_gui.pages.acquire.record_panel import RecordPanel
@@ -73,8 +74,10 @@ class RecordTab(QObject):
         self.target = TargetChoice(context, self._target_read)
         self.folder_choice = FolderChoice(context, panel.folder, self._folder_seen, self._refuse)
         self._job, self._lamp, self._refused, self._asked = 0, "", False, ""
-        self._stopped, self._plane = "", 0
+        self._stopped, self._plane, self._follows = "", 0, True
         """Why the last recording stopped before its end, and the plane that was recorded last."""
+        self._expected_of: tuple[Any, ...] = ()
+        """Camera, depths and cutout whose apertures are shown."""
         self._under_way: WindowJob | None = None
         """The recording as it was told last."""
         self.poll_timer = QTimer(self)
@@ -85,7 +88,7 @@ class RecordTab(QObject):
         self.frame_timer.timeout.connect(self._poll_frame)
         self.read_timer = QTimer(self)
         self.read_timer.setInterval(READ_MS)
-        self.read_timer.timeout.connect(self._refresh_picture)
+        self.read_timer.timeout.connect(self.refresh)
         for form in panel.forms:
             form.check = self._check_field
             form.edited.connect(self._field_edited)
@@ -93,10 +96,11 @@ class RecordTab(QObject):
         panel.folder_edited.connect(self.folder_choice.take)
         panel.folder_asked.connect(lambda: self.folder_choice.ask())
         panel.target_asked.connect(lambda: self.target.ask(panel))
-        panel.view_changed.connect(self._refresh_picture)
+        panel.view_changed.connect(self.refresh)
+        panel.plane_chosen.connect(self._plane_chosen)
+        panel.go_asked.connect(self._go)
         panel.plane_asked.connect(self.after.open_plane)
         panel.pressed.connect(self._pressed)
-        panel.connect_button.clicked.connect(lambda: setup.connect_devices())
         setup.changed.connect(self.show_controls)
         context.jobs.changed.connect(self._job_changed)
         context.jobs.finished.connect(self._job_finished)
@@ -120,10 +124,43 @@ class RecordTab(QObject):
         self.target.follow(settings.target)
         self.panel.show_target(Path(settings.target).name)
         self.panel.set_values(settings.values(state.plan), settings.extent)
-        self.panel.set_planes(len(state.plan.depths_um))
+        self._show_planes(state.plan)
         self.show_controls()
         if self.recorder is None:
-            self._refresh_picture()
+            self.refresh()
+
+    def _show_planes(self, plan: ScanPlan) -> None:
+        """Offer the planes of a plan, with the apertures that are expected in them."""
+        self.panel.set_planes(plan.depths_um, plan.cutout)
+        self._set_plane(self.panel.z)
+        if self._expected_of != (asked := (plan.camera, plan.depths_um, plan.cutout)):
+            self._expected_of = asked
+            self.context.jobs.compute("acquire apertures", lambda: apertures_of(plan), self.panel.show_expected)
+
+    def _show_merits(self, planes: int) -> None:
+        """Show how good each plane is, where H of this session was judged."""
+        state, merits = self.context.state, [""] * planes
+        verdict = kept_verdict(state) if self.folder.there is not None else None
+        if verdict is not None and Path(state.psf).parent == Path(state.recording):
+            again = {place[0] for place in verdict.redo}
+            merits = ["bad" if z in again else verdict.rest for z in range(planes)]
+        self.panel.show_merits(merits)
+
+    def _set_plane(self, z: int) -> None:
+        """Look at plane ``z``."""
+        self.setup.panel.z = z
+        self.panel.set_plane(z)
+
+    def _plane_chosen(self, z: int) -> None:
+        """Look at another plane, and no longer at the one that is being recorded; that one is followed again."""
+        self._follows = not self.recording or z == self._plane
+        self._set_plane(z)
+        self.refresh()
+
+    def _go(self, z: int) -> None:
+        """Move the stage to a plane, where nothing else uses it."""
+        if self.setup.station is not None and self.setup.free:
+            self.setup.moves.go_plane(z)
 
     def let_go(self) -> None:
         """Open no folder any more for the project before."""
@@ -136,7 +173,7 @@ class RecordTab(QObject):
         self.context.jobs.drop(EARLIER)
         self.recorder, self._opened, self.folder, self._lamp = None, None, FolderState(), ""
         self._stopped = ""
-        self.panel.show_status("Not recording.", "", 0.0)
+        self.panel.show_status("", "", 0.0)
         self.context.attention.emit("acquire", False)
 
     def _check_field(self, key: str, value: Any) -> str:
@@ -160,7 +197,7 @@ class RecordTab(QObject):
             self._refuse(words)
         self.show_controls()
         if self.recorder is None:
-            self._refresh_picture()
+            self.refresh()
 
     def _refuse(self, words: str) -> None:
         """Say why something cannot be done, until something else is asked."""
@@ -173,7 +210,7 @@ class RecordTab(QObject):
         self.panel.say_of_folder(found.words() if self.context.state.recording else "")
         self.show_controls()
         if self.recorder is None:
-            self._refresh_picture()
+            self.refresh()
 
     def show_controls(self) -> None:
         """Enable what can be pressed now, and say what comes next."""
@@ -195,8 +232,7 @@ class RecordTab(QObject):
             buttons[key].setEnabled(there and not recording and not (many and key == "fit"))
         buttons["pack"].setEnabled(complete and not recording)
         panel = self.panel
-        panel.show_buttons(connected=self.setup.station is not None, startable=more and not recording)
-        panel.connect_button.setEnabled(not self.setup.connecting)
+        panel.show_buttons(startable=more and not recording)
         for widget in (panel.choose_target, *panel.forms, panel.extent, panel.folder):
             widget.setEnabled(not recording)
         station, settings = self.setup.station, AcquireSettings.of(state)
@@ -282,7 +318,7 @@ class RecordTab(QObject):
         except LfcalError as error:
             self._refuse(said_in_window(str(error)))
             return
-        self.recorder, self._stopped = recorder, ""
+        self.recorder, self._stopped, self._follows = recorder, "", True
         recorded = partial(step, state, str(folder), resume=recorder.resume, redo=state.redo if redo else ())
         self.context.attention.emit("acquire", False)
         self._set_job(
@@ -356,10 +392,10 @@ class RecordTab(QObject):
         """Show the newest frame and the quality; the thread of the recording never waits for this."""
         if self.recorder is None:
             return
-        self.poll_timer.setInterval(POLL_MS if self.panel.isVisible() else HIDDEN_MS)
+        self.poll_timer.setInterval(POLL_MS if self.panel.strip.isVisible() else HIDDEN_MS)
         self._poll_frame()
         self._show_error()
-        self._refresh_picture()
+        self.refresh()
 
     def _poll_frame(self) -> None:
         """Show the newest frame, unless an earlier one is still being drawn."""
@@ -371,8 +407,8 @@ class RecordTab(QObject):
         frame = self.recorder.preview.latest()
         if frame is not None:
             self._plane = self._plane if frame.position is None else frame.position.z
-            if frame.position is not None and self.panel.follow.isChecked():
-                self.panel.set_plane(frame.position.z)
+            if frame.position is not None and self._follows:
+                self._set_plane(frame.position.z)
             self.setup.show_recorded(frame, self.recorder.recorded)
 
     def _show_asked(self, words: str) -> None:
@@ -396,13 +432,14 @@ class RecordTab(QObject):
             self._opened = Recorder(task, shown, options, known=self.folder.known())
         return self._opened
 
-    def _refresh_picture(self) -> None:
+    def refresh(self) -> None:
+        """Show the session as it is now."""
         made, earlier = self._shown(), self.folder.there
         if made is None:
             return
         depths = made.plan.depths_um
-        self.panel.set_planes(len(depths))
-        z, quantity = self.panel.plane.value(), self.panel.quantity.currentData()
+        self._show_planes(made.plan)
+        z, quantity = self.panel.z, self.panel.quantity.currentData()
         self._read_earlier(made, z)
         self.context.jobs.compute(
             "acquire quality",
@@ -411,11 +448,11 @@ class RecordTab(QObject):
         )
 
     def _read_earlier(self, made: Recorder, z: int) -> None:
-        """Read what earlier runs recorded, while this tab is visible."""
+        """Read what earlier runs recorded, while the page is visible."""
         jobs = self.context.jobs
         if not jobs.loading(EARLIER):
             self.read_timer.stop()
-        if not self.panel.isVisible() or not made.earlier.want(z):
+        if not self.panel.strip.isVisible() or not made.earlier.want(z):
             return
         if self._reading is not None and self._reading is not made.earlier:
             self._reading.want(-1)  # of another folder
@@ -424,7 +461,7 @@ class RecordTab(QObject):
         jobs.load(
             EARLIER,
             lambda: made.earlier.read(z, lambda: jobs.loading(EARLIER)),
-            lambda _: self._refresh_picture(),
+            lambda _: self.refresh(),
             self.context.message.emit,
         )
         self.read_timer.start()
@@ -432,10 +469,10 @@ class RecordTab(QObject):
     def _show_picture(self, picture: RecordPicture, z: int, depths: tuple[float, ...]) -> None:
         if z >= len(depths):
             return
-        words = f"{plane_words(z, len(depths))}: z = {format_length(depths[z])}" + (", complete" * picture.complete)
-        self.panel.show_picture(picture, words)
+        self.panel.show_picture(picture, f"{plane_words(z, len(depths))}: z = {format_length(depths[z])}")
+        self._show_merits(len(depths))
         if self.recorder is None and not self._refused:
-            self.panel.show_status("Not recording.", "", picture.done / max(1, picture.total))
+            self.panel.show_status("", "", picture.done / max(1, picture.total))
         if picture.alarms and self.recording:
             self.context.attention.emit("acquire", True)
         self._lamp = picture.lamp

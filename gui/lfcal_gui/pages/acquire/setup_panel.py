@@ -1,8 +1,8 @@
-"""The live view with its numbers, and what stands next to it: devices, stage, what a few moves find."""
+"""The live view with its numbers; for the inspector: devices, stage, what a few moves find."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QAction
@@ -23,7 +23,7 @@ from lfcal_gui.pages.acquire._devices import DevicePanel, FaultPanel
 from lfcal_gui.pages.acquire._stage import StagePanel
 from lfcal_gui.pages.acquire.model_live import LivePicture, age_words, expected_words, plane_to_go
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets import NOTHING, AxisArrows, Contrast, ElidedLabel, Picture, card, heading, line
+from lfcal_gui.widgets import AxisArrows, Contrast, ElidedLabel, Picture, heading, line, set_role
 
 __all__ = ["FINDINGS", "STILLS", "SetupPanel"]
 
@@ -61,12 +61,22 @@ OVERLAYS = (
     ("axes", "Axes", "Where moves of the stage move the image by the plan, and how the sensor counts"),
 )
 
+CONNECTS = (
+    ("Connect", "Connect camera and stage as chosen under Devices; nothing moves yet"),
+    ("Use the simulated rig", "Practise with a simulated camera and stage: same frames, noise and faults"),
+)
+"""Title and meaning of the buttons that connect."""
+
+AGREE = 0.9
+"""Correlation from which what is seen agrees with what is expected."""
+
 WAITING = "Waiting for the first frame …"
+NO_FRAME, NO_REFERENCE = "No frame yet.", "While recording, only with a reference H."
 UNCONNECTED = "No camera connected. Connect one, or take the simulated rig to practise."
 
 
 class SetupPanel(QWidget):
-    """The live view; ``devices``, ``stage``, ``faults``, ``pair`` and ``adjust`` are placed next to it.
+    """The live view; ``devices``, ``stage``, ``faults``, ``pair`` and ``adjust`` are parts of the inspector.
 
     Signals
     -------
@@ -74,14 +84,19 @@ class SetupPanel(QWidget):
         Another exposure of the live view.
     plane_asked(z)
         Go to a plane of the plan, where something is expected.
-    find_asked(key), use_asked(key)
-        Measure one of `FINDINGS`, or record one of `STILLS`; take what was found into the plan.
+    find_asked(key)
+        Measure one of `FINDINGS`, or record one of `STILLS`.
+    connect_asked(simulated)
+        Connect the chosen devices, or the simulated ones.
+    results_changed()
+        Something was found or forgotten, connected or released.
     """
 
     exposure_edited = Signal(float)
     plane_asked = Signal(int)
     find_asked = Signal(str)
-    use_asked = Signal(str)
+    connect_asked = Signal(bool)
+    results_changed = Signal()
 
     def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -93,7 +108,11 @@ class SetupPanel(QWidget):
         self.contrast = Contrast(self.view)
         self.arrows = AxisArrows(self.view)
         self.arrows.hide()
-        self._said: dict[str, tuple[str, bool, bool]] = {}
+        self._said: dict[str, tuple[str, bool]] = {}
+        self.done: set[str] = set()
+        """What of `FINDINGS` and `STILLS` is done."""
+        self.z = 0
+        """Plane that is looked at, which what is measured in one plane is measured in."""
         self._last: tuple[LivePicture, ScanPlan] | None = None
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
@@ -128,8 +147,13 @@ class SetupPanel(QWidget):
         row = QHBoxLayout(bar)
         row.setContentsMargins(0, 0, 0, 0)
         row.addWidget(self.readout, 1)
-        row.addWidget(self.exposure)
-        row.addWidget(self._overlay_button())
+        self.connect_buttons = [QPushButton(title) for title, _ in CONNECTS]
+        for button, (_, tip) in zip(self.connect_buttons, CONNECTS, strict=True):
+            button.setToolTip(tip)
+            button.clicked.connect(lambda _=False, k=button is not self.connect_buttons[0]: self.connect_asked.emit(k))
+        self.overlay = self._overlay_button()
+        for widget in (*self.connect_buttons, self.exposure, self.overlay):
+            row.addWidget(widget)
         return bar
 
     def _overlay_button(self) -> QPushButton:
@@ -158,9 +182,10 @@ class SetupPanel(QWidget):
         ):
             view.setToolTip(tip)
             view.setFixedHeight(PAIR)
+            view.blank.words = NO_FRAME
             pictures.addWidget(view, 1)
-        self.correlation = QLabel("")
-        self.correlation.setProperty("role", "hint")
+        self.correlation, self.near_words = QLabel(""), QLabel("")
+        self.near_words.setProperty("role", "hint")
         self.correlation.setToolTip(
             "Normalised correlation of the two pictures; 1 for the same pattern, whatever its brightness"
         )
@@ -176,60 +201,55 @@ class SetupPanel(QWidget):
         )
         for label in (self.numbers, self.spot):
             label.setTextFormat(Qt.TextFormat.RichText)
-        for label in (self.correlation, self.numbers, self.spot):
+        for label in (self.near_words, self.numbers, self.spot):
             label.setWordWrap(True)
         widget = QWidget()
         column = QVBoxLayout(widget)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(4)
-        column.addWidget(heading("Seen against expected"))
+        head = line(heading("Seen against expected"), self.correlation, stretch=0)
+        head.addStrut(20)
+        column.addLayout(head)
         column.addLayout(pictures)
-        column.addLayout(line(self.correlation, self.go, stretch=0))
-        column.addWidget(self.numbers)
-        column.addWidget(self.spot)
+        column.addLayout(line(self.near_words, self.go, stretch=0))
         return widget
 
     def _adjust(self) -> QWidget:
         """Make what is measured and recorded before the session."""
         self.find_buttons: dict[str, QPushButton] = {}
-        self.use_buttons: dict[str, QPushButton] = {}
         self.results: dict[str, QLabel] = {}
         widget = QWidget()
         column = QVBoxLayout(widget)
         column.setContentsMargins(0, 0, 0, 0)
-        for title, offered in (("Find by moving", FINDINGS), ("White and dark", STILLS)):
-            column.addWidget(self._find_card(title, offered))
-        return widget
-
-    def _find_card(self, heading_: str, offered: Sequence[tuple[str, str, str]]) -> QWidget:
-        frame, column = card(heading_)
-        for key, title, tip in offered:
-            button, use, result = QPushButton(title), QPushButton("Use"), QLabel("")
+        column.addWidget(self.numbers)
+        column.addWidget(self.spot)
+        for key, title, tip in (*FINDINGS, *STILLS):
+            button, result = QPushButton(title), QLabel("")
             button.setToolTip(tip)
-            use.setToolTip(f"Take what was found into the plan: {title.lower()}; undo takes it back")
-            use.setAccessibleName(f"Use: {title}")
-            use.hide()
             result.setWordWrap(True)
             result.setTextFormat(Qt.TextFormat.RichText)
             result.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
             result.hide()
             button.clicked.connect(lambda _=False, k=key: self.find_asked.emit(k))
-            use.clicked.connect(lambda _=False, k=key: self.use_asked.emit(k))
-            self.find_buttons[key], self.use_buttons[key], self.results[key] = button, use, result
-            column.addLayout(line(button, use, stretch=0))
+            self.find_buttons[key], self.results[key] = button, result
+            column.addWidget(button)
             column.addWidget(result)
-        return frame
+        return widget
 
     # -- showing ---------------------------------------------------------------------------------------
     def set_connected(self, connected: bool, *, free: bool = True) -> None:
         """Enable what needs devices; ``free``: nothing but the live view uses them now."""
+        self.connected = connected
         for widget in (*self.find_buttons.values(), self.go):
             widget.setEnabled(connected and free)
-        for button in self.use_buttons.values():  # what was found can be used without the devices
-            button.setEnabled(free)
+        for button, simulated in zip(self.connect_buttons, (False, True), strict=True):
+            button.setVisible(not (connected or (simulated and self.devices.backend.currentData() in (None, "sim"))))
+        for widget in (self.exposure, self.overlay):
+            widget.setVisible(connected)
         self.stage.set_free(connected and free)
         for view in (self.view, self.seen, self.predicted):
             view.blank.wait(WAITING if connected and self._last is None else "")
+        self.results_changed.emit()
 
     def set_exposure(self, seconds: float) -> None:
         """Show the exposure without reporting it (s)."""
@@ -249,8 +269,13 @@ class SetupPanel(QWidget):
         self.seen.set_shot(Shot(picture.seen, "seen", name="seen"))
         self.predicted.set_shot(Shot(picture.predicted, "expected", name="predicted"))
         words, nearest = expected_words(picture, plan), plane_to_go(picture, plan)
-        self.predicted.blank.words = "Nothing is expected here." if nearest is not None else "No prediction here."
-        self.correlation.setText("; ".join(filter(None, (words, note))))
+        self.predicted.blank.words = "Nothing is expected here." if nearest is not None else NO_REFERENCE
+        agrees = not math.isnan(picture.correlation)
+        merit = "hint" if not agrees else "good" if picture.correlation >= AGREE else "fair"
+        set_role(self.correlation, merit)
+        self.correlation.setText(words if agrees else "")
+        self.near_words.setText("; ".join(filter(None, ("" if agrees else words, note))))
+        self.near_words.setVisible(bool(self.near_words.text()))
         self.go.setVisible(nearest is not None)
         if nearest is not None:
             self._nearest = nearest
@@ -293,27 +318,29 @@ class SetupPanel(QWidget):
         self.view.set_lattice(None)
         for view in (self.view, self.seen, self.predicted):
             view.set_shot(None)
-        self.predicted.blank.words = NOTHING
+        self.predicted.blank.words = NO_FRAME
         self.go.hide()
         self.numbers.setText("–")
         self.spot.setText("–")
         self.correlation.setText("")
+        self.near_words.hide()
 
-    def show_result(self, key: str, words: str, *, good: bool = True, usable: bool = False) -> None:
-        """Show what was found; what is bad is red."""
-        self._said[key] = (words, good, usable)
+    def show_result(self, key: str, words: str, *, good: bool = True, done: bool = False) -> None:
+        """Show what was found; what is bad is red. ``done``: it was measured, or recorded."""
+        self._said[key] = (words, good)
+        (self.done.add if done else self.done.discard)(key)
         label = self.results[key]
         theme = current_theme()
         label.setText(words if good else f"<span style='color:{theme.bad}'>{words}</span>")
         label.setVisible(bool(words))
-        self.use_buttons[key].setVisible(usable)
+        self.results_changed.emit()
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
         for widget in (self.view, self.contrast, self.seen, self.predicted):
             widget.apply_theme()
-        for key, (words, good, usable) in tuple(self._said.items()):
-            self.show_result(key, words, good=good, usable=usable)
+        for key, (words, good) in tuple(self._said.items()):
+            self.show_result(key, words, good=good, done=key in self.done)
 
     def _look_at(self, button: QPushButton) -> None:
         self.looked_at = button

@@ -69,6 +69,7 @@ class SetupTab(QObject):
         panel.faults.edited.connect(self._faults_edited)
         panel.faults.injected.connect(self._inject)
         panel.devices.connect_asked.connect(self.connect_devices)
+        panel.connect_asked.connect(self._connect_asked)
         panel.devices.disconnect_asked.connect(self.disconnect_devices)
         self.moves = StageMoves(context, panel.stage, lambda: self.station, self)
         panel.plane_asked.connect(self.moves.go_plane)
@@ -90,7 +91,6 @@ class SetupTab(QObject):
         if state.plan is None:
             return
         chosen = AcquireSettings.of(state)
-        self.panel.stage.set_planes(state.plan.depths_um)
         self.panel.arrows.set_arrows(stage_arrows(state.plan.stage))
         self.panel.devices.set_choice(chosen.backend, dict(chosen.device_options), chosen.stage)
         self.panel.faults.setVisible(chosen.backend == "sim")
@@ -129,6 +129,8 @@ class SetupTab(QObject):
         self._check_station()
         connected = self.station is not None
         self.panel.set_connected(connected, free=self.free)
+        for button in self.panel.connect_buttons:
+            button.setEnabled(not self.connecting)
         self.moves.follow(connected, free=self.free)
         self.panel.faults.set_connected(connected, busy=self.connecting)
         if connected:
@@ -159,12 +161,18 @@ class SetupTab(QObject):
         self.panel.devices.set_backends(*found)
         self.show_state(self.context.state)
 
+    def _connect_asked(self, simulated: bool) -> None:
+        if simulated:
+            self._devices_edited("sim", (), "")
+        self.connect_devices()
+
     def connect_devices(self, then: Callable[[], object] | None = None) -> None:
         """Open the chosen devices in the background, show what they see, and do ``then``."""
         plan, chosen = self.context.state.plan, AcquireSettings.of(self.context.state)
         if plan is None or self.station is not None or self.connecting:
             return
         self.connecting, self._then = True, then or self._then
+        self.show_controls()
         self.panel.devices.set_connected("connecting …", connected=False, busy=True)
         self.context.jobs.compute(
             "acquire connect",

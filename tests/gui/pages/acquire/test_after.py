@@ -56,7 +56,7 @@ def page(open_page: Any, context: Context, qtbot: QtBot) -> Any:
 def test_h_fills_in_the_map_while_a_session_is_assembled(
     page: Any, context: Context, qtbot: QtBot, session: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pictures, go_on = page.panel.record.pictures, threading.Event()
+    pictures, go_on = page.panel.record, threading.Event()
     shown: list[Any] = []
     held_at: list[int] = []
     monkeypatch.setattr(pictures.map, "set_values", shown.append)
@@ -78,16 +78,16 @@ def test_h_fills_in_the_map_while_a_session_is_assembled(
     monkeypatch.setattr("lfcal_gui.pages.acquire._after.iter_assembly", held)
     page.record.after.assemble(str(session / "H.h5"))
     qtbot.waitUntil(
-        lambda: bool(held_at) and f"H fills: plane 0, {held_at[0]} of " in pictures.map_title.text(), timeout=GUARD_MS
+        lambda: bool(held_at) and f"H fills: plane 0, {held_at[0]} of " in pictures.map_words.text(), timeout=GUARD_MS
     )
     values, count = shown[-1], len(shown)
     assert 0 < held_at[0] == np.isfinite(values).sum() < values.size
-    page.record._refresh_picture()  # another quantity is chosen meanwhile: H stays
+    page.record.refresh()  # another quantity is chosen meanwhile: H stays
     qtbot.waitUntil(lambda: len(shown) > count, timeout=GUARD_MS)
     assert np.array_equal(shown[-1], values, equal_nan=True)
     go_on.set()
     idle(context.jobs, qtbot)
-    assert pictures.map_title.text() == "Period map" and not np.isnan(shown[-1]).all()
+    assert "H fills" not in pictures.map_words.text() and not np.isnan(shown[-1]).all()
     assert context.state.psf == str(session / "H.h5")
 
 

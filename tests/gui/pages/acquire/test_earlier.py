@@ -155,11 +155,11 @@ def test_a_finished_session_opened_again_shows_its_own_state(
     page = opened(open_page("acquire"), context, qtbot, tmp_path / "s")
     pictures = page.panel.record.pictures
     for z in (0, 1):
-        page.panel.record.plane.setValue(z)
+        page.panel.record.strip.setCurrentRow(z)
         idle(context.jobs, qtbot)
         assert pictures.depth_sum.values is not None
         np.testing.assert_allclose(1e3 * pictures.depth_sum.values, live.depth_sums[z], atol=1e-6)
-        np.testing.assert_allclose(pictures.map.values, live.energy[z], rtol=0.02)
+        np.testing.assert_allclose(page.panel.record.map.values, live.energy[z], rtol=0.02)
     curve = pictures.curves["energy"].plot.listDataItems()[0]
     assert len(curve.getData()[1]) == 24 and pictures.third_title.text() == "Depth-plane sum"
     assert not pictures.depth_sum.blank.isVisible() and not page.record.read_timer.isActive()
@@ -174,7 +174,7 @@ def test_after_a_fault_and_resume_all_runs_are_shown(
     page.record.start()
     qtbot.waitUntil(lambda: page.record.recording, timeout=GUARD_MS)
     qtbot.waitUntil(lambda: not page.record.recording and page.record.folder.complete, timeout=GUARD_MS)
-    page.panel.record.plane.setValue(0)
+    page.panel.record.strip.setCurrentRow(0)
     idle(context.jobs, qtbot)
     recorder: Recorder | None = page.record.recorder
     assert recorder is not None and 0 < recorder.taken < 24
@@ -182,6 +182,6 @@ def test_after_a_fault_and_resume_all_runs_are_shown(
     shown, summed = page.panel.record.pictures, earlier.sum_of(0)
     assert summed is not None and shown.depth_sum.values is not None
     np.testing.assert_allclose(1e3 * shown.depth_sum.values, summed.light, rtol=0.02, atol=5)
-    np.testing.assert_allclose(shown.map.values, found.energy[0], rtol=0.02)
+    np.testing.assert_allclose(page.panel.record.map.values, found.energy[0], rtol=0.02)
     picture = record_picture(recorder.quality.state(0), recorder.order, 0, "energy", None)  # type: ignore[arg-type]
     assert len(picture.curves["energy"][0]) == 24

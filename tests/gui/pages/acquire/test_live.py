@@ -143,7 +143,7 @@ def test_where_no_plane_is_near_it_leads_to_one(page: Page, qtbot: QtBot) -> Non
     panel, station = page.panel.setup, page.setup.station
     assert station is not None
     qtbot.waitUntil(lambda: not panel.go.isHidden(), timeout=GUARD_MS)
-    assert panel.correlation.text().startswith("No plane of the plan is near this depth")
+    assert panel.near_words.text().startswith("No plane of the plan is near this depth")
     panel.go.click()
     qtbot.waitUntil(lambda: panel.go.isHidden(), timeout=GUARD_MS)
     depth = float(PLAN.stage.to_object(np.array(station.position()))[2])

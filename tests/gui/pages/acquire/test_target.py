@@ -57,6 +57,7 @@ def page(open_page: OpenPage, context: Context, qtbot: QtBot, file: Path) -> Pag
     made: Page = open_page("acquire")
     made.entered()
     qtbot.waitUntil(lambda: made.panel.setup.devices.backend.count() > 0, timeout=GUARD_MS)
+    made.panel.recording.open()
     made.panel.setCurrentWidget(made.panel.record)
     made.record.target.take(str(file))
     qtbot.waitUntil(lambda: made.record.target.plan is not None, timeout=GUARD_MS)
@@ -72,7 +73,7 @@ def test_a_target_is_recorded_while_its_phases_fill_the_map(
     assert AcquireSettings.of(context.state).devices()["target"].endswith("target_plan.json")
     context.project.update("folder", recording=str(folder))
     idle(context.jobs, qtbot)
-    assert crossed_out(panel.pictures.map) == 252, "nothing is covered yet"
+    assert crossed_out(panel.map) == 252, "nothing is covered yet"
     seen: list[int] = []
     frame = page.panel.setup.view
     captions: set[str] = set()
@@ -85,8 +86,8 @@ def test_a_target_is_recorded_while_its_phases_fill_the_map(
     idle(context.jobs, qtbot)
     assert "5 of 5 frames" in panel.status.text() and "5 of 5 frames of a target" in panel.folder_words.text()
     assert max(seen) == len(plan.points(0, 4)) and f"frame 5: {max(seen)} points as planned" in captions
-    assert crossed_out(panel.pictures.map) == int((plan.shown(0) == 0).sum())
-    assert panel.pictures.map_title.text() == "Phases covered"
+    assert crossed_out(panel.map) == int((plan.shown(0) == 0).sum())
+    assert panel.map_words.text() == "Phases covered"
     assert len(panel.pictures.curves["energy"].plot.listDataItems()) == 1
     assert not panel.buttons["fit"].isEnabled() and "lfcal fit" in panel.why.text()
 

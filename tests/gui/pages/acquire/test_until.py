@@ -114,6 +114,7 @@ def page(open_page: OpenPage, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> 
     made: Page = open_page("acquire", height=640)
     made.entered()
     qtbot.waitUntil(lambda: made.panel.setup.devices.backend.count() > 0, timeout=GUARD_MS)
+    made.panel.recording.open()
     made.panel.setCurrentWidget(made.panel.record)
     return made
 
