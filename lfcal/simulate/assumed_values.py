@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -124,10 +124,11 @@ def iter_assumed_effects(plan: ScanPlan) -> Work[tuple[AssumedEffect, ...]]:
     asked = [one for one in quantities_of(plan.camera) if one.path in there]
     clock = Clock("weigh assumed values", len(asked))
     yield clock.at(0)
-    found, base = [], _Outcome.of(plan, plan.camera) if asked else None
+    kept = {name: getattr(plan, name) for name in KEPT}
+    found, base = [], _Outcome.of(plan.camera, kept) if asked else None
     for number, quantity in enumerate(asked, 1):
         assert base is not None
-        changes = [base.change(plan, camera) for camera in _variants(plan.camera, quantity.path)]
+        changes = [base.change(camera, kept) for camera in _variants(plan.camera, quantity.path)]
         largest = (max(parts) for parts in zip((0.0, 0.0, 0.0), *changes, strict=True))
         found.append(AssumedEffect(quantity.path, quantity.label, *largest))
         yield clock.at(number)
@@ -143,20 +144,19 @@ class _Outcome:
     patterns: NDArray[np.float32]
 
     @classmethod
-    def of(cls, plan: ScanPlan, camera: Camera) -> _Outcome:
-        """Return it for the same depths and the same place on the sensor, seen by a camera."""
-        options: dict[str, Any] = {name: getattr(plan, name) for name in KEPT}
-        made = ScanPlan.for_camera(camera, **options)
-        numbers = sorted({0, len(plan.depths_um) // 2, len(plan.depths_um) - 1})
+    def of(cls, camera: Camera, kept: Mapping[str, Any]) -> _Outcome:
+        """Return it of the plan that a camera has with the ``kept`` values."""
+        made = ScanPlan.for_camera(camera, **kept)
+        numbers = sorted({0, len(made.depths_um) // 2, len(made.depths_um) - 1})
         ys, xs = (np.unique(np.linspace(0, n - 1, PHASES).round().astype(np.intp)) for n in made.period)
         patterns = [PlaneResponse(made, z, OPTICS, level="geometric").rows(ys, xs, 1) for z in numbers]
         seconds = 3600 * Forecast.of(made).hours
-        return cls(seconds, cutout_for(camera, plan.depths_um), np.array(patterns).reshape(len(numbers), -1))
+        return cls(seconds, cutout_for(camera, made.depths_um), np.array(patterns).reshape(len(numbers), -1))
 
-    def change(self, plan: ScanPlan, camera: Camera) -> tuple[float, float, float]:
+    def change(self, camera: Camera, kept: Mapping[str, Any]) -> tuple[float, float, float]:
         """Return the changes of time, cutout and patterns with another camera."""
         try:
-            other = _Outcome.of(plan, camera)
+            other = _Outcome.of(camera, kept)
         except (LfcalError, ZeroDivisionError, OverflowError):
             return math.inf, math.inf, math.inf
         if other.patterns.shape != self.patterns.shape:

@@ -59,7 +59,7 @@ def test_no_protocol_is_asked_for_by_an_attribute_s_name() -> None:
 ANOTHER = "the plan is of the camera as it was described, and the camera is another description of it"
 BOTH_CAMERAS = {
     ("lfcal/fit/drawing.py", "lens_types"): ANOTHER,
-    ("gui/lfcal_gui/pages/setup/model_marks.py", "carried"): ANOTHER,
+    ("gui/lfcal_gui/pages/setup/model.py", "carried"): ANOTHER,
 }
 """File and function that take a camera and a plan, which has a camera, and why the two may differ."""
 

@@ -13,7 +13,7 @@ from pytestqt.qtbot import QtBot
 from lfcal.camera import Marks, ScanPlan, preset
 from lfcal_gui.context import Context
 from lfcal_gui.models.project import Hold, Project, ProjectState
-from lfcal_gui.pages.setup.model_marks import confirmed
+from lfcal_gui.pages.setup.model import confirmed
 from lfcal_gui.window import MainWindow
 from tests.gui.recorded import write_recorded
 from tests.gui.waiting import idle

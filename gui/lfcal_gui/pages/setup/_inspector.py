@@ -12,9 +12,18 @@ from PySide6.QtWidgets import QComboBox, QGridLayout, QLabel, QPushButton, QTool
 from lfcal.camera import PRESETS, Camera, ScanPlan, quantities_of
 from lfcal.tasks import PlanScan
 from lfcal_gui.models import fields_of
-from lfcal_gui.pages.setup.model import values_of
-from lfcal_gui.pages.setup.model_fields import BASIC, LATTICE, LIGHT, MAIN_LENS, MICROSCOPE, SENSOR
-from lfcal_gui.pages.setup.model_marks import TIPS, mark_of, path_of
+from lfcal_gui.pages.setup.model import (
+    BASIC,
+    LATTICE,
+    LIGHT,
+    MAIN_LENS,
+    MICROSCOPE,
+    SENSOR,
+    TIPS,
+    mark_of,
+    path_of,
+    values_of,
+)
 from lfcal_gui.pages.setup.model_scan import BASIC_OF_SCAN, HELD, suggested_values
 from lfcal_gui.pages.setup.model_scan import values_of as values_of_plan
 from lfcal_gui.pages.setup.model_target import PlanSettings

@@ -1,25 +1,312 @@
-"""A dialog for a target of many points: planned as a job, and saved."""
+"""A dialog for a target of many points: what is asked for, its plan as a job, its images and costs, and saving it."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtWidgets import QDialog, QVBoxLayout, QWidget
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtWidgets import QComboBox, QDialog, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
-from lfcal.base import LfcalError
+from lfcal.base import LfcalError, format_length
 from lfcal.camera import ScanPlan
+from lfcal.tasks import PlanTarget
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
-from lfcal_gui.models import ProjectState
-from lfcal_gui.pages.setup._target_panel import TargetPanel
-from lfcal_gui.pages.setup.model_target import PlannedTarget, PlanSettings, iter_target
+from lfcal_gui.models import ProjectState, fields_of
+from lfcal_gui.pages.setup.model_target import (
+    HELD_OF_TARGET,
+    TABLE,
+    PlaneDrawing,
+    PlannedTarget,
+    PlanSettings,
+    iter_target,
+    point_lines,
+    table_rows,
+)
 from lfcal_gui.pages.setup.step import target_step
 from lfcal_gui.saving import ask_target, write_file
-from lfcal_gui.widgets import name_controls
+from lfcal_gui.theme import current_theme
+from lfcal_gui.widgets import (
+    FoldedForm,
+    PeriodMap,
+    RowsTable,
+    WrappedLabel,
+    card,
+    column_area,
+    line,
+    name_controls,
+    offer_menu,
+    style_axes,
+    table_entries,
+    theme_plot,
+    theme_table,
+    told_or_shown,
+)
 
-__all__ = ["TargetDialog", "change_settings", "refused_setting"]
+__all__ = ["TargetDialog", "TargetPanel", "change_settings", "refused_setting"]
+
+
+COLUMN_PX, MAP_PX, TABLE_PX = 346, 330, 186
+FIRST, LAST = 40, 225
+"""Colours of the first and the last frame: the ends of a map are hard to see on one theme or the other."""
+
+NO_TARGET = "none: a single point"
+POINT_WORDS = (
+    "A single point: the plan of the tab Scan.\nFor many points in each frame, type array (the pitch is proposed) or "
+    "your own array, such as array:4x4@1.7mm."
+)
+COSTS = (
+    "Noise: what the sensor's noise leaves of a recorded pattern, sum of errors over sum of light, expected in the "
+    "middle plane; phases: how many positions are shown. In all frames, and in the first half of them"
+)
+READY_WORDS = "Nothing is planned yet.\nPress Plan target: it looks for the fewest frames that cover all phases."
+
+
+class TargetPanel(QWidget):
+    """The tab's widgets.
+
+    Signals
+    -------
+    plan_asked(), stop_asked(), save_asked()
+        Look for the frames; look no longer; write the plan.
+    """
+
+    plan_asked = Signal()
+    stop_asked = Signal()
+    save_asked = Signal()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: PlannedTarget | None = None
+        some, rare = (fields_of(PlanTarget, without=HELD_OF_TARGET, more=more) for more in (False, True))
+        some = tuple(replace(one, empty=NO_TARGET) if one.key == "source" else one for one in some)
+        self.form = FoldedForm(some, rare, tip="Bounds of the pose, and light by which coded frames are judged")
+        self.form.set_defaults(PlanSettings().shown())
+        self.form.own_line("source")
+        self.form.own_line("pose")
+        self._build_images()
+        self._build_map()
+        self.table = RowsTable(TABLE, 0, range(1, len(TABLE)))
+        self.table.setAccessibleName("planes of the target's plan")
+        self.message, self.stack = told_or_shown(POINT_WORDS, self._results())
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 8, 0, 0)
+        row.setSpacing(10)
+        row.addWidget(column_area(COLUMN_PX, self._asked()))
+        row.addWidget(self.stack, 1)
+
+    # -- building --------------------------------------------------------------------------------------
+    def _asked(self) -> QWidget:
+        frame, column = card("Target")
+        self.plan_button = _button("Plan target", "Look for the fewest frames that cover all phases", self.plan_asked)
+        self.stop_button = _button("Stop", "Look no longer: nothing is planned then", self.stop_asked)
+        self.save_button = _button(
+            "Save target plan …",
+            "Write where the target goes in each frame (.json): Record > Rig records it, by Target …",
+            self.save_asked,
+        )
+        self.costs = QLabel()
+        self.costs.setToolTip(COSTS)
+        self.costs.setTextFormat(Qt.TextFormat.RichText)
+        self.costs.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.note = WrappedLabel("")
+        self.note.setProperty("role", "hint")
+        column.addWidget(self.form)
+        column.addLayout(line(self.plan_button, self.stop_button))
+        column.addWidget(self.costs)
+        column.addWidget(self.note)
+        column.addWidget(self.save_button)
+        return frame
+
+    def _build_images(self) -> None:
+        self.graphics = pg.GraphicsLayoutWidget()
+        self.graphics.setMinimumSize(120, 96)
+        self.graphics.setToolTip("Images of the holes in all frames; squares are the cutouts of the first frame")
+        self.graphics.setAccessibleName("images of the target on the sensor")
+        self.plot: pg.PlotItem = self.graphics.addPlot(enableMenu=False)
+        self.plot.setAspectLocked(True)
+        self.plot.invertY(True)
+        self.plot.hideButtons()
+        style_axes(self.plot, "sensor column (px)", "sensor row (px)")
+        self.sensor, self.cutouts = pg.PlotCurveItem(), pg.PlotCurveItem(connect="finite")
+        self.points = pg.ScatterPlotItem(size=5, pen=None)
+        for item in (self.sensor, self.cutouts, self.points):
+            self.plot.addItem(item)
+        offer_menu(self.graphics, lambda: "target", self._entries)
+        theme_plot(self.graphics, self.plot)
+
+    def _build_map(self) -> None:
+        self.map = PeriodMap()
+        self.map.pointed = False
+        self.map.setToolTip("Frames that show each position; crossed out: none within the tolerance. Click to read one")
+        self.map.setAccessibleName("phases of the period that are covered")
+        self.map.chosen.connect(self._read)
+        self.read = WrappedLabel("")
+        self.read.setProperty("role", "hint")
+
+    def _results(self) -> QWidget:
+        self.plane = QComboBox()
+        self.plane.setToolTip("The plane whose images and phases are shown; each has frames of its own")
+        self.plane.setAccessibleName("plane")
+        self.plane.currentIndexChanged.connect(lambda _: self._draw())
+        images, left = card("Images on the sensor")
+        self.legend = WrappedLabel("")
+        self.legend.setProperty("role", "hint")
+        left.addLayout(line("Plane", self.plane))
+        left.addWidget(self.graphics, 1)
+        left.addWidget(self.legend)
+        phases, right = card("Phases covered")
+        phases.setFixedWidth(MAP_PX)
+        right.addWidget(self.map, 1)
+        right.addWidget(self.read)
+        planes, below = card("Planes")
+        planes.setFixedHeight(TABLE_PX)
+        below.addWidget(self.table)
+        holder = QWidget()
+        column, pictures = QVBoxLayout(holder), QHBoxLayout()
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(10)
+        pictures.setSpacing(10)
+        pictures.addWidget(images, 1)
+        pictures.addWidget(phases)
+        column.addLayout(pictures, 1)
+        column.addWidget(planes)
+        return holder
+
+    # -- showing ---------------------------------------------------------------------------------------
+    def follow(self, check: Callable[[str, Any], str], edited: Callable[[str, Any], None]) -> None:
+        """Check values by ``check``, and report those that are edited."""
+        self.form.check = check
+        self.form.edited.connect(edited)
+
+    def show_settings(self, asked: PlanSettings, *, busy: bool) -> None:
+        """Show what is asked for, and whether it is being planned."""
+        self.form.set_values(asked.shown())
+        for key in self.form.fields:
+            self.form.set_enabled(key, key == "source" or asked.many)
+        self.plan_button.setEnabled(asked.many and not busy)
+        self.stop_button.setEnabled(busy)
+        self.save_button.setEnabled(self.found is not None)
+        if self.found is None:
+            self.message.setText(
+                "Looking for the fewest frames …" if busy else READY_WORDS if asked.many else POINT_WORDS
+            )
+
+    def show_refusal(self, words: str) -> None:
+        """Say why there is no plan."""
+        self.message.setText(words)
+
+    def show_planned(self, found: PlannedTarget | None) -> None:
+        """Show a plan; None: there is none."""
+        self.found = found
+        self.stack.setCurrentIndex(int(found is not None))
+        self.costs.setText("" if found is None else _costs(found))
+        self.note.setText("" if found is None else _note(found))
+        self.note.setToolTip("" if found is None else found.coding)
+        if found is None:
+            return
+        self.table.show_rows(*table_rows(found))
+        blocker = QSignalBlocker(self.plane)
+        self.plane.clear()
+        self.plane.addItems([format_length(depth) for depth in found.plan.scan.depths_um])
+        self.plane.setCurrentIndex(len(found.planes) // 2)
+        blocker.unblock()
+        self._draw()
+
+    @property
+    def shown(self) -> PlaneDrawing | None:
+        """The plane that is looked at."""
+        return None if self.found is None else self.found.planes[max(0, self.plane.currentIndex())]
+
+    def _draw(self) -> None:
+        plane, found = self.shown, self.found
+        if plane is None or found is None:
+            return
+        scan, drawn = found.plan.scan, plane.drawn()
+        rows, columns = scan.camera.sensor.shape
+        self.sensor.setData(*_rectangle(-0.5, -0.5, rows, columns))
+        first = drawn[drawn[:, 0] == 0]
+        height, width = scan.cutout
+        squares = [np.array(_rectangle(r - height / 2, c - width / 2, height, width, gap=True)) for _, r, c in first]
+        self.cutouts.setData(*(np.concatenate(squares, axis=1) if squares else np.zeros((2, 0))))
+        self._paint(drawn, len(found.plan.offsets_px[self.plane.currentIndex()]))
+        self.plot.setRange(xRange=(-0.5, columns - 0.5), yRange=(-0.5, rows - 0.5), padding=0.02)
+        self.map.set_values(plane.shown, plane.shown)
+        self.read.setText(_covered(plane))
+
+    def _paint(self, drawn: Any, frames: int) -> None:
+        seen = int(drawn[-1, 0]) + 1 if len(drawn) else 0
+        table, theme = theme_table("viridis"), current_theme()
+        share = drawn[:, 0] / max(1, frames - 1)
+        brushes = [pg.mkBrush(*table[k]) for k in (FIRST + (LAST - FIRST) * share).astype(int)]
+        self.points.setData(drawn[:, 2], drawn[:, 1], brush=brushes)
+        self.sensor.setPen(pg.mkPen(theme.muted, style=Qt.PenStyle.DashLine))
+        self.cutouts.setPen(pg.mkPen(theme.muted))
+        part = "" if seen == frames else f"; {seen} of {frames} are drawn"
+        self.legend.setText(
+            f"Dashed: the sensor. Squares: cutouts of frame 1. Dark to bright: frame 1 to {frames}{part}."
+        )
+
+    def _read(self, y: int, x: int) -> None:
+        plane = self.shown
+        if plane is not None:
+            count = int(plane.shown[y, x])
+            self.read.setText(f"Position y = {y}, x = {x}: shown by {count} frame{'s' * (count != 1)}.")
+
+    def _entries(self) -> list[tuple[str, Any]]:
+        plane = self.shown
+        return [] if plane is None else table_entries(self, "target", lambda between: point_lines(plane, between))
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        theme_plot(self.graphics, self.plot)
+        self.map.apply_theme()
+        self._draw()
+
+
+def _button(text: str, tip: str, signal: Any) -> QPushButton:
+    button = QPushButton(text)
+    button.setToolTip(tip)
+    button.clicked.connect(lambda _=False: signal.emit())
+    return button
+
+
+def _rectangle(top: float, left: float, rows: float, columns: float, *, gap: bool = False) -> tuple[Any, Any]:
+    """Return the columns and rows of a rectangle's corners, round it; with a ``gap`` before the next."""
+    bottom, right, end = top + rows, left + columns, [np.nan] * gap
+    return np.array([left, right, right, left, left, *end]), np.array([top, top, bottom, bottom, top, *end])
+
+
+def _costs(found: PlannedTarget) -> str:
+    head = "<tr><td></td><td style='padding-right:12px'>this target</td><td>single point</td></tr>"
+    cells = "".join(
+        f"<tr><td style='padding-right:12px'>{name.replace('  ', '&nbsp;&nbsp;')}</td><td><b>{ours}</b></td>"
+        f"<td>{single}</td></tr>"
+        for name, ours, single in found.summary()
+    )
+    return f"<table cellspacing='3'>{head}{cells}</table>"
+
+
+def _covered(plane: PlaneDrawing) -> str:
+    missing, most = int((plane.shown == 0).sum()), int(plane.shown.max())
+    crossed = f"{missing} of {plane.shown.size} are not covered: red crosses. " if missing else ""
+    return f"{crossed}Shown by up to {most} frame{'s' * (most != 1)}, brighter: by more. Click a position to read it."
+
+
+def _note(found: PlannedTarget) -> str:
+    from lfcal.targets import target_words
+
+    missing = sum(int((plane.shown == 0).sum()) for plane in found.planes)
+    words = target_words(found.plan.target)
+    if missing:
+        words += f". {missing} phases are not covered: allow more frames, or fit the optics to what is shown"
+    words += ". Crosstalk is by rays, whose patterns end" if found.plan.tails == "geometric" else ""
+    return f"{words}. {found.coding_briefly}".rstrip()
 
 
 def refused_setting(context: Context, key: str, value: Any) -> str:

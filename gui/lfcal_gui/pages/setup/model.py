@@ -1,18 +1,241 @@
-"""The camera as fields of forms, how a change makes a new camera, and what follows from it. No Qt."""
+"""The camera: fields of forms, where values come from, changes, and what follows from it. No Qt."""
 
 from __future__ import annotations
 
 import html
 import math
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from lfcal.base import LfcalError
-from lfcal.camera import Camera, Derived, LensletLattice, LensType, MainLens, Microscope, Sensor, derived_of, doubts
-from lfcal_gui.pages.setup.model_fields import MAIN_LENS, MICROSCOPE, SENSOR
-from lfcal_gui.pages.setup.model_marks import stated
+from lfcal.base import LfcalError, drain
+from lfcal.camera import (
+    Camera,
+    Derived,
+    LensletLattice,
+    LensType,
+    MainLens,
+    Marks,
+    Microscope,
+    ScanPlan,
+    Sensor,
+    derived_of,
+    doubts,
+    quantities_of,
+)
+from lfcal_gui.models import Field, ProjectState
+from lfcal_gui.pages.setup.model_scan import default_plan
 
-__all__ = ["apply_change", "facts", "optics_of_kind", "values_of"]
+if TYPE_CHECKING:
+    from lfcal.simulate import AssumedEffect
+
+__all__ = [
+    "BASIC",
+    "LATTICE",
+    "LIGHT",
+    "MAIN_LENS",
+    "MICROSCOPE",
+    "SENSOR",
+    "TIPS",
+    "apply_change",
+    "confirmed",
+    "facts",
+    "mark_of",
+    "optics_of_kind",
+    "path_of",
+    "state_with",
+    "stated",
+    "values_of",
+    "weighed",
+    "weighed_key",
+]
+
+
+DEGREE = math.pi / 180
+
+OPTICS = (("MainLens", "main lens"), ("Microscope", "microscope"))
+ARRAYS = (("hexagonal", "hexagonal"), ("square", "square"))
+CLEAR = "Of a lenslet on the sensor, round within its cell; empty: squares without gaps, discs of the pitch"
+FOCUS = "Virtual depths in focus, one or three; inf: focused at infinity (f = gap)"
+DISTORTED = "Departure of the micro-images from straight rows, and its largest size; measured in a white image"
+SATURATED = "Sample value from which samples are saturated; empty: the highest one only"
+
+MAIN_LENS = (
+    Field(
+        "optics.kind", "Optics", "", "A photographic main lens, or a telecentric microscope", "choice", choices=OPTICS
+    ),
+    Field("optics.focal_length_um", "Focal length", "mm", "Focal length of the main lens", scale=1e3),
+    Field("optics.f_number", "f-number", "", "As set on the lens: focal length over entrance pupil"),
+    Field(
+        "optics.working_distance_um", "Distance", "mm", "From the lens to the plane imaged on the lenslets", scale=1e3
+    ),
+    Field("optics.blades", "Iris blades", "", "0 is a circular iris", "int"),
+    Field("optics.blade_rotation_rad", "Iris rotation", "°", "First vertex from the column axis", scale=DEGREE),
+    Field("optics.blade_curvature", "Blade curvature", "", "0 straight edges … 1 a circle"),
+)
+
+MICROSCOPE = (
+    MAIN_LENS[0],
+    Field("optics.magnification", "Magnification", "×", "Objective and tube lens together"),
+    Field("optics.numerical_aperture", "Numerical aperture", "", "Object-side NA of the objective"),
+    Field("optics.medium_index", "Medium index", "", "Refractive index of the immersion medium"),
+    Field("optics.tube_length_um", "Tube lens", "mm", "Focal length of the tube lens", scale=1e3),
+)
+
+LATTICE = (
+    Field("lattice.kind", "Array", "", "Arrangement of the lenslets", "choice", choices=ARRAYS),
+    Field("lattice.pitch_um", "Pitch", "µm", "Distance of neighbouring micro-images along a row, on the sensor"),
+    Field("lattice.row_pitch_um", "Row distance", "µm", "Where it is not the ideal one", optional=True, empty="ideal"),
+    Field("lattice.gap_um", "Gap", "µm", "Distance B from lenslets to sensor"),
+    Field("lattice.rotation_rad", "Rotation", "°", "From the column axis to the row axis (clockwise)", scale=DEGREE),
+    Field("lattice.shear_rad", "Shear", "°", "Angle from a row to the next, less the ideal one", scale=DEGREE),
+    Field("lattice.offset_x", "Offset x", "µm", "Centre of a type-0 micro-image, right of the sensor's centre"),
+    Field("lattice.offset_y", "Offset y", "µm", "Centre of a type-0 micro-image, below the sensor's centre"),
+    Field("lattice.clear_um", "Clear diameter", "µm", CLEAR, optional=True, empty="as wide as the pitch"),
+    Field("lattice.focus", "Types in focus at v", "", FOCUS, "floats", endless=True),
+    Field("lattice.distortion", "Distortion", "", DISTORTED, "shown"),
+)
+
+UNKNOWN: dict[str, Any] = {"optional": True, "empty": "not known"}
+SENSOR = (
+    Field("sensor.rows", "Rows", "px", "Pixels from top to bottom", "int"),
+    Field("sensor.columns", "Columns", "px", "Pixels from left to right", "int"),
+    Field("sensor.pixel_um", "Pixel pitch", "µm", "Seen at the lenslets, if relay optics lie between"),
+    Field("sensor.bit_depth", "Bit depth", "bit", "Bits per sample", "int"),
+    Field("sensor.full_well_e", "Full well", "e⁻", "Electrons at the highest sample value"),
+    Field("sensor.saturation", "Saturation", "counts", SATURATED, optional=True, empty="the highest"),
+    Field("sensor.read_noise_e", "Read noise", "e⁻ rms", "Noise without light"),
+    Field("sensor.dark_current_e_s", "Dark current", "e⁻/s", "Of each pixel; its noise is what a long exposure adds"),
+    Field("sensor.black_level", "Black level", "counts", "Sample value without light"),
+    Field("sensor.prnu", "PRNU", "", "Pixel response non-uniformity, rms, relative"),
+    Field("sensor.dsnu_e", "DSNU", "e⁻ rms", "Offsets of the pixels in the dark; empty: not known", **UNKNOWN),
+    Field("sensor.linearity", "Non-linearity", "", "Largest relative departure of the signal from a line", **UNKNOWN),
+    Field("sensor.quantum_efficiency", "Quantum efficiency", "", "Detected share of photons"),
+    Field("sensor.fill_factor", "Fill factor", "", "Light-sensitive share of a pixel"),
+    Field(
+        "sensor.cfa", "Colour filter", "", "Pattern by rows, e.g. GRBG; empty: monochrome", "text", empty="monochrome"
+    ),
+)
+
+LIGHT = (
+    Field("camera.wavelength_um", "Wavelength", "nm", "Of the light the camera is calibrated with", scale=1e-3),
+    Field("camera.bandwidth_um", "Bandwidth", "nm", "Full width of the light's spectrum", scale=1e-3),
+)
+
+BASIC = (
+    *("optics.focal_length_um", "optics.f_number", "optics.working_distance_um"),
+    *("optics.magnification", "optics.numerical_aperture", "optics.tube_length_um"),
+    *("lattice.pitch_um", "sensor.pixel_um", "camera.wavelength_um"),
+)
+"""Values that a camera cannot do without: three of a main lens or of a microscope, and three of the rest."""
+
+
+PATHS = {
+    "optics.kind": "",
+    "sensor.rows": "sensor.shape",
+    "sensor.columns": "sensor.shape",
+    "lattice.focus": "lattice.types",
+    "lattice.offset_x": "lattice.offset_um",
+    "lattice.offset_y": "lattice.offset_um",
+    "camera.wavelength_um": "wavelength_um",
+    "camera.bandwidth_um": "bandwidth_um",
+}
+"""Fields whose value stands elsewhere in the description."""
+
+CHOSEN = ("depths_um", "stage", "order", "exposure_s", "settle_s", "frames_averaged", "resample")
+"""What of a plan does not follow from the camera."""
+
+OF_ROWS = ("lattice.row_pitch_um", "lattice.shear_rad", "lattice.distortion")
+"""Values that another kind of array does not keep."""
+
+TIPS = {
+    "assumed": "This value was not stated: lfcal uses a typical one. Type the true value, or click if it is right.",
+    "derived": "This value follows from stated or measured ones.",
+    "measured": "This value was measured in frames of the camera.",
+    "stated": "This value is stated.",
+}
+
+
+def path_of(key: str) -> str:
+    """Return where the value of a field stands in the description; empty for none."""
+    return PATHS.get(key, key)
+
+
+def mark_of(camera: Camera, key: str) -> str:
+    """Return where the value of a field comes from."""
+    path = path_of(key)
+    return camera.marks[path] if path else "stated"
+
+
+def confirmed(camera: Camera, paths: Iterable[str]) -> Camera:
+    """Return ``camera`` with the values at ``paths`` stated, as somebody says that they are right."""
+    return replace(camera, marks=camera.marks.marked(paths, "stated"))
+
+
+def stated(before: Camera, after: Camera, key: str) -> Camera:
+    """Return ``after``, made of ``before`` by a change of one field, with that value stated."""
+    if key == "optics.kind" and type(before.optics) is not type(after.optics):
+        kept = {path: mark for path, mark in after.marks if not path.startswith("optics.")}
+        taken = {q.path: "assumed" for q in quantities_of(after) if q.path.startswith("optics.")}
+        return replace(after, marks=Marks.of(kept | taken))
+    if key == "lattice.kind" and before.lattice.kind != after.lattice.kind:
+        after = replace(after, marks=Marks.of({path: mark for path, mark in after.marks if path not in OF_ROWS}))
+    path = path_of(key)
+    # a value without a mark is stated already
+    return confirmed(after, [path]) if path and after.marks[path] != "stated" else after
+
+
+def state_with(state: ProjectState, camera: Camera, *, same: bool = False) -> dict[str, object]:
+    """Return the changes of a project that take a camera.
+
+    Its plan stays where images lie as they did. Of the ``same`` camera, described otherwise, it is made anew with what
+    was chosen in it: planes, exposures, stage, and cutout and anchor unless they were those that are suggested.
+    """
+    plan = state.plan
+    if plan is not None and _same_geometry(state.camera, camera):
+        plan = replace(plan, camera=camera)
+    elif plan is not None:
+        plan = carried(plan, camera) if same else None
+    return {"camera": camera, "plan": plan}
+
+
+def carried(plan: ScanPlan, camera: Camera) -> ScanPlan | None:
+    """Return a plan for the camera as it is described now; None where no such planes can be scanned with it."""
+    chosen = {name: getattr(plan, name) for name in CHOSEN}
+    try:
+        suggested = ScanPlan.for_camera(plan.camera, depths_um=plan.depths_um, resample=plan.resample)
+        for name in ("cutout", "anchor"):
+            if getattr(plan, name) != getattr(suggested, name):
+                chosen[name] = getattr(plan, name)
+    except (LfcalError, ZeroDivisionError, OverflowError):
+        return None
+    for kept in (chosen, {name: chosen[name] for name in CHOSEN}):  # a cutout or an anchor may lie outside now
+        try:
+            return ScanPlan.for_camera(camera, **kept)
+        except (LfcalError, ZeroDivisionError, OverflowError):
+            continue
+    return None
+
+
+def weighed_key(state: ProjectState) -> tuple[Any, ...] | None:
+    """Return what the effects of assumed values depend on; None: none is assumed."""
+    camera, plan = state.camera, state.plan
+    assumed = camera.marks.paths("assumed")
+    # time is relative, so that neither exposures nor averages matter much; the cutout does not matter at all
+    return (camera, assumed, None if plan is None else plan.depths_um) if assumed else None
+
+
+def weighed(state: ProjectState) -> tuple[AssumedEffect, ...]:
+    """Return what hangs on each assumed value, the largest first; it takes a second."""
+    from lfcal.simulate import iter_assumed_effects
+
+    return drain(iter_assumed_effects(state.plan or default_plan(state.camera)))
+
+
+def _same_geometry(one: Camera, other: Camera) -> bool:
+    """Return whether two cameras differ at most in noise and levels: planes, cutout and anchor are then the same."""
+    sensor = replace(other.sensor, shape=one.sensor.shape, pixel_um=one.sensor.pixel_um)
+    return sensor == other.sensor and replace(one, sensor=other.sensor) == other
 
 
 def values_of(camera: Camera) -> dict[str, Any]:

@@ -22,10 +22,9 @@ from lfcal_gui.pages.setup import takes
 from lfcal_gui.pages.setup._check_dialog import CheckDialog
 from lfcal_gui.pages.setup._sensor_dialog import SensorDialog
 from lfcal_gui.pages.setup._target_dialog import TargetDialog, change_settings, refused_setting
-from lfcal_gui.pages.setup.model import apply_change
+from lfcal_gui.pages.setup.model import apply_change, confirmed, state_with, weighed, weighed_key
 from lfcal_gui.pages.setup.model_check import Checked, iter_check
 from lfcal_gui.pages.setup.model_costs import expected_light, light_key
-from lfcal_gui.pages.setup.model_marks import confirmed, state_with, weighed, weighed_key
 from lfcal_gui.pages.setup.model_scan import apply_change as change_plan
 from lfcal_gui.pages.setup.model_scan import default_plan, half_of, list_beside, list_text, moved
 from lfcal_gui.pages.setup.model_target import OF_SCAN, PlannedTarget, PlanSettings, read_plan

@@ -51,8 +51,8 @@ NARROW, WIDE, ROOMY = 304, 368, 1380
 BIG = 20
 """Size of a big number (pt)."""
 
-ABREAST = 820
-"""Least width of the numbers and the slider next to each other (px)."""
+ABREAST, NAMED = 820, 1300
+"""Least widths of the numbers and the slider next to each other, and of a slider with its name (px)."""
 
 
 class CostRow(QWidget):
@@ -108,6 +108,13 @@ class CostRow(QWidget):
         abreast = self.width() >= ABREAST
         self.grid.addWidget(self.effort, *((0, 4, 2, 1) if abreast else (2, 0, 1, 4)))
         self.grid.setColumnStretch(4, 3 if abreast else 0)
+        self._show_title()
+
+    def _show_title(self) -> None:
+        if self._costs is not None:
+            name = "Time against accuracy: " if self.width() >= NAMED or self.width() < ABREAST else ""
+            self.title.setText(name + self._costs.way)
+            self.title.setToolTip(_effort_tip(self._costs))
 
     @property
     def numbers(self) -> tuple[Number, ...]:
@@ -134,8 +141,7 @@ class CostRow(QWidget):
         costs = self._costs
         if costs is None:
             return
-        self.title.setText(costs.way)
-        self.title.setToolTip(_effort_tip(costs))
+        self._show_title()
         self.slider.setEnabled(costs.own >= 0)
         blocker = QSignalBlocker(self.slider)
         self.slider.setMaximum(max(0, len(costs.choices) - 1))

@@ -9,7 +9,6 @@ import pytest
 from lfcal.camera import PRESETS, Camera, LatticeDistortion, Marks, Microscope, ScanPlan, preset
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.setup import model as camera_form
-from lfcal_gui.pages.setup import model_marks
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -64,22 +63,22 @@ def test_a_bent_lattice_is_told_in_words_and_another_kind_starts_straight() -> N
     assert camera_form.values_of(bench)["lattice.distortion"] == "none"
     words = camera_form.values_of(bent)["lattice.distortion"]
     assert words == f"radial, {10 / bench.sensor.pixel_um:.2f} px"
-    assert model_marks.mark_of(bent, "lattice.distortion") == "measured"
+    assert camera_form.mark_of(bent, "lattice.distortion") == "measured"
     square, error = camera_form.apply_change(bent, "lattice.kind", "square")
     assert not error and square is not None
     assert square.lattice.distortion is None and square.lattice.shear_rad == 0
-    assert model_marks.mark_of(square, "lattice.distortion") == "stated"
+    assert camera_form.mark_of(square, "lattice.distortion") == "stated"
 
 
 def test_the_plan_stays_where_images_lie_as_they_did() -> None:
     camera = preset("bench")
     state = ProjectState(camera=camera, plan=ScanPlan.for_camera(camera, virtual_depths=(3.0,)))
     noisy = replace(camera, sensor=replace(camera.sensor, read_noise_e=3.0, bit_depth=10, saturation=900.0))
-    kept = model_marks.state_with(state, noisy)["plan"]
+    kept = camera_form.state_with(state, noisy)["plan"]
     assert isinstance(kept, ScanPlan) and kept.camera == noisy and kept.anchor == state.plan.anchor  # type: ignore[union-attr]
     for sensor in (replace(camera.sensor, pixel_um=3.0), replace(camera.sensor, shape=(100, 100))):
-        assert model_marks.state_with(state, replace(camera, sensor=sensor))["plan"] is None
-    assert model_marks.state_with(state, replace(camera, wavelength_um=0.4))["plan"] is None
+        assert camera_form.state_with(state, replace(camera, sensor=sensor))["plan"] is None
+    assert camera_form.state_with(state, replace(camera, wavelength_um=0.4))["plan"] is None
 
 
 def test_types_keep_what_they_have_in_focus_when_the_gap_changes() -> None:
@@ -117,8 +116,8 @@ def test_another_kind_of_optics_is_assumed() -> None:
     assert camera is not None and "optics.magnification" in camera.marks.paths("assumed")
     again, _ = camera_form.apply_change(camera, "optics.magnification", 40.0)
     assert again is not None and again.marks["optics.magnification"] == "stated"
-    assert model_marks.mark_of(again, "optics.tube_length_um") == "assumed"
-    assert model_marks.mark_of(again, "optics.kind") == "stated"
+    assert camera_form.mark_of(again, "optics.tube_length_um") == "assumed"
+    assert camera_form.mark_of(again, "optics.kind") == "stated"
     back, _ = camera_form.apply_change(again, "optics.kind", "MainLens")
     assert back is not None and not any(path == "optics.magnification" for path, _ in back.marks)
 
@@ -135,16 +134,16 @@ def test_the_plan_of_a_camera_described_otherwise_keeps_what_was_chosen_in_it() 
     plan = ScanPlan.for_camera(camera, virtual_depths=(3.0, 4.0), exposure_s=(0.01, 0.02), order="raster")
     state = ProjectState(camera=camera, plan=plan)
     slower = replace(camera, optics=replace(camera.optics, f_number=8.0))  # type: ignore[type-var]
-    made = model_marks.state_with(state, slower, same=True)["plan"]
+    made = camera_form.state_with(state, slower, same=True)["plan"]
     suggested = ScanPlan.for_camera(slower, depths_um=plan.depths_um)
     assert isinstance(made, ScanPlan) and made.camera == slower
     assert (made.depths_um, made.exposure_s, made.order) == (plan.depths_um, (0.01, 0.02), "raster")
     assert (made.cutout, made.anchor) == (suggested.cutout, suggested.anchor) != (plan.cutout, plan.anchor)
     chosen = replace(plan, cutout=(41, 43), anchor=(100.0, 120.0))
-    kept = model_marks.state_with(ProjectState(camera=camera, plan=chosen), slower, same=True)["plan"]
+    kept = camera_form.state_with(ProjectState(camera=camera, plan=chosen), slower, same=True)["plan"]
     assert isinstance(kept, ScanPlan) and (kept.cutout, kept.anchor) == ((41, 43), (100.0, 120.0))
     pixels = replace(camera, sensor=replace(camera.sensor, pixel_um=2 * camera.sensor.pixel_um))
-    halved = model_marks.state_with(state, pixels, same=True)["plan"]
+    halved = camera_form.state_with(state, pixels, same=True)["plan"]
     assert isinstance(halved, ScanPlan) and halved.period != plan.period
     small = replace(camera, sensor=replace(camera.sensor, shape=(20, 20)))
-    assert model_marks.state_with(state, small, same=True)["plan"] is None
+    assert camera_form.state_with(state, small, same=True)["plan"] is None
