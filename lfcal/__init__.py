@@ -1,27 +1,28 @@
 """PSF calibration and acquisition for plenoptic (light-field) cameras.
 
-Ten names do most of what is done: ``read_camera`` or ``preset``, ``ScanPlan``, ``open_frames``, ``assemble`` or
-``simulate_psf``, ``open_psf``, ``inspect``, ``fit_camera``, ``Projector``. The rest is in packages, in the order in
-which data pass through them (which may import which is in ``tests/architecture/test_imports.py``):
+Ten names cover most tasks: ``read_camera`` or ``preset``, ``ScanPlan``, ``open_frames``, ``assemble`` or
+``simulate_psf``, ``open_psf``, ``inspect``, ``fit_camera``, ``Projector``. The rest is in packages, listed in the
+order in which data pass through them (``tests/architecture/test_imports.py`` states which may import which):
 
-- ``base``: what every part stands on: axes, errors, files, progress, threads
-- ``camera``: what the optics are; presets; descriptions of other programs; the scan plan and its forecast
+- ``base``: shared foundations: axes, errors, files, progress, threads
+- ``camera``: the optics; presets; camera files of other programs; the scan plan and its forecast
 - ``lattice``: the lenslet array found in a white image; views, refocusing
-- ``frames``: where frames come from and how they are cleaned
+- ``frames``: sources of frames, and their corrections
 - ``psf``: the matrix H: cutout, assembly, storage, transpose, aperture, export
-- ``simulate``: the simulated camera: engines, effects, and what accuracy costs
+- ``simulate``: the simulated camera: engines, effects, and the cost of accuracy
 - ``fit``: the optics retrieved from measured patterns
-- ``judge``: whether H is good: metrics, faults, findings, the verdict, reports, trends, comparisons
+- ``judge``: the quality of H: metrics, faults, findings, the verdict, reports, trends, comparisons
 - ``devices``, ``acquire``: cameras and stages; the crash-safe recording
-- ``targets``, ``campaign``: many points in one frame; several regions, and sessions that end when H is known
+- ``targets``, ``campaign``: many points in one frame; several regions, and sessions that end when H is accurate enough
 - ``reconstruct``: the projector pair and the solvers
 - ``multiplex``: plenoptic multiplexing
-- ``accuracy``: curves of error against seconds, bytes or frames, everywhere accuracy is paid for
-- ``records``, ``tasks``: settings, and one record for each task, of which command, form, script and job file are made
+- ``accuracy``: curves of error against seconds, bytes or frames
+- ``records``, ``tasks``: settings, and one record for each task; commands, forms, scripts and job files are generated
+from them
 - ``work``: units of long work, on threads, processes and several machines
-- ``cli``, ``napari``: the command line, and the plug-in of napari
+- ``cli``, ``napari``: the command line, and the napari plug-in
 
-Only names of these packages are public, not those of the modules within them.
+Only names that these packages export are public; the modules within them are not.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> object:
-    """Return one of the ten names or a package, imported when it is first asked for."""
+    """Return one of the ten names or a package, imported on first use."""
     if name.startswith("_") and name != "__all__":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from lfcal._lazy import public_names

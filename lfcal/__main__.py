@@ -1,4 +1,4 @@
-"""``python -m lfcal`` is ``lfcal``."""
+"""Make ``python -m lfcal`` run the command ``lfcal``."""
 
 from lfcal.cli import main
 

@@ -1,4 +1,4 @@
-"""The ten most used names of lfcal: each is loaded when it is asked for."""
+"""The ten most used names of lfcal, each loaded on first use."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""Packages that load each of their names when it is asked for.
+"""Packages that load each of their names on first use.
 
-What a package gives its users is imported by its module ``_face``, what it gives to other packages of lfcal alone by
-``_shared``. The code of both is read and not run: a name is imported from where it stands when it is asked for, and
-nothing else is. An eager ``__init__`` would load all of a package for
-one of its names, and runs while the import system holds the lock of the submodule that was asked for: two threads that
-begin with different submodules of one package would then wait for each other, and one of them would fail.
+The module ``_face`` of a package imports its public names, and ``_shared`` imports names for use within lfcal. The
+code of both is parsed and never run: a name is imported from its module on first use, and nothing else is loaded. An
+eager ``__init__`` would load the whole package for one name. It would also run while the import system holds the lock
+of the requested submodule. Two threads that begin with different submodules of a package would then wait for each
+other, and one of them would fail.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ __all__ = ["lazy_face", "names_of", "public_names"]
 
 
 def lazy_face(package: str) -> None:
-    """Give ``package``, which is being imported, the names that its modules ``_face`` and ``_shared`` import."""
+    """Give ``package``, while it is imported, the names that its modules ``_face`` and ``_shared`` import."""
     if package not in ("lfcal.base", "lfcal.cli", "lfcal.records", "lfcal.tasks"):  # which are used without numpy, too
-        # Loaded whole first: `numpy.typing` fails in a thread that asks for it while another one still loads numpy.
+        # Load numpy completely first: importing `numpy.typing` fails in a thread while another one is loading numpy.
         import numpy.typing  # noqa: F401
     sys.modules[package].__class__ = _Package
 
 
 class _Package(ModuleType):
-    """A package whose names come from where its modules ``_face`` and ``_shared`` import them."""
+    """A package that loads its names from the modules named in ``_face`` and ``_shared``."""
 
     def __getattr__(self, name: str) -> object:
         if name == "__all__":
@@ -44,7 +44,7 @@ class _Package(ModuleType):
         raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
 
     def __setattr__(self, name: str, value: object) -> None:
-        # the import system binds every submodule to its package; it must not hide a public name that is spelt alike.
+        # the import system binds every submodule to its package; it must not hide a public name with the same spelling.
         if not (isinstance(value, ModuleType) and value.__name__ == f"{self.__name__}.{name}"):
             super().__setattr__(name, value)
 
@@ -53,7 +53,7 @@ class _Package(ModuleType):
 
 
 class _Noted:
-    """Stands for a module in a face that is read: says for each name which module it is to come from."""
+    """Placeholder for a module while a face is parsed: states which module each name comes from."""
 
     def __init__(self, module: str) -> None:
         self._module = module
@@ -63,18 +63,18 @@ class _Noted:
 
 
 def names_of(package: str) -> dict[str, tuple[str, str]]:
-    """Return module and name there of each name that a package gives."""
+    """Return, for each exported name, its module and its name there."""
     return _noted(f"{package}._face") | _noted(f"{package}._shared")
 
 
 def public_names(package: str) -> dict[str, tuple[str, str]]:
-    """Return module and name there of each name that a package gives its users."""
+    """Return, for each public name, its module and its name there."""
     return _noted(f"{package}._face")
 
 
 @cache
 def _noted(face: str) -> dict[str, tuple[str, str]]:
-    """Return what a face imports, read from its code; nothing where there is no such module."""
+    """Return the imports of a face, parsed from its code; empty if there is no such module."""
     spec = find_spec(face)
     if spec is None or spec.loader is None:
         return {}

@@ -1,17 +1,17 @@
-"""What every part stands on.
+"""Shared foundations of all packages.
 
-- ``axes``: array conventions shared by every part
-- ``errors``, ``checks``: messages that name what was expected, what was found, what to do
-- ``files``, ``system``: files written whole or not at all; calls that differ between systems
-- ``h5``, ``npy``: files of unknown origin, and new ones
+- ``axes``: array conventions shared by all packages
+- ``errors``, ``checks``: validation, and messages that state what was expected, what was found, and what to do
+- ``files``, ``system``: atomic writing of files; calls that differ between operating systems
+- ``h5``, ``npy``: safe reading of HDF5 and NPY files of unknown origin, and writing of new ones
 - ``progress``, ``threads``, ``registry``, ``compiled``: long work, processors, plug-ins, kernels
-- ``notes``: what long work says by the way
-- ``units``, ``_plain``, ``figures``, ``version``: numbers in words, plain values, pictures, which lfcal this is
+- ``notes``: messages that long work reports while it runs
+- ``units``, ``_plain``, ``figures``, ``version``: numbers as text, plain values, pictures, the version of lfcal
 """
 
 from typing import TYPE_CHECKING
 
-from lfcal._lazy import lazy_face as lazy_face  # given on to the window
+from lfcal._lazy import lazy_face as lazy_face  # re-exported for the window
 
 if TYPE_CHECKING:
     from lfcal.base._face import *  # noqa: F403

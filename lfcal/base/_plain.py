@@ -1,4 +1,4 @@
-"""Values as plain JSON types, and JSON text as values that can be relied on."""
+"""Conversion of values to plain JSON types, and strict parsing of JSON text."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lfcal.base.errors import FileFormatError
 __all__ = ["parse_json", "plain"]
 
 MAX_NESTING = 50
-"""Levels of lists and objects within each other; files of lfcal have 6."""
+"""Largest nesting depth of lists and objects; files of lfcal have 6 levels."""
 
 
 def plain(value: Any) -> Any:
@@ -24,7 +24,9 @@ def plain(value: Any) -> Any:
         return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
-    if hasattr(value, "tolist"):  # arrays and numbers of numpy, which the start of most commands does not load
+    if hasattr(
+        value, "tolist"
+    ):  # numpy arrays and numbers, without importing numpy, which most commands do not load at the start
         return plain(value.tolist())
     if isinstance(value, list | tuple | set | frozenset):
         return [plain(v) for v in value]
@@ -38,14 +40,14 @@ def plain(value: Any) -> Any:
 def parse_json(text: str, what: str, *, remedy: str = "check the file", finite: bool = True) -> Any:
     """Return the value of JSON ``text``; ``what`` names it in messages.
 
-    Stricter than `json.loads`, whose result can end a program far from here: NaN, infinity and numbers beyond 64 bits,
-    entries given twice, nesting beyond `MAX_NESTING` levels, and text that is not Unicode are refused.
-    With ``finite`` false, NaN and infinity are read.
+    Stricter than `json.loads`, whose result may cause errors far from here. NaN, infinity, numbers beyond 64 bits,
+    duplicate entries, nesting beyond `MAX_NESTING` levels, and invalid Unicode are refused.
+    With ``finite`` false, NaN and infinity are accepted.
 
     Raises
     ------
     FileFormatError
-        If it is no such text.
+        If the text is not valid.
     """
 
     def refuse(got: str) -> FileFormatError:
@@ -58,7 +60,7 @@ def parse_json(text: str, what: str, *, remedy: str = "check the file", finite: 
         return value
 
     def whole(token: str) -> int:
-        # beyond 20 characters it has no 64 bits
+        # an integer of more than 20 characters exceeds 64 bits
         if len(token) > 20 or not -(1 << 63) <= (value := int(token)) < 1 << 63:
             raise refuse(f"the number {token}")
         return value
@@ -74,21 +76,21 @@ def parse_json(text: str, what: str, *, remedy: str = "check the file", finite: 
         value = json.loads(text, parse_float=real, parse_int=whole, parse_constant=real, object_pairs_hook=entries)
     except FileFormatError:
         raise
-    # deeply nested text ends in RecursionError, not in ValueError
+    # deeply nested text raises RecursionError, not ValueError
     except RecursionError:
-        raise refuse("lists within lists without end") from None
+        raise refuse("endlessly nested lists") from None
     except ValueError as error:
         raise refuse(str(error)) from None
     if _deeper_than(value, MAX_NESTING):
-        raise refuse(f"more than {MAX_NESTING} lists within each other")
-    # halves of a surrogate pair cannot be written again
+        raise refuse(f"more than {MAX_NESTING} levels of nested lists")
+    # half a surrogate pair cannot be encoded
     if re.search(r"\\u[dD][89a-fA-F]", text) and not _is_unicode(value):
         raise refuse("characters that are not Unicode")
     return value
 
 
 def _deeper_than(value: Any, levels: int) -> bool:
-    """Return whether lists and objects lie deeper, without recursion."""
+    """Return whether lists and objects are nested too deeply, without recursion."""
     level = [value] if isinstance(value, dict | list) else []
     for _ in range(levels):
         parts = (part for inner in level for part in (inner.values() if isinstance(inner, dict) else inner))

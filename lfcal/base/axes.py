@@ -1,4 +1,4 @@
-"""Array conventions of lfcal: the one home of axis order, centre rule and index algebra.
+"""Array conventions of lfcal: the single definition of axis order, centre rule and index algebra.
 
 A PSF matrix is the C-ordered array ``H[z, y, x, t, s]``:
 
@@ -17,7 +17,7 @@ Projection of a volume ``g[z, Y, X]`` with zero borders::
 
     f[p] = sum_v g[v] * H[(v - a) mod n][p - v + c]
 
-where ``a`` is the anchor, the pixel that position (0, 0) is imaged to, rounded down.
+where ``a`` is the anchor, the pixel on which position (0, 0) is imaged, rounded down.
 
 The transposed matrix is the index permutation ::
 
@@ -57,7 +57,7 @@ Region: TypeAlias = tuple[slice, slice]
 
 
 class Position(NamedTuple):
-    """Where the source stood: indices into the scan plan, ``H[z, y, x]``.
+    """Source position as indices into the scan plan, ``H[z, y, x]``.
 
     Examples
     --------
@@ -75,7 +75,7 @@ class Position(NamedTuple):
 
 
 def position_at(flat: int, period: tuple[int, int]) -> Position:
-    """Return the position whose place in storage order is ``flat``; ``period`` is ``(ny, nx)``."""
+    """Return the position at index ``flat`` in storage order; ``period`` is ``(ny, nx)``."""
     ny, nx = period
     rows, x = divmod(flat, nx)
     return Position(*divmod(rows, ny), x)
@@ -143,7 +143,7 @@ def check_region(region: Region, shape: tuple[int, int]) -> Region:
 
 
 def grow_region(region: Region, margin: int, shape: tuple[int, int]) -> Region:
-    """Return ``region`` with ``margin`` more pixels on every side, cut off at the border of ``shape``."""
+    """Return ``region`` extended by ``margin`` pixels on every side, cut off at the border of ``shape``."""
     rows, columns = check_region(region, shape)
     return (
         slice(max(0, rows.start - margin), min(shape[0], rows.stop + margin)),
@@ -152,7 +152,7 @@ def grow_region(region: Region, margin: int, shape: tuple[int, int]) -> Region:
 
 
 def moved(region: Region, origin: tuple[int, int]) -> Region:
-    """Return ``region`` moved by ``origin`` (rows, columns): from frame to sensor coordinates."""
+    """Return ``region`` shifted by ``origin`` (rows, columns): from frame to sensor coordinates."""
     rows, columns = region
     return (
         slice(rows.start + origin[0], rows.stop + origin[0]),
@@ -169,5 +169,5 @@ def clipped(region: Region, shape: tuple[int, int]) -> Region:
 
 
 def part_of(region: Region, outer: Region) -> Region:
-    """Return ``region`` counted from the first pixel of ``outer``, which holds it."""
+    """Return ``region`` relative to the first pixel of ``outer``, which contains it."""
     return moved(region, (-outer[0].start, -outer[1].start))

@@ -1,4 +1,4 @@
-"""Validation of what users and files give, shared by every part."""
+"""Validation of values from users and files, shared by all packages."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ __all__ = [
 ]
 
 MAX_SAMPLE = 1e12
-"""Values of a frame or a PSF matrix beyond this are no counts of light; sums of their squares would overflow."""
+"""Limit of values in a frame or a PSF matrix: larger ones cannot be counts, and their squared sums would overflow."""
 
 MAX_NUMBER = 1e15
-"""Numbers beyond this are those of damaged files: sums of their squares would overflow."""
+"""Limit of numbers: larger ones come from damaged files, and their squared sums would overflow."""
 
 
 def check_number(
@@ -45,8 +45,8 @@ def check_number(
     integer: bool = False,
     remedy: str = "correct this value",
 ) -> None:
-    """Raise `InputError` unless ``value`` is a finite number within the bounds, of at most `MAX_NUMBER` either way."""
-    # plain kinds first: a look at the abstract ones takes as long as all else. A bool is an Integral in Python.
+    """Raise `InputError` unless ``value`` is finite, within the bounds, and at most `MAX_NUMBER` in magnitude."""
+    # plain types first: checking abstract ones takes as long as everything else. A bool is an Integral in Python.
     plain = isinstance(value, int if integer else (float, int))
     good = (plain or isinstance(value, Integral if integer else Real)) and not isinstance(value, bool)
     if good and _finite(value):
@@ -71,10 +71,10 @@ def check_number(
 
 
 def check_commas(what: str, text: str, *, whole: bool = False, several: bool = False) -> None:
-    """Raise `InputError` where a comma stands directly between digits of ``text``.
+    """Raise `InputError` if a comma is directly between digits of ``text``.
 
-    "2,5" may be 2.5 or two numbers, "1,000" one or a thousand: no reading is right for everybody. The message names
-    the readings that are possible here: ``whole`` numbers have no decimals, ``several`` allows a list.
+    "2,5" may mean 2.5 or two numbers, "1,000" one or a thousand: no reading is right for all users. The message names
+    the possible readings: ``whole`` numbers have no decimals, ``several`` allows a list.
     """
     found = re.search(r"\d+(?:,\d+)+", text)
     if found is None:
@@ -92,15 +92,15 @@ def check_commas(what: str, text: str, *, whole: bool = False, several: bool = F
 
 
 def check_length(what: str, value_um: object, **bounds: Any) -> None:
-    """Raise `InputError` unless ``value_um`` is a length that optics can have (µm), within the ``bounds`` given.
+    """Raise `InputError` unless ``value_um`` is a length possible in optics (µm), within the ``bounds`` given.
 
-    Beyond these limits, far outside everything that is built, squares of lengths and of their ratios overflow.
+    Outside these limits, which are far from any real instrument, squares of lengths and of their ratios overflow.
     """
     check_number(what, value_um, **{"at_most": MAX_NUMBER, **(bounds or {"at_least": 1e-9})})
 
 
 def check_exposure(what: str, value_s: object) -> None:
-    """Raise `InputError` unless ``value_s`` is an exposure that a camera can have (s): ratios of others overflow."""
+    """Raise `InputError` unless ``value_s`` is a possible exposure of a camera (s); ratios of others overflow."""
     check_number(what, value_s, at_least=1e-12, at_most=1e9)
 
 
@@ -113,7 +113,7 @@ def check_wavelength(value_um: object) -> None:
 def _finite(value: Any) -> bool:
     try:
         return math.isfinite(value)
-    except OverflowError:  # whole numbers have no end
+    except OverflowError:  # Python integers are unbounded
         return False
 
 
@@ -142,7 +142,7 @@ def check_type(what: str, value: object, kind: type | tuple[type, ...]) -> None:
 
 def as_sensor_frame(what: str, frame: ArrayLike) -> NDArray[np.float32]:
     """Return ``frame`` as a read-only, contiguous float32 array after checking that it is a finite 2-D frame."""
-    import numpy as np  # records are checked where nothing needs numpy
+    import numpy as np  # imported late: records are checked without numpy
 
     array = np.asarray(frame)
     if array.ndim != 2 or not array.size or array.dtype.kind not in "iuf":

@@ -1,7 +1,7 @@
 """Kernels that numba compiles when they are first called.
 
-Loading numba takes longer than loading the rest of the library, so a kernel is an ordinary function until it is
-needed; packages can then import their modules plainly.
+Loading numba takes longer than loading the rest of the library. A kernel is therefore an ordinary function until it is
+needed, and packages can import their modules normally.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _LOCK = threading.RLock()
 
 
 class _Spent(threading.local):
-    """What this thread spent on loading and compiling kernels (CPU-seconds), and whether it is at it."""
+    """Time that this thread spent on loading and compiling kernels (CPU-seconds), and whether it is doing so."""
 
     seconds = 0.0
     busy = False
@@ -37,14 +37,14 @@ _SPENT = _Spent()
 def preparing_seconds() -> float:
     """Return the CPU-seconds that this thread has spent on loading numba, and on loading and compiling kernels.
 
-    Work that is timed to foretell more of it takes the difference off: kernels are prepared once in a process.
+    Forecasts from a timed sample subtract the difference, because a process prepares its kernels only once.
     """
     return _SPENT.seconds
 
 
 @contextmanager
 def _preparing() -> Iterator[None]:
-    """Count the CPU time of the block; a kernel that is compiled for another one is counted once."""
+    """Count the CPU time of the block; a kernel compiled for another one is counted once."""
     if _SPENT.busy:
         yield
         return
@@ -57,14 +57,14 @@ def _preparing() -> Iterator[None]:
 
 
 class Kernel(Generic[P, R]):
-    """A Python function and, from its first call on, its compiled form.
+    """A Python function with a compiled form from its first call on.
 
     Parameters
     ----------
     function
-        What is compiled; it may call other kernels by their names in its module.
+        Function to compile; it may call other kernels by their names in its module.
     options
-        Those of `numba.njit`.
+        Options of `numba.njit`.
     """
 
     def __init__(self, function: Callable[P, R], options: dict[str, object]) -> None:
@@ -79,13 +79,13 @@ class Kernel(Generic[P, R]):
         return result
 
     def compiled(self) -> Any:
-        """Return numba's own object for this kernel."""
+        """Return the numba object of this kernel."""
         with _LOCK, _preparing():
             if self._compiled is None:
                 import numba
 
-                # compiled code finds the kernels it calls among the names of its module, where numba
-                # understands its own objects only.
+                # compiled code looks up the kernels that it calls in its module, where numba
+                # accepts only numba objects
                 names = self.function.__globals__
                 for name in self.function.__code__.co_names:
                     called = names.get(name)
@@ -102,40 +102,40 @@ class Kernel(Generic[P, R]):
 
 
 def _drop_unreadable_cache(dispatcher: Any) -> None:
-    """Empty a kernel's cache on disk where its index does not load.
+    """Empty a kernel's cache on disk if its index cannot be loaded.
 
-    An index of an earlier version may name a record that was renamed since. numba unpickles it before it looks whether
-    the source has changed, and would fail at every call.
+    An index of an earlier version may name a record that was renamed since. numba unpickles the index before it checks
+    whether the source has changed, and would fail at every call.
     """
     file = _cache_file(dispatcher)
     if file is None:
         return
     try:
         file._load_index()
-    except Exception:  # whatever unpickling an old index may raise
+    except Exception:  # unpickling an old index can raise any error
         with suppress(OSError):
             file.flush()
 
 
 def _save_code_before_index(dispatcher: Any) -> None:
-    """Let a kernel's index on disk name only what is there, whatever other processes save at the same time.
+    """Keep a kernel's index on disk consistent when several processes save at the same time.
 
-    numba writes the index first and the code after it, under the next free number: until it is there, a process that
-    loads the index runs what an earlier version of the source left under that number; and of two processes that save
-    for unlike arguments at once, one may find the other's code under its own. A name that follows from the source and
-    the arguments, and the other order, leave no such moment: at worst an entry is lost, and compiled again.
+    numba writes the index first and then the code, under the next free number. Until the code is written, a process
+    that loads the index runs old code stored under that number. If two processes save code for different arguments
+    together, one may load the other's code. Here the file name is derived from the source and the arguments, and the
+    code is written first. At worst, an entry is lost and compiled again.
     """
     file = _cache_file(dispatcher)
     if file is None:
         return
 
     def save(key: Any, data: Any) -> None:
-        # the same name for the same code only, whatever else this process does with random numbers
+        # the same name only for the same code, independent of the state of random numbers
         digest = hashlib.sha256(repr((file._source_stamp, key)).encode()).digest()
         name = file._data_name(int.from_bytes(digest[:8], "big"))
         file._save_data(name, data)
         entries = file._load_index()
-        if not entries:  # of an earlier version, or none: nothing refers to what lies there
+        if not entries:  # an index of an earlier version, or none: nothing refers to the existing files
             _clear(Path(file._data_path(name)))
         file._save_index({**entries, key: name})
 
@@ -143,12 +143,12 @@ def _save_code_before_index(dispatcher: Any) -> None:
 
 
 def _cache_file(dispatcher: Any) -> Any:
-    """Return numba's cache of a kernel on disk; None where it has none."""
+    """Return numba's cache of a kernel on disk; None if there is none."""
     return getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
 
 
 def _drop_unreadable_code(dispatcher: Any) -> None:
-    """Let a kernel be compiled again where its code on disk does not load, or is that of other arguments."""
+    """Compile a kernel again if its code on disk cannot be loaded, or belongs to other arguments."""
     cache: Any = getattr(dispatcher, "_cache", None)
     if not hasattr(cache, "load_overload"):
         return
@@ -157,7 +157,7 @@ def _drop_unreadable_code(dispatcher: Any) -> None:
     def load_if_right(signature: Any, target: Any) -> Any:
         try:
             found = load(signature, target)
-        except Exception:  # whatever unpickling damaged code may raise
+        except Exception:  # unpickling damaged code can raise any error
             return None
         arguments = getattr(signature, "args", signature)
         return found if found is not None and tuple(found.signature.args) == tuple(arguments) else None
@@ -166,7 +166,7 @@ def _drop_unreadable_code(dispatcher: Any) -> None:
 
 
 def _clear(kept: Path) -> None:
-    """Remove the code of a kernel from the disk but one file; what another process has just saved it saves again."""
+    """Remove a kernel's code from the disk except one file; another process saves its code again if needed."""
     base = kept.name.split(".nbc")[0].rpartition(".")[0]
     for path in kept.parent.glob(f"{glob.escape(base)}.*.nbc"):
         if path != kept:
@@ -175,7 +175,7 @@ def _clear(kept: Path) -> None:
 
 
 def _run_without_cache(dispatcher: Any) -> None:
-    """Let a kernel run where what was compiled cannot be kept: on a full disk it is compiled again the next time."""
+    """Run a kernel even if its compiled code cannot be stored: on a full disk it is compiled again the next time."""
     cache: Any = getattr(dispatcher, "_cache", None)
     if not hasattr(cache, "save_overload"):
         return
@@ -189,7 +189,7 @@ def _run_without_cache(dispatcher: Any) -> None:
 
 
 def _clock(dispatcher: Any) -> None:
-    """Count the time that numba spends on a kernel for each new kind of arguments: from the disk, or compiling."""
+    """Count the time that numba spends on a kernel for each new combination of argument types."""
     compile_for = dispatcher.compile
 
     def counted(signature: Any) -> Any:

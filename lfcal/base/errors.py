@@ -1,4 +1,4 @@
-"""Exceptions of the library: every message is one line that says what to do."""
+"""Exceptions of the library; every message is one line that says what to do."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ __all__ = [
 ]
 
 MAX_MESSAGE = 480
-"""Characters of a message; what files hold may be of any length, and is shown in part."""
+"""Largest number of characters in a message; longer values from files are shown in part."""
 
 
 def one_line(text: str, longest: int = MAX_MESSAGE) -> str:
-    """Return ``text`` as one printable line: control characters as escapes, its middle left out where it is longer."""
-    # far more than is shown need not be looked at
+    """Return ``text`` as one printable line: control characters escaped, its middle omitted if it is too long."""
+    # avoid processing far more than is shown
     if len(text) > 4 * longest:
         text = f"{text[: 2 * longest]}…{text[-longest:]}"
     line = " ".join(text.split())
@@ -32,19 +32,19 @@ def one_line(text: str, longest: int = MAX_MESSAGE) -> str:
         line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in line)
     if len(line) <= longest:
         return line
-    tail = longest // 3  # the remedy stands at the end
+    tail = longest // 3  # the remedy is at the end
     return f"{line[: longest - tail - 1]}…{line[-tail:]}"
 
 
 def choose(name: object, choices: Iterable[str]) -> str:
-    """Return the remedy for a name that is none of ``choices``: the one that was meant, where one is like it."""
+    """Return the remedy for a name that is not among ``choices``: the most similar one, if there is one."""
     by_lower = {choice.lower(): choice for choice in choices}
     close = get_close_matches(str(name)[:MAX_MESSAGE].lower(), by_lower, 1)
     return f"did you mean {by_lower[close[0]]}?" if close else "choose one of these"
 
 
 class LfcalError(Exception):
-    """Base of all errors a user is meant to read."""
+    """Base class of all errors that are meant for users."""
 
     @classmethod
     def expected(cls, what: str, wanted: object, got: object, remedy: str) -> Self:
@@ -57,20 +57,20 @@ class LfcalError(Exception):
 
 
 class InputError(LfcalError, ValueError):
-    """What the user gave cannot be used as it is."""
+    """The user gave a value that cannot be used."""
 
 
 class FileFormatError(InputError):
-    """A file is not what its name or its header says, or is damaged."""
+    """A file does not match its name or header, or is damaged."""
 
 
 class UnsafeFileError(FileFormatError):
-    """A file asks for something unsafe: code to run, a file outside its folder, a size that its bytes cannot hold."""
+    """A file requests something unsafe: code to run, a file outside its folder, or more data than it contains."""
 
 
 class StorageError(LfcalError, OSError):
-    """The disk cannot take or give what was asked: full, read-only, missing."""
+    """The disk cannot read or write as requested: it is full, read-only, or the file is missing."""
 
 
 class Cancelled(LfcalError):
-    """The user stopped the work; nothing half-written stays behind."""
+    """The user stopped the work; no incomplete file remains."""

@@ -1,4 +1,4 @@
-"""Pictures as files: one style for every plot the library draws (matplotlib, loaded only when drawn)."""
+"""Pictures as files: one style for all plots of the library (matplotlib is loaded only when needed)."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
 __all__ = ["COLOURS", "LINES", "draw_image", "figure", "save_figure"]
 
 LINES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#333333")
-"""Line colours that stay apart for colour-blind readers (Okabe-Ito)."""
+"""Line colours that colour-blind readers can distinguish (Okabe-Ito)."""
 
 COLOURS = {"good": "#2e7d32", "fair": "#b26a00", "bad": "#c62828", "muted": "#6b7280", "accent": "#0b6e99"}
-"""Meaning to colour, shared by reports and the window."""
+"""Colours by meaning, shared by reports and the window."""
 
 IMAGE_MAP = "viridis"
-"""Perceptually even colour map for intensities."""
+"""Perceptually uniform colour map for intensities."""
 
 DIFFERENCE_MAP = "RdBu_r"
-"""Map for signed differences, symmetric about zero."""
+"""Colour map for signed differences, symmetric about zero."""
 
 _STYLE: dict[str, Any] = {
     "font.size": 9,
@@ -50,7 +50,7 @@ _STYLE: dict[str, Any] = {
 
 @contextmanager
 def figure(width: float = 6.4, height: float = 4.0, dpi: int = 130) -> Iterator[Figure]:
-    """Give an empty figure of ``width`` x ``height`` inches in the house style (no global state)."""
+    """Yield an empty figure of ``width`` x ``height`` inches in the common style (no global state)."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -63,9 +63,10 @@ def figure(width: float = 6.4, height: float = 4.0, dpi: int = 130) -> Iterator[
 
 
 def save_figure(fig: Figure, path: str | os.PathLike[str], *, colours: int = 0) -> None:
-    """Write ``fig`` as a PNG (or the format of the suffix) that appears whole or not at all.
+    """Write ``fig`` atomically as a PNG, or in the format of the suffix.
 
-    ``colours``: at most so many in a PNG, up to 256, which makes it several times smaller; 0: all.
+    ``colours`` is the largest number of colours in a PNG, up to 256, which makes the file several times smaller; 0:
+    all.
     """
     suffix = os.path.splitext(os.fspath(path))[1].lstrip(".").lower() or "png"
     with replace_whole(path) as part:

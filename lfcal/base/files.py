@@ -1,4 +1,4 @@
-"""Atomic writing of files, and reading of files that may be anything."""
+"""Atomic writing of files, and safe reading of files of unknown origin."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ __all__ = [
 ]
 
 STORES = frozenset({".zarr"})
-"""Endings of folders that are one output, written and replaced as a whole."""
+"""Suffixes of folders that are one output, written and replaced as a whole."""
 
 MAX_EXPANSION = 2000
-"""Declared bytes a dataset may hold per byte of file; gzip reaches 1030 on constant data."""
+"""Largest size that a dataset may declare per byte of its file; gzip reaches 1030 on constant data."""
 
 
 _REMEDIES = {
@@ -63,9 +63,9 @@ _REMEDIES = {
 
 @contextmanager
 def storage_errors(path: Path) -> Iterator[None]:
-    """Turn what the operating system says about ``path`` into a one-line `StorageError`.
+    """Convert an error of the operating system about ``path`` to a one-line `StorageError`.
 
-    HDF5 reports a disk that fails as OSError or RuntimeError with the system's number in its text.
+    HDF5 reports a failing disk as OSError or RuntimeError with the system's error number in the text.
     """
     try:
         yield
@@ -78,21 +78,21 @@ def storage_errors(path: Path) -> Iterator[None]:
 
 
 def storage_words(error: OSError | RuntimeError, path: object) -> str:
-    """Return in one line what the operating system says about ``path``, and what to do."""
+    """Return a one-line message with the system's reason for the error at ``path``, and what to do."""
     number = system_error(error)
     known = None if number is None else os.strerror(number)
     reason = known or (error.strerror if isinstance(error, OSError) else None) or " ".join(str(error).split())
     if number is None and re.search(r"\d+ requested and \d+ written", reason):
-        # numpy's words; the system's number is lost
+        # message of numpy, without the system's error number
         number, reason = errno.ENOSPC, "the disk took only a part of it"
     remedy = _REMEDIES.get(number or 0, "check the disk and the path")
     if too_long(path):
-        remedy = "choose a shorter path, or let Windows take long ones"
+        remedy = "choose a shorter path, or enable long paths in Windows"
     return f"{path}: {reason}; {remedy}"
 
 
 def system_error(error: OSError | RuntimeError) -> int | None:
-    """Return the system's error number, also where HDF5 only writes it in its message."""
+    """Return the system's error number, even if HDF5 only writes it in its message."""
     if isinstance(error, OSError) and error.errno is not None:
         return error.errno
     found = re.search(r"errno = (\d+)", str(error))
@@ -100,12 +100,12 @@ def system_error(error: OSError | RuntimeError) -> int | None:
 
 
 def require_space(folder: Path, nbytes: int, *, what: str = "the file") -> None:
-    """Raise `StorageError` unless the disk that holds ``folder`` has ``nbytes`` and 1 % to spare.
+    """Raise `StorageError` unless the disk that holds ``folder`` has ``nbytes`` free, plus 1 %.
 
-    A chunked HDF5 write onto a full disk can end the process, so this is asked first.
+    A chunked HDF5 write to a full disk can crash the process, so the space is checked first.
     """
     probe = folder.absolute()
-    # the folder may not exist yet; the disk is that of its nearest parent
+    # the folder may not exist yet: use the disk of its nearest parent
     while not probe.exists() and probe != probe.parent:
         probe = probe.parent
     with storage_errors(probe):
@@ -122,12 +122,12 @@ def require_space(folder: Path, nbytes: int, *, what: str = "the file") -> None:
 
 
 def check_writable(path: str | os.PathLike[str]) -> Path:
-    """Return the file that a link or name leads to; raise `StorageError` unless it can be written or replaced.
+    """Return the file that a name or link leads to; raise `StorageError` unless it can be written or replaced.
 
-    Refused are folders, pipes and devices, files that are read-only, and names in folders that may not be written to.
-    Where the name is that of a store (`STORES`), a folder that holds one is none of these.
+    Folders, pipes, devices, read-only files, and names in folders without write permission are refused. A name of a
+    store (`STORES`) may be an existing folder that holds one.
     """
-    # before links are followed: Windows makes a path of devices of such a name
+    # before links are followed: Windows turns such a name into a device path
     if why := name_refused(Path(path)):
         raise StorageError(f"{path}: {why}; choose another name")
     target = Path(os.path.realpath(path))
@@ -139,29 +139,29 @@ def check_writable(path: str | os.PathLike[str]) -> Path:
             if not target.stat().st_mode & stat.S_IWUSR:
                 raise StorageError(f"{target}: is read-only; choose another name, or make it writable")
         folder = target.parent
-        # folders that are not there yet are made in the nearest one that is
+        # missing folders are created in the nearest existing one
         while not folder.exists() and folder != folder.parent:
             folder = folder.parent
         if not folder.is_dir():
             raise StorageError(f"{target}: {folder} is a file; check the path")
         if not os.access(folder, os.W_OK):
-            raise StorageError(f"{target}: {folder} may not be written to; choose another folder")
+            raise StorageError(f"{target}: {folder} is not writable; choose another folder")
     return target
 
 
 @contextmanager
 def replace_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Give a scratch path beside ``path``; put it in place when the block ends well, else remove it.
+    """Yield a scratch path next to ``path``; move it into place when the block succeeds, else remove it.
 
-    The scratch file is flushed to disk before it takes the name (`lfcal.base.system.replace`), so that ``path`` is at
-    every moment the old file, the new file whole, or absent. Folders above ``path`` are made. A link is followed, not
-    replaced; an existing file keeps its mode, and one that is read-only is refused. One program writes a file at a
-    time; scratch files that dead ones left for the same name are removed.
+    The scratch file is flushed to disk before it takes the name (`lfcal.base.system.replace`). Thus ``path`` is always
+    the old file, the complete new file, or absent. Parent folders are created. A link is followed, not replaced. An
+    existing file keeps its mode; a read-only one is refused. Only one program can write a file at a time. Scratch
+    files for the same name left by programs that have ended are removed.
 
     Raises
     ------
     StorageError
-        If the file cannot be written, another program is writing it, or the disk refuses anything in the block.
+        If the file cannot be written, another program is writing it, or the disk fails in the block.
     """
     target = check_writable(path)
     with storage_errors(target):
@@ -171,7 +171,7 @@ def replace_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
             _sweep(target, alone=alone)
             part = target.with_name(f".{target.name}.{os.getpid()}.part")
             try:
-                # new, and no link that leads elsewhere: the folder may be one that others write to
+                # must be new and not a link to elsewhere: other users may write to the folder
                 os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0), 0o666))
                 yield part
                 sync_file(part)
@@ -185,24 +185,24 @@ def replace_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def _check_store(target: Path) -> None:
-    """Raise `StorageError` unless a folder is a store, or empty: nobody's own files are ever replaced."""
+    """Raise `StorageError` unless a folder is a store, or empty: other files of the user are never replaced."""
     if not any((target / name).is_file() for name in (".zgroup", ".zarray", "zarr.json")) and any(target.iterdir()):
-        raise StorageError(f"{target}: is a folder of other files; choose another name")
+        raise StorageError(f"{target}: is a folder with other files; choose another name")
     if not os.access(target, os.W_OK):
         raise StorageError(f"{target}: is read-only; choose another name, or make it writable")
 
 
 @contextmanager
 def replace_store(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Give an empty scratch folder beside ``path``; put it in place when the block ends well, else remove it.
+    """Yield an empty scratch folder next to ``path``; move it into place when the block succeeds, else remove it.
 
-    As `replace_whole`, for outputs that are folders of files (`STORES`). What was there is moved aside for the moment
-    between two renames; a program that is killed right then leaves it for the next one to put back.
+    Works like `replace_whole`, for outputs that are folders (`STORES`). An existing folder is moved aside between two
+    renames. If the program is killed at that moment, the next one restores the folder.
 
     Raises
     ------
     StorageError
-        If it cannot be written, another program is writing it, or the disk refuses anything in the block.
+        If it cannot be written, another program is writing it, or the disk fails in the block.
     """
     target = check_writable(path)
     with storage_errors(target):
@@ -238,7 +238,7 @@ def replace_store(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def _remove(path: Path) -> bool:
-    """Remove a file, or a folder with all that is in it; return whether it is gone."""
+    """Remove a file, or a folder with its contents; return whether it is gone."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
         return not path.exists()
@@ -247,14 +247,14 @@ def _remove(path: Path) -> bool:
 
 @contextmanager
 def only_writer(target: Path) -> Iterator[bool]:
-    """Keep other writers of ``target`` out by a lock beside it; yield whether this file system keeps locks."""
+    """Lock out other writers of ``target`` by a lock file next to it; yield whether the file system supports locks."""
     path = target.with_name(f".{target.name}.lock")
     descriptor = _locked(path, target)
     try:
         yield descriptor is not None
     finally:
         if descriptor is not None:
-            # removed before it is closed, so that nobody else can hold it; Windows removes no open file
+            # removed before it is closed, so that no other program can hold it; Windows cannot remove open files
             removed = _unlink(path)
             os.close(descriptor)
             if not removed:
@@ -262,7 +262,7 @@ def only_writer(target: Path) -> Iterator[bool]:
 
 
 def _locked(path: Path, target: Path) -> int | None:
-    """Return a descriptor of the lock file, locked; None where others made it or the file system has no locks."""
+    """Return a descriptor of the lock file, locked; None if another user made it or locks are not supported."""
     while True:
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | OPEN_FLAGS, 0o666)
@@ -281,7 +281,7 @@ def _locked(path: Path, target: Path) -> int | None:
             ) from error
         if _is_name_of(path, descriptor):
             return descriptor
-        os.close(descriptor)  # its owner has removed it meanwhile: it keeps nobody out
+        os.close(descriptor)  # its owner has removed it meanwhile: the lock has no effect
 
 
 def _is_name_of(path: Path, descriptor: int) -> bool:
@@ -300,7 +300,7 @@ def _unlink(path: Path) -> bool:
 
 
 def sweep_scratch(folder: Path) -> None:
-    """Remove what programs that were killed left in ``folder`` of files they were writing."""
+    """Remove scratch files in ``folder`` that killed programs left."""
     left = {path.name[1:].rsplit(".", 2)[0] for path in folder.glob(".*.*.part")}
     left |= {path.name[1:].removesuffix(".lock") for path in folder.glob(".*.lock")}
     for name in left:
@@ -310,7 +310,7 @@ def sweep_scratch(folder: Path) -> None:
 
 
 def _sweep(target: Path, *, alone: bool) -> None:
-    """Remove scratch files for ``target``: all where nobody else can be writing, else those of dead processes."""
+    """Remove scratch files for ``target``: all if no other program can be writing, else those of dead processes."""
     for part in target.parent.glob(f".{glob.escape(target.name)}.*.part"):
         process = part.name.removesuffix(".part").rpartition(".")[2]
         if process.isdigit() and (alone or not is_alive(int(process))):
@@ -318,7 +318,7 @@ def _sweep(target: Path, *, alone: bool) -> None:
 
 
 def check_regular(path: Path) -> None:
-    """Raise `StorageError` unless ``path`` is a file: pipes and devices may never come to an end."""
+    """Raise `StorageError` unless ``path`` is a file: reading a pipe or device may never end."""
     with storage_errors(path):
         kind = path.stat().st_mode
     if stat.S_ISDIR(kind):
@@ -330,19 +330,19 @@ def check_regular(path: Path) -> None:
 def read_text(path: str | os.PathLike[str], *, limit: int = 1 << 26, foreign: bool = False) -> str:
     """Return a text file in UTF-8 of at most ``limit`` bytes (64 MB).
 
-    A ``foreign`` one may also be as spreadsheets save it: UTF-16 with its mark, or Western Windows (code page 1252).
+    A ``foreign`` one may have the encoding of a spreadsheet: UTF-16 with its mark, or Windows code page 1252.
 
     Raises
     ------
     StorageError
-        If it cannot be read, or is no file on a disk.
+        If it cannot be read, or is not a file on a disk.
     FileFormatError
         If it is larger, or not text.
     """
     source = Path(path)
     check_regular(source)
     with storage_errors(source), source.open("rb") as file:
-        data = file.read(limit + 1)  # one byte more shows that there is more
+        data = file.read(limit + 1)  # one byte more shows whether the file is larger
     if len(data) > limit:
         raise FileFormatError.expected(
             str(source), f"text of at most {format_bytes(limit)}", "a larger file", "check the path"
@@ -350,7 +350,7 @@ def read_text(path: str | os.PathLike[str], *, limit: int = 1 << 26, foreign: bo
     encodings: tuple[str, ...] = ("utf-8-sig",)
     if foreign and data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encodings = ("utf-16",)
-    elif foreign and b"\0" not in data:  # of bytes without text code page 1252 makes letters, too
+    elif foreign and b"\0" not in data:  # code page 1252 would accept binary data as text
         encodings = ("utf-8-sig", "cp1252")
     for encoding in encodings:
         with suppress(UnicodeDecodeError):
@@ -359,19 +359,19 @@ def read_text(path: str | os.PathLike[str], *, limit: int = 1 << 26, foreign: bo
 
 
 def check_other_file(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> None:
-    """Raise `InputError` where the output ``target`` would replace the input ``source``, links followed."""
+    """Raise `InputError` if the output ``target`` would replace the input ``source``; links are followed."""
     if not str(source):
         return
-    with suppress(OSError):  # what is not there yet is another file
+    with suppress(OSError):  # a missing file is not the input
         if os.path.samefile(source, target):
             raise InputError.expected("output", "another file than the input", str(target), "choose another name")
 
 
 class _Counted(io.BufferedRandom):
-    """A file that arrays are written to through Python alone.
+    """A file that arrays are written to through Python only.
 
-    numpy writes to a file with a descriptor by the C library's buffers, and does not ask whether their last
-    kilobytes arrived on the disk.
+    numpy writes to a real file through the C library's buffers, and does not check whether the last kilobytes reached
+    the disk.
     """
 
     def fileno(self) -> int:
@@ -379,7 +379,7 @@ class _Counted(io.BufferedRandom):
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a text file in UTF-8, whole or not at all."""
+    """Write a text file in UTF-8, atomically."""
     with replace_whole(path) as part:
         part.write_text(text, encoding="utf-8")
 
@@ -390,7 +390,7 @@ def write_png(path: str | os.PathLike[str], image: NDArray[Any]) -> None:
     Raises
     ------
     StorageError
-        If the disk does not take all of it; what was there stays.
+        If the disk fails; an existing file is kept.
     """
     import cv2
 
@@ -404,7 +404,7 @@ def write_tiff(path: str | os.PathLike[str], data: NDArray[Any], **options: Any)
     Raises
     ------
     StorageError
-        If the disk does not take all of it; what was there stays.
+        If the disk fails; an existing file is kept.
     """
     import tifffile
 

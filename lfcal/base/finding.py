@@ -1,4 +1,4 @@
-"""What is wrong with data, in one form: what it is, where, how large, what it costs and what to do."""
+"""Findings: everything wrong with data, with place, size, cost and remedy in one form."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ __all__ = ["RANK", "SUBJECTS", "Finding", "Judgement", "Merit", "listed"]
 Merit = Literal["good", "fair", "bad", "unknown"]
 
 RANK: dict[Merit, int] = {"bad": 0, "fair": 1, "good": 2, "unknown": 3}
-"""Order of merits in a report."""
+"""Merits in the order of a report."""
 
 SUBJECTS = ("frames", "stage", "light", "sensor", "optics", "planes", "cutout", "target", "file", "other")
 """Subjects of findings, in the order of a report."""
 
 WORST: tuple[Merit, ...] = ("bad", "unknown", "fair", "good")
-"""Order of findings in a judgement: what is unknown may be bad."""
+"""Order of findings in a judgement; unknown ranks high, because it may be bad."""
 
 VERDICT: dict[Merit, str] = {
     "bad": "should not be used as it is",
@@ -34,42 +34,42 @@ REMAINS: dict[Merit, str] = {
     "fair": "is worth a look",
     "good": "is good but for",
 }
-"""What a verdict says of data by the merit of the worst finding, and of what remains without the first one."""
+"""Verdict on data by the merit of the worst finding, and what remains without the first finding."""
 
 LISTED: dict[Merit, int] = {"bad": 3, "unknown": 3, "fair": 4, "good": 3}
-"""Number of findings that a verdict names; the others are counted."""
+"""Largest number of findings that a verdict names; others are counted."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One thing that is wrong with data.
+    """One problem of data.
 
     Attributes
     ----------
     kind, what
-        Key for programs, and what it is, for people.
+        Key for programs, and a description for people.
     subject
-        What it concerns, one of `SUBJECTS`.
+        The subject, one of `SUBJECTS`.
     detail
-        What was found, with numbers and units.
+        Details, with numbers and units.
     where
-        Positions or pixels concerned, in words; empty: not known.
+        Affected positions or pixels, in words; empty if unknown.
     positions
-        The same as indices: positions (z, y, x) of a scan, or holes (row, column) of a target.
+        Affected positions as indices: (z, y, x) of a scan, or holes (row, column) of a target.
     size, limit
-        The value, and the limit that it exceeds, in one unit; NaN: it has none.
+        The value, and the limit that it exceeds, in the same unit; NaN if there is none.
     sigma
-        By how many standard deviations it differs from what noise does; NaN: not known.
+        Significance against noise, in standard deviations; NaN if unknown.
     cost
-        What it adds to the error of a reconstruction (NRMSE); None: not known.
+        Increase of the reconstruction error (NRMSE); None if unknown.
     cost_words
-        The same for people; empty: not known.
+        The cost in words; empty if unknown.
     remedy
         What to do about it.
     merit
-        Of data that have it.
+        Merit of data with this problem.
     repeat
-        Number of positions that fix it when they are recorded again; 0: it concerns no single positions.
+        Number of positions to record again to fix it; 0 if it does not concern single positions.
 
     Examples
     --------
@@ -96,35 +96,35 @@ class Finding:
 
     @property
     def sentence(self) -> str:
-        """What it is, where, and what it costs."""
+        """Description, place and cost."""
         parts = [self.detail, self.where, f"it costs {self.cost_words}" if self.cost_words else ""]
         found = "; ".join(part for part in parts if part)
         return f"{self.what[:1].upper()}{self.what[1:]}{': ' if found else ''}{found}."
 
     @property
     def line(self) -> str:
-        """Its value and its limit, what it is, and what to do, in one line."""
+        """Value, limit, description and remedy as one line."""
         value = "" if math.isnan(self.size) else f"{self.size:.3g} (limit {self.limit:g}): "
         return f"{self.kind}: {value}{self.what}: {self.remedy}"
 
     def __str__(self) -> str:
-        """Return what was found."""
+        """Return the finding as plain values."""
         return self.detail or self.what
 
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """The verdict on data, from all that is wrong with them.
+    """The verdict on data, from all findings.
 
     Attributes
     ----------
     data
-        What the data are: "PSF", "session", "camera".
+        Kind of data: "PSF", "session", "camera".
     findings
-        What is wrong, the worst first. Those of a merit that is good concern positions to repeat; those of an unknown
-        merit are why it is not known whether the data are good.
+        All findings, the worst first. Those with merit good concern positions to repeat; those with merit unknown
+        explain why the quality is unknown.
     known
-        What is known of the data besides, as "good by 26 metrics"; empty: nothing.
+        Further facts, such as "good by 26 metrics"; may be empty.
 
     Examples
     --------
@@ -152,7 +152,7 @@ class Judgement:
 
     @property
     def verdict(self) -> str:
-        """What is wrong, where, what it costs, the remedy, and what remains then."""
+        """The first finding with place, cost and remedy, and the verdict without it."""
         if not self.findings:
             nothing = f"Nothing could be measured: it is not known whether this {self.data} is good."
             return f"This {self.data} is {self.known}." if self.known else nothing
@@ -166,7 +166,7 @@ class Judgement:
         return " ".join(filter(None, (head, first.sentence, first.remedy, self._remains())))
 
     def _remains(self) -> str:
-        """Return what remains without the first finding; the reason of a doubt is always given."""
+        """Return what remains without the first finding; the reason of a doubt is always included."""
         parts = []
         others = self.findings[1:]
         for merit in dict.fromkeys(one.merit for one in others if one.merit in (others[0].merit, "unknown")):
@@ -178,14 +178,14 @@ class Judgement:
         return " ".join((f"What remains {', and '.join(parts)}.", *doubts)) if parts else ""
 
     def by_subject(self) -> dict[str, tuple[Finding, ...]]:
-        """Return findings by their subjects, in the order of `SUBJECTS`, the worst of each first."""
+        """Return findings by subject, in the order of `SUBJECTS`, the worst of each first."""
         found: dict[str, tuple[Finding, ...]] = {}
         for one in sorted(self.findings, key=lambda one: SUBJECTS.index(one.subject)):
             found[one.subject] = (*found.get(one.subject, ()), one)
         return found
 
     def to_dict(self) -> dict[str, Any]:
-        """Return merit, verdict, all findings, and the merit by each subject as plain values."""
+        """Return merit, verdict, all findings, and the merit of each subject as plain values."""
         return {
             "merit": self.merit,
             "verdict": self.verdict,
@@ -195,6 +195,6 @@ class Judgement:
 
 
 def listed(names: Sequence[str], most: int) -> str:
-    """Return the first of the names, and how many more there are."""
+    """Return the first of the names, and the number of further ones."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more

@@ -1,4 +1,4 @@
-"""What long work says while it runs, one line at a time, to the logger ``lfcal``."""
+"""Messages that long work reports while it runs, one line at a time, to the logger ``lfcal``."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ LOG.addHandler(logging.NullHandler())
 
 
 def note(text: str) -> None:
-    """Say something that a user should know of what is made."""
+    """Report a fact that users should know about the result."""
     LOG.info("%s", text)
 
 
 def warn(text: str) -> None:
-    """Say something that a user should look at."""
+    """Report a fact that users should check."""
     LOG.warning("%s", text)
 
 
 def tell(text: str) -> None:
-    """Say what happens meanwhile, such as a hold and its end, without a leading word."""
+    """Report an event, such as a hold and its end, without a leading word."""
     LOG.info("%s", text, extra={"plain": True})
 
 
@@ -34,7 +34,7 @@ class _Lines(logging.Handler):
         self._said: set[str] = set()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Hand on one line; a note or warning once, as a task and the one after it may know the same."""
+        """Pass on one line; repeated notes and warnings are reported once, because tasks in a row may repeat them."""
         if hasattr(record, "plain"):
             self._sink(record.getMessage())
             return
@@ -47,7 +47,7 @@ class _Lines(logging.Handler):
 
 @contextmanager
 def notes_to(sink: Callable[[str], None]) -> Iterator[None]:
-    """Hand what long work says to ``sink``, a line each, while the context lasts."""
+    """Pass messages of long work to ``sink``, one line each, within the context."""
     handler, level = _Lines(sink), LOG.level
     LOG.addHandler(handler)
     LOG.setLevel(logging.INFO)

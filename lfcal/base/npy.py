@@ -1,4 +1,4 @@
-"""``.npy`` files: those of unknown origin, mapped after a check of their header, and the header of new ones."""
+"""``.npy`` files: safe, memory-mapped reading of files of unknown origin, and headers of new files."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ KINDS = "iufcb"
 """Kinds of dtype that are numbers; others are text, records, or objects whose reading runs code."""
 
 MAX_HEADER = 10_000
-"""Characters of a header; an array of numbers has some hundred."""
+"""Largest number of characters of a header; that of an array of numbers has about a hundred."""
 
 MAX_AXES = 32
 
@@ -30,20 +30,20 @@ _DESCR = r"['\"]descr['\"]:\s*['\"]([<>|=]?[A-Za-z]\d{0,9})['\"]"
 _ORDER = r"['\"]fortran_order['\"]:\s*(True|False)"
 _SHAPE = r"['\"]shape['\"]:\s*\(((?:\s*\d{1,19}L?\s*,)*\s*(?:\d{1,19}L?\s*)?)\)"
 _HEADER = re.compile(rf"\{{\s*(?:(?:{_DESCR}|{_ORDER}|{_SHAPE})\s*(?:,\s*)?){{3}}\}}")
-"""A header is Python text. It is matched, never evaluated: evaluation can raise, warn and recurse in many ways."""
+"""Patterns of a header, which is Python text: it is matched, because evaluating it could raise, warn and recurse."""
 
 
 def map_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
-    """Return the array of an ``.npy`` file, mapped from disk and read-only.
+    """Return the array in an ``.npy`` file, memory-mapped and read-only.
 
     Raises
     ------
     StorageError
-        If there is no such file, or it cannot be read.
+        If the file does not exist or cannot be read.
     FileFormatError
-        If its header is damaged, or the file is shorter than it says.
+        If its header is damaged, or the file is shorter than declared.
     UnsafeFileError
-        If it holds something other than numbers.
+        If it contains anything but numbers.
     """
     source = Path(path)
     check_regular(source)
@@ -53,7 +53,7 @@ def map_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
         if dtype.kind not in KINDS or dtype.subdtype is not None or dtype.names is not None:
             got = "pickled Python objects" if dtype.hasobject else f"dtype {dtype}"
             raise UnsafeFileError.expected(str(source), "plain numbers", got, "save the array itself again")
-        # Python's own integers: a forged shape would overflow those of NumPy
+        # Python integers: a forged shape would overflow those of NumPy
         need = start + math.prod(shape) * dtype.itemsize
         if need > stored:
             raise _damaged(source, f"{format_bytes(stored)} where the header says {format_bytes(need)}")
@@ -63,9 +63,9 @@ def map_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
 
 
 def npy_header(shape: tuple[int, ...], dtype: np.dtype[Any]) -> bytes:
-    """Return what an ``.npy`` file of C-ordered values begins with; the values follow as they lie in memory.
+    """Return the header of an ``.npy`` file of C-ordered values; the values follow as in memory.
 
-    Written so, not by `numpy.save`, whose last kilobytes a full disk can swallow without an error.
+    `numpy.save` is not used, because on a full disk it can lose the last kilobytes without an error.
     """
     head = io.BytesIO()
     fields = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
@@ -74,7 +74,7 @@ def npy_header(shape: tuple[int, ...], dtype: np.dtype[Any]) -> bytes:
 
 
 def _header(file: BinaryIO, source: Path) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Return shape, Fortran order and dtype; the file then stands at the first sample."""
+    """Return shape, Fortran order and dtype; the file position is then at the first sample."""
     head = file.read(8)
     if head[:6] != b"\x93NUMPY" or head[6:7] not in (b"\1", b"\2", b"\3"):
         raise _damaged(source, "no NPY header")

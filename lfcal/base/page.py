@@ -1,4 +1,4 @@
-"""HTML pages for people, which need nothing from outside: text, tables, pictures and sections."""
+"""Self-contained HTML pages: text, tables, pictures and sections."""
 
 from __future__ import annotations
 
@@ -73,11 +73,11 @@ footer { color: var(--muted); font-size: 12px; padding: 0 4px 20px; }
 """
 
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
-"""What a browser may do for this page: show what is in it, nothing else."""
+"""Permissions of the page in a browser: show its own content, nothing else."""
 
 
 def html_page(name: str, title: str, kind: str, sections: Iterable[str], footer: str) -> str:
-    """Return a page without scripts or links to anything outside; ``sections`` are HTML already."""
+    """Return a page without scripts or external links; ``sections`` are already HTML."""
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     return (
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -92,12 +92,12 @@ def html_page(name: str, title: str, kind: str, sections: Iterable[str], footer:
 
 
 def html_text(value: object) -> str:
-    """Return a value as text of HTML."""
+    """Return a value as HTML text."""
     return html.escape(str(value))
 
 
 def html_section(title: str, body: str) -> str:
-    """Return a section with its heading; nothing where it has no body."""
+    """Return a section with its heading; empty if it has no body."""
     return f"<section><h2>{html_text(title)}</h2>\n{body}</section>" if body else ""
 
 
@@ -119,18 +119,18 @@ def html_table(
 
 
 def html_figure(png: bytes, caption: str) -> str:
-    """Return a picture (PNG), which the page holds, with its caption."""
+    """Return a picture (PNG), embedded in the page, with its caption."""
     data, words = base64.b64encode(png).decode("ascii"), html_text(caption)
     return f'<figure><img alt="{words}" src="data:image/png;base64,{data}"><figcaption>{words}</figcaption></figure>\n'
 
 
 def html_paragraphs(lines: Iterable[str]) -> str:
-    """Return lines of text, each as a paragraph that begins with a capital."""
+    """Return lines of text as paragraphs with an initial capital."""
     return "".join(f"<p>{html_text(one[0].upper() + one[1:])}</p>" for one in lines)
 
 
 def add_html_section(page: Path, added: str) -> None:
-    """Add a section to the end of a page that `html_page` made, in place of one with the same heading."""
+    """Add a section at the end of a page made by `html_page`, or replace the one with the same heading."""
     body, footer, rest = page.read_text(encoding="utf-8").rpartition("\n<footer>")
     before, there, after = body.partition("\n" + added.partition("\n")[0])
     body = before + after.partition("</section>")[2] if there else body

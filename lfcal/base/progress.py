@@ -1,8 +1,8 @@
-"""Long work as a generator of immutable `Progress` records that anyone can drain or cancel.
+"""Long work as a generator of immutable `Progress` records that any caller can run or cancel.
 
-Work that takes time is written once as ``iter_work(...) -> Generator[Progress, None, Result]``; the plain function is
-derived from it: ``work = drained(iter_work)``. Closing the generator (`Generator.close`) cancels: the work cleans up
-behind itself.
+Work that takes time is written once as ``iter_work(...) -> Generator[Progress, None, Result]``. The plain function is
+derived from it: ``work = drained(iter_work)``. Closing the generator (`Generator.close`) cancels the work, which then
+cleans up.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a piece of work has come.
+    """Progress of a piece of work.
 
     Attributes
     ----------
     done, total
-        Units of work finished and in all (``total`` 0: not known).
+        Finished and total units of work (``total`` 0: unknown).
     stage
-        What is being done, for people.
+        Current step, for display.
     seconds
         Wall time since the work began.
     note
-        Something worth a line, or empty.
+        Remark to display, or empty.
     per
-        Units of ``done`` and ``total`` in one that people count: a run of few long units moves in thousandths of them.
+        Units of ``done`` per displayed unit: a run of a few long units counts thousandths of them.
     """
 
     done: int
@@ -67,12 +67,12 @@ class Progress:
 
     @property
     def count(self) -> str:
-        """How far it is as people count it; empty where the total is not known."""
+        """Progress in displayed units; empty if the total is unknown."""
         return f"{self.done // self.per} of {self.total // self.per}" if self.total else ""
 
     @property
     def eta_seconds(self) -> float | None:
-        """Estimated seconds to the end, or None while there is nothing to go by."""
+        """Estimated seconds to the end, or None if no estimate is possible yet."""
         if self.done <= 0 or self.total <= 0:
             return None
         return self.seconds * max(0, self.total - self.done) / self.done
@@ -83,12 +83,12 @@ Work = Generator[Progress, None, R]
 
 
 class Clock:
-    """Make `Progress` records of one stage against a common start time."""
+    """Makes `Progress` records of one stage with a common start time."""
 
     def __init__(self, stage: str, total: int) -> None:
         self.stage = stage
         self.total = total
-        # perf_counter never goes backwards, unlike the clock of the day
+        # perf_counter never goes backwards, unlike the wall clock
         self._start = time.perf_counter()
 
     def at(self, done: int, note: str = "") -> Progress:
@@ -97,7 +97,7 @@ class Clock:
 
 
 def drain(work: Work[R], on_progress: Callable[[Progress], None] | None = None) -> R:
-    """Run ``work`` to its end, hand each record to ``on_progress``, return its result.
+    """Run ``work`` to its end, pass each record to ``on_progress``, return its result.
 
     Examples
     --------
@@ -117,7 +117,7 @@ def drain(work: Work[R], on_progress: Callable[[Progress], None] | None = None) 
         result: R = stop.value
         return result
     finally:
-        # closes the generator also where the caller's own code raised: its files are closed then
+        # close the generator even if the caller's code raised, so that its files are closed
         work.close()
 
 
@@ -128,7 +128,7 @@ _HEADING = re.compile(r"^([A-Z][A-Za-z ]+)\n-{3,}$", re.MULTILINE)
 
 
 def drained(work: Callable[P, Generator[Progress, None, R]], doc: str = "") -> Callable[P, R]:
-    """Return the function that runs ``work`` to its end: of ``iter_assemble`` it is ``assemble``.
+    """Return the function that runs ``work`` to its end: from ``iter_assemble``, it makes ``assemble``.
 
     It has the parameters of ``work``, returns its result, and belongs to the same module or class.
 
@@ -137,8 +137,8 @@ def drained(work: Callable[P, Generator[Progress, None, R]], doc: str = "") -> C
     work
         A function or method named ``iter_...`` that returns a generator of `Progress`.
     doc
-        Parts of the docstring that differ from that of ``work``: a summary, sections in numpy style, or both. Yields
-        and Examples of ``work`` are left out.
+        Parts of the docstring that differ from that of ``work``: a summary, sections in numpy style, or both. The
+        sections Yields and Examples of ``work`` are left out.
 
     Examples
     --------
@@ -167,7 +167,7 @@ def drained(work: Callable[P, Generator[Progress, None, R]], doc: str = "") -> C
 def in_place_of(function: Callable[..., Any], made: Callable[..., Any], signature: Signature | None = None) -> Any:
     """Return ``made``, defined in another function, as a function of the module of ``function`` with its docstring.
 
-    Doctest, pickle and `inspect` then treat it as written there. It refers to its closure and to no global names.
+    Doctest, pickle and `inspect` then treat it as defined there. ``made`` must use only its closure, no global names.
     """
     # doctest finds functions by the globals of their module
     own = FunctionType(made.__code__, function.__globals__, closure=made.__closure__)
@@ -190,7 +190,7 @@ def _result_of(work: Callable[..., Any]) -> Any:
     if isinstance(annotation, str):
         if annotation.startswith("Work["):
             return annotation.removeprefix("Work[").removesuffix("]")
-        # an alias of work with its own kind of progress, such as `SolverWork`
+        # an alias for work with a special kind of progress, such as `SolverWork`
         annotation = work.__globals__.get(annotation, annotation)
     if get_origin(annotation) is not Generator:
         raise TypeError(f"{work.__qualname__}: expected a result annotated as Work[...], got {annotation}")
@@ -205,7 +205,7 @@ def docstring_of(generator: str, doc: str = "") -> str:
 
 
 def _parts_of(doc: str) -> dict[str, str]:
-    """Return the parts of a docstring: its summary, its description, and sections with their headings."""
+    """Return the parts of a docstring: its summary, its description, and its sections with headings."""
     head, *rest = _HEADING.split(inspect.cleandoc(doc))
     summary, _, description = head.strip().partition("\n\n")
     parts = {"summary": summary, "description": description}
@@ -215,18 +215,18 @@ def _parts_of(doc: str) -> dict[str, str]:
 
 
 class WorkAbandoned(Exception):
-    """What is computed is no longer needed."""
+    """The computed result is no longer needed."""
 
 
 _NEEDED: ContextVar[Callable[[], bool] | None] = ContextVar("needed", default=None)
-"""Of this thread, and of those that help it in its context (`lfcal.base.threads.for_each_chunk`)."""
+"""Check of this thread, and of threads that help it in its context (`lfcal.base.threads.for_each_chunk`)."""
 
 
 @contextmanager
 def abandonable(needed: Callable[[], bool]) -> Iterator[None]:
-    """End what this thread computes early, by `WorkAbandoned`, once ``needed`` returns False.
+    """Make this thread's computation end early, by `WorkAbandoned`, once ``needed`` returns False.
 
-    For functions that are no generators, and answer questions that may be asked anew before they are answered.
+    For functions that are not generators and whose request may be replaced before they return.
     """
     token = _NEEDED.set(needed)
     try:
@@ -236,7 +236,7 @@ def abandonable(needed: Callable[[], bool]) -> Iterator[None]:
 
 
 def raise_if_abandoned() -> None:
-    """Raise `WorkAbandoned` where what this thread computes is no longer needed."""
+    """Raise `WorkAbandoned` if this thread's result is no longer needed."""
     needed = _NEEDED.get()
     if needed is not None and not needed():
         raise WorkAbandoned

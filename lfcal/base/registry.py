@@ -1,7 +1,7 @@
-"""Parts found by name: those of a package of lfcal, and those that other distributions bring.
+"""Registries: parts found by name, from a package of lfcal and from other distributions.
 
-A kind of part (image format, effect, metric, solver, page …) has a package whose modules each name what they bring in
-one module attribute, and an entry point group for everybody else. Adding a part is adding one module.
+Each kind of part (image format, effect, metric, solver, page …) has a package, whose modules each define parts in one
+module attribute, and an entry point group for other distributions. To add a part, add one module.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ __all__ = ["Named", "Registry"]
 
 
 class Named(Protocol):
-    """Anything with a name; names are unique within a registry."""
+    """Anything with a name that is unique within a registry."""
 
     @property
     def name(self) -> str:
-        """What commands, files and people call it."""
+        """Name used by commands, files and people."""
         ...
 
 
@@ -30,12 +30,12 @@ T = TypeVar("T", bound=Named)
 
 
 class Registry(Generic[T]):
-    """Parts of one kind by name, found at the first question.
+    """Parts of one kind by name, discovered on first use.
 
     Parameters
     ----------
     what
-        The kind, for messages: ``"solver"``.
+        Name of the kind in messages: ``"solver"``.
     package
         Package whose public modules are searched; its own ``__init__`` is not.
     attribute
@@ -45,9 +45,9 @@ class Registry(Generic[T]):
     order
         Sort key of the parts; by name when None.
     check
-        Called with every part of another distribution; raises where it is not fit for use.
+        Function called with every part of another distribution; raises if the part cannot be used.
     make
-        Turns what an entry point loads into the part; what it loads is the part when None.
+        Function that turns the loaded object of an entry point into the part; None: the object is the part.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class Registry(Generic[T]):
                     raise ValueError(f"two {self.what}s are called {part.name!r}")
                 parts[part.name] = part
             for part in self._plugins():
-                parts.setdefault(part.name, part)  # others cannot hide lfcal's own
+                parts.setdefault(part.name, part)  # other distributions cannot replace parts of lfcal
             key = self._order or (lambda part: part.name)
             self._parts = {part.name: part for part in sorted(parts.values(), key=key)}
         return self._parts
@@ -97,7 +97,7 @@ class Registry(Generic[T]):
                         raise TypeError("it has no name")
                     if self._check is not None:
                         self._check(part)
-            except Exception as error:  # a package of someone else may fail in any way
+            except Exception as error:  # a third-party package can raise any error
                 self._failures[point.name] = f"{self.what} {point.name}: {type(error).__name__}: {error}"
             else:
                 yield from parts
@@ -107,14 +107,14 @@ class Registry(Generic[T]):
         return tuple(self._found())
 
     def get(self, name: str) -> T:
-        """Return the part called ``name``; raises `InputError` with the names there are."""
+        """Return the part called ``name``; raises `InputError` with the known names."""
         found = self._found()
         if name not in found:
             raise InputError.expected(self.what, " or ".join(found), repr(name), choose(name, found))
         return found[name]
 
     def failures(self) -> dict[str, str]:
-        """Return why parts of other distributions could not be loaded, by entry point."""
+        """Return the reasons why parts of other distributions could not be loaded, by entry point."""
         self._found()
         return dict(self._failures)
 

@@ -1,4 +1,4 @@
-"""Where the sample data are: in a checkout, or inside an installed package."""
+"""Location of the sample data, in a checkout or in an installed package."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def sample_session() -> Path:
 
 
 def sample_recording() -> Path:
-    """Return the folder of the session that lfcal recorded itself."""
+    """Return the folder of a session recorded by lfcal itself."""
     return _place("recorded", "session.json")
 
 

@@ -1,6 +1,6 @@
-"""What is asked of the operating system, on every platform: syncs, reservation, locks, names, processes, memory.
+"""Functions of the operating system on every platform: syncs, reservation, locks, names, processes, memory.
 
-Nothing else of the library asks which system it runs on, but for what only one system has (libraries of the window,
+No other module depends on the operating system, except for features that exist on only one (libraries of the window,
 menu entries, drivers).
 """
 
@@ -41,14 +41,14 @@ __all__ = [
 
 BLOCK = 1 << 24
 OPEN_FLAGS = getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
-"""Flags every descriptor is opened with: bytes as they are, and not handed to child processes."""
+"""Flags for opening every descriptor: binary, and not inherited by child processes."""
 
 _SEEKING = threading.Lock()
-"""Where a place in a file cannot be named in the call itself, moving there and writing are one step."""
+"""Lock that joins seeking and writing, on systems whose calls cannot name a position in the file."""
 
 
 def reserve(descriptor: int, size: int) -> None:
-    """Give a file ``size`` bytes of the disk and keep what is in it, so that a full disk shows now and not later."""
+    """Reserve ``size`` bytes of the disk for a file and keep its content, so that a full disk is noticed early."""
     if hasattr(os, "posix_fallocate"):
         try:
             os.posix_fallocate(descriptor, 0, size)
@@ -56,14 +56,14 @@ def reserve(descriptor: int, size: int) -> None:
         except OSError as error:
             if error.errno not in (errno.EINVAL, errno.EOPNOTSUPP):
                 raise
-    # written back, as a file may have a length that no blocks of the disk stand behind
+    # written back, because a file may have a length without allocated blocks
     for offset in range(0, size, BLOCK):
         length = min(BLOCK, size - offset)
         write_at(descriptor, read_at(descriptor, length, offset).ljust(length, b"\0"), offset)
 
 
 def write_at(descriptor: int, data: bytes | memoryview, offset: int) -> int:
-    """Write all of ``data`` at ``offset``, however many calls it takes; return the number of bytes."""
+    """Write all of ``data`` at ``offset``, in several calls if needed; return the number of bytes."""
     view = memoryview(data).cast("B")
     done = 0
     while done < len(view):
@@ -100,11 +100,11 @@ def _read_some(descriptor: int, size: int, offset: int) -> bytes:
 
 
 def sync_data(descriptor: int) -> None:
-    """Return when what was written is on the disk itself."""
+    """Return when the written data are on the disk."""
     if sys.platform == "darwin":
         import fcntl
 
-        # fsync stops at the drive's cache there; network disks know nothing else
+        # there, fsync stops at the drive's cache; network disks support only fsync
         with suppress(OSError):
             fcntl.fcntl(descriptor, fcntl.F_FULLFSYNC)
             return
@@ -115,7 +115,7 @@ def sync_data(descriptor: int) -> None:
 
 
 def sync_file(path: Path) -> None:
-    """Bring a file's bytes to the disk; it is opened for writing, as some systems flush nothing else."""
+    """Flush a file to the disk; it is opened for writing, because some systems do not flush it otherwise."""
     descriptor = os.open(path, os.O_RDWR | OPEN_FLAGS)
     try:
         sync_data(descriptor)
@@ -124,8 +124,8 @@ def sync_file(path: Path) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make the names in ``folder`` durable where the system can."""
-    if not hasattr(os, "O_DIRECTORY"):  # a folder cannot be opened there
+    """Make the names in ``folder`` durable if the system supports it."""
+    if not hasattr(os, "O_DIRECTORY"):  # folders cannot be opened on this system
         return
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | OPEN_FLAGS)
     try:
@@ -136,12 +136,12 @@ def sync_folder(folder: Path) -> None:
 
 
 def replace(source: Path, target: Path) -> None:
-    """Give ``source`` the name ``target`` in one step; whatever had it is gone.
+    """Rename ``source`` to ``target`` in one step, replacing an existing file.
 
     Raises
     ------
     StorageError
-        Where the system keeps a file that another program has open (Windows).
+        If another program has the file open and the system refuses (Windows).
     """
     try:
         os.replace(source, target)
@@ -158,32 +158,32 @@ _NOT_IN_NAMES = frozenset('<>:"|?*')
 
 
 def name_refused(path: Path) -> str:
-    """Return why Windows has no file of this name, or writes elsewhere than it says; empty on other systems."""
+    """Return why Windows cannot have a file of this name, or would write elsewhere; empty on other systems."""
     if sys.platform != "win32":
         return ""
     for part in path.parts[1:] if path.anchor else path.parts:
         if part in (".", ".."):
             continue
-        # with any ending, too: aux.h5 is the device as well
+        # with any suffix: aux.h5 is the device as well
         if part.partition(".")[0].rstrip(" ").upper() in _DEVICES:
             return f"{part} is the name of a device on Windows"
         if part[-1:] in (".", " "):
             return f"{part!r}: Windows drops a dot or a space at the end of a name"
         if bad := [c for c in part if c in _NOT_IN_NAMES or ord(c) < 32]:
-            return f"{bad[0]!r} may not be in the name of a file on Windows"
+            return f"{bad[0]!r} is not allowed in the name of a file on Windows"
     return ""
 
 
 def on_network(path: str) -> bool:
-    """Return whether Windows would look for a path on another computer, and log on there: ``//server/share/x``."""
+    """Return whether Windows would search for a path on another computer, and log on there: ``//server/share/x``."""
     start = path.replace("/", "\\")
     local = start[:4] in ("\\\\?\\", "\\\\.\\", "\\??\\") and start[5:6] == ":"
     return start.startswith(("\\\\", "\\??\\")) and not local
 
 
 def too_long(path: object) -> bool:
-    """Return whether a path may be longer than Windows takes; it then says that there is no such file."""
-    # 259 characters, of which scratch files beside the path need some
+    """Return whether a path may be longer than Windows allows; it then reports that there is no such file."""
+    # 259 characters, some of which are needed for the names of scratch files
     return sys.platform == "win32" and len(str(path)) > 235 and not str(path).startswith("\\\\?\\")
 
 
@@ -192,7 +192,9 @@ def lock(descriptor: int) -> None:
     if sys.platform == "win32":
         import msvcrt
 
-        os.lseek(descriptor, 1 << 30, os.SEEK_SET)  # locked bytes cannot be read by others; lock one far away
+        os.lseek(
+            descriptor, 1 << 30, os.SEEK_SET
+        )  # other programs cannot read locked bytes, so lock one far beyond the end
         msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
     else:
         import fcntl
@@ -201,20 +203,20 @@ def lock(descriptor: int) -> None:
 
 
 def is_alive(process: int) -> bool:
-    """Return whether a process of this number runs."""
+    """Return whether a process with this number is running."""
     if sys.platform == "win32":
         return _is_alive_on_windows(process)
     try:
         os.kill(process, 0)
     except (ProcessLookupError, OverflowError):
         return False
-    except OSError:  # somebody else's
+    except OSError:  # it belongs to another user
         return True
     return True
 
 
 def _is_alive_on_windows(process: int) -> bool:
-    """Ask by a handle: ``os.kill`` ends the process there, whatever the signal."""
+    """Check by a process handle: on Windows, ``os.kill`` ends the process for any signal."""
     import ctypes
 
     query_limited, denied, still_active = 0x1000, 5, 259
@@ -230,26 +232,26 @@ def _is_alive_on_windows(process: int) -> bool:
 
 
 def processors(root: Path = Path("/")) -> int:
-    """Return how many processors this process may use: of the machine, by affinity, and by a container's limit.
+    """Return the number of processors that this process may use: by affinity and by a container's limit.
 
-    ``root`` holds ``proc`` and ``sys``, from which the limit is read.
+    ``root`` contains ``proc`` and ``sys``, from which the limit is read.
     """
-    # under taskset and in some containers a process sees fewer processors than the machine has
+    # with taskset and in some containers, a process may use fewer processors than the machine has
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return max(1, math.ceil(min(count, _quota(root))))
 
 
 @functools.cache
 def _quota(root: Path) -> float:
-    """Return the processors that the control groups of this process allow, infinite without a limit.
+    """Return the processors that the control groups of this process allow; infinite without a limit.
 
-    Version 2 says it in ``cpu.max``, version 1 in ``cpu.cfs_quota_us``.
+    Version 2 states it in ``cpu.max``, version 1 in ``cpu.cfs_quota_us``.
     """
     return min(map(_limit, _groups(root, "cpu")), default=math.inf)
 
 
 def _groups(root: Path, controller: str) -> list[Path]:
-    """Return the folders of the control groups that this process is in: a group above may allow less than its own."""
+    """Return the folders of this process's control groups and their parents, which may have lower limits."""
     found: list[Path] = []
     for line in _read(root / "proc" / "self" / "cgroup").splitlines():
         number, _, rest = line.partition(":")
@@ -262,7 +264,7 @@ def _groups(root: Path, controller: str) -> list[Path]:
             continue
         for base in bases:
             group = base / place.strip("/")
-            # inside a container the path may be that of the machine: the group at the base is then its own
+            # inside a container the path may be that of the machine: then use the group at the base
             found += [g for g in (group, *group.parents) if g == base or base in g.parents]
     return found
 
@@ -286,9 +288,9 @@ def _read(path: Path) -> str:
 
 
 def free_memory(root: Path = Path("/")) -> int:
-    """Return the bytes of memory that programs may take now, by the machine and by a container's limit.
+    """Return the memory available to programs now (bytes), by the machine and by a container's limit.
 
-    ``root`` holds ``proc`` and ``sys`` on Linux; other systems are asked through psutil.
+    ``root`` contains ``proc`` and ``sys`` on Linux; other systems are queried through psutil.
     """
     if not sys.platform.startswith("linux"):
         return int(_psutil().virtual_memory().available)
@@ -296,30 +298,30 @@ def free_memory(root: Path = Path("/")) -> int:
     for group in _groups(root, "memory"):
         for limit, used in (("memory.max", "memory.current"), ("memory.limit_in_bytes", "memory.usage_in_bytes")):
             with suppress(ValueError):  # "max", or no such file
-                # what a group has read from files is given back when it is asked for
+                # the file cache of a group is released on demand
                 given_back = _words(group / "memory.stat").get("inactive_file", 0)
                 free.append(int(_read(group / limit)) - int(_read(group / used)) + given_back)
     return max(0, min(free))
 
 
 def total_memory() -> int:
-    """Return the bytes of memory that this machine has."""
+    """Return the memory of this machine (bytes)."""
     if not sys.platform.startswith("linux"):
         return int(_psutil().virtual_memory().total)
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
 def memory_in_use(root: Path = Path("/")) -> int:
-    """Return the bytes of memory this process holds now, 0 where the system does not tell."""
+    """Return the memory that this process uses now (bytes); 0 if the system does not report it."""
     if not sys.platform.startswith("linux"):
         return int(_psutil().Process().memory_info().rss)
     return _kilobytes(root / "proc" / "self" / "status", "VmRSS")
 
 
 def peak_memory(*, children: bool = False) -> int:
-    """Return the most bytes of memory that this process has held, or any of its ``children`` that have ended.
+    """Return the peak memory of this process, or the largest of its ended ``children`` (bytes).
 
-    Of children Windows does not tell: 0.
+    On Windows, 0 for children.
     """
     if sys.platform == "win32":
         return 0 if children else int(_psutil().Process().memory_info().peak_wset)
@@ -330,18 +332,18 @@ def peak_memory(*, children: bool = False) -> int:
 
 
 def _psutil() -> Any:
-    """Return psutil, which is installed where the system has no files that tell."""
+    """Return psutil, which is installed on systems without ``/proc``."""
     import psutil
 
     return psutil
 
 
 def _kilobytes(path: Path, name: str) -> int:
-    """Return the bytes of a line ``name: 123 kB`` of a file; 0 where there is none."""
+    """Return the bytes in a line ``name: 123 kB`` of a file; 0 if there is none."""
     return 1024 * _words(path).get(f"{name}:", 0)
 
 
 def _words(path: Path) -> dict[str, int]:
-    """Return the lines of a file that are a name and a number, by name."""
+    """Return the lines of a file that consist of a name and a number, by name."""
     lines = (line.split() for line in _read(path).splitlines())
     return {words[0]: int(words[1]) for words in lines if len(words) > 1 and words[1].isdigit()}

@@ -1,7 +1,7 @@
 """Worker threads for kernels that release the GIL.
 
-numba's own parallel loops are not used: their thread layers may abort when two threads of a program
-enter them at once, as a window with jobs does.
+numba's own parallel loops are not used, because its thread layers may abort when two threads of a program enter them
+at the same time, as in a window with jobs.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ __all__ = [
 ]
 
 MAX_THREADS = 1024
-"""Threads that may run at once, whoever asked for them: calls within calls have threads of their own."""
+"""Largest number of threads that may run at a time; nested calls have separate threads."""
 
 HELPER = "helper"
-"""What the names of threads that stay begin with."""
+"""Prefix of the names of persistent threads."""
 
 T = TypeVar("T")
 R = TypeVar("R")
 
 WORKERS = "LFCAL_WORKERS"
-"""Environment variable: most threads of everything."""
+"""Environment variable that limits all threads."""
 
 _VARIABLES = (
     "OMP_NUM_THREADS",
@@ -54,11 +54,11 @@ _VARIABLES = (
     "TIFFFILE_NUM_THREADS",
     "BLOSC_NTHREADS",
 )
-"""Environment variables in which the libraries look for theirs, when they are loaded."""
+"""Environment variables from which libraries read their limits when they are loaded."""
 
 
 def worker_count(workers: int | None = None) -> int:
-    """Return ``workers``, or what the environment variable `WORKERS` says, or every processor this process may use.
+    """Return ``workers``, or the value of the environment variable `WORKERS`, or the number of available processors.
 
     Raises
     ------
@@ -77,11 +77,11 @@ def worker_count(workers: int | None = None) -> int:
 
 @contextmanager
 def bounded_threads(workers: int | None = None) -> Iterator[int]:
-    """Let everything that runs inside this block use at most `worker_count` threads; yield the number.
+    """Limit everything inside this block to at most `worker_count` threads; yield the number.
 
-    That is this library's own pools, child processes, and the libraries it calls: those that are loaded already are
-    told, those that are loaded later read their number from the environment. A smaller number that the user has set
-    for one of them stays.
+    The limit applies to this library's pools, to child processes, and to other libraries. Loaded libraries get the
+    limit by a call, and libraries loaded later read it from the environment. A smaller limit that the user has set for
+    a library is kept.
     """
     count = worker_count(workers)
     before = {name: os.environ.get(name) for name in (WORKERS, *_VARIABLES)}
@@ -110,29 +110,31 @@ def _set_environment(values: dict[str, str | None] | dict[str, str]) -> None:
 
 
 class _Helpers:
-    """Threads that stay: starting some for each call would take small problems longer than their work.
+    """Persistent threads: starting new ones for each call would take longer than small problems themselves.
 
-    There are as many as ever had work at once; those that wait for work cost nothing. Of the standard library's pool
-    there would be ever more: it forgets a waiting thread whose work another one took.
+    The number of threads is the largest number that was ever needed at the same time; waiting threads cost nothing.
+    The pool of the standard library would grow forever, because it forgets a waiting thread whose work another one
+    took.
     """
 
     def __init__(self) -> None:
         self.forget()
-        atexit.register(lambda: wait(self.running))  # nothing is taken away from what still runs
+        atexit.register(lambda: wait(self.running))  # running threads keep their objects
         if hasattr(os, "register_at_fork"):
             os.register_at_fork(after_in_child=self.forget)
 
     def forget(self) -> None:
-        """Begin anew, as in a forked process, which has none of the threads."""
+        """Start without threads, for example in a forked process, which inherits none."""
         self.change = threading.Condition()
         self.asked: deque[tuple[Future[Any], Callable[[], Any]]] = deque()
         self.running: set[Future[Any]] = set()
         self.threads = 0
 
     def submit(self, function: Callable[..., R], *args: Any) -> Future[R]:
-        """Let a thread that has nothing to do, or a new one, call ``function``.
+        """Let an idle thread, or a new one, call ``function``.
 
-        Where no more threads can be had it may not be begun: whoever waits for it cancels it, and does it itself.
+        If no more threads can be started, the call may not begin; the waiting caller then cancels it and does the work
+        itself.
         """
         result: Future[R] = Future()
         with self.change:
@@ -142,7 +144,7 @@ class _Helpers:
                 self.change.notify()
             elif self.threads < MAX_THREADS:
                 thread = threading.Thread(target=self._help, name=f"{HELPER}_{self.threads}", daemon=True)
-                with suppress(RuntimeError):  # the system or the interpreter gives none
+                with suppress(RuntimeError):  # no thread can be started
                     thread.start()
                     self.threads += 1
         return result
@@ -156,7 +158,7 @@ class _Helpers:
                     self.running.add(result)
             if result.running():
                 self._work(result, call)
-            del result, call  # nothing is held while there is nothing to do
+            del result, call  # an idle thread must not keep objects alive
 
     def _work(self, result: Future[Any], call: Callable[[], Any]) -> None:
         try:
@@ -168,10 +170,10 @@ class _Helpers:
             self._no_more(result)
             result.set_result(value)
         finally:
-            del result, call  # an error, its traceback and what failed would else hold each other
+            del result, call  # breaks the reference cycle of error, traceback and call
 
     def _no_more(self, result: Future[Any]) -> None:
-        """Count the thread among those that wait before anyone learns of it: who asks again then needs no other."""
+        """Count the thread as idle before its result is visible, so that the next request finds it."""
         with self.change:
             self.running.discard(result)
 
@@ -182,7 +184,7 @@ _HELPERS = _Helpers()
 def chunks(n: int, parts: int) -> list[tuple[int, int]]:
     """Split ``range(n)`` into at most ``parts`` nearly equal ``(start, stop)`` ranges."""
     parts = max(1, min(parts, n))
-    # whole-number arithmetic: the ranges differ by one item at most and leave none out
+    # integer arithmetic: the ranges differ by one item at most and leave none out
     edges = [n * k // parts for k in range(parts + 1)]
     return [(a, b) for a, b in itertools.pairwise(edges) if b > a]
 
@@ -190,33 +192,33 @@ def chunks(n: int, parts: int) -> list[tuple[int, int]]:
 def for_each_chunk(
     function: Callable[[int, int], R], n: int, workers: int | None = None, *, parts_per_worker: int = 4
 ) -> list[R]:
-    """Call ``function(start, stop)`` over chunks of ``range(n)`` in threads; return the results in order.
+    """Call ``function(start, stop)`` on chunks of ``range(n)`` in threads; return the results in order.
 
     Parameters
     ----------
     function
-        Must release the GIL for most of its time to gain anything.
+        Function to call; it must release the GIL most of the time for any gain.
     n
         Number of independent items.
     workers
-        Threads; None takes every processor this process may use.
+        Number of threads; None: all available processors.
     parts_per_worker
-        How many chunks each worker gets on average: more balances better and costs more calls.
+        Average number of chunks per worker; more chunks balance better but need more calls.
     """
     count = worker_count(workers)
     return _over(function, chunks(n, count * parts_per_worker if count > 1 else 1), count)
 
 
 def _over(function: Callable[[int, int], R], ranges: list[tuple[int, int]], count: int) -> list[R]:
-    """Return ``function(start, stop)`` of each of ``ranges``, in order, worked out by ``count`` threads."""
-    # an error keeps its short traceback, and nothing is spent on threads
+    """Return ``function(start, stop)`` for each of ``ranges``, in order, computed by ``count`` threads."""
+    # without threads: errors keep a short traceback, and there is no overhead
     if count == 1 or len(ranges) <= 1:
         return [function(a, b) for a, b in ranges]
     return _Shared(function, ranges).done(min(count, len(ranges)))
 
 
 class _Shared(Generic[R]):
-    """Chunks that threads take in turn, the caller among them: it never waits for a thread that has not begun."""
+    """Chunks that threads and the caller take in turn; the caller never waits for a thread that has not begun."""
 
     def __init__(self, function: Callable[[int, int], R], ranges: list[tuple[int, int]]) -> None:
         self.function, self.ranges = function, ranges
@@ -225,8 +227,8 @@ class _Shared(Generic[R]):
         self.errors: dict[int, BaseException] = {}
 
     def done(self, count: int) -> list[R]:
-        """Return the results in order, worked out by ``count`` threads; the first error in order is raised."""
-        # in the caller's context, a copy for each: where nobody waits for the caller any more, what helps it ends, too
+        """Return the results in order, computed by ``count`` threads; raise the first error in order."""
+        # a copy of the caller's context for each: if the caller is abandoned, its helpers end as well
         helping = [_HELPERS.submit(copy_context().run, self.take) for _ in range(count - 1)]
         try:
             self.take()
@@ -236,11 +238,11 @@ class _Shared(Generic[R]):
             try:
                 raise self.errors[min(self.errors)]
             finally:
-                self.errors.clear()  # an error and its traceback would else hold each other
+                self.errors.clear()  # breaks the reference cycle of error and traceback
         return [self.results[k] for k in range(len(self.ranges))]
 
     def take(self) -> None:
-        """Work out chunks until none is left, or one of them failed."""
+        """Process chunks until none is left, or one has failed."""
         while not self.errors:
             with self.lock:
                 k = next(self.turns, None)
@@ -253,17 +255,17 @@ class _Shared(Generic[R]):
 
 
 def for_each_block(function: Callable[[int, int], object], n: int, step: int, workers: int | None = None) -> None:
-    """Call ``function(start, stop)`` in threads over blocks of ``step`` items of ``range(n)``, the last one shorter.
+    """Call ``function(start, stop)`` in threads on blocks of ``step`` items of ``range(n)``; the last may be shorter.
 
-    Blocks are the same for any number of workers: sums and products come out the same to the last bit.
+    The blocks do not depend on the number of workers, so sums and products are identical to the last bit.
     """
     _over(function, [(k, min(k + step, n)) for k in range(0, n, step)], worker_count(workers))
 
 
 def in_order(function: Callable[[T], R], items: Iterable[T], workers: int | None = None) -> Iterator[R]:
-    """Yield ``function(item)`` of each item, worked out in threads, in order: sums of them do not depend on chance.
+    """Yield ``function(item)`` for each item in order, computed in threads: sums do not depend on timing.
 
-    At most one result more than there are workers is in memory.
+    At most one result more than the number of workers is in memory.
     """
     count = worker_count(workers)
     waiting = iter(items)
@@ -287,24 +289,24 @@ def in_order(function: Callable[[T], R], items: Iterable[T], workers: int | None
 
 
 def _first(under_way: deque[tuple[T, Future[R]]], one: Callable[[T], R]) -> R:
-    """Take the first result; whoever asks does what no thread has begun."""
+    """Return the first result; the caller computes it if no thread has begun."""
     item, result = under_way.popleft()
     try:
         return one(item) if result.cancel() else result.result()
     finally:
-        # an error holds this frame, and is held by its result: both would stay until garbage is collected
+        # breaks a reference cycle of this frame, the error and its result
         del item, result
 
 
 class _Libraries:
-    """The libraries that have threads of their own; finding them among all that is loaded takes milliseconds."""
+    """Libraries with separate thread pools; searching all loaded libraries takes milliseconds."""
 
     def __init__(self) -> None:
         self.modules = 0
         self.found: Any = None
 
     def loaded(self) -> Any:
-        """Return threadpoolctl's hold on them, as of now: they are loaded by modules that need them."""
+        """Return threadpoolctl's controller for the libraries loaded now; modules load them on demand."""
         modules = len(sys.modules)
         if self.found is None or modules != self.modules:
             from threadpoolctl import ThreadpoolController
@@ -317,7 +319,7 @@ _LIBRARIES = _Libraries()
 
 
 class _BlasGate:
-    """How many callers want one BLAS thread at present, and how to undo it when the last has left."""
+    """Number of callers that need single-threaded BLAS now, and how to restore the limit after the last one."""
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
@@ -325,7 +327,7 @@ class _BlasGate:
         self.undo = ExitStack()
 
     def close(self) -> None:
-        """Hold the BLAS libraries that are loaded: numpy and scipy may bring one each."""
+        """Limit the loaded BLAS libraries: numpy and scipy may each include one."""
         self.undo.enter_context(_LIBRARIES.loaded().limit(limits=1, user_api="blas"))
 
 
@@ -334,10 +336,10 @@ _GATE = _BlasGate()
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Let matrix products inside this block run on the calling thread alone.
+    """Run matrix products inside this block on the calling thread only.
 
-    Small products inside a thread pool are up to ten times slower when each starts threads of its own. The limit
-    holds for the process; it is lifted when the last of several concurrent blocks ends.
+    Small products in a thread pool are up to ten times slower if each starts further threads. The limit applies to the
+    process; it is lifted when the last of several concurrent blocks ends.
     """
     with _GATE.lock:
         if _GATE.users == 0:

@@ -1,4 +1,4 @@
-"""Numbers with their units, as people read them."""
+"""Numbers with units as readable text."""
 
 from __future__ import annotations
 
@@ -47,24 +47,24 @@ def format_seconds(seconds: float) -> str:
 
 
 def format_span(seconds: float) -> str:
-    """Return how far apart two times are, from two days on in days: ``'5.3 days'``, ``'6 h 00 min'``."""
+    """Return the difference between two times, in days from two days on: ``'5.3 days'``, ``'6 h 00 min'``."""
     return f"{seconds / 86400:.1f} days" if seconds >= 2 * 86400 else format_seconds(seconds)
 
 
 def format_slope(slope: float, span_s: float, error: float | None = None) -> str:
-    """Return a slope in words; where it is not known how near to each other in time its values are.
+    """Return a slope as text, or the time span if it is too short to determine a slope.
 
     Parameters
     ----------
     slope, error
-        And its standard error, if it is known.
+        The slope and its standard error, if known.
     span_s
-        Time from the first value to the last (s); NaN where fewer than two are known.
+        Time from the first value to the last (s); NaN if fewer than two are known.
 
     Returns
     -------
     str
-        ``'+0.12'``, ``'+0.12 ± 0.01'``, ``'within 6 h 00 min'``; empty where there is no time between values.
+        ``'+0.12'``, ``'+0.12 ± 0.01'``, ``'within 6 h 00 min'``; empty if the values have no time between them.
     """
     if math.isfinite(slope):
         return f"{slope:+.2g}" if error is None else f"{slope:+.2g} ± {error:.1g}"
@@ -72,13 +72,13 @@ def format_slope(slope: float, span_s: float, error: float | None = None) -> str
 
 
 def format_dates(first: datetime, last: datetime) -> str:
-    """Return from which day to which, ``'2026-05-01 to 2026-06-01'``; one day by itself."""
+    """Return a range of days, ``'2026-05-01 to 2026-06-01'``; a single day alone."""
     days = dict.fromkeys(f"{one:%Y-%m-%d}" for one in (first, last))
     return " to ".join(days)
 
 
 def format_length(um: float) -> str:
-    """Return a length given in micrometres with a fitting unit, e.g. ``'250 mm'``."""
+    """Return a length (µm) with a suitable unit, e.g. ``'250 mm'``."""
     size = abs(um)
     if size >= 1e6:
         return f"{um / 1e6:.4g} m"
@@ -90,25 +90,25 @@ def format_length(um: float) -> str:
 
 
 def format_plane(depth_um: float, z: int, name: str = "") -> str:
-    """Return plane ``z`` in words: its depth (µm), the value of ``name`` if given; its number where that is NaN."""
+    """Return plane ``z`` as text: its depth (µm), or the value of ``name`` if given; its number if that is NaN."""
     if math.isnan(depth_um):
         return f"plane {z}"
     return f"{name} = {format_length(depth_um)}" if name else format_length(depth_um)
 
 
 def format_number(value: float, digits: int = 3) -> str:
-    """Return a number of so many digits, without powers of ten up to a million, e.g. ``'49,440'``, ``'0.35'``."""
+    """Return a number with ``digits`` digits, without powers of ten up to a million, e.g. ``'49,440'``, ``'0.35'``."""
     if not 1e3 <= abs(value) < 1e6:
         return f"{value:.{digits}g}"
     return f"{float(f'{value:.{digits}g}'):,.0f}"
 
 
 def format_count(many: int, one: str, several: str) -> str:
-    """Return a number of things in words that agree with it: ``1 position``, ``12 positions``."""
+    """Return a count with its noun in the right form: ``1 position``, ``12 positions``."""
     return f"{many} {one if many == 1 else several}"
 
 
 def format_share(share: float) -> str:
-    """Return a share of 1 in per cent, of two digits and without powers of ten, e.g. ``'0.35 %'``, ``'140 %'``."""
+    """Return a share of 1 in per cent, with two digits and without powers of ten, e.g. ``'0.35 %'``, ``'140 %'``."""
     percent = 100 * share
     return f"{percent:.0f} %" if abs(percent) >= 99.5 else f"{percent:.2g} %"

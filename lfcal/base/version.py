@@ -1,4 +1,4 @@
-"""Which lfcal this is: its version, and the commit of the source that it runs from."""
+"""Version of lfcal, and the commit of the source that it runs from."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from lfcal import __version__
 __all__ = ["full_version"]
 
 DIGITS = 10
-"""Digits of a commit's hash that are named."""
+"""Number of hash digits in the version."""
 
 
 @cache
 def full_version() -> str:
-    """Return the version, with the commit where it is known: ``0.1.0+g1a053e7c4b``.
+    """Return the version, with the commit if it is known: ``0.1.0+g1a053e7c4b``.
 
     The commit is that of a git checkout, or the one that pip installed from a repository; a released package has none.
     """
@@ -26,10 +26,10 @@ def full_version() -> str:
 
 
 def _checked_out(root: Path) -> str:
-    """Return the commit of the git checkout in ``root``, empty where it is none; git itself is not needed."""
+    """Return the commit of the git checkout in ``root``; empty if it is none. Git itself is not needed."""
     try:
         folder = root / ".git"
-        if folder.is_file():  # a worktree: its own HEAD, the references of the repository
+        if folder.is_file():  # a worktree has its own HEAD, but the references of the repository
             folder = root / folder.read_text(encoding="utf-8").partition("gitdir:")[2].strip()
         common = folder / "commondir"
         shared = (folder / common.read_text(encoding="utf-8").strip()).resolve() if common.exists() else folder
@@ -47,7 +47,7 @@ def _checked_out(root: Path) -> str:
 
 
 def _installed() -> str:
-    """Return the commit that pip installed from a repository (PEP 610), empty where it did not."""
+    """Return the commit that pip installed from a repository (PEP 610); empty otherwise."""
     try:
         info = json.loads(distribution("lfcal").read_text("direct_url.json") or "{}")
         return _hash(str(info["vcs_info"]["commit_id"]))

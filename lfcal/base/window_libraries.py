@@ -1,4 +1,4 @@
-"""System libraries that the window needs on Linux, which no Python package brings: what is missing, and its remedy."""
+"""System libraries that the window needs on Linux and no Python package provides: missing ones, and the remedy."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NEEDED = {
     "libfontconfig.so.1": "libfontconfig1",
     "libglib-2.0.so.0": "libglib2.0-0",
 }
-"""Libraries that Qt itself is linked with, and the packages of Debian and Ubuntu that have them."""
+"""Libraries that Qt is linked with, and the Debian and Ubuntu packages that contain them."""
 
 ON_X11 = {
     "libxcb-cursor.so.0": "libxcb-cursor0",
@@ -36,7 +36,7 @@ ON_X11 = {
 def missing_libraries(
     names: Mapping[str, str], load: Callable[[str], Any] = ctypes.CDLL, platform: str = sys.platform
 ) -> dict[str, str]:
-    """Return those of ``names`` (library: package) that cannot be loaded; none where the system brings its own."""
+    """Return those of ``names`` (library: package) that cannot be loaded; none if the system includes them."""
     if not platform.startswith("linux"):
         return {}
     missing = {}
@@ -49,7 +49,7 @@ def missing_libraries(
 
 
 def without(missing: Mapping[str, str]) -> str:
-    """Return a one-line message: what is missing and what to do."""
+    """Return a one-line message: which libraries are missing, and what to do."""
     return (
         f"the window needs system libraries that are missing: {', '.join(missing)}; "
         f"run: sudo apt install {' '.join(missing.values())} (Debian, Ubuntu)"
@@ -57,7 +57,7 @@ def without(missing: Mapping[str, str]) -> str:
 
 
 def shows_on_x11(environment: Mapping[str, str] = os.environ) -> bool:
-    """Return whether Qt will show windows on X11: there is a display of it, and nothing else is chosen."""
+    """Return whether Qt will show windows on X11: an X11 display exists, and no other platform is chosen."""
     chosen = environment.get("QT_QPA_PLATFORM", "")
     return chosen.startswith("xcb") or (
         not chosen and bool(environment.get("DISPLAY")) and not environment.get("WAYLAND_DISPLAY")
@@ -70,4 +70,4 @@ def why_no_window(error: ImportError) -> str:
         return "PySide6 is not installed; run: pip install 'lfcal[gui]'"
     if missing := missing_libraries(NEEDED):
         return without(missing)
-    return f"PySide6 is installed and cannot be loaded: {error}; lfcal doctor --gui says more"
+    return f"PySide6 is installed but cannot be loaded: {error}; lfcal doctor --gui shows details"

@@ -1,21 +1,21 @@
-"""What the optics are.
+"""Description of a camera: optics, lenslets, sensor, and the plan of its scan.
 
 - ``main_lens``: photographic main lens or microscope
 - ``lattice``: lenslet array, square or hexagonal, one or three types
 - ``sensor``: pixels and noise
-- ``distortion``: the maker's distortion, kept with the camera
+- ``distortion``: the manufacturer's distortion, stored with the camera
 - ``description``: the whole camera; depths, steps, JSON; which values are stated, measured, derived or assumed
-- ``presets``: cameras that come with lfcal
-- ``quantities``: what the values are called, their units and usual limits
-- ``draft``: a camera in the making, each value with where it comes from
-- ``_doubts``: mistaken units, parts that do not fit each other
-- ``derived``: what follows from a camera, and whether from assumed values
-- ``importers/``: descriptions of cameras that others wrote, one format a file
-- ``shadow``: how far the image of a point spreads
-- ``stage``: how a stage's axes move the image
-- ``plan``: which positions are recorded, and in which order
+- ``presets``: built-in cameras
+- ``quantities``: names, units and usual limits of the values
+- ``draft``: an incomplete camera, each value with its source
+- ``_doubts``: implausible values: wrong units, parts that do not match
+- ``derived``: quantities derived from a camera, and the assumed values they depend on
+- ``importers/``: readers for camera descriptions of other programs, one module per format
+- ``shadow``: size of the image of a point
+- ``stage``: relation between stage axes and the image
+- ``plan``: the positions to record, and their order
 - ``regions``: several regions of the field in one plan
-- ``forecast``: what that costs in time, disk and memory
+- ``forecast``: time, disk space and memory of a scan
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""What a camera's values cannot well be: mistaken units, parts that do not fit each other."""
+"""Implausible values of a camera: wrong units, parts that do not match."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ __all__ = ["doubts"]
 
 FACTORS = ((1e3, "mm for µm"), (1e-3, "nm for µm"), (1e6, "m for µm"))
 FEWEST_PIXELS = 4.0
-"""Pixels of a micro-image below which its lattice cannot be measured."""
+"""Diameter of a micro-image (pixels) below which its lattice cannot be measured."""
 
 
 def doubts(camera: Camera) -> tuple[str, ...]:
-    """Return, one line each, what of ``camera`` is hardly meant: it is possible, so it is no error.
+    """Return doubts about ``camera``, one line each: values that are possible, but probably not intended.
 
     Raises
     ------
     InputError
-        If its values are so far apart that nothing can be calculated.
+        If its values are so extreme that nothing can be calculated.
 
     Examples
     --------
@@ -30,7 +30,7 @@ def doubts(camera: Camera) -> tuple[str, ...]:
     ...     print(line)
     pixel pitch (sensor.pixel_um) is 0.0055 µm; did you mean 5.5 µm (mm for µm)?
     """
-    derived_of(camera)  # raises where nothing can be calculated
+    derived_of(camera)  # raises if nothing can be calculated
     found = [line for quantity in quantities_of(camera) for line in _unusual(camera, quantity)]
     return (*found, *_sensor(camera), *_apertures(camera))
 
@@ -60,19 +60,20 @@ def _sensor(camera: Camera) -> list[str]:
         found.append(f"micro-images of {camera.pitch_px:.3g} px are too small to be measured; check pitch and pixel")
     if abs(x) > columns / 2 or abs(y) > rows / 2:
         found.append(
-            f"the lattice's offset, {x:.0f}, {y:.0f} px from the centre, lies off the {rows} x {columns} px sensor"
+            f"the lattice's offset, {x:.0f}, {y:.0f} px from the centre, is outside the {rows} x {columns} px sensor"
         )
     centre = camera.distortion.centre_px if camera.distortion is not None else (0.0, 0.0)
     if not (0 <= centre[0] <= columns and 0 <= centre[1] <= rows):
         found.append(
-            f"the maker's centre of distortion ({centre[0]:.0f}, {centre[1]:.0f} px) lies off the {rows} x {columns} "
-            "px sensor: is the sensor's size right, and the file that of this camera?"
+            f"the manufacturer's centre of distortion ({centre[0]:.0f}, {centre[1]:.0f} px) is outside the {rows} x "
+            f"{columns} "
+            "px sensor: check the sensor's size, and that the file belongs to this camera"
         )
     return found
 
 
 def _apertures(camera: Camera) -> list[str]:
-    """Micro-images overlap where the main optics are faster than the lenslets."""
+    """Return a doubt if micro-images overlap because the main optics are faster than the lenslets."""
     optics, lattice = camera.optics, camera.lattice
     ratio = lattice.gap_um / (optics.working_f_number * lattice.clear_diameter_um)
     if ratio <= 1.5:

@@ -1,4 +1,4 @@
-"""What follows from a camera's values, and from which of them: a figure is no better than what it rests on."""
+"""Quantities derived from a camera's values, with the values they depend on: none is more reliable than its inputs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ STEP = (
     "optics.magnification",
     "lattice.gap_um",
 )
-"""What the step of the source rests on; the gap counts for a main lens only."""
+"""Values that the step of the source depends on; the gap matters for a main lens only."""
 DEPTH = ("optics.focal_length_um", "optics.working_distance_um", "optics.magnification", "lattice.gap_um")
 APERTURE = ("optics.focal_length_um", "optics.f_number", "optics.working_distance_um", "optics.numerical_aperture")
 WHOLE_FRAMES = ("sensor.shape",)
@@ -29,7 +29,7 @@ NOISE = ("sensor.full_well_e", "sensor.read_noise_e", "sensor.bit_depth")
 
 @dataclass(frozen=True, slots=True)
 class Derived:
-    """A quantity that follows from a camera.
+    """A quantity derived from a camera.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Derived:
     unit
         Unit of ``value``, as in the description.
     assumed
-        Paths of the assumed values it rests on.
+        Paths of the assumed values that it depends on.
 
     Examples
     --------
@@ -80,12 +80,12 @@ def not_stated_for_noise(camera: Camera) -> tuple[str, ...]:
 
 
 def derived_of(camera: Camera) -> tuple[Derived, ...]:
-    """Return what follows from ``camera``: on the sensor, in the optics, in object space.
+    """Return the derived quantities of ``camera``: on the sensor, in the optics, in object space.
 
     Raises
     ------
     InputError
-        If its values are so far apart that nothing can be calculated.
+        If its values are so extreme that nothing can be calculated.
 
     Examples
     --------
@@ -102,9 +102,9 @@ def derived_of(camera: Camera) -> tuple[Derived, ...]:
     """
     try:
         found = [*_on_the_sensor(camera), *_in_the_optics(camera), *_in_object_space(camera)]
-    except ArithmeticError:  # a division by what is nearly nothing, a number beyond all
+    except ArithmeticError:  # a division by almost zero, or an overflow
         raise InputError.expected(
-            "camera", "values of a real camera", "numbers too far apart to calculate with", "check units and exponents"
+            "camera", "values of a real camera", "numbers too extreme for a calculation", "check units and exponents"
         ) from None
     return tuple(Derived(*row[:4], assumed_of(camera, row[4])) for row in found)
 
@@ -170,7 +170,7 @@ def _ends(ends: tuple[float, float] | None) -> str:
 def _depth(camera: Camera, virtual: float) -> float:
     try:
         return camera.depth_of(virtual) if math.isfinite(virtual) else math.nan
-    except InputError:  # beyond infinity: no object is imaged there
+    except InputError:  # no object is imaged there
         return math.nan
 
 

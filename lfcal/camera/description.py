@@ -1,4 +1,4 @@
-"""A whole camera: optics, lenslets, sensor, and where each of its values comes from."""
+"""A complete camera: optics, lenslets, sensor, and the source of each value."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ADDED: dict[int, dict[str, dict[str, Any]]] = {
         "sensor": {"saturation": None, "dsnu_e": None, "linearity": None},
     }
 }
-"""Version to what came with it: part of the camera ("" for the camera itself) to entries and their earlier values."""
+"""Entries that each format version added, with the values of older files: by part of the camera ("": the camera)."""
 
 
 MARKS = ("stated", "measured", "derived", "assumed")
@@ -39,9 +39,9 @@ MARKS = ("stated", "measured", "derived", "assumed")
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """A mark, one of `MARKS`, for values of a camera by their path, such as ``"sensor.pixel_um"``.
+    """Marks (one of `MARKS`) of camera values by path, such as ``"sensor.pixel_um"``.
 
-    Values without a mark were given by whoever made the description.
+    Values without a mark were stated by the author of the description.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Marks:
 
     @classmethod
     def of(cls, entries: Mapping[str, str]) -> Marks:
-        """Return the marks of a mapping from path to mark."""
+        """Return the marks in a mapping from path to mark."""
         return cls(tuple(entries.items()))
 
     def __iter__(self) -> Iterator[tuple[str, str]]:
@@ -77,7 +77,7 @@ class Marks:
         return iter(self.entries)
 
     def __getitem__(self, path: str) -> str:
-        """Return the mark of the value at ``path``: ``"stated"`` where it has none."""
+        """Return the mark of the value at ``path``; ``"stated"`` if it has none."""
         return dict(self.entries).get(path, "stated")
 
     def paths(self, mark: str) -> tuple[str, ...]:
@@ -85,7 +85,7 @@ class Marks:
         return tuple(path for path, own in self.entries if own == mark)
 
     def marked(self, paths: Iterable[str], mark: str) -> Marks:
-        """Return these marks with ``mark`` at ``paths`` in place of what was there."""
+        """Return these marks with ``mark`` set at ``paths``."""
         return Marks.of(dict(self.entries) | dict.fromkeys(paths, mark))
 
 
@@ -96,7 +96,7 @@ class Camera:
     Attributes
     ----------
     name
-        For people.
+        Display name.
     optics
         `MainLens` or `Microscope`.
     lattice, sensor
@@ -106,9 +106,9 @@ class Camera:
     bandwidth_um
         Full width of the light's spectrum (µm).
     distortion
-        The maker's lens distortion, where one is known; kept with the camera, not applied.
+        The manufacturer's lens distortion, if known; stored with the camera, not applied.
     marks
-        Which values are stated, measured, derived or assumed; not part of what makes two cameras equal.
+        Which values are stated, measured, derived or assumed; ignored when cameras are compared.
 
     Examples
     --------
@@ -156,7 +156,7 @@ class Camera:
 
     @property
     def lattice_scale(self) -> float:
-        """Micro-image lattice over lenslet lattice: 1 + B/b for a lens, 1 for a telecentric microscope."""
+        """Ratio of the micro-image lattice to the lenslet lattice: 1 + B/b for a lens, 1 for a telecentric system."""
         # the chief ray leaves the exit pupil's centre and passes the lenslet at distance b, the sensor at b + B
         return 1.0 + self.lattice.gap_um / self.optics.image_distance_um
 
@@ -167,7 +167,7 @@ class Camera:
 
     def pixels(self, xy_um: ArrayLike) -> NDArray[np.float64]:
         """Return pixel coordinates ``(..., 2)`` as (row, column) of points (x, y) from the sensor's centre (µm)."""
-        # Camera.pixels counts (row, column), points count (x, y): the two are swapped, and nothing is mirrored
+        # Camera.pixels counts (row, column), points count (x, y): the order is swapped, without mirroring
         flipped = np.asarray(xy_um, float)[..., ::-1]
         pixels: NDArray[np.float64] = flipped / self.sensor.pixel_um + np.array(self.sensor.centre_px)
         return pixels
@@ -179,7 +179,7 @@ class Camera:
         return flipped * self.sensor.pixel_um
 
     def local(self, place: ArrayLike) -> Camera:
-        """Return the camera with the straight lattice that it has about pixel (row, column): no distortion left."""
+        """Return the camera with its lattice linearized about pixel (row, column), without distortion."""
         x, y = self.sensor_um(place)
         return replace(self, lattice=self.lattice.local((float(x), float(y))))
 
@@ -187,12 +187,12 @@ class Camera:
     def step_um(self, z_um: float = 0.0) -> float:
         """Return the lateral object-space step that moves the image by one pixel at depth ``z_um`` (µm).
 
-        For a main lens the chief ray is followed to the sensor, at ``(distance to the lens)``: that makes
-        the period of the pattern exactly that of the micro-images at every depth.
+        For a main lens, the chief ray is followed to the sensor, at ``(distance to the lens)``. The period of the
+        pattern is then exactly that of the micro-images at every depth.
         """
         if isinstance(self.optics, Microscope):
             return self.sensor.pixel_um / self.optics.magnification
-        # similar triangles about the lens's centre: step over object distance is pixel over image distance
+        # similar triangles about the lens's centre: step / object distance = pixel / image distance
         distance = self._object_distance(z_um)
         return self.sensor.pixel_um * distance / (self.optics.image_distance_um + self.lattice.gap_um)
 
@@ -272,13 +272,13 @@ class Camera:
 
 
 def _completed(data: Mapping[str, Any], version: int) -> dict[str, Any]:
-    """Return the entries of a description of ``version`` with those that came later."""
+    """Return the entries of a description of ``version``, completed by those that later versions added."""
     body = {key: value for key, value in data.items() if key not in ("format", "version")}
     for added in (ADDED[later] for later in ADDED if later > version):
         for part, entries in added.items():
             held = body.get(part) if part else body
             if isinstance(held, Mapping):
-                # only what is not there: an older program cannot have written these entries
+                # only missing entries: an older program cannot have written them
                 body |= {part: {**entries, **held}} if part else {**entries, **held}
     return body
 
@@ -292,10 +292,10 @@ def _marks(entries: Any) -> Marks:
 
 
 def build(kind: type[T], data: Any, what: str, *, partial: bool = False) -> T:
-    """Return dataclass ``kind`` from JSON ``data``: nested dataclasses and tuples are rebuilt, names and types checked.
+    """Return dataclass ``kind`` from JSON ``data``, with nested dataclasses and tuples; names and types are checked.
 
-    Every entry must be there: one left out would silently take a default that nobody chose. With ``partial`` those of
-    ``kind`` itself may be missing.
+    Every entry is required, because a missing one would silently take a default. With ``partial``, entries of ``kind``
+    itself may be missing.
 
     Raises
     ------
@@ -308,7 +308,7 @@ def build(kind: type[T], data: Any, what: str, *, partial: bool = False) -> T:
         raise FileFormatError.expected(what, "an object with named entries", type(data).__name__, "correct it")
     hints = _hints(cast(Any, kind))
     names = {f.name for f in fields(cast(Any, kind))}
-    # an unknown entry is an error: a misspelt one would leave another without a value
+    # an unknown entry is an error, because a misspelt one leaves another without a value
     unknown = sorted(set(data) - names)
     if unknown:
         raise FileFormatError.expected(what, f"only {', '.join(sorted(names))}", unknown[0], "remove it")
@@ -321,7 +321,7 @@ def build(kind: type[T], data: Any, what: str, *, partial: bool = False) -> T:
 
 @cache
 def _hints(kind: type) -> dict[str, Any]:
-    """Return the types of a dataclass's entries; to read them from their texts takes longer than all else."""
+    """Return the types of a dataclass's entries, cached because parsing them takes longer than everything else."""
     return get_type_hints(kind)
 
 
@@ -341,7 +341,7 @@ def _value(hint: Any, value: Any, what: str) -> Any:
         args = get_args(hint)
         inner = args[0] if args else Any
         return tuple(_value(inner, v, what) for v in value)
-    # optional entries are written X | None, whose one other member is the type to build
+    # optional entries are written X | None, where X is the type to build
     if origin is UnionType:
         if value is None:
             return None
@@ -349,7 +349,7 @@ def _value(hint: Any, value: Any, what: str) -> Any:
         return _value(options[0], value, what) if len(options) == 1 else value
     if isinstance(hint, type) and is_dataclass(hint) and not isinstance(value, hint):
         return build(hint, value, what)
-    # true is a whole number in Python, and no number in a file
+    # in Python, true is an integer; in a file, it is not a number
     if hint in _LEAVES and type(value) not in _LEAVES[hint][0]:
         raise FileFormatError.expected(what, _LEAVES[hint][1], repr(value), "correct it")
     return value
@@ -359,7 +359,7 @@ def nearest_lens(camera: Camera, pixel: tuple[float, float]) -> tuple[float, flo
     """Return the sensor position ``(row, column)`` of the type-0 micro-image centre nearest to ``pixel`` (pixels)."""
     lattice = camera.lattice
     point = camera.sensor_um(pixel)
-    # one period in each direction holds at least one lenslet of each type
+    # one period in each direction contains at least one lenslet of each type
     reach = max(lattice.period_um)
     centres, types = lattice.lenslets_within(reach, reach, (float(point[0]), float(point[1])))
     centres = centres[types == 0]

@@ -1,4 +1,4 @@
-"""How the lattice of micro-images departs from straight rows, and lens distortion as a maker states it."""
+"""Distortion of the micro-image lattice, and lens distortion as a manufacturer states it."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ Array = NDArray[np.float64]
 MODELS = ("polynomial", "radial")
 
 REACH = 1.25
-"""Distance from the centre, in length scales, beyond which the displacement runs on straight."""
+"""Distance from the centre, in length scales, beyond which the displacement is continued linearly."""
 
 MAX_DEGREE = 7
 STEP = 1e-3
-"""Step of the differences that give derivatives, in length scales: exact to 1e-6 of the derivative."""
+"""Step of the finite differences for derivatives, in length scales: exact to 1e-6 of the derivative."""
 
 INVERSE_ROUNDS = 60
 INVERSE_TOLERANCE = 1e-12
@@ -30,15 +30,15 @@ INVERSE_TOLERANCE = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class BrownDistortion:
-    """Radial distortion after Brown, kept as the calibration file states it.
+    """Radial distortion after Brown, stored as the calibration file states it.
 
-    The file says neither the unit of the radius nor from which corner the centre counts, so the numbers are
-    carried along and not applied.
+    The file states neither the unit of the radius nor from which corner the centre is counted. The numbers are
+    therefore stored and not applied.
 
     Attributes
     ----------
     coefficients
-        Radial coefficients k1, k2, … in the file's order.
+        Radial coefficients k1, k2, … in the order of the file.
     centre_px
         Centre of distortion (x, y) as in the file (pixels).
 
@@ -101,7 +101,7 @@ def _monomial_slopes(u: Array, degree: int) -> Array:
 
 
 def _radial_slopes(u: Array, terms: int) -> Array:
-    """Return the derivatives of |u|² u, |u|⁴ u, …: ``(..., 2, 2, terms)``, rows what is displaced."""
+    """Return the derivatives of |u|² u, |u|⁴ u, …: ``(..., 2, 2, terms)``, rows are displaced coordinates."""
     square = (u**2).sum(-1)[..., None, None]
     outer = u[..., :, None] * u[..., None, :]
     return np.stack([square**m * np.eye(2) + 2 * m * square ** (m - 1) * outer for m in range(1, terms + 1)], axis=-1)
@@ -109,7 +109,7 @@ def _radial_slopes(u: Array, terms: int) -> Array:
 
 @lru_cache(maxsize=16)
 def _slopes_within_reach(model: str, count: int) -> Array:
-    """Return `_radial_slopes` or `_monomial_slopes` of ``count`` terms or orders all over the disc of `REACH`."""
+    """Return `_radial_slopes` or `_monomial_slopes` of ``count`` terms or orders over the disc of radius `REACH`."""
     grid = np.linspace(-REACH, REACH, 15)
     points = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
     inside = points[np.hypot(*points.T) <= REACH]
@@ -120,26 +120,26 @@ def _slopes_within_reach(model: str, count: int) -> Array:
 class LatticeDistortion:
     """Smooth displacement of the micro-images from an ideal lattice.
 
-    With u = (x - centre) / scale of a point of the ideal lattice, it is seen displaced by
+    A point x of the ideal lattice, with u = (x - centre) / scale, is displaced by
 
     - ``"polynomial"``: sum over orders 2 … n of ``terms[0][k]`` u_x^i u_y^j along x, and of ``terms[1][k]`` along y, in
       the order of `polynomial_powers`;
     - ``"radial"``: (k1 |u|² + k2 |u|⁴ + …) u with terms[0] = (k1, k2, …), after Brown (1966).
 
-    Constant and linear displacements belong to the lattice. All lengths are in the unit of the lattice: µm from the
-    sensor's centre in a `LensletLattice`, pixels (column, row) in a `lfcal.lattice.LatticeFit`. Beyond `REACH`
-    scales from the centre the displacement runs on straight, so that no far lenslet is folded back.
+    Constant and linear displacements belong to the lattice. All lengths have the unit of the lattice: µm from the
+    sensor's centre in a `LensletLattice`, pixels (column, row) in a `lfcal.lattice.LatticeFit`. Farther than `REACH`
+    scales from the centre, the displacement is continued linearly, so that no distant lenslet is folded back.
 
     Attributes
     ----------
     model
         ``"polynomial"`` or ``"radial"``.
     centre
-        Point (x, y) of the ideal lattice about which the terms count.
+        Point (x, y) of the ideal lattice from which u is measured.
     scale
-        Length at which a term displaces by its coefficient.
+        Distance from the centre at which a term displaces by its coefficient.
     terms
-        Coefficients (displacements at one scale): two tuples, along x and along y, or one, radial.
+        Coefficients (displacements at one scale): two tuples (along x and y), or one (radial).
 
     Examples
     --------
@@ -157,7 +157,7 @@ class LatticeDistortion:
     terms: tuple[tuple[float, ...], ...]
 
     def __post_init__(self) -> None:
-        """Check every value, and that no two points are seen at one place."""
+        """Check every value, and that no two points are mapped to the same place."""
         check_choice("model of the lattice's distortion", self.model, MODELS)
         object.__setattr__(self, "centre", check_tuple("centre of the distortion (x, y)", self.centre, 2))
         check_number("length scale of the distortion", self.scale, above=0)
@@ -165,10 +165,10 @@ class LatticeDistortion:
         object.__setattr__(self, "terms", tuple(check_tuple("terms of the distortion", t) for t in self.terms))
         self._check_counts()
         slopes = _slopes_within_reach(self.model, len(self.terms[0]) if self.model == "radial" else self.degree)
-        with np.errstate(over="ignore", invalid="ignore"):  # terms beyond all bounds are refused below
+        with np.errstate(over="ignore", invalid="ignore"):  # terms that overflow are refused below
             stretched = np.eye(2) + self._weighted(slopes) / self.scale
             least = float(np.linalg.det(stretched).min())
-            # where both directions are turned over the area is positive again
+            # if both directions are inverted, the area is positive again
             turned = float(stretched.trace(axis1=-2, axis2=-1).min())
         if not (least > 0.1 and turned > 0):
             raise InputError.expected(
@@ -215,7 +215,7 @@ class LatticeDistortion:
         return found
 
     def displacement(self, points: ArrayLike) -> Array:
-        """Return by how much points ``(..., 2)`` (x, y) of the ideal lattice are displaced."""
+        """Return the displacements of points ``(..., 2)`` (x, y) of the ideal lattice."""
         u = (np.asarray(points, float) - np.array(self.centre)) / self.scale
         radius = np.hypot(u[..., 0], u[..., 1])
         far = radius > REACH
@@ -228,23 +228,23 @@ class LatticeDistortion:
         return result
 
     def apply(self, points: ArrayLike) -> Array:
-        """Return where points ``(..., 2)`` (x, y) of the ideal lattice are seen."""
+        """Return the distorted places of points ``(..., 2)`` (x, y) of the ideal lattice."""
         seen: Array = np.asarray(points, float) + self.displacement(points)
         return seen
 
     def invert(self, seen: ArrayLike) -> Array:
-        """Return the points ``(..., 2)`` of the ideal lattice that are seen at ``seen``: inverse of `apply` (Newton).
+        """Return the points ``(..., 2)`` of the ideal lattice displaced to ``seen``: the inverse of `apply` (Newton).
 
         Raises
         ------
         InputError
-            If a point is not finite, or so far out that nothing is seen there.
+            If a point is not finite, or too far out to be invertible.
         """
         target = np.asarray(seen, float)
         points = target.copy()
         if not points.size:
             return points
-        # the derivative changes little from point to point: that of the first round serves all
+        # the derivative changes little: the one of the first iteration serves all
         inverse = np.linalg.inv(self.jacobian(points))
         for _ in range(INVERSE_ROUNDS):
             step = np.einsum("...ij,...j->...i", inverse, target - self.apply(points))
@@ -254,7 +254,7 @@ class LatticeDistortion:
         raise InputError("distortion of the lattice: cannot be inverted so far out; use points near the sensor")
 
     def jacobian(self, points: ArrayLike) -> Array:
-        """Return the derivative of `apply` ``(..., 2, 2)``: rows what is displaced, columns along what (x, y)."""
+        """Return the derivative of `apply` ``(..., 2, 2)``: rows are displaced coordinates, columns are x and y."""
         at, step = np.asarray(points, float), STEP * self.scale
         u = (at - np.array(self.centre)) / self.scale
         far = np.hypot(u[..., 0], u[..., 1]) > REACH
@@ -276,7 +276,7 @@ class LatticeDistortion:
         return max(hypot(x, y) for x, y in self.displacement(points))
 
     def scaled(self, factor: float, shift: tuple[float, float] = (0.0, 0.0)) -> LatticeDistortion:
-        """Return the same distortion of the points ``factor * (x, y) + shift``: another unit, another origin."""
+        """Return the same distortion for points ``factor * (x, y) + shift``: another unit, another origin."""
         check_number("factor of the distortion", factor, above=0)
         x, y = (factor * c + s for c, s in zip(self.centre, shift, strict=True))
         terms = tuple(tuple(factor * t for t in line) for line in self.terms)

@@ -1,4 +1,4 @@
-"""A camera in the making: values as they come to be known, each with where it comes from."""
+"""An incomplete camera: values are added as they become known, each with its source."""
 
 from __future__ import annotations
 
@@ -21,29 +21,30 @@ __all__ = ["Draft"]
 FOCUS, RANGES = "lattice.focus", "lattice.depth_ranges"
 PATHS = {quantity.path for quantity in QUANTITIES} | {FOCUS, RANGES}
 
-# a microscope's camera is rarely the sensor of a plenoptic one; both are assumptions and said to be.
+# a microscope's camera rarely has the sensor of a plenoptic one; both are assumptions and marked as such
 MICROSCOPE_SENSOR: dict[str, Any] = {"shape": (2048, 2048), "pixel_um": 6.5, "bit_depth": 16, "read_noise_e": 1.5}
 MICROSCOPE_PITCH_UM = 125.0
 SEEN_IN_PIXELS = tuple(f"lattice.{n}" for n in ("pitch_um", "row_pitch_um", "offset_um", "clear_um", "distortion"))
 
 
 class Draft:
-    """Values of a camera by path, the first to be put winning; what is missing in the end is assumed and marked so.
+    """Values of a camera by path. The first value set for a path is kept; missing ones are assumed and marked.
 
-    Besides the paths of `QUANTITIES` there are ``lattice.focus`` (virtual depths that the types have in focus),
-    ``lattice.depth_ranges`` (pairs of virtual depths, one per type), and ``lattice.types`` holds focal lengths (µm).
+    In addition to the paths of `QUANTITIES` there are ``lattice.focus`` (virtual depths at which the types are in
+    focus) and ``lattice.depth_ranges`` (pairs of virtual depths, one per type). ``lattice.types`` holds focal lengths
+    (µm).
 
     Parameters
     ----------
     kind
         ``"MainLens"`` or ``"Microscope"``.
     given
-        What the user states, by path; nothing that is put later replaces it.
+        Values stated by the user, by path; later values do not replace them.
 
     Raises
     ------
     InputError
-        If a path is none of such a camera.
+        If such a camera has no value at a path.
 
     Examples
     --------
@@ -66,10 +67,10 @@ class Draft:
 
     @classmethod
     def of(cls, camera: Camera, given: Mapping[str, Any]) -> Draft:
-        """Return the draft of an existing camera with ``given`` in place of its values.
+        """Return a draft of an existing camera with ``given`` replacing its values.
 
-        Lattices are seen in pixels: with another pixel pitch their lengths are scaled where they were derived or
-        measured. Gap and focal lengths that were assumed are assumed anew.
+        Lattices are measured in pixels: with another pixel pitch, their derived or measured lengths are scaled.
+        Assumed gaps and focal lengths are assumed again.
         """
         draft = cls(type(camera.optics).__name__, given)
         draft.distortion = camera.distortion
@@ -85,7 +86,7 @@ class Draft:
                     continue
                 if path in SEEN_IN_PIXELS and mark in ("derived", "measured"):
                     value = _scaled(value, scale)
-                # also what people do not state, such as a measured distortion
+                # also values that users do not state, such as a measured distortion
                 draft._values.setdefault(path, (value, mark))
         for path in ("wavelength_um", "bandwidth_um"):
             draft.put(path, getattr(camera, path), marks[path])
@@ -96,13 +97,13 @@ class Draft:
         lattice, mark = camera.lattice, camera.marks["lattice.types"]
         if any(kind.depth_range for kind in lattice.types):
             self.put(RANGES, tuple(kind.depth_range for kind in lattice.types), camera.marks[RANGES])
-        if mark == "assumed" or "lattice.gap_um" in given:  # types keep what they have in focus
+        if mark == "assumed" or "lattice.gap_um" in given:  # types keep the virtual depth that is in focus
             self.put(FOCUS, tuple(kind.focus_depth(lattice.gap_um) for kind in lattice.types), mark)
         else:
             self.put("lattice.types", tuple(kind.focal_length_um for kind in lattice.types), mark)
 
     def put(self, path: str, value: Any, mark: str = "stated") -> None:
-        """Take ``value`` unless there is one already; None is no value."""
+        """Set ``value`` unless one is set already; None sets nothing."""
         part, _, name = path.rpartition(".")
         if path not in PATHS or (part == "optics" and name not in {f.name for f in fields(self._kind)}):
             kind = "a main lens" if self._kind is MainLens else "a microscope"
@@ -111,42 +112,42 @@ class Draft:
             self._values.setdefault(path, (value, mark))
 
     def state(self, path: str, value: Any) -> None:
-        """Take ``value`` as stated, in place of what there is."""
+        """Set ``value`` as stated, replacing the present one."""
         self.withdraw(path)
         self.put(path, value)
         if path == FOCUS:
             self.withdraw("lattice.types")
 
     def withdraw(self, path: str) -> None:
-        """Forget the value at ``path``."""
+        """Remove the value at ``path``."""
         self._values.pop(path, None)
 
     def get(self, path: str) -> Any:
-        """Return the value at ``path``, or the one assumed for it so far."""
+        """Return the value at ``path``, or its present assumption."""
         if path in self._values:
             return self._values[path][0]
         part, _, name = path.rpartition(".")
         return getattr(self._build(part), name)
 
     def mark(self, path: str) -> str:
-        """Return the mark of the value at ``path``: ``"assumed"`` where none was put."""
+        """Return the mark of the value at ``path``: ``"assumed"`` if none was set."""
         return self._values.get(path, (None, "assumed"))[1]
 
     def camera(self, name: str) -> Camera:
         """Return the camera, with a mark for every value.
 
-        A gap that is not known is assumed to be the pitch times the working f-number, at which micro-images just
-        touch; lens types are assumed to be in focus where their depth ranges say, or at infinity.
+        An unknown gap is assumed to be the pitch times the working f-number, at which micro-images just touch. Lens
+        types are assumed to be in focus at the depth from their depth ranges, or at infinity.
 
         Raises
         ------
         InputError
-            If a value is refused.
+            If a value is invalid.
         """
-        return self.copy()._complete(name)  # what is assumed now may be stated later
+        return self.copy()._complete(name)  # values assumed now may be stated later
 
     def copy(self) -> Draft:
-        """Return a draft of the same values."""
+        """Return a copy of the draft."""
         other = copy.copy(self)
         other._values = dict(self._values)
         return other
@@ -173,19 +174,19 @@ class Draft:
         return {n: self._values[start + n][0] for n in names if start + n in self._values}
 
     def _types(self) -> tuple[tuple[LensType, ...], str]:
-        """Return the lens types and where they come from."""
+        """Return the lens types and their mark."""
         gap, ranges = self.get("lattice.gap_um"), self._values.get(RANGES, ((), ""))[0]
         if "lattice.types" in self._values:
             lengths, mark = self._values["lattice.types"]
             ranges = ranges if len(ranges) == len(lengths) else (None,) * len(lengths)
             return tuple(LensType(f, own) for f, own in zip(lengths, ranges, strict=True)), mark
-        # equal blur at both ends of the range: blur is proportional to |1/v - 1/v_focus|
+        # choose equal blur at both ends of the range: blur is proportional to |1/v - 1/v_focus|
         middle = tuple(2.0 / (1.0 / near + 1.0 / far) for near, far in ranges) if all(ranges) else ()
         self.put(FOCUS, middle or (math.inf,), "derived" if middle else "assumed")
         focus, mark = self._values[FOCUS]
         ranges = ranges if len(ranges) == len(focus) else (None,) * len(focus)
         types = tuple(LensType.focused_at(v, gap, own) for v, own in zip(focus, ranges, strict=True))
-        # focal lengths follow from the gap, and are no better known than it is
+        # focal lengths depend on the gap, and are no more reliable than it
         return types, "assumed" if self.mark("lattice.gap_um") == "assumed" else mark
 
     def _marks(self, camera: Camera, types: str) -> Marks:
@@ -198,7 +199,7 @@ class Draft:
 
 
 def _scaled(value: Any, scale: float) -> Any:
-    """Return a length, or what has lengths, ``scale`` times as large."""
+    """Return a length, or an object with lengths, multiplied by ``scale``."""
     if value is None:
         return None
     if isinstance(value, tuple):

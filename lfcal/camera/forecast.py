@@ -1,4 +1,4 @@
-"""What a scan will cost, before anything runs."""
+"""Forecast of the cost of a scan."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from lfcal.camera.plan import ScanPlan
 __all__ = ["Forecast", "readout_hours"]
 
 MIN_RATE = 1e-6
-"""Least speed of a stage (µm/s) and least frame rate (frames/s): with less a scan has no end."""
+"""Smallest speed of a stage (µm/s) and frame rate (frames/s) accepted: slower scans would not end."""
 
 
 def readout_hours(frames: int, frames_per_s: float | None) -> float | None:
-    """Return how long so many frames are read out and transferred (h); None where the camera's rate is not known.
+    """Return the time to read out and transfer ``frames`` frames (h); None if the camera's rate is unknown.
 
-    A frame is waited for before the stage moves or the next one is exposed: its readout adds to its exposure, even of
-    cameras that can do both at once.
+    The stage moves, and the next exposure begins, only after a frame has arrived. Readout therefore adds to the
+    exposure, even for cameras that can do both simultaneously.
     """
     if frames_per_s is None:
         return None
@@ -32,20 +32,20 @@ def readout_hours(frames: int, frames_per_s: float | None) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """Time, disk and memory that a `ScanPlan` needs.
+    """Time, disk space and memory that a `ScanPlan` needs.
 
     Attributes
     ----------
     positions, frames
-        Source positions, and frames recorded (several where they are averaged).
+        Number of source positions, and of recorded frames (more if frames are averaged).
     exposure_hours, settle_hours, move_hours
         Time in hours spent exposing, settling and moving.
     readout_hours
-        Time in hours spent reading frames out; None where the camera's rate is not known, and nothing is counted.
+        Time in hours spent reading frames out; None if the camera's rate is unknown; it is then not counted.
     frame_bytes, cutout_bytes
-        All frames as the camera gives them, and only their cutouts as uint16.
+        Size of all frames as delivered by the camera, and of only their cutouts as uint16.
     h_float32_bytes, h_rounded_bytes
-        H uncompressed, and at most as an H file that is rounded to 16 bits. HT is stored only when exported.
+        Size of H uncompressed, and largest size of an H file rounded to 16 bits. HT is stored only when exported.
     assembly_bytes
         Peak memory of assembly: two float32 planes.
 
@@ -72,17 +72,17 @@ class Forecast:
 
     @property
     def hours(self) -> float:
-        """Time in all (h), readout included where it is known."""
+        """Total time (h), including readout if it is known."""
         return self.exposure_hours + self.settle_hours + self.move_hours + (self.readout_hours or 0.0)
 
     @property
     def bytes_per_s(self) -> float:
-        """Bytes that the camera delivers in a second, whole frames in this time."""
+        """Bytes per second that the camera delivers, for whole frames in this time."""
         return self.frame_bytes / (3600 * self.hours) if self.hours else math.inf
 
     @property
     def ht_float32_bytes(self) -> int:
-        """HT uncompressed (float32), where it is exported."""
+        """Size of HT uncompressed (float32), if it is exported."""
         return self.h_float32_bytes
 
     def to_dict(self) -> dict[str, Any]:
@@ -99,10 +99,11 @@ class Forecast:
         frames_per_s: float | None = None,
         positions: NDArray[np.intp] | None = None,
     ) -> Forecast:
-        """Return the forecast of ``plan`` with a stage that moves at ``stage_um_per_s`` (µm/s), its axes at once.
+        """Return the forecast of ``plan``; the stage moves all axes simultaneously at ``stage_um_per_s`` (µm/s).
 
-        ``frames_per_s`` is the most that the camera delivers, of the region that it reads; see `readout_hours`. With
-        ``positions`` ``(n, 3)`` as (z, y, x) no others are recorded, in that order; H has all of them all the same.
+        ``frames_per_s`` is the largest rate of the camera for the region that it reads; see `readout_hours`.
+        ``positions`` ``(n, 3)`` as (z, y, x) are the only ones recorded, in that order; the size of H does not depend
+        on them.
         """
         check_number("stage speed (µm/s)", stage_um_per_s, at_least=MIN_RATE)
         _, ny, nx, nt, ns = plan.shape
@@ -132,8 +133,8 @@ class Forecast:
 
 
 def _travel_um(plan: ScanPlan, positions: NDArray[np.intp] | None) -> float:
-    """Return the way of the stage, its longest axis counted in each move (µm)."""
-    # all steps of a row are equal: without gaps the ends of the rows do
+    """Return the path length of the stage (µm), counting the longest axis of each move."""
+    # all steps of a row are equal, so the ends of the rows suffice if there are no gaps
     path = plan.stage_um(plan.row_ends() if positions is None else positions)
-    # the axes run at the same time, so a move lasts as long as its longest component
+    # the axes move simultaneously, so the longest component determines the duration
     return float(np.abs(np.diff(path, axis=0)).max(axis=1).sum()) if len(path) > 1 else 0.0

@@ -1,4 +1,4 @@
-"""The lenslet array, described as it is seen on the sensor, and the cell of its lattice."""
+"""The lenslet array as seen on the sensor, and the cell of its lattice."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 Vector = tuple[float, float]
 
 GAPLESS_SHARE = 0.995
-"""Clear diameter over the cell's from corner to corner from which lenslets leave no gaps: 5e-5 of the light is lost."""
+"""Ratio of clear diameter to cell diameter above which lenslets leave no gaps: 5e-5 of the light is lost."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class LensType:
     focal_length_um
         Focal length (µm).
     depth_range
-        Virtual depths (near, far) this type is used for, where the maker states them.
+        Virtual depths (near, far) for which this type is used, if the manufacturer states them.
 
     Examples
     --------
@@ -80,8 +80,8 @@ class LensType:
 class LensletLattice:
     """A square or hexagonal lenslet array of one or three types.
 
-    Distances are those of the micro-image lattice on the sensor: what a white image shows and what the
-    maker's calibration states. The lenslets themselves are closer together by `Camera.lattice_scale`.
+    Distances are those of the micro-image lattice on the sensor, as shown by a white image and stated in the
+    manufacturer's calibration. The lenslets themselves are closer together by `Camera.lattice_scale`.
 
     Attributes
     ----------
@@ -92,30 +92,30 @@ class LensletLattice:
     gap_um
         Distance from lenslets to sensor, B (µm).
     types
-        One or three lens types. Three types on a hexagonal array are coloured so that neighbours differ;
+        One or three lens types. On a hexagonal array with three types, neighbours differ;
         a lenslet of type 0 sits at the offset.
     rotation_rad
         Angle from the sensor's +x axis to a row, positive from +x towards +y (downwards) (rad).
     offset_um
         Centre (x, y) of a type-0 micro-image from the sensor's centre, x to the right, y downwards (µm).
     clear_um
-        Clear diameter of a lenslet on the sensor's scale, that of the pitch: a maker's times `Camera.lattice_scale`
-        (µm). A stated one is round, and a lenslet ends at its cell: from corner to corner (square: sqrt(2) pitch;
-        hexagonal: 2/sqrt(3) pitch) the array has no gaps. None: squares without gaps, or, hexagonal, discs of the
-        pitch.
+        Clear diameter of a lenslet on the sensor's scale, like the pitch; multiply a manufacturer's value by
+        `Camera.lattice_scale` (µm). Lenslets with a stated diameter are round, and end at their cells. At the cell's
+        diameter (square: sqrt(2) pitch; hexagonal: 2/sqrt(3) pitch) the array has no gaps. None: squares without gaps,
+        or, if hexagonal, discs with the pitch as diameter.
     row_pitch_um
-        Distance of neighbouring rows where it is not the ideal one (square: pitch; hexagonal:
-        pitch * sqrt(3)/2), as measured from a white image (µm).
+        Distance of neighbouring rows if it differs from the ideal one (square: pitch; hexagonal: pitch * sqrt(3)/2),
+        as measured from a white image (µm).
     type_step
-        Type of the lenslet that follows a type-0 lenslet in its row (+q): 1, or 2 where the types run the
-        other way. Makers number types as they please; with this the rotation stays small.
+        Type of the lenslet that follows a type-0 lenslet in its row (+q): 1, or 2 if the types run in the other
+        direction. Manufacturers number types differently; this keeps the rotation small.
     shear_rad
-        By how much the angle from a row to the next departs from the ideal one: rows are shifted along
-        themselves by ``tan(shear)`` of their distance, more than the kind of lattice says (rad).
+        Deviation of the angle from a row to the next from the ideal one (rad): rows are shifted along themselves by an
+        additional ``tan(shear)`` times their distance.
     distortion
-        How the lattice as seen departs from straight rows (µm from the sensor's centre); None: it does not.
+        Distortion of the lattice as seen on the sensor (µm from the sensor's centre); None: straight rows.
         `centres_um`, `lenslet_at` and `lenslets_within` include it; pitch, period and `basis_um` are those of the
-        straight lattice, `local` those at a place.
+        straight lattice; `local` gives those at a place.
 
     Examples
     --------
@@ -151,7 +151,7 @@ class LensletLattice:
         object.__setattr__(self, "types", tuple(self.types))
         for kind in self.types:
             check_type("lens type", kind, LensType)
-        # three types colour a hexagonal lattice so that neighbours differ; arrays of three types are made so
+        # arrays of three types are hexagonal, with different types as neighbours
         if len(self.types) not in (1, 3) or (len(self.types) == 3 and self.kind == "square"):
             raise InputError.expected("lens types", "one, or three on a hexagonal array", len(self.types), "correct it")
         if self.row_pitch_um is not None:
@@ -173,36 +173,36 @@ class LensletLattice:
 
     @property
     def clear_diameter_um(self) -> float:
-        """Clear diameter of a lenslet, within its cell; of squares that touch their side (µm)."""
+        """Clear diameter of a lenslet within its cell; for touching squares, their side (µm)."""
         if self.clear_um is None or self.edge_to_edge:
             return self.pitch_um
         return min(self.clear_um, self.cell_um[1])
 
     @property
     def cell_um(self) -> tuple[float, float]:
-        """Diameters of the circles within and about a lenslet's cell, the points nearest to it (µm)."""
+        """Diameters of the inscribed and circumscribed circles of a lenslet's cell, the points nearest to it (µm)."""
         sides, across = cell_size(*self._upright_um)
         return min(sides), across
 
     @property
     def edge_to_edge(self) -> bool:
-        """Whether the lenslets are squares that touch."""
+        """Whether the lenslets are touching squares."""
         return self.kind == "square" and self.gapless
 
     @property
     def gapless(self) -> bool:
-        """Whether the lenslets fill their cells: squares of no stated clear diameter, discs from corner to corner."""
+        """Whether the lenslets fill their cells: squares without a clear diameter, or discs of the cell's diameter."""
         if self.clear_um is None and self.kind == "square":
             return True
         return (self.pitch_um if self.clear_um is None else self.clear_um) >= GAPLESS_SHARE * self.cell_um[1]
 
     @property
     def fill_factor(self) -> float:
-        """Share of the array that the lenslets cover: discs of the clear diameter, within their cells."""
+        """Share of the array covered by the lenslets: discs of the clear diameter, within their cells."""
         if self.gapless:
             return 1.0
         radius, cell = self.clear_diameter_um / 2, self.pitch_um * self.row_step_um
-        # beyond each side lies a segment; they do not overlap, as the cell's corners lie on one circle
+        # the segments outside the sides do not overlap, because the cell's corners lie on one circle
         cut = [math.acos(side / (2 * radius)) for side in cell_size(*self._upright_um)[0] if side < 2 * radius]
         beyond = sum(2 * (angle - math.sin(2 * angle) / 2) for angle in cut)
         return radius**2 * (math.pi - beyond) / cell
@@ -211,7 +211,7 @@ class LensletLattice:
     def period_um(self) -> tuple[float, float]:
         """Rectangular period ``(y, x)`` of the array, types included (µm).
 
-        Rows that run closer to the sensor's columns than to its rows swap the two.
+        Rows that are closer to the direction of the sensor's columns swap y and x.
         """
         across, along = self.row_step_um, self.pitch_um
         # odd rows are shifted by half a pitch, so a rectangular cell takes two rows; three types repeat every third
@@ -222,16 +222,16 @@ class LensletLattice:
 
     @property
     def quarter_turns(self) -> int:
-        """Whole quarter turns from the sensor's +x axis to the rows."""
+        """Number of quarter turns from the sensor's +x axis to the rows."""
         return round(self.rotation_rad / (math.pi / 2))
 
     @property
     def tilt_rad(self) -> float:
-        """Angle from the nearest sensor axis to the rows: what keeps the period from lying on the pixel grid."""
+        """Angle from the nearest sensor axis to the rows, which keeps the period off the pixel grid."""
         return self.rotation_rad - self.quarter_turns * math.pi / 2
 
     def basis_um(self) -> NDArray[np.float64]:
-        """Return the straight lattice's vectors as rows ``[[ax, ay], [bx, by]]``: along a row, to the next row (µm)."""
+        """Return the vectors of the straight lattice as rows ``[[ax, ay], [bx, by]]``, along and across rows (µm)."""
         upright = np.array(self._upright_um)
         c, s = math.cos(self.rotation_rad), math.sin(self.rotation_rad)
         # image y points down, so this turns from +x towards +y: clockwise on the screen
@@ -241,7 +241,7 @@ class LensletLattice:
 
     @property
     def _upright_um(self) -> tuple[Vector, Vector]:
-        """The vectors of `basis_um` where the rows run along +x."""
+        """The vectors of `basis_um` if the rows ran along +x."""
         lean = self.pitch_um / 2 if self.kind == "hexagonal" else 0.0
         return (self.pitch_um, 0.0), (lean + self.row_step_um * math.tan(self.shear_rad), self.row_step_um)
 
@@ -259,22 +259,22 @@ class LensletLattice:
         return index
 
     def in_cell(self, x_um: ArrayLike, y_um: ArrayLike) -> NDArray[np.bool_]:
-        """Return which points, counted from a lenslet's centre (µm), are nearer to it than to any other one."""
+        """Return which points, relative to a lenslet's centre (µm), are nearer to it than to any other lenslet."""
         points = np.stack(np.broadcast_arrays(np.asarray(x_um, float), np.asarray(y_um, float)), -1)
         others = cell_neighbours(self.basis_um())
         inside: NDArray[np.bool_] = (np.abs(points @ others.T) <= (others**2).sum(-1) / 2).all(-1)
         return inside
 
     def local(self, about_um: tuple[float, float]) -> LensletLattice:
-        """Return the straight lattice that this one is about a point (x, y) of the sensor (µm).
+        """Return the straight lattice that approximates this one about a point (x, y) of the sensor (µm).
 
-        Its pitch, row pitch, rotation and shear are those at the lenslet of type 0 nearest to the point, which sits
-        at its offset: what a period, wave vectors or a rotation need where the lattice is distorted.
+        Its pitch, row pitch, rotation and shear are those at the lenslet of type 0 nearest to the point; this lenslet
+        is at its offset. Periods, wave vectors and rotations need it if the lattice is distorted.
         """
         if self.distortion is None:
             return self
         near = np.rint(self.lenslet_at(about_um)).astype(np.intp)
-        # a lenslet of type 0 is never farther than one step away
+        # the nearest lenslet of type 0 is at most one step away
         steps = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)]) + near
         zero = steps[self.type_of(steps[:, 0], steps[:, 1]) == 0]
         distance = np.hypot(*(self.centres_um(zero[:, 0], zero[:, 1]) - np.array(about_um)).T)
@@ -290,7 +290,7 @@ class LensletLattice:
             self,
             pitch_um=pitch,
             row_pitch_um=row,
-            # not folded into half a turn: the stated rotation may lie beyond
+            # not reduced to half a turn: the stated rotation may be larger
             rotation_rad=self.rotation_rad + math.remainder(turn - self.rotation_rad, 2 * math.pi),
             shear_rad=math.atan(lean / row),
             offset_um=(float(x), float(y)),
@@ -299,13 +299,13 @@ class LensletLattice:
         )
 
     def clear_of(self, pitch_um: float) -> float | None:
-        """Return the clear diameter where the pitch is another (µm); an array without gaps stays one."""
+        """Return the clear diameter for another pitch (µm); an array without gaps keeps none."""
         if self.clear_um is None or not self.gapless:
             return None if self.clear_um is None else min(self.clear_um, 1.5 * pitch_um)
         return self.clear_um * pitch_um / self.pitch_um
 
     def scaled(self, factor: float) -> LensletLattice:
-        """Return the lattice ``factor`` times as large about the sensor's centre; gap and types stay."""
+        """Return the lattice scaled by ``factor`` about the sensor's centre, with the same gap and types."""
         x, y = self.offset_um
         return replace(
             self,
@@ -326,7 +326,7 @@ class LensletLattice:
         points = np.asarray(xy_um, float)
         near = np.rint(self.lenslet_at(points)).astype(np.intp)
         steps = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
-        # of a hexagonal array the nearest lenslet is among the neighbours of the rounded index
+        # in a hexagonal array, the nearest lenslet is among the neighbours of the rounded index
         around = near[..., None, :] + steps
         centres = self.centres_um(around[..., 0], around[..., 1])
         nearest = np.square(centres - points[..., None, :]).sum(-1).argmin(-1)
@@ -337,8 +337,8 @@ class LensletLattice:
         self, half_width_um: float, half_height_um: float, about_um: tuple[float, float] = (0.0, 0.0)
     ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         """Return centres ``(n, 2)`` as (x, y) and types ``(n,)`` inside a box about ``about_um`` (µm)."""
-        # the box's outline in lattice indices, with a cell to spare: a turned lattice's index range is larger than the
-        # box, and a distorted one's is not the largest at the corners
+        # the box's outline in lattice indices, with a margin of one cell: a rotated lattice's index range is larger
+        # than the box, and that of a distorted one is not largest at the corners
         side = np.linspace(-1, 1, 9)
         outline = [(a, b) for a in side for b in (-1, 1)] + [(a, b) for a in (-1, 1) for b in side]
         index = self.lenslet_at(np.array(outline) * (half_width_um, half_height_um) + np.array(about_um))
@@ -352,11 +352,11 @@ class LensletLattice:
 
 
 RIGHT_ANGLE = 1e-9
-"""Cosine of the angle between shortest vectors below which the cell is a rectangle."""
+"""Cosine of the angle between the shortest vectors below which the cell is a rectangle."""
 
 
 def cell_neighbours(basis: ArrayLike) -> Array:
-    """Return the neighbours that bound the cell, one of each opposite pair: two of a rectangle, three of a hexagon.
+    """Return the neighbours that bound the cell, one of each opposite pair: two for a rectangle, three for a hexagon.
 
     Parameters
     ----------
@@ -366,10 +366,10 @@ def cell_neighbours(basis: ArrayLike) -> Array:
     Returns
     -------
     ndarray
-        ``(2 or 3, 2)``, in the order of their angles, within half a turn: with their negatives they go round the cell.
+        ``(2 or 3, 2)``, sorted by angle within half a turn; with their negatives they surround the cell.
     """
     vectors = np.array(basis, float)
-    # squares of lengths could overflow
+    # normalized, because squares of lengths could overflow
     unit = float(np.abs(vectors).max())
     short, long = vectors / unit
     # Gauss's reduction: the shortest vectors, at 60 to 90 degrees
@@ -389,9 +389,9 @@ def cell_neighbours(basis: ArrayLike) -> Array:
 
 
 def cell_corners(basis: ArrayLike) -> Array:
-    """Return the corners ``(4 or 6, 2)`` of the cell about a point of the lattice, from +x towards +y round it.
+    """Return the corners ``(4 or 6, 2)`` of the cell about a lattice point, ordered from +x towards +y.
 
-    Each lies where the perpendicular bisectors of two neighbours in turn meet; all are as far from the point.
+    Each is the intersection of the perpendicular bisectors of two consecutive neighbours; all have the same distance.
     """
     unit = float(np.abs(np.array(basis, float)).max())
     half = cell_neighbours(basis) / unit
@@ -406,7 +406,7 @@ def cell_corners(basis: ArrayLike) -> Array:
 def cell_size(a: Vector, b: Vector) -> tuple[tuple[float, ...], float]:
     """Return the distances of opposite sides of the cell of two vectors, and its diameter from corner to corner.
 
-    Kept, as simulations ask for them at every lenslet.
+    Cached, because simulations need them at every lenslet.
     """
     sides = np.hypot(*cell_neighbours((a, b)).T)
     return tuple(sides.tolist()), 2 * float(np.hypot(*cell_corners((a, b))[0]))

@@ -21,13 +21,13 @@ class MainLens:
     f_number
         f-number set on the lens (focal length over entrance pupil diameter).
     working_distance_um
-        Distance from the lens to the plane whose image lies on the lenslet array (µm).
+        Distance from the lens to the plane that is imaged onto the lenslet array (µm).
     blades
         Iris blades; 0 is a circular iris.
     blade_rotation_rad
         Angle of the first vertex from the +x (column) axis (rad).
     blade_curvature
-        Apothem over blade radius: 0 straight edges, 1 a circle.
+        Ratio of apothem to blade radius: 0 for straight edges, 1 for a circle.
 
     Examples
     --------
@@ -64,7 +64,7 @@ class MainLens:
 
     @property
     def telecentric(self) -> bool:
-        """Whether the period is the same over the whole field (it is not)."""
+        """Whether the period is the same over the whole field; for a main lens it is not."""
         return False
 
     @property
@@ -83,7 +83,7 @@ class MainLens:
 
     @property
     def working_f_number(self) -> float:
-        """Image distance over pupil diameter: the cone that reaches the lenslets."""
+        """Working f-number: image distance over pupil diameter, which sets the cone that reaches the lenslets."""
         # pupil diameter is f/N
         return self.image_distance_um * self.f_number / self.focal_length_um
 
@@ -132,17 +132,17 @@ class Microscope:
 
     @property
     def telecentric(self) -> bool:
-        """Whether the period is the same over the whole field."""
+        """Whether the period is the same over the whole field; for a telecentric microscope it is."""
         return True
 
     @property
     def image_distance_um(self) -> float:
-        """Distance from the exit pupil to the lenslet array: infinite, for chief rays are parallel."""
+        """Distance from the exit pupil to the lenslet array: infinite, because chief rays are parallel."""
         return math.inf
 
     @property
     def working_f_number(self) -> float:
-        """M / (2 NA): the cone that reaches the lenslets."""
+        """Working f-number M / (2 NA), which sets the cone that reaches the lenslets."""
         # paraxial 1/(2 NA) on the object side, M times slower on the image side
         return self.magnification / (2 * self.numerical_aperture)
 

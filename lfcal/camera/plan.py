@@ -1,4 +1,4 @@
-"""The scan plan: which positions of the source are recorded, where they are, and in which order."""
+"""The scan plan: the source positions to record, their places, and their order."""
 
 from __future__ import annotations
 
@@ -39,15 +39,15 @@ __all__ = [
 ]
 
 MAX_DEFOCUS = 0.5
-"""Depth over an objective's focal length up to which its aperture is taken as that of the focal plane: at -1 the source
-would be in the lens."""
+"""Largest ratio of depth to an objective's focal length for which the aperture of the focal plane is used; at -1 the
+source would be in the lens."""
 
 MAX_WAIT_S = 86_400.0
-"""A day: longer exposures and waits are slips of the pen, and their sum over all positions would overflow."""
+"""Longest exposure or wait (s), a day: longer ones are typing errors, and their sum over positions would overflow."""
 
 
 def depths_of(camera: Camera, depths: Iterable[float] | None, virtual: Iterable[float] | None) -> tuple[float, ...]:
-    """Return object-space depths (µm) from whichever is given: themselves, or virtual depths."""
+    """Return object-space depths (µm), given as such or as virtual depths."""
     if (depths is None) == (virtual is None):
         raise InputError.expected("depth planes", "depths in µm or virtual depths", "both or neither", "give one")
     values: Sequence[float] = tuple(depths if depths is not None else () if virtual is None else virtual)
@@ -57,10 +57,10 @@ def depths_of(camera: Camera, depths: Iterable[float] | None, virtual: Iterable[
 
 
 def checked_depths(camera: Camera, depths: Sequence[float]) -> tuple[float, ...]:
-    """Return depths (µm) that the camera can see, strictly ordered; others raise `InputError`."""
+    """Return depths (µm) that the camera can see, strictly ordered; raises `InputError` for others."""
     checked = check_tuple("depths (µm)", depths)
     for z in checked:
-        # raises where the main lens has no image of the plane
+        # raises if the main lens does not image the plane
         camera.step_um(z)
         if isinstance(camera.optics, Microscope):
             _check_near(camera.optics, z)
@@ -76,7 +76,7 @@ def checked_depths(camera: Camera, depths: Sequence[float]) -> tuple[float, ...]
 
 
 def _check_near(optics: Microscope, z_um: float) -> None:
-    """Raise unless the objective, which its focal length lies from the focal plane, sees depth z in the cone of it."""
+    """Raise unless the depth z is close enough to the focal plane for the objective's cone to apply."""
     focal = optics.medium_index * optics.tube_length_um / optics.magnification
     if not abs(z_um) < MAX_DEFOCUS * focal:
         share = f"{MAX_DEFOCUS:g} of the objective's focal length"
@@ -85,8 +85,8 @@ def _check_near(optics: Microscope, z_um: float) -> None:
 
 
 def checked_exposures(given: float | Sequence[float], planes: int) -> tuple[float, ...]:
-    """Return the exposure of each of ``planes`` planes (s); one that is given is that of all."""
-    # a list of one is one exposure for all planes, as JSON writes it
+    """Return the exposure of each of ``planes`` planes (s); a single one applies to all."""
+    # JSON writes one exposure for all planes as a list of one
     given = given.tolist() if isinstance(given, np.ndarray) else given
     several = isinstance(given, list | tuple) and len(given) != 1
     values = check_tuple(
@@ -101,45 +101,45 @@ def checked_exposures(given: float | Sequence[float], planes: int) -> tuple[floa
 
 FORMAT = "lfcal-plan"
 VERSION = 1
-# far beyond any recording (25 days at a frame per millisecond): a wrong period or depth list ends here
+# far more than any recording (25 days at a frame per millisecond): catches wrong periods and depth lists
 MAX_POSITIONS = 1 << 31
 ON_SENSOR: dict[str, float] = {"at_least": -1e6, "at_most": 1e6}
-"""Pixels that an anchor may have: beyond every sensor, and small enough to be calculated with."""
+"""Largest anchor (pixels): outside every sensor, and small enough for calculations."""
 MAX_TILT_RAD = math.radians(2.0)
-"""Beyond this the rectangular period no longer describes the array."""
+"""Largest rotation (rad) for which the rectangular period describes the array."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScanPlan:
-    """Where the source goes and what is kept of each frame.
+    """Positions of the source, and the part of each frame that is kept.
 
-    Position ``(z, y, x)`` puts the source's image (its chief ray) at ``anchor + (y, x)`` in every depth
-    plane, so lateral steps in object space are `step_um` of the plane's depth.
+    Position ``(z, y, x)`` places the source's image (its chief ray) at ``anchor + (y, x)`` in every depth plane.
+    Lateral steps in object space are therefore `step_um` of the plane's depth.
 
     Attributes
     ----------
     camera
-        The camera under calibration.
+        The camera to calibrate.
     period
-        Positions ``(ny, nx)``: the representative cell of the lenslet array.
+        Number of positions ``(ny, nx)``, which cover the representative cell of the lenslet array.
     cutout
-        Pixels ``(nt, ns)`` kept around the image, odd.
+        Number of pixels ``(nt, ns)`` kept around the image, odd.
     depths_um
         Object-space depth of each plane, z > 0 away from the camera, rising or falling throughout (µm).
     anchor
-        Sensor position ``(row, column)`` of the image at y = x = 0; whole numbers are centres of pixels.
+        Sensor position ``(row, column)`` of the image at y = x = 0; whole numbers are pixel centres.
     stage
-        How the stage's axes move the image.
+        Relation between stage axes and image.
     order
-        ``"serpentine"`` (no long way back) or ``"raster"`` (every row from the same side).
+        ``"serpentine"`` (without long return moves) or ``"raster"`` (every row from the same side).
     exposure_s
         Exposure of each plane, or one for all (s).
     settle_s
-        Wait after each move (s).
+        Waiting time after each move (s).
     frames_averaged
         Frames recorded at each position.
     resample
-        Frames are scaled by `resample_factors` so that the period is whole; steps and cutout are then in
+        Whether frames are scaled by `resample_factors` to a period of whole pixels; steps and cutout are then in
         resampled pixels. The anchor stays in sensor pixels.
 
     Examples
@@ -165,7 +165,7 @@ class ScanPlan:
     resample: bool = False
 
     def __post_init__(self) -> None:
-        """Check every value, and that no cutout leaves the sensor."""
+        """Check every value, and that all cutouts are on the sensor."""
         check_type("camera", self.camera, Camera)
         check_type("stage axes", self.stage, StageAxes)
         check_type("resample", self.resample, bool)
@@ -216,17 +216,17 @@ class ScanPlan:
         depths_um, virtual_depths
             The planes, as object-space depths (µm) or as virtual depths; give one of them.
         cutout
-            Pixels kept, one number or ``(nt, ns)``; by default what holds the geometric pattern at every
+            Pixels kept, one number or ``(nt, ns)``; by default enough for the geometric pattern at every
             depth with a margin for the lenslets' diffraction.
         anchor
-            By default the cell lies at the sensor's centre, on whole pixels.
+            As in `ScanPlan`; by default, the cell is at the sensor's centre, on whole pixels.
         stage, order, exposure_s, settle_s, frames_averaged, resample
             As in `ScanPlan`.
 
         Raises
         ------
         InputError
-            If no plan can be made of these.
+            If no plan can be made from these values.
         """
         depths = depths_of(camera, depths_um, virtual_depths)
         if anchor is not None:
@@ -257,7 +257,7 @@ class ScanPlan:
     # -- sizes -----------------------------------------------------------------------------------------
     @property
     def cell_camera(self) -> Camera:
-        """The camera with the straight lattice that its array is about the scanned cell."""
+        """The camera with its lattice linearized about the scanned cell."""
         return self.camera.local(self.anchor)
 
     @property
@@ -267,12 +267,12 @@ class ScanPlan:
 
     @property
     def scan(self) -> ScanPlan:
-        """The plan itself; plans of targets and of regions have the scan that they are made for."""
+        """The plan itself; plans of targets and of regions have the scan that they were made for."""
         return self
 
     @property
     def n_positions(self) -> int:
-        """Source positions in all."""
+        """Total number of source positions."""
         return len(self.depths_um) * self.period[0] * self.period[1]
 
     @property
@@ -288,13 +288,13 @@ class ScanPlan:
 
     @property
     def cells(self) -> tuple[int, int]:
-        """How many lattice cells ``(y, x)`` the period spans: 1 unless a longer one was chosen."""
+        """Number of lattice cells ``(y, x)`` in the period: 1 unless a longer one was chosen."""
         ny, nx = (max(1, round(n / p)) for n, p in zip(self.period, self.cell_camera.period_px, strict=True))
         return ny, nx
 
     @property
     def period_residual_px(self) -> tuple[float, float]:
-        """Period of the array minus that of the grid, ``(y, x)``: what rounding leaves (pixels)."""
+        """Period of the array minus that of the grid, ``(y, x)``: the rounding residual (pixels)."""
         y, x = (k * p - n for k, p, n in zip(self.cells, self.cell_camera.period_px, self.period, strict=True))
         return y, x
 
@@ -306,7 +306,7 @@ class ScanPlan:
 
     @property
     def tilt_residual_px(self) -> float:
-        """Sideways shift over the longer side of the period because the rows are tilted (pixels)."""
+        """Lateral shift over the longer side of the period, because the rows are tilted (pixels)."""
         return max(self.period) * math.tan(self.cell_camera.lattice.tilt_rad)
 
     @property
@@ -317,7 +317,7 @@ class ScanPlan:
         """
         if not self.resample:
             return 1.0, 1.0
-        # a cell is a whole number of lattice periods, stretched or shrunk to a whole number of pixels
+        # a cell is a whole number of lattice periods, scaled to a whole number of pixels
         fy, fx = (n / (k * p) for k, p, n in zip(self.cells, self.cell_camera.period_px, self.period, strict=True))
         return fy, fx
 
@@ -343,8 +343,8 @@ class ScanPlan:
     def object_um(self, positions: ArrayLike) -> NDArray[np.float64]:
         """Return object points ``(..., 3)`` as (right, down, away) of positions (z, y, x) (µm).
 
-        Sideways they count from the optical axis (the sensor's centre), in the sense in which the image
-        moves; depth counts from the working plane.
+        Lateral coordinates are relative to the optical axis (the sensor's centre), with the sign of the image motion;
+        depth is relative to the working plane.
         """
         index = np.asarray(positions)
         planes = index[..., 0].astype(np.intp)
@@ -361,7 +361,7 @@ class ScanPlan:
     def order_indices(self) -> NDArray[np.intp]:
         """Return all positions ``(N, 3)`` as (z, y, x) in scan order.
 
-        Serpentine turns round at the end of each row and of each plane: every move is one step.
+        Serpentine order reverses at the end of each row and of each plane, so that every move is one step.
         """
         return self._ordered(self.period[1])
 
@@ -370,7 +370,7 @@ class ScanPlan:
         nz, ny = len(self.depths_um), self.period[0]
         index = np.indices((nz, ny, columns), dtype=np.intp)
         if self.order == "serpentine":
-            # odd planes run backwards, so that each plane starts where the last one ended
+            # odd planes run in reverse, so that each plane starts where the last one ended
             index[1, 1::2] = ny - 1 - index[1, 1::2]
             # counted over all planes, so the direction alternates across the change of plane too
             rows = index[2].reshape(nz * ny, columns)
@@ -385,12 +385,12 @@ class ScanPlan:
         return ends
 
     def in_scan_order(self, positions: ArrayLike) -> NDArray[np.intp]:
-        """Return some positions ``(n, 3)`` as (z, y, x) in scan order, each once.
+        """Return selected positions ``(n, 3)`` as (z, y, x) in scan order, each once.
 
         Raises
         ------
         InputError
-            If one lies outside the plan.
+            If a position is outside the plan.
         """
         index = np.asarray(positions, np.intp).reshape(-1, 3)
         outside = ((index < 0) | (index >= np.array(self.shape[:3]))).any(axis=1)
@@ -418,7 +418,7 @@ class ScanPlan:
 
     @classmethod
     def is_one(cls, data: Any) -> bool:
-        """Return whether JSON ``data`` says that it is such a plan."""
+        """Return whether JSON ``data`` claims to be such a plan."""
         return isinstance(data, Mapping) and data.get("format") == FORMAT
 
     @classmethod
@@ -525,21 +525,21 @@ def _nearest_place(plan: ScanPlan, anchor: float, period_px: float, low: float, 
 
 
 HALF_PERIOD_TOL_PX = 0.05
-"""How far the array's own half period may lie from whole pixels: by more a pattern is no longer its partner's."""
+"""Largest deviation of half the array's period from whole pixels at which patterns half a period away are equal."""
 
 
 @dataclass(frozen=True, slots=True)
 class HalfCell:
-    """The pattern at (y, x) is that at (y + shift[0], x + shift[1]), around the period's edges.
+    """Symmetry of a half cell: the pattern at (y, x) equals that at (y + shift[0], x + shift[1]), modulo the period.
 
     Attributes
     ----------
     period
-        Positions ``(ny, nx)``.
+        Number of positions ``(ny, nx)``.
     shift
-        Half of them.
+        Half the period.
     residual_px
-        The array's half period minus that of the grid ``(y, x)``, the larger of both diagonals (pixels).
+        Half period of the array minus that of the grid ``(y, x)``, for the worse of the two diagonals (pixels).
     """
 
     period: tuple[int, int]
@@ -565,8 +565,8 @@ def half_cell(plan: ScanPlan) -> HalfCell:
     Raises
     ------
     InputError
-        With the reason, where a pattern half a period away is another one: the period is odd, the array has no lenslet
-        there, or one of another type, or it lies more than 0.05 px beside whole pixels.
+        With the reason, if patterns half a period away differ: the period is odd, the array has no lenslet there or
+        one of another type, or it deviates from whole pixels by more than 0.05 px.
     """
     ny, nx = plan.period
     what, remedy = "half-cell scan", "scan the whole period, or choose positions for a fit (lfcal plan fit)"
@@ -574,11 +574,11 @@ def half_cell(plan: ScanPlan) -> HalfCell:
         raise InputError.expected(what, "frames as they are", "frames to be resampled", remedy)
     if ny % 2 or nx % 2:
         wanted = "a period of even numbers of pixels"
-        raise InputError.expected(what, wanted, f"{ny} x {nx}: half of it lies half a pixel off", remedy)
+        raise InputError.expected(what, wanted, f"{ny} x {nx}: half of it is not a whole number of pixels", remedy)
     lattice, pixel = plan.cell_camera.lattice, plan.camera.sensor.pixel_um
     basis = lattice.basis_um()
     worst = np.zeros(2)
-    # around the period's edges the partner lies on the other diagonal
+    # beyond the period's edges, the partner lies on the other diagonal
     for dy, dx in ((ny / 2, nx / 2), (ny / 2, -nx / 2)):
         steps = np.array([dx, dy]) * pixel @ np.linalg.inv(basis)
         whole = np.rint(steps).astype(np.intp)

@@ -1,4 +1,4 @@
-"""Cameras that come with lfcal."""
+"""Built-in cameras."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["PRESETS", "preset"]
 
 
 def _hexagonal(pitch_um: float, f_number: float, clear_um: float, depths: tuple[float, ...]) -> LensletLattice:
-    # gap from the lenslets' f-number: where it equals the main lens's working f-number, micro-images just touch
+    # gap from the lenslets' f-number: if it equals the main lens's working f-number, micro-images just touch
     gap = pitch_um * f_number
     types = tuple(LensType.focused_at(v, gap) for v in depths)
     return LensletLattice("hexagonal", pitch_um, gap, types, clear_um=clear_um)
@@ -24,7 +24,7 @@ def _hexagonal(pitch_um: float, f_number: float, clear_um: float, depths: tuple[
 def r29() -> Camera:
     """Return the Raytrix R29 of Eberhart's paper: 95 x 55 positions.
 
-    The maker does not publish the lenslets' focal lengths: types in focus at v = 2, 3 and 5 are assumed.
+    The manufacturer does not publish the lenslets' focal lengths: types in focus at v = 2, 3 and 5 are assumed.
     """
     pixel = 5.5
     return Camera(
@@ -83,11 +83,11 @@ PRESETS: dict[str, Callable[[], Camera]] = {
     "lfm_60x12": lfm_60x12,
     "bench": bench,
 }
-"""Name to maker of each preset."""
+"""Functions that make the presets, by name."""
 
 
 def preset(name: str) -> Camera:
-    """Return a camera that comes with lfcal: ``r29``, ``lfm_20x05``, ``lfm_60x12`` or ``bench``.
+    """Return a built-in camera: ``r29``, ``lfm_20x05``, ``lfm_60x12`` or ``bench``.
 
     Examples
     --------

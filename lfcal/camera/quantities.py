@@ -1,4 +1,4 @@
-"""The values that describe a camera: what each is called, its unit, and between which limits it usually lies."""
+"""Values that describe a camera: label, unit, and usual limits of each."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ class Quantity:
     Attributes
     ----------
     path
-        Where it stands in the description, such as ``"sensor.pixel_um"``.
+        Path in the description, such as ``"sensor.pixel_um"``.
     label, unit
-        What it is shown as.
+        Displayed name and unit.
     scale
-        Shown value = described value / scale: 1000 shows µm as mm.
+        Displayed value = described value / scale: 1000 displays µm as mm.
     usual
-        Limits, in the description's unit, beyond which a unit was probably mistaken; None: any value.
+        Limits, in the description's unit, outside which the unit was probably wrong; None: any value.
     option
-        How it is stated on the command line, where there is a way shorter than ``--set``.
+        Option on the command line, if there is one besides ``--set``.
     light
-        Whether it concerns light and noise only, not where images lie.
+        Whether it concerns only light and noise, not the geometry of images.
     empty, meaning
-        What is shown where there is no value, and beside one.
+        Text displayed if there is no value, and text displayed after a value.
 
     Examples
     --------
@@ -69,7 +69,7 @@ SENSOR = "--sensor ROWSxCOLUMNS,PIXEL"
 
 CLEAR = "lattice.clear_um"
 UNSTATED = {"square": "squares without gaps", "hexagonal": "round, the pitch across"}
-"""What lenslets are where no clear diameter is stated, by the kind of array; a stated one is round, within its cell."""
+"""Shape of lenslets without a stated clear diameter, by the kind of array; others are round, within their cells."""
 FULL = "; ".join(f"{kind}: {words}" for kind, words in UNSTATED.items())
 
 QUANTITIES = (
@@ -110,7 +110,7 @@ QUANTITIES = (
     Quantity("wavelength_um", "wavelength", "nm", 1e-3, (0.2, 3.0), option="--wavelength NM", light=True),
     Quantity("bandwidth_um", "bandwidth", "nm", 1e-3, light=True),
 )
-"""Every value a person can state, in the order in which it is shown."""
+"""Every value that a user can state, in display order."""
 
 _PATHS = frozenset(quantity.path for quantity in QUANTITIES)
 
@@ -121,7 +121,7 @@ UNLESS: dict[str, object] = {
     "sensor.dsnu_e": None,
     "sensor.linearity": None,
 }
-"""Values that are there only where they differ from these."""
+"""Values that are displayed only if they differ from these."""
 
 
 @cache
@@ -130,7 +130,7 @@ def _names(kind: Any) -> frozenset[str]:
 
 
 def has_value(camera: Camera, path: str) -> bool:
-    """Return whether ``path`` is that of a value, and one which describes ``camera``.
+    """Return whether ``path`` is that of a value that describes ``camera``.
 
     Examples
     --------
@@ -145,13 +145,13 @@ def has_value(camera: Camera, path: str) -> bool:
     kind: Any = type(held)
     if name not in _names(kind):
         return False
-    # rows at their ideal distance, and what nobody measured, are no values that anybody gave
+    # rows at their ideal distance, and values that were not measured, are not displayed
     given = path not in UNLESS or getattr(held, name) != UNLESS[path]
     return given and not (path == "lattice.type_step" and len(camera.lattice.types) == 1)
 
 
 def quantities_of(camera: Camera) -> tuple[Quantity, ...]:
-    """Return the values that describe ``camera``: those of a lens or of a microscope, not both.
+    """Return the values that describe ``camera``, those of a lens or of a microscope.
 
     Examples
     --------
@@ -169,7 +169,7 @@ def quantities_of(camera: Camera) -> tuple[Quantity, ...]:
 
 
 def _fitting(quantity: Quantity, lattice: LensletLattice) -> Quantity:
-    """Return the clear diameter's quantity with what it means in an array: a number alone does not tell."""
+    """Return the clear diameter's quantity with its meaning in an array, which the number alone does not show."""
     shape = "without gaps" if lattice.gapless else "round"
     if not lattice.gapless and lattice.clear_diameter_um > lattice.cell_um[0]:
         shape = "round, cut off where the next lenslet begins"

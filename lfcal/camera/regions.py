@@ -1,4 +1,4 @@
-"""Several representative regions of the field in one plan: each is scanned as the one of a `ScanPlan` is."""
+"""Several representative regions of the field in one plan; each is scanned like that of a `ScanPlan`."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ __all__ = ["RegionPlan", "parse_regions"]
 FORMAT = "lfcal-region-plan"
 VERSION = 1
 MAX_REGIONS = 100
-"""More regions than this are a scan of the whole field."""
+"""Largest number of regions; more would be a scan of the whole field."""
 
 PHASE_TOLERANCE_PX = 0.05
-"""Phases of regions are to be the same to this, if the array allows it a few periods around."""
+"""Largest difference of phase between regions (px), if the array allows it within a few periods."""
 
 SEARCH_PERIODS = 6
-"""Periods around its place in which an anchor is looked for."""
+"""Distance within which an anchor is searched for, in periods."""
 
 
 @dataclass(frozen=True, slots=True)
 class RegionPlan:
-    """Regions of the field, each with its own cell, recorded one after the other.
+    """Regions of the field with one cell each, recorded one after the other.
 
     Attributes
     ----------
     scan
-        The scan of the first region: camera, planes, cutout, exposures. The others differ in their anchor alone.
+        The scan of the first region: camera, planes, cutout, exposures. Other regions differ only in their anchor.
     names
-        What the regions are called, in H and as folders of a session: letters, digits, ``-`` and ``_``.
+        Names of the regions in H and as folders of a session: letters, digits, ``-`` and ``_``.
     anchors
-        Sensor position ``(row, column)`` of each region's position (0, 0), the first that of `scan`.
+        Sensor position ``(row, column)`` of position (0, 0) in each region; the first is that of `scan`.
 
     Examples
     --------
@@ -76,30 +76,31 @@ class RegionPlan:
         return len(self.names)
 
     def plan(self, k: int) -> ScanPlan:
-        """Return the scan of region ``k``; raises `InputError` where a cutout would leave the sensor."""
+        """Return the scan of region ``k``; raises `InputError` if a cutout would leave the sensor."""
         return replace(self.scan, anchor=self.anchors[k])
 
     def residual_px(self, k: int) -> tuple[float, float]:
-        """Return by how much positions of region ``k`` lie beside the phases of the first one's (rows, columns)."""
+        """Return the phase difference between region ``k`` and the first one (rows, columns)."""
         first, own = self.plan(0).lattice_anchor, self.plan(k).lattice_anchor
         return own[0] - first[0], own[1] - first[1]
 
     @classmethod
     def spread(cls, scan: ScanPlan, shape: tuple[int, int]) -> RegionPlan:
-        """Return the regions that divide the field into ``shape`` rows and columns, the middle one first.
+        """Return regions that divide the field into ``shape`` rows and columns, the middle one first.
 
-        The outermost lie as far out as their cutouts allow. Anchors are whole pixels, chosen a few periods around
-        their place so that a position shows the same phase in every region; what that leaves is `residual_px`.
+        The outermost ones are as far out as their cutouts allow. Anchors are whole pixels, chosen within a few periods
+        of their place so that a position has the same phase in every region; `residual_px` is the remaining
+        difference.
 
         Raises
         ------
         InputError
-            If the sensor has no room for so many.
+            If the sensor has no room for this number of regions.
         """
         rows, columns = _checked(*check_tuple("regions (rows, columns)", shape, 2, integer=True, at_least=1))
         low, high = _room(scan)
         middle = (low + high) / 2
-        # a quarter of the way to the next region at most, where a cell has room in it
+        # at most a quarter of the way to the next region, if a cell fits
         apart = (high - low) / np.maximum(np.array([rows, columns]) - 1, 1)
         period = np.array(scan.cell_camera.period_px)
         reach = np.clip(apart / 4, period, SEARCH_PERIODS * period)
@@ -128,7 +129,7 @@ class RegionPlan:
 
     @classmethod
     def is_one(cls, data: Any) -> bool:
-        """Return whether JSON ``data`` says that it is such a plan."""
+        """Return whether JSON ``data`` claims to be such a plan."""
         return isinstance(data, Mapping) and data.get("format") == FORMAT
 
     @classmethod
@@ -162,7 +163,7 @@ def parse_regions(text: str) -> tuple[int, int]:
 
 
 def _checked(rows: int, columns: int) -> tuple[int, int]:
-    """Return rows and columns of regions if there are some, and not too many."""
+    """Return rows and columns of regions after checking their numbers."""
     if not 1 < rows * columns <= MAX_REGIONS:
         raise InputError.expected(
             "regions (rows, columns)", f"2 to {MAX_REGIONS} in all", f"{rows}x{columns}", "correct it"
@@ -171,7 +172,7 @@ def _checked(rows: int, columns: int) -> tuple[int, int]:
 
 
 def _room(scan: ScanPlan) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the least and the largest anchor (row, column) whose cutouts lie on the sensor."""
+    """Return the smallest and the largest anchor (row, column) whose cutouts are on the sensor."""
     factors = np.array(scan.resample_factors)
     half = np.ceil((np.array(scan.cutout) - 1) / 2 / factors)
     reach = np.ceil((np.array(scan.period) - 1) / factors)
@@ -192,7 +193,7 @@ def _anchor_of_phase(
     high: NDArray[np.float64],
     reach: NDArray[np.float64],
 ) -> tuple[float, float]:
-    """Return the whole-pixel anchor next to ``place`` of the scan's phase, to `PHASE_TOLERANCE_PX` if there is one."""
+    """Return the whole-pixel anchor next to ``place`` with the scan's phase, to `PHASE_TOLERANCE_PX` if possible."""
     camera = scan.camera
     offset = np.array(scan.anchor) - nearest_lens(camera, scan.anchor)
     pixel = camera.sensor.pixel_um
@@ -205,7 +206,7 @@ def _anchor_of_phase(
     if not there.any():
         raise InputError.expected("region", "an anchor of the scan's phase on the sensor", "none", "take fewer regions")
     exact, whole = exact[there], whole[there]
-    # a residual counts once it is noticed; of those that are not, the nearest
+    # residuals below the tolerance count as equal; among them choose the nearest
     residual = np.maximum(np.abs(exact - whole).max(axis=1), PHASE_TOLERANCE_PX)
     away = np.hypot(*(whole - place).T)
     row, column = whole[np.lexsort((away, np.round(residual, 3)))[0]].tolist()

@@ -30,7 +30,7 @@ class Sensor:
     dark_current_e_s
         Dark current (electrons per pixel and second).
     black_level
-        Sample value of no light.
+        Sample value without light.
     prnu
         Pixel response non-uniformity, rms (relative).
     quantum_efficiency
@@ -40,11 +40,11 @@ class Sensor:
     cfa
         Colour filter pattern by rows, e.g. ``"GRBG"`` for 2 x 2; empty for a monochrome sensor.
     saturation
-        Sample value from which samples carry no measurement; None: only the highest one does not.
+        Sample value at which samples are saturated; None: only at the highest value.
     dsnu_e
         Offsets of the pixels in the dark, rms (electrons); None: not known.
     linearity
-        Largest departure of the signal from a line over exposure (relative); None: not known.
+        Largest deviation of the signal from a straight line over exposure (relative); None: unknown.
 
     Examples
     --------
@@ -110,11 +110,11 @@ class Sensor:
 
     @property
     def saturated_from(self) -> float:
-        """Sample value from which a sample is saturated."""
+        """Sample value at which a sample is saturated."""
         return float(self.max_value if self.saturation is None else self.saturation)
 
     @property
     def electrons_per_count(self) -> float:
         """Electrons per sample value."""
-        # full well is reached at the highest sample value, and the black level holds no photo-electrons
+        # full well is reached at the highest sample value, and the black level corresponds to no electrons
         return self.full_well_e / (self.max_value - self.black_level)

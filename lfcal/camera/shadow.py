@@ -1,4 +1,4 @@
-"""How far the image of a point spreads on the sensor, by geometry."""
+"""Size of the image of a point on the sensor, by geometry."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from lfcal.camera.main_lens import Microscope
 __all__ = ["cutout_for", "half_extent_px", "rms_radius_px"]
 
 AIRY_RADII = 3.0
-"""Airy radii of a lenslet left as margin: 5.7 % of a spot at the pattern's edge falls beyond, far less of the whole."""
+"""Margin in Airy radii of a lenslet: 5.7 % of a spot at the pattern's edge falls outside, far less of the whole."""
 
 RAYS = 256
 
 
 def _edge_slope(camera: Camera, z_um: float) -> tuple[float, float]:
-    """Return the shadow's radius on the lenslet array (µm) and the slope of the cone's edge there."""
+    """Return the radius of the light cone on the lenslet array (µm), and the slope of its edge there."""
     optics = camera.optics
     if isinstance(optics, Microscope):
         angle = optics.half_angle_rad
@@ -27,7 +27,7 @@ def _edge_slope(camera: Camera, z_um: float) -> tuple[float, float]:
     image = optics.image_distance_um + camera.image_shift_um(z_um)
     radius = optics.focal_length_um / optics.f_number / 2
     if optics.blades:
-        # the polygon has the area of the circle, so its corners stand out
+        # the polygon has the area of the circle, so its corners are outside it
         n = optics.blades
         radius *= math.sqrt(math.pi / (n / 2 * math.sin(2 * math.pi / n)))
     return radius * abs(camera.image_shift_um(z_um)) / image, radius / image
@@ -36,9 +36,9 @@ def _edge_slope(camera: Camera, z_um: float) -> tuple[float, float]:
 def half_extent_px(camera: Camera, z_um: float) -> float:
     """Return the half width of the pattern of a point at depth ``z_um`` about its chief ray (sensor pixels).
 
-    A ray through pupil point p meets the array p·a/(b+a) from the chief ray with slope -p/(b+a); its lenslet
-    bends it by -e/f for its distance e from the lenslet's centre. On the sensor, B behind, that is
-    ``p (a - B)/(b + a) - (B/f) e``, whose bound is taken over the pupil's corners and the lenslet's edge.
+    A ray through pupil point p meets the array p·a/(b+a) from the chief ray with slope -p/(b+a). Its lenslet deflects
+    it by -e/f, where e is the distance from the lenslet's centre. On the sensor, B behind, this gives ``p (a - B)/(b +
+    a) - (B/f) e``, whose bound is taken over the pupil's corners and the lenslet's edge.
     """
     gap = camera.lattice.gap_um
     shadow, slope = _edge_slope(camera, z_um)
@@ -52,8 +52,8 @@ def half_extent_px(camera: Camera, z_um: float) -> float:
 def rms_radius_px(camera: Camera, z_um: float) -> float:
     """Return the RMS distance of the light of a point at depth ``z_um`` from its chief ray (sensor pixels).
 
-    By the rays of `half_extent_px` from a pupil that is evenly lit (of a microscope as the sine condition has it), the
-    lenslets' bends and their diffraction included. It holds for a pattern of several lenslets.
+    Uses the rays of `half_extent_px` from an evenly lit pupil (for a microscope, by the sine condition), with the
+    deflection and diffraction by the lenslets. It is valid for a pattern of several lenslets.
     """
     optics, gap = camera.optics, camera.lattice.gap_um
     share = (np.arange(RAYS) + 0.5) / RAYS  # of the pupil's area
@@ -67,14 +67,14 @@ def rms_radius_px(camera: Camera, z_um: float) -> float:
         ray = pupil * (shift - gap) / (optics.image_distance_um + shift)
     diameter = camera.lattice.clear_diameter_um / camera.lattice_scale
     bend = np.array([gap / kind.focal_length_um for kind in camera.lattice.types])
-    # over a lenslet: places of its rays are c + e, those on the sensor c + (1 - bend) e
+    # rays of a lenslet are at c + e on the array, and at c + (1 - bend) e on the sensor
     lenslet = diameter**2 / (6 if camera.lattice.kind == "square" else 8) * float((bend**2 - 2 * bend).mean())
     spot = 2 * (0.42 * camera.wavelength_um * gap / diameter) ** 2
     return math.sqrt(max(float((ray**2).mean()) + lenslet, 0.0) + spot) / camera.sensor.pixel_um
 
 
 def cutout_for(camera: Camera, depths_um: tuple[float, ...]) -> int:
-    """Return the odd side of the smallest square cutout that holds the pattern at every depth (pixels).
+    """Return the odd side of the smallest square cutout that contains the pattern at every depth (pixels).
 
     Half a pixel is added for an anchor between two pixels.
     """

@@ -1,4 +1,4 @@
-"""How a stage's axes move the image of the source."""
+"""Relation between the axes of a stage and the image of the source."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ IMAGE_MOVES = ("image right", "image down", "away from the camera")
 
 @dataclass(frozen=True, slots=True)
 class StageAxes:
-    """Which way of which stage axis moves the source's image right, down, and the source away.
+    """Stage axes, with their signs, that move the source's image right and down, and the source away.
 
     Attributes
     ----------
     right, down, away
-        Stage axis with its sense, ``"+x"`` to ``"-z"``: moving that way moves the image towards +column
-        (right) or +row (down) of the sensor, or the source away from the camera. A lens turns the image
-        upside down; what is stated here is what is seen on the sensor.
+        Stage axis with its sign, ``"+x"`` to ``"-z"``. Moving in this direction moves the image towards +column
+        (right) or +row (down) of the sensor, or the source away from the camera. Note that a lens inverts the image:
+        the directions are those seen on the sensor.
     origin_um
-        Stage coordinates (x, y, z) at which the source's image is at the sensor's centre and the source in
-        the working plane (µm).
+        Stage coordinates (x, y, z) at which the source's image is at the sensor's centre, and the source in the
+        working plane (µm).
 
     Examples
     --------
@@ -55,7 +55,7 @@ class StageAxes:
 
     @classmethod
     def parse(cls, text: str) -> StageAxes:
-        """Return the axes of ``"+x,-y,+z"``: those that move the image right and down, and the source away."""
+        """Return the axes in ``"+x,-y,+z"``: those that move the image right and down, and the source away."""
         axes = [axis.strip() for axis in text.split(",")]
         if len(axes) != len(AXES):
             raise InputError.expected("stage axes", "three, such as +x,-y,+z", repr(text), "correct them")
@@ -64,11 +64,11 @@ class StageAxes:
 
     @property
     def words(self) -> str:
-        """The axes as `parse` reads them."""
+        """The axes in the form that `parse` reads."""
         return f"{self.right},{self.down},{self.away}"
 
     def matrix(self) -> NDArray[np.float64]:
-        """Return the signed permutation ``(3, 3)``: stage (x, y, z) from object (right, down, away)."""
+        """Return the signed permutation ``(3, 3)`` from object (right, down, away) to stage (x, y, z)."""
         result = np.zeros((3, 3))
         for column, axis in enumerate((self.right, self.down, self.away)):
             result[AXES.index(axis[1]), column] = 1.0 if axis[0] == "+" else -1.0

@@ -1,4 +1,4 @@
-"""Values of a camera as people write them: with units, lists in the order of an option, a pitch in pixels."""
+"""Parsing of camera values: with units, as lists in the order of an option, or as a pitch in pixels."""
 
 from __future__ import annotations
 
@@ -72,12 +72,12 @@ def read_length(text: str, usual: str, what: str) -> float:
     value, unit = _number(text, what)
     if (unit or usual) not in LENGTHS:
         raise InputError.expected(what, f"a length in {usual}, or with nm, um, mm, m", repr(text), "correct the unit")
-    # 12 digits: 0.55 µm stays 0.55 through nanometres
+    # 12 digits: 0.55 µm stays 0.55 when converted through nanometres
     return float(f"{value * LENGTHS[unit or usual]:.12g}")
 
 
 def read_sensor(text: str) -> dict[str, Any]:
-    """Return the values of ``ROWSxCOLUMNS,PIXEL`` by path; the pixel may be left out."""
+    """Return the values in ``ROWSxCOLUMNS,PIXEL`` by path; the pixel may be omitted."""
     match = re.fullmatch(r"\s*(\d{1,6})\s*[x×*]\s*(\d{1,6})\s*(?:,(.+))?", text)
     if match is None:
         raise InputError.expected("--sensor", "ROWSxCOLUMNS,PIXEL", repr(text), "for example 4384x6576,5.5")
@@ -88,7 +88,7 @@ def read_sensor(text: str) -> dict[str, Any]:
 
 
 def read_values(text: str, paths: tuple[str, ...], units: tuple[str, ...], shape: str, example: str) -> dict[str, Any]:
-    """Return the values of a list by their paths; the last ones may be left out."""
+    """Return the values of a list by path; the last ones may be omitted."""
     parts = text.split(",")
     if len(parts) > len(paths) or not all(part.strip() for part in parts):
         raise InputError.expected(shape.split()[0], shape, repr(text), f"for example {example}")

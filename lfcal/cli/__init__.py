@@ -20,9 +20,9 @@ __all__ = ["main"]
 
 
 class _Ended(BaseException):
-    """A signal asks this program to end; it runs through every clean-up on its way out.
+    """Exception for a signal that asks the program to end; it passes through every clean-up on its way out.
 
-    Not a KeyboardInterrupt, which the command parser would end without a word.
+    It is not a KeyboardInterrupt, because the command parser would then end without a message.
     """
 
     def __init__(self, number: int, cause: BaseException | None = None) -> None:
@@ -32,14 +32,14 @@ class _Ended(BaseException):
 
 
 def main(command_line: Callable[[], Any] | None = None, program: str = "lfcal") -> None:
-    """Run ``lfcal``: bad input ends with one clear line and exit code 2, a signal with 128 and its number.
+    """Run ``lfcal``. Bad input ends it with one clear line and exit code 2, a signal with 128 plus its number.
 
     Parameters
     ----------
     command_line
-        Makes the parser of another program that ends in the same way; ``lfcal``'s own by default.
+        Function that makes the parser; another program may pass its own to end in the same way.
     program
-        What the program is called in its help.
+        Name of the program in its help.
 
     Examples
     --------
@@ -63,22 +63,22 @@ def main(command_line: Callable[[], Any] | None = None, program: str = "lfcal") 
         from lfcal.cli._console import KEPT
 
         kept = KEPT in getattr(ended, "__notes__", ())
-        said = "only whole units stay" if kept else "nothing half-written stays behind"
-        # what shells expect of a program that a signal has ended.
+        said = "only complete units stay" if kept else "no incomplete output remains"
+        # the exit code that shells expect after a signal
         _stop(128 + ended.number, f"stopped; {said}")
 
 
 def _run(command_line: Callable[[], Any] | None, program: str) -> None:
-    # imported late: a package that only asks where the command line is must not load every library.
+    # imported late: importing this package must not load every library
     import logging
 
     import typer
 
     from lfcal.base import Cancelled, LfcalError, bounded_threads, notes_to
 
-    # where its list of fonts cannot be kept for the next time, on a full disk, nothing of ours is the worse for it
+    # matplotlib warns if a full disk cannot hold its font cache, which does not affect the result
     logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
-    # ClickException, of whichever click Typer brings
+    # ClickException, from the click that Typer includes
     usage_error = cast(type[Exception], typer.BadParameter.__mro__[2])
     try:
         with bounded_threads(), notes_to(_report):
@@ -95,7 +95,7 @@ def _run(command_line: Callable[[], Any] | None, program: str) -> None:
     except LfcalError as error:
         _stop(2, str(error))
     except MemoryError:
-        _stop(2, "memory: not enough for this; choose a smaller region, or a machine with more")
+        _stop(2, "memory: not enough; choose a smaller region, or use a machine with more memory")
     except BrokenPipeError:  # the reader of the pipe has gone (head, less)
         _drop_output()
         sys.exit(1)
@@ -106,12 +106,12 @@ def _run(command_line: Callable[[], Any] | None, program: str) -> None:
 
 
 def _drop_output() -> None:
-    """Let nothing go to standard output any more: Python's own flush at exit would fail once more."""
+    """Discard further standard output: Python's own flush at exit would fail once more."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _system_words(error: OSError) -> str:
-    """Return what the system refused: a name that is too long, a folder that vanished, output onto a full disk."""
+    """Return a message about what the system refused: a long name, a missing folder, a full disk behind the output."""
     from lfcal.base import StorageError
 
     if error.filename is not None:
@@ -130,7 +130,7 @@ def _stop(code: int, message: str) -> None:
 
 
 def _report(line: str) -> None:
-    # imported late: the list of commands needs nothing of it, which loads numpy.
+    # imported late: it loads numpy, which the list of commands does not need
     from lfcal.cli._console import report
 
     report(line)
@@ -138,14 +138,14 @@ def _report(line: str) -> None:
 
 @contextmanager
 def _signals_clean_up() -> Iterator[None]:
-    """Let Ctrl-C, a hang-up and the request to terminate end the program, scratch files removed."""
+    """Let Ctrl-C, a hang-up or a request to terminate end the program; scratch files are removed."""
 
     def end(number: int, _: FrameType | None) -> None:
         raise _Ended(number)
 
     before = {}
     if threading.current_thread() is threading.main_thread():
-        # Windows has no hang-up; what the caller ignores (nohup) or handles itself stays so.
+        # Windows has no hang-up; signals that the caller ignores (nohup) or handles itself are left unchanged
         numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
         usual = (signal.SIG_DFL, signal.default_int_handler)
         before = {number: signal.signal(number, end) for number in numbers if signal.getsignal(number) in usual}

@@ -1,4 +1,4 @@
-"""The application: every command of this package, in the order of the data."""
+"""The application: all commands of this package, in the order in which data pass through them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HEADINGS = {
     "H, and how good it is": ("assemble", "inspect", "compare", "fit", "trend", "transpose", "reduce", "export"),
     "What H is for": ("reconstruct", "multiplex"),
 }
-"""The commands in the order of the data; those not named here come after."""
+"""The commands under their headings, in the order of the data; others follow at the end."""
 
 
 def _version(value: bool) -> None:
@@ -43,7 +43,7 @@ class _Commands(LazyGroup):
 
 
 def build_app() -> typer.Typer:
-    """Return the application; a command is loaded when it is called."""
+    """Return the application; a command is imported when it is called."""
     app = typer.Typer(
         name="lfcal",
         cls=_Commands,
@@ -66,5 +66,5 @@ def build_app() -> typer.Typer:
 
 @cache
 def command_line() -> Any:
-    """Return the parser of the whole command line, made once."""
+    """Return the parser of the whole command line; it is made once."""
     return typer.main.get_command(build_app())

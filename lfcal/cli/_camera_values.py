@@ -1,4 +1,4 @@
-"""Values of a camera as they are given on the command line: options with units, and ``--set PATH=VALUE``."""
+"""Camera values on the command line: options with units, and ``--set PATH=VALUE``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["with_values"]
 
 
 def with_values(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options that state values of a camera, in place of its parameter ``values``."""
+    """Decorate a command: replace its parameter ``values`` by options that state camera values."""
     own, options = inspect.signature(command, eval_str=True), inspect.signature(stated, eval_str=True).parameters
 
     def with_options(**given: Any) -> None:
@@ -38,7 +38,7 @@ def stated(
     ),
     objective: str = typer.Option("", help="Objective: MAGNIFICATION,NA,INDEX of the medium, for example 20,0.5,1."),
     array: str = typer.Option("", help="Lenslets: hexagonal or square."),
-    pitch: str = typer.Option("", help="Distance of micro-images: µm, or pixels as 31.7px."),
+    pitch: str = typer.Option("", help="Pitch of the micro-images: µm, or pixels as in 31.7px."),
     gap: str = typer.Option("", help="Distance from lenslets to sensor (µm)."),
     focus: str = typer.Option(
         "", help="Virtual depths in focus, one per lens type: 2,3,5; inf is a focal length equal to the gap."
@@ -48,12 +48,12 @@ def stated(
         None, "--set", help="Any other value as PATH=VALUE, e.g. sensor.full_well_e=20000; may be repeated."
     ),
 ) -> dict[str, Any]:
-    """Return the values of the options by path; an empty option says nothing.
+    """Return the values of the options by path; an empty option gives none.
 
     Raises
     ------
     InputError
-        If an option cannot be read; the message says what it should look like.
+        If an option cannot be parsed; the message shows the expected form.
     """
     found: dict[str, Any] = {}
     if sensor:

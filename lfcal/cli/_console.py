@@ -1,4 +1,4 @@
-"""What the commands print: progress bars, tables, JSON, one-line errors."""
+"""Output of the commands: progress bars, tables, JSON, one-line errors."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ __all__ = [
 
 R = TypeVar("R")
 
-KEPT = "whole units are kept"
-"""Note of an exception after which work is kept to resume: the last line must not say that nothing is."""
+KEPT = "complete units are kept"
+"""Note on an exception after which work is kept to resume, so that the last line does not deny it."""
 
 
 def report(message: str) -> None:
     """Print one line to standard error."""
-    with suppress(OSError):  # a full disk behind it must not end the work
+    with suppress(OSError):  # a full disk behind the output must not end the work
         print(f"lfcal: {' '.join(message.split())}", file=sys.stderr)
 
 
 def run_work(work: Work[R], *, quiet: bool = False, seen: Callable[[Any], object] | None = None) -> R:
-    """Drain ``work`` with a progress bar on standard error (none when ``quiet`` or not a terminal).
+    """Run ``work`` to its end with a progress bar on standard error (none if ``quiet`` or not a terminal).
 
-    Each record is passed to ``seen``, so that work that ends early can still show something.
+    Each record is passed to ``seen``, so that something can be shown even if the work ends early.
     """
-    # bars in a log file are noise, and so they are for a program that reads JSON.
+    # bars are noise in a log file, and for a program that reads JSON
     if quiet or not sys.stderr.isatty():
         return drain(work, seen)  # type: ignore[arg-type]  # what it returns is not used
     from rich.console import Console
@@ -64,7 +64,7 @@ def run_work(work: Work[R], *, quiet: bool = False, seen: Callable[[Any], object
         def show(record: Progress) -> None:
             if seen is not None:
                 seen(record)
-            # one bar per stage of the work, added when the stage begins: how many there are is not known before.
+            # one bar per stage, added when the stage begins: their number is not known in advance
             if record.stage not in tasks:
                 tasks[record.stage] = bar.add_task(record.stage, total=record.total or None, note="", said="")
             task = tasks[record.stage]
@@ -76,7 +76,7 @@ def run_work(work: Work[R], *, quiet: bool = False, seen: Callable[[Any], object
 
 
 def done_text(record: Progress, speed: float | None) -> str:
-    """Return how many are done, of how many, and how many in a second, a minute or an hour."""
+    """Return the number done, the total, and the rate per second, minute or hour."""
     counted = record.count or f"{record.done // record.per}"
     if not speed:
         return counted
@@ -91,7 +91,7 @@ def print_json(value: Any) -> None:
 
 
 def print_table(headers: list[str], rows: list[list[str]], *, title: str = "") -> None:
-    """Print a table to standard output; numbers align to the right."""
+    """Print a table to standard output, with numbers aligned to the right."""
     from rich import box
     from rich.console import Console
     from rich.table import Table
@@ -102,12 +102,12 @@ def print_table(headers: list[str], rows: list[list[str]], *, title: str = "") -
         table.add_column(header, justify="right" if numeric else "left", overflow="fold")
     for row in rows:
         table.add_row(*row)
-    # a pipe has no width: a fixed one makes the output the same everywhere.
+    # a pipe has no width: a fixed one gives the same output everywhere
     Console(width=None if sys.stdout.isatty() else 132).print(table)
 
 
 def print_result(facts: Any, headers: list[str], rows: list[list[str]], *, title: str = "", json: bool) -> None:
-    """Print a result as JSON of ``facts``, or for people as a table."""
+    """Print a result as JSON of ``facts``, or as a table."""
     if json:
         print_json(facts)
     else:
@@ -115,19 +115,19 @@ def print_result(facts: Any, headers: list[str], rows: list[list[str]], *, title
 
 
 def print_written(*paths: Path | None) -> None:
-    """Print which files were written."""
+    """Print the paths of the files that were written."""
     for path in filter(None, paths):
         typer.echo(f"written: {path}")
 
 
 LISTED = 20
-"""Findings that a table lists; all of them are in the JSON output."""
+"""Largest number of findings in a table; the JSON output has all of them."""
 
 COLOURS = {"good": typer.colors.GREEN, "fair": typer.colors.YELLOW, "bad": typer.colors.RED}
 
 
 def show_judgement(judgement: Judgement, name: str = "") -> None:
-    """Print the verdict on what is called ``name`` and, of several findings, a table by subject."""
+    """Print the verdict on ``name`` and, if there are several findings, a table by subject."""
     head = f"{name}: {judgement.verdict}" if name else judgement.verdict
     typer.secho(head, fg=COLOURS.get(judgement.merit), bold=True)
     if len(judgement.findings) > 1:

@@ -1,4 +1,4 @@
-"""Commands that are loaded when they are called: the list of all of them needs none of their libraries."""
+"""Commands that are imported when they are called: listing them loads none of their libraries."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ __all__ = [
 ]
 
 MARKS = ("register", "command", "show")
-"""Functions that make a module a command, as of `add_command`."""
+"""Names of functions that make a module a command; see `add_command`."""
 
 
 @dataclass(frozen=True)
 class Listed:
-    """A command as the list of commands has it: the module of its name registers it."""
+    """Entry in the list of commands; the module of its name registers the command itself."""
 
     name: str
     module: str
@@ -42,22 +42,21 @@ class Listed:
 def listed_commands(package: str, order: tuple[str, ...] = ()) -> tuple[Listed, ...]:
     """Return the commands of a package, in ``order`` and then by name, without importing their modules.
 
-    A public module that defines one of `MARKS` has the command of the same name, with a hyphen for an underscore;
-    modules ``camera_*`` are parts of ``camera``, which registers them. The summary is the first paragraph of the
-    function ``command``; without one it is what the first line of the module says behind the colon.
+    A public module that defines one of `MARKS` is a command of the same name, with hyphens for underscores. Modules
+    ``camera_*`` are subcommands of ``camera``, which registers them. The summary is the first paragraph of the
+    docstring of ``command``; without one, it is the part of the module's first line after the colon.
     """
     names = [name for name in _modules(package) if not name.startswith("_")]
     called = {name: name.replace("_", "-") for name in names if not {name.partition("_")[0]} & {*names} - {name}}
     ranks = {name: rank for rank, name in enumerate(order)}
-    # a stable sort: what the order does not name stays sorted by name behind it.
+    # a stable sort: commands that the order does not name follow, sorted by name
     return _listed(package, {name: called[name] for name in sorted(called, key=lambda n: ranks.get(called[n], 99))})
 
 
 def command_with_parts(package: str, name: str) -> type[CommandWithParts] | None:
-    """Return the class of a command ``name`` whose modules ``name_*`` have further commands behind its name.
+    """Return the class of a command ``name`` if modules ``name_*`` define subcommands of it; None otherwise.
 
-    ``lfcal fit SOURCE`` is a command, and so is ``lfcal fit check``, which is loaded when it is called. None: there are
-    no such modules.
+    ``lfcal fit SOURCE`` is a command, and so is ``lfcal fit check``, which is imported when it is called.
     """
     modules = [module for module in _modules(package) if module.startswith(f"{name}_")]
     called = {module: module.removeprefix(f"{name}_").replace("_", "-") for module in modules}
@@ -71,7 +70,7 @@ def _modules(package: str) -> list[str]:
 
 
 def _listed(package: str, called: dict[str, str]) -> tuple[Listed, ...]:
-    """Return the commands of modules, by what each is called, in order."""
+    """Return the commands of modules by name, in order."""
     found = ((name, _code_of(f"{package}.{name}")) for name in called)
     return tuple(
         Listed(called[name], f"{package}.{name}", _summary(code))
@@ -81,7 +80,7 @@ def _listed(package: str, called: dict[str, str]) -> tuple[Listed, ...]:
 
 
 def _code_of(module: str) -> CodeType | None:
-    """Return the compiled code of a module, which its loader has on disk; a frozen program has no other."""
+    """Return the compiled code of a module from its loader's cache; a frozen program has no source."""
     spec = find_spec(module)
     code: CodeType | None = spec.loader.get_code(module) if spec and hasattr(spec.loader, "get_code") else None  # type: ignore[union-attr]
     return code
@@ -102,7 +101,7 @@ def _first_constant(code: CodeType) -> str:
 
 
 class LazyCommands(UserDict[str, Any]):
-    """Commands by name, each loaded when it is looked up."""
+    """Commands by name, each imported when it is looked up."""
 
     def __init__(self, listed: tuple[Listed, ...]) -> None:
         self.listed = {one.name: one for one in listed}
@@ -117,7 +116,7 @@ class LazyCommands(UserDict[str, Any]):
 
 def _load(listed: Listed) -> Any:
     app = typer.Typer(add_completion=False, rich_markup_mode="markdown")
-    # with a callback it stays a group, whose command has its own name
+    # with a callback it stays a group whose command keeps its own name
     app.callback()(lambda: None)
     add_command(app, listed.module, listed.name)
     group: Any = typer.main.get_command(app)
@@ -125,10 +124,10 @@ def _load(listed: Listed) -> Any:
 
 
 def add_command(app: typer.Typer, module: str, name: str) -> None:
-    """Add the command of a module, called ``name``, to the app.
+    """Add the command of a module to the app under ``name``.
 
-    Its function ``register`` adds it; or ``command`` does the work; or ``show`` prints what was made by the task that
-    has the module's name, with a blank for an underscore.
+    The module defines one of three functions: ``register`` adds the command itself; ``command`` does the work;
+    ``show`` prints the result of the task with the module's name, with a blank for an underscore.
     """
     found: Any = importlib.import_module(module)
     if hasattr(found, "register"):
@@ -144,24 +143,24 @@ def add_command(app: typer.Typer, module: str, name: str) -> None:
 
 
 class CommandWithParts(typer.core.TyperCommand):
-    """A command whose first word may be the name of another one."""
+    """A command whose first argument may be the name of a subcommand."""
 
     parts: LazyCommands
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
-        """Return the context of this command, or of the one that the first word names."""
+        """Return the context of this command, or of the subcommand that the first word names."""
         if args and args[0] in self.parts:
             return self.parts[args[0]].make_context(f"{info_name} {args[0]}", args[1:], parent, **extra)
         return super().make_context(info_name, args, parent, **extra)
 
 
 class LazyGroup(typer.core.TyperGroup):
-    """A group whose help lists commands by their summaries and loads none of them."""
+    """A group whose help lists commands by their summaries without importing them."""
 
     _listing = False
 
     def headings(self, names: tuple[str, ...]) -> Iterator[tuple[str, tuple[str, ...]]]:
-        """Yield a heading and the commands under it; all under one unless a group has more."""
+        """Yield each heading with the commands under it; a single heading unless a group has more."""
         yield "Commands", names
 
     def list_commands(self, ctx: Any) -> list[str]:
@@ -169,14 +168,14 @@ class LazyGroup(typer.core.TyperGroup):
         return list(self.commands)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return the command of this name; while completions are made, one that has its summary only."""
+        """Return the command of this name; during shell completion, one with only a summary."""
         commands: Any = self.commands
         if self._listing and cmd_name in commands.listed:
             return typer.core.TyperCommand(cmd_name, help=commands.listed[cmd_name].summary)
         return commands.get(cmd_name)
 
     def shell_complete(self, ctx: Any, incomplete: str) -> Any:
-        """Return what may follow ``incomplete``: names of commands with their summaries."""
+        """Return completions of ``incomplete``: names of commands with their summaries."""
         self._listing = True
         try:
             return super().shell_complete(ctx, incomplete)
@@ -184,7 +183,7 @@ class LazyGroup(typer.core.TyperGroup):
             self._listing = False
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Print usage, options, and commands under their headings; Typer's own printer takes long to load."""
+        """Print usage, options, and commands under their headings; Typer's own printer is slow to load."""
         commands: Any = self.commands
         typer.secho(f"\nUsage: {ctx.command_path} {' '.join(self.collect_usage_pieces(ctx))}\n", bold=True)
         typer.echo(f"{self.help}\n")
@@ -196,7 +195,7 @@ class LazyGroup(typer.core.TyperGroup):
 
 
 def _print_rows(heading: str, rows: Iterable[tuple[str, str]]) -> None:
-    """Print a heading, and names with what is said of each."""
+    """Print a heading, and names with their descriptions."""
     typer.secho(heading, fg=typer.colors.YELLOW)
     known = dict(rows)
     left = max(14, *map(len, known))

@@ -1,4 +1,4 @@
-"""``lfcal multiplex coding``: does lighting several points together pay for a camera, and the code for a display."""
+"""``lfcal multiplex coding``: noise gain of lighting several points together, and the code for a display."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ if TYPE_CHECKING:
 __all__ = ["coding"]
 
 EQUAL = {"time": "time", "full_well": "full well"}
-"""What single and coded frames may have equal, as facts name it."""
+"""Quantities that can be kept equal between single and coded frames, as named in the facts."""
 
 TOLERANCE = 0.03
-"""Of the simulated patterns: gains change by far less."""
+"""Tolerance of the simulated patterns; gains change far less."""
 
 
 class _Plane(NamedTuple):
-    """A plane of patterns ``(ny, nx, nt, ns)``, its depth (µm), its camera where known, and what it is."""
+    """A plane of patterns ``(ny, nx, nt, ns)``, its depth (µm), its camera if known, and a description."""
 
     patterns: Any
     depth_um: float
@@ -50,40 +50,48 @@ def coding(
     context: typer.Context,
     source: str = typer.Argument(help="H file; or preset or camera file, whose patterns are simulated."),
     *,
-    points: int = typer.Option(7, min=2, max=255, help="Points whose patterns overlap, in a block."),
-    step: int = typer.Option(1, min=1, help="Source positions from point to point (px in the image)."),
+    points: int = typer.Option(7, min=2, max=255, help="Number of points in a block, whose patterns overlap."),
+    step: int = typer.Option(1, min=1, help="Distance between points, in source positions (px in the image)."),
     at: str = typer.Option("0,0", help="Y,X: position of the first point."),
     plane: int = typer.Option(0, min=0, help="Plane of the H file."),
     virtual_depth: float | None = typer.Option(
-        None, help="Of a camera: virtual depth of the simulated plane, 4 by default."
+        None, help="With a camera: virtual depth of the simulated plane; default 4."
     ),
-    depth: float | None = typer.Option(None, help="Of a camera: the plane's depth (µm) instead."),
-    code: str = typer.Option("S", help="S (S-matrix), random, or single."),
-    frames: int | None = typer.Option(None, min=1, help="Of random codes; as many as points by default."),
-    density: float = typer.Option(0.5, help="Of random codes: share of points that are lit."),
-    seed: int = typer.Option(0, min=0, help="Of random codes and --monte-carlo."),
+    depth: float | None = typer.Option(
+        None, help="With a camera: depth of the simulated plane (µm), instead of its virtual depth."
+    ),
+    code: str = typer.Option("S", help="Code: S (S-matrix), random, or single."),
+    frames: int | None = typer.Option(
+        None, min=1, help="Number of frames of a random code; default: the number of points."
+    ),
+    density: float = typer.Option(0.5, help="Share of points that are lit in a random code."),
+    seed: int = typer.Option(0, min=0, help="Seed of random codes and of --monte-carlo."),
     signal: float | None = typer.Option(
-        None, help="Electrons of a point's brightest pixel in a frame; full well by default."
+        None, help="Electrons in a point's brightest pixel in a frame; default: full well."
     ),
-    sensor: str | None = typer.Option(None, help="Preset or camera file whose sensor is taken; by default SOURCE's."),
+    sensor: str | None = typer.Option(None, help="Preset or camera file whose sensor to use; default: that of SOURCE."),
     gain: GainOption = 1.0,
     exposure: ExposureOption = 0.0,
     uncorrected: UncorrectedOption = False,
-    monte_carlo: int = typer.Option(0, min=0, help="Also measure the gain on this many simulated series of frames."),
-    display: str | None = typer.Option(
-        None, help="Is this display good enough: COLUMNSxROWS@PITCH in µm, e.g. 1920x1080@8."
+    monte_carlo: int = typer.Option(
+        0, min=0, help="Number of simulated series of frames on which the gain is also measured; 0: none."
     ),
+    display: str | None = typer.Option(None, help="Display to check: COLUMNSxROWS@PITCH in µm, e.g. 1920x1080@8."),
     patterns: Path | None = typer.Option(
-        None, help="With --display: folder for its frames, code_000.png … and code.npy."
+        None, help="With --display: folder for the frames to show (code_000.png …) and code.npy."
     ),
-    repeat: int = typer.Option(0, min=0, help="With --patterns: show the block again after this many px in the image."),
-    out: Path | None = typer.Option(None, "--out", "-o", help="Draw the gain of each entry, and over light, as PNG."),
+    repeat: int = typer.Option(
+        0, min=0, help="With --patterns: repeat the block after this distance (px in the image); 0: once."
+    ),
+    out: Path | None = typer.Option(
+        None, "--out", "-o", help="File for a picture of the gain of each entry and over light (.png)."
+    ),
     mat_order: MatOrderOption = "",
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Say whether lighting several points together pays: gain of each entry of H at equal time and equal full well.
+    """Report whether lighting several points together reduces noise, as the gain of each entry of H.
 
     Example: `lfcal multiplex coding H.h5 --points 7 --signal 300 --display 1920x1080@8 --patterns code -o gain.png`
     """
@@ -118,7 +126,7 @@ def coding(
     check_outputs(files, source, sensor, force=force)
     if Path(source).suffix.lower() in MATRICES:
         if virtual_depth is not None or depth is not None:
-            raise InputError("--depth, --virtual-depth: are of a simulated plane; take --plane of an H file")
+            raise InputError("--depth, --virtual-depth: apply to a simulated plane; use --plane for an H file")
         seen = _stored(Path(source), plane, mat_order)
     else:
         if plane:
@@ -185,7 +193,7 @@ def _show(facts: dict[str, Any], json: bool) -> None:
 
 
 def _display(text: str) -> tuple[tuple[int, int], float]:
-    """Return rows and columns of a display, and the pitch of its pixels (µm)."""
+    """Return rows and columns of a display, and its pixel pitch (µm)."""
     size, _, pitch = text.partition("@")
     columns, _, rows = size.partition("x")
     try:
@@ -208,7 +216,7 @@ def _stored(source: Path, plane: int, mat_order: str) -> _Plane:
 def _simulated(
     camera: Camera, virtual_depth: float | None, depth: float | None, first: tuple[int, int], points: int, step: int
 ) -> _Plane:
-    """Return a plane of the described camera: the positions that are looked at are simulated, the others dark."""
+    """Return a plane of the described camera: only the requested positions are simulated, the others are dark."""
     import numpy as np
 
     from lfcal.camera import ScanPlan

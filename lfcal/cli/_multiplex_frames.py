@@ -1,4 +1,4 @@
-"""``lfcal multiplex demosaic``, ``recover`` and ``views``: the samples of frames recorded behind modulators."""
+"""``lfcal multiplex demosaic``, ``recover`` and ``views``: recover samples from frames recorded behind modulators."""
 
 from __future__ import annotations
 
@@ -26,29 +26,30 @@ __all__ = ["demosaic", "recover", "views"]
 ROUTES = ("spatial", "fourier", "both")
 
 DeadOption: TypeAlias = Annotated[
-    Path | None, typer.Option("--dead", help="Image of dead pixels, not zero where dead: they are left out.")
+    Path | None, typer.Option("--dead", help="Image that is not zero at dead pixels, which are left out.")
 ]
 DeviationOption: TypeAlias = Annotated[
     Path | None,
     typer.Option(
-        "--deviation", help="Also write each sample's standard deviation; without a sensor in units of a pixel's noise."
+        "--deviation",
+        help="Also write each sample's standard deviation; without a camera, in units of a pixel's noise.",
     ),
 ]
 
 
 def demosaic(
     context: typer.Context,
-    frame: Path = typer.Argument(help="RAW, TIFF, PNG, NPY … of a colour mosaic."),
+    frame: Path = typer.Argument(help="Frame of a colour mosaic: RAW, TIFF, PNG, NPY …"),
     *,
-    out: Path = typer.Option(..., "--out", "-o", help="float32 TIFF of red, green and blue."),
-    pattern: str | None = typer.Option(None, help="Filters, e.g. GRBG; RAW files know theirs."),
+    out: Path = typer.Option(..., "--out", "-o", help="File for red, green and blue (float32 TIFF)."),
+    pattern: str | None = typer.Option(None, help="Colour filter pattern, e.g. GRBG; default: from the RAW file."),
     route: str = typer.Option("spatial", help="spatial or fourier."),
     filter: str | None = typer.Option(
         None,
-        help="Of the spatial route: directional, lmmse, nearest, linear, cubic, lanczos, sinc or bilateral; "
-        "by default directional.",
+        help="Filter of the spatial route: directional, lmmse, nearest, linear, cubic, lanczos, sinc or bilateral; "
+        "default directional.",
     ),
-    dark: float | None = typer.Option(None, help="Level of no light; RAW files state theirs."),
+    dark: float | None = typer.Option(None, help="Black level; default: from the RAW file."),
     page: PageOption = 0,
     workers: WorkersOption = None,
     force: ForceOption = False,
@@ -84,32 +85,39 @@ def recover(
     *,
     modulator: str | None = typer.Option(None, help=f"Such as {GRAMMAR}."),
     transmissions: Path | None = typer.Option(
-        None, help="Instead: .npy (N, rows, columns), what every pixel takes of each sample; solved by iterations."
+        None,
+        help="Instead of --modulator: .npy (N, rows, columns) with the share of each sample that a pixel receives; "
+        "solved iteratively.",
     ),
-    out: Path = typer.Option(..., "--out", "-o", help="float32 TIFF, one page per sample."),
+    out: Path = typer.Option(..., "--out", "-o", help="File to write: float32 TIFF, one page per sample."),
     route: str = typer.Option(
-        "spatial", help="Of super-pixels: spatial, fourier, or both; then Fourier's go to OUT_fourier.tif."
+        "spatial",
+        help="Route for super-pixels: spatial, fourier, or both (the Fourier result goes to OUT_fourier.tif).",
     ),
     filter: str | None = typer.Option(
-        None, help="Of super-pixels without weights, such as cubic (`multiplex filters`); by default linear."
+        None, help="Filter for super-pixels without weights, such as cubic (see `multiplex filters`); default linear."
     ),
-    camera: str | None = typer.Option(None, help="Preset or camera file: weights by its noise and saturation."),
+    camera: str | None = typer.Option(
+        None, help="Preset or camera file whose noise and saturation give the weights of pixels."
+    ),
     gain: GainOption = 1.0,
     exposure: ExposureOption = 0.0,
     dead: DeadOption = None,
     deviation: DeviationOption = None,
-    dark: float | None = typer.Option(
-        None, help="Level of no light; by default what the file states, else --camera's, else 0."
+    dark: float | None = typer.Option(None, help="Black level; default: from the file, else from --camera, else 0."),
+    spacing: float | None = typer.Option(
+        None, help="Solve iteratively on a grid with this number of pixels per sample."
     ),
-    spacing: float | None = typer.Option(None, help="Solve by iterations on a grid of this many pixels per sample."),
-    smoothness: float = typer.Option(1e-4, min=0, help="Of the iterations: weight of differences between nodes."),
+    smoothness: float = typer.Option(
+        1e-4, min=0, help="Weight of differences between grid nodes in the iterative solution."
+    ),
     iterations: int = typer.Option(400, min=1, help="Iterations at most."),
     page: PageOption = 0,
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Recover the samples of any modulator; saturated and dead pixels have no say, the others by their noise.
+    """Recover the samples of any modulator; saturated and dead pixels are left out, others weighted by noise.
 
     Example: `lfcal multiplex recover hdr.tif --modulator nd:1,0.25/0.25,0.0625 --camera r29 -o radiance.tif`
     """
@@ -142,7 +150,7 @@ def recover(
                 remedy = f"leave --{name} out, or --spacing and --transmissions"
                 raise InputError.expected(name, "none by iterations", value, remedy)
         known = np.ones(light.shape) if weights is None else weights
-        # as many nodes as pixels measure, where nothing else is wanted
+        # by default, as many nodes as pixels
         step = math.sqrt(shares.count if modulator else len(shares)) if spacing is None else spacing
         how: dict[str, Any] = {"weights": known, "smoothness": smoothness, "most": iterations}
         found = run_work(iter_demultiplex_generally(light, shares, step, **how), quiet=json)
@@ -185,7 +193,7 @@ def _by_super_pixels(
         lost = float(np.isinf(found.deviation).any(0).mean())
         if lost == 1:
             wanted = "pixels that measure all samples somewhere"
-            remedy = "expose for less saturation, or see --dead and --camera"
+            remedy = "reduce the exposure if pixels are saturated, or check --dead and --camera"
             raise InputError.expected(f"frame behind {modulator.name}", wanted, "none", remedy)
         _write(out, found.samples)
         if deviation is not None:
@@ -196,7 +204,7 @@ def _by_super_pixels(
     elif route != "fourier":
         _write(out, demultiplex(light, modulator, filter=filter))
     elif weights is not None:
-        raise InputError.expected("route with weights", "spatial or both", "fourier", "it takes every pixel alike")
+        raise InputError.expected("route with weights", "spatial or both", "fourier", "it weights all pixels equally")
     if route != "spatial":
         whole = np.where(np.isfinite(light), light, 0.0) if weights is not None else light
         target = out if route == "fourier" else _fourier_file(out)
@@ -209,21 +217,27 @@ def views(
     frame: Path = typer.Argument(help="Light-field frame."),
     *,
     white: Path | None = typer.Option(
-        None, help="White image of the same camera (or a folder): the lattice is measured on it."
+        None, help="White image of the same camera, or a folder of them, from which the lattice is measured."
     ),
     lattice: Path | None = typer.Option(None, help="lattice.json of `lfcal white`, instead of --white."),
-    camera: str | None = typer.Option(None, help="Preset or camera file, instead of --white: the lattice it states."),
-    out: Path = typer.Option(..., "--out", "-o", help="float32 TIFF, one page per view by rows."),
-    size: int = typer.Option(0, min=0, help="Views along a side; as many as fit the pitch by default."),
-    dark: Path | None = typer.Option(None, help="Dark frame, subtracted; else the level of no light the file states."),
-    route: str = typer.Option("spatial", help="spatial; with --modulator also fourier, or both (OUT_fourier.tif)."),
-    filter: str | None = typer.Option(
-        None, help="nearest, linear or cubic; with --modulator also sinc. By default cubic, with weights linear."
+    camera: str | None = typer.Option(None, help="Preset or camera file that states the lattice, instead of --white."),
+    out: Path = typer.Option(..., "--out", "-o", help="File to write: float32 TIFF, one page per view, by rows."),
+    size: int = typer.Option(0, min=0, help="Number of views along a side; 0: as many as fit the pitch."),
+    dark: Path | None = typer.Option(
+        None, help="Dark frame to subtract; default: the black level that the file states."
     ),
-    modulator: str | None = typer.Option(None, help="Mask in place of lenslets, such as MURA:11."),
-    axes: str = typer.Option("lattice", help="Rows run along the lattice's or the frame's."),
+    route: str = typer.Option(
+        "spatial", help="Route: spatial; with --modulator also fourier, or both (OUT_fourier.tif)."
+    ),
+    filter: str | None = typer.Option(
+        None, help="Filter: nearest, linear or cubic; with --modulator also sinc. Default cubic; linear with weights."
+    ),
+    modulator: str | None = typer.Option(None, help="Mask used instead of lenslets, such as MURA:11."),
+    axes: str = typer.Option("lattice", help="Direction of the rows of views: lattice or frame."),
     sensor: str | None = typer.Option(
-        None, help="Preset or camera file whose sensor weighs the pixels: saturated ones have no say, others by noise."
+        None,
+        help="Preset or camera file whose sensor gives the weights: saturated pixels are left out, others weighted "
+        "by noise.",
     ),
     gain: GainOption = 1.0,
     exposure: ExposureOption = 0.0,
@@ -245,7 +259,7 @@ def views(
     check_choice("route", route, ROUTES)
     outputs = (out, _fourier_file(out) if route == "both" else None, deviation)
     check_outputs(outputs, frame, white, lattice, camera, dark, sensor, dead, force=force)
-    if modulator is not None and size:  # a mask has as many views as its super-pixel
+    if modulator is not None and size:  # the super-pixel of a mask fixes the number of views
         raise InputError.expected("views", "one of --size and --modulator", "both", "leave one out")
     if modulator is None and route != "spatial":
         raise InputError.expected("route", "spatial for lenslets", repr(route), "give the mask as --modulator")
@@ -265,7 +279,7 @@ def views(
         )
     light = without_black_level(recorded.raw, level) if dark is None else _without_dark(recorded.raw, dark)
     if modulator is None:
-        # an odd number of views has one in the middle, through the centre of the pupil.
+        # an odd number of views includes one through the centre of the pupil
         cells: Any = size or max(1, (int(min(fit.pitch_px, fit.row_pitch_px)) - 1) // 2 * 2 + 1)
         grid = channel_grid(light.shape, fit, cells, axes=axes)
     else:
@@ -280,7 +294,7 @@ def views(
         if deviation is not None and spread is not None:
             _write(deviation, spread)
     if route != "spatial":
-        # which takes every pixel alike: what is no number is 0
+        # this route weights all pixels equally: NaN becomes 0
         known = np.nan_to_num(light, posinf=0.0, neginf=0.0)
         found = demultiplex_lattice(known, fit, cells, route="fourier", axes=axes)
         _write(out if route == "fourier" else _fourier_file(out), found)
@@ -295,7 +309,7 @@ def views(
 
 
 def _lattice_of(white: Path | None, lattice: Path | None, camera: str | None, dark: Path | None) -> FrameLattice:
-    """Return the lattice measured before, the one in the white image, or the one that a camera states."""
+    """Return the lattice from a file, from the white image, or from a camera."""
     from lfcal.frames.corrections import read_average
     from lfcal.lattice import fit_lattice, lattice_of, load_lattice
     from lfcal.tasks import load_camera
@@ -315,7 +329,7 @@ def _lattice_of(white: Path | None, lattice: Path | None, camera: str | None, da
 def _views(
     light: NDArray[Any], weights: NDArray[Any] | None, fit: FrameLattice, cells: Any, filter: str | None, *, axes: str
 ) -> tuple[NDArray[Any], NDArray[Any] | None]:
-    """Return the views and, from pixels with weights, their deviation; ``cells`` are views along a side, or a mask."""
+    """Return the views and, for pixels with weights, their deviation; ``cells``: views along a side, or a mask."""
     from lfcal import multiplex as m
 
     through_mask = isinstance(cells, m.Modulator)
@@ -328,7 +342,7 @@ def _views(
 
 
 def _fourier_file(out: Path) -> Path:
-    """Return where the samples of the Fourier route go if both routes are wanted: ``views_fourier.tif``."""
+    """Return the path for samples of the Fourier route if both routes are requested: ``views_fourier.tif``."""
     return out.with_name(f"{out.stem}_fourier{out.suffix}")
 
 
@@ -344,12 +358,12 @@ def _check_recovered(modulator: Modulator) -> None:
     lost = [name for name, share in zip(modulator.sample_names, modulator.lost(), strict=True) if share > 1e-9]
     if lost:
         got = f"none for {', '.join(lost[:4])}" + (f" and {len(lost) - 4} more" if len(lost) > 4 else "")
-        remedy = "correct the pattern or matrix; `lfcal multiplex compare` says what is lost"
+        remedy = "correct the pattern or matrix; `lfcal multiplex compare` shows what is lost"
         raise InputError.expected(f"pixels of {modulator.name}", "some that measure every sample", got, remedy)
 
 
 def _write(path: Path, samples: NDArray[Any]) -> None:
-    """Write the planes of samples as float32 TIFF, one page each."""
+    """Write the samples as float32 TIFF, one page for each."""
     import numpy as np
 
     write_tiff(path, samples.reshape(-1, *samples.shape[-2:]).astype(np.float32), metadata=None)

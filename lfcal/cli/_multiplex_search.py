@@ -1,4 +1,4 @@
-"""``lfcal multiplex search``, ``design``, ``filters`` and ``figures``: the best modulators, and pictures."""
+"""``lfcal multiplex search``, ``design``, ``filters`` and ``figures``: find the best modulators, draw pictures."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["chi2_of", "design", "figures", "filters", "search"]
 def chi2_of(
     context: typer.Context, chi2: float | None, camera: str | None, gain: float = 1.0
 ) -> tuple[float | None, dict[str, float]]:
-    """Return chi^2 from the options, and that of the camera by its name, to be marked."""
+    """Return chi^2 from the options, and the chi^2 to mark, by the name of the camera."""
     from lfcal.multiplex import camera_chi2
     from lfcal.tasks import load_camera
 
@@ -41,19 +41,21 @@ def chi2_of(
 def _needed_chi2(context: typer.Context, chi2: float | None, camera: str | None, gain: float) -> float:
     ratio, _ = chi2_of(context, chi2, camera, gain)
     if ratio is None:
-        raise InputError.expected("chi^2", "--chi2 or --camera", "neither", "say for which camera to search")
+        raise InputError.expected("chi^2", "--chi2 or --camera", "neither", "give one of them")
     return ratio
 
 
 def search(
     context: typer.Context,
-    what: str = typer.Argument("filters", help="filters, or a mask's size such as 11."),
+    what: str = typer.Argument("filters", help="What to search: filters, or the size of a mask, such as 11."),
     *,
     chi2: Chi2Option = None,
     camera: PresetOption = None,
     gain: GainOption = 1.0,
-    starts: int = typer.Option(6, min=0, help="Random masks per noise; six changed ones follow each."),
-    out: Path | None = typer.Option(None, "--out", "-o", help="Draw the frontier as PNG."),
+    starts: int = typer.Option(
+        6, min=0, help="Number of random masks per noise level; each is followed by six modified ones."
+    ),
+    out: Path | None = typer.Option(None, "--out", "-o", help="File for a picture of the frontier (.png)."),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
@@ -75,7 +77,7 @@ def search(
     kept: deque[SearchProgress] = deque(maxlen=1)
     try:
         frontier = run_work(iter_mask_frontier(int(what), ratio, starts=starts), quiet=json, seen=kept.append)
-    except BaseException:  # stopped: the best so far is what it was run for
+    except BaseException:  # stopped: still show the best found so far
         if kept and kept[0].done:
             report(f"stopped after {kept[0].count} searches; the best found so far:")
             _show_found(kept[0].found, out, json=json, stopped=True)
@@ -84,7 +86,7 @@ def search(
 
 
 def _show_found(found: Frontier, out: Path | None, *, json: bool, stopped: bool = False) -> None:
-    """Draw and print the efficient candidates and the best at the camera's chi^2, also of a search that stopped."""
+    """Draw and print the efficient candidates and the best one at the camera's chi^2, also for a stopped search."""
     import numpy as np
 
     from lfcal.multiplex import save_frontier
@@ -105,31 +107,33 @@ def _show_found(found: Frontier, out: Path | None, *, json: bool, stopped: bool 
     print_result(facts, headers, cells, title=title, json=json)
     if found.bound is not None and not json:
         left = found.bound - float(found.chosen[best])
-        report(f"no mask of this size gains more than {found.bound:+.3f} dB: at most {left:.3f} dB are left")
+        report(f"no mask of this size gains more than {found.bound:+.3f} dB: at most {left:.3f} dB remain to be gained")
 
 
 def design(
     context: typer.Context,
-    what: str = typer.Argument(help="Super-pixel of filters such as 2x2, or a mask's size such as 5."),
+    what: str = typer.Argument(
+        help="What to design: a super-pixel of filters such as 2x2, or the size of a mask, such as 5."
+    ),
     *,
     chi2: Chi2Option = None,
     camera: PresetOption = None,
     gain: GainOption = 1.0,
-    crosstalk: float = typer.Option(0.0, help="Share of the light that pixels lose to their neighbours."),
+    crosstalk: float = typer.Option(0.0, help="Share of the light that a pixel loses to its neighbours."),
     letters: str = typer.Option("RGBCMYW", help="Filters to choose from."),
-    kinds: int | None = typer.Option(None, min=1, help="Kinds of filters at most."),
-    levels: int = typer.Option(2, help="Transmissions of a mask that can be printed."),
-    least_light: float = typer.Option(0.0, help="Share of the light that must pass."),
-    most_light: float = typer.Option(1.0, help="Share of the light that a mask may let through."),
-    starts: int = typer.Option(12, min=0, help="Random starts of masks that are too large to try all."),
+    kinds: int | None = typer.Option(None, min=1, help="Largest number of different filters."),
+    levels: int = typer.Option(2, help="Number of transmission levels that can be printed."),
+    least_light: float = typer.Option(0.0, help="Smallest share of the light that must pass."),
+    most_light: float = typer.Option(1.0, help="Largest share of the light that a mask may transmit."),
+    starts: int = typer.Option(12, min=0, help="Number of random starts for masks too large for an exhaustive search."),
     out: Path | None = typer.Option(
-        None, "--out", "-o", help="Write it: .npy, transmissions (rows, columns, N); .json, with its views."
+        None, "--out", "-o", help="File for the design: .npy, transmissions (rows, columns, N); .json, with its views."
     ),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Find the filters or the mask of most gain that can be made, and say how sure that is.
+    """Find the filters or the mask with the largest gain that can be manufactured, with a bound on what is possible.
 
     Example: `lfcal multiplex design 2x2 --camera r29 --crosstalk 0.05 --kinds 3`
     """
@@ -164,8 +168,8 @@ def design(
 
 def filters(
     *,
-    size: int = typer.Option(256, min=64, max=4096, help="Pixels along a side of the scenes."),
-    out: Path | None = typer.Option(None, "--out", "-o", help="Draw error against time as PNG."),
+    size: int = typer.Option(256, min=64, max=4096, help="Side of the scenes (px)."),
+    out: Path | None = typer.Option(None, "--out", "-o", help="File for a picture of error against time (.png)."),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
@@ -200,7 +204,7 @@ def figures(
     context: typer.Context,
     folder: Path = typer.Argument(help="Folder for the pictures."),
     *,
-    raw: Path | None = typer.Option(None, help="RAW frame for figure 3 in place of the drawn scene."),
+    raw: Path | None = typer.Option(None, help="RAW frame for figure 3, instead of the synthetic scene."),
     camera: str | None = typer.Option(None, help="Preset or camera file to mark in figure 6."),
     seed: int = typer.Option(1, help="Seed of the noise in figure 7."),
     workers: WorkersOption = None,

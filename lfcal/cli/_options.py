@@ -1,4 +1,4 @@
-"""Options that several commands share, each described once."""
+"""Options that several commands share, each defined once."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ __all__ = [
 
 
 MATRICES = (".h5", ".hdf5", ".mat", ".npy", ".lfc")
-"""Suffixes of H, where a camera or a plan may be named, too."""
+"""Suffixes of H files, for arguments that also accept a camera or a plan."""
 
 
 def _presets(incomplete: str) -> list[str]:
-    """Return the presets that a shell offers for a camera; it offers files where no name fits."""
+    """Return the presets that shell completion offers for a camera; it offers files if no preset matches."""
     from lfcal.camera import PRESETS
 
     return [name for name in PRESETS if name.startswith(incomplete)]
@@ -43,7 +43,7 @@ def _mat_orders(incomplete: str) -> list[str]:
 
 
 def _bound(context: typer.Context, workers: int | None) -> int | None:
-    """Bound the threads of everything a command computes, those of libraries included, until it ends."""
+    """Limit the threads of a command, including those of libraries, until it ends."""
     if workers is not None:
         context.with_resource(bounded_threads(workers))
     return workers
@@ -53,19 +53,22 @@ JsonOption: TypeAlias = Annotated[bool, typer.Option("--json", help="Print the r
 
 WorkersOption: TypeAlias = Annotated[
     int | None,
-    typer.Option("--workers", min=1, callback=_bound, help="Threads; LFCAL_WORKERS or every processor by default."),
+    typer.Option(
+        "--workers", min=1, callback=_bound, help="Number of threads; default: LFCAL_WORKERS, or every processor."
+    ),
 ]
 
 ForceOption: TypeAlias = Annotated[bool, typer.Option("--force", help="Replace what exists.")]
-"""Without it a command that would replace a file ends before its work begins; see `lfcal.tasks.outputs`."""
+"""Option to replace existing files; without it, such a command ends at the start (see `lfcal.tasks.outputs`)."""
 
 MatOrderOption: TypeAlias = Annotated[
     str,
     typer.Option(
         "--mat-order",
         autocompletion=_mat_orders,
-        help="Axes of H in a .mat file that does not state them: rows-first, H(t,s,y,x,z), or columns-first, "
-        "H(s,t,x,y,z). By default inferred from its variables.",
+        help="Order of the axes of H in a .mat file that does not state it: rows-first, H(t,s,y,x,z), or "
+        "columns-first, "
+        "H(s,t,x,y,z). Default: inferred from its variables.",
     ),
 ]
 
@@ -82,27 +85,29 @@ OriginOption: TypeAlias = Annotated[
     typer.Option(
         "--origin",
         metavar="ROW,COLUMN",
-        help="Sensor row and column of the first pixel, of frames that are a part of it.",
+        help="Sensor row and column of the first pixel, for frames that show a part of the sensor.",
     ),
 ]
 
 PageOption: TypeAlias = Annotated[int, typer.Option("--page", min=0, help="Page of a file of many frames.")]
 
 Chi2Option: TypeAlias = Annotated[
-    float | None, typer.Option("--chi2", min=0, help="Photon over additive noise variance of the camera.")
+    float | None, typer.Option("--chi2", min=0, help="Ratio of photon to additive noise variance of the camera.")
 ]
-"""The noise that decides which modulator is best."""
+"""Option for the noise ratio, which decides which modulator is best."""
 
 PresetOption: TypeAlias = Annotated[
     str | None,
-    typer.Option("--camera", help="Preset or camera file in place of --chi2, which is taken from full well and noise."),
+    typer.Option(
+        "--camera", help="Preset or camera file, instead of --chi2, which is then derived from full well and noise."
+    ),
 ]
 
 GainOption: TypeAlias = Annotated[float, typer.Option("--gain", help="Amplifier gain of the camera.")]
 """Gain at which the full well and the read noise of a camera are compared."""
 
 ExposureOption: TypeAlias = Annotated[
-    float, typer.Option("--exposure", min=0, help="Seconds in which dark current gathers.")
+    float, typer.Option("--exposure", min=0, help="Exposure time (s), for the dark current.")
 ]
 
 UncorrectedOption: TypeAlias = Annotated[

@@ -1,4 +1,4 @@
-"""Commands made of tasks: an option for every field, panels for records within, refusals of what does not apply."""
+"""Commands generated from tasks: an option for each field, a panel for each nested record, and refusals."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ __all__ = ["add_task", "do_task"]
 R = TypeVar("R")
 
 Show = Callable[[Any], object]
-"""Prints what was made."""
+"""Function that prints the result of a task."""
 
 RUN = "How it is run"
 
 
 def add_task(app: typer.Typer, tasks: TaskSet, show: Show, cls: Any = None) -> None:
-    """Add the command of a task to the app; ``show`` prints what was made, and ``cls`` has further commands."""
+    """Add the command of a task to the app; ``show`` prints the result, and ``cls`` has subcommands."""
     name = tasks.name.split()[-1]
-    # of a field of several kinds the first one has the words
+    # for a field that several kinds have, the first kind gives the help
     own = {row.name: row for kind in reversed(tasks.kinds) for row in rows(kind)}
     run = {row.name: row for row in rows(RunSettings) if any(kind.takes(row.name) for kind in tasks.kinds)}
 
@@ -54,7 +54,7 @@ def add_task(app: typer.Typer, tasks: TaskSet, show: Show, cls: Any = None) -> N
 
 
 def do_task(task: Task, run: RunSettings, show: Show, json: bool) -> None:
-    """Check what a task would write, do it with a progress bar, and show what was made."""
+    """Check the outputs of a task, run it with a progress bar, and show the result."""
     from lfcal.tasks import check_outputs, may_replace
 
     refused = next((row for row in rows(RunSettings) if value_at(run, row) and not task.takes(row.name)), None)
@@ -77,29 +77,29 @@ def do_task(task: Task, run: RunSettings, show: Show, json: bool) -> None:
 
 
 def _run_kept(work: Work[R], *outs: Path, quiet: bool) -> R:
-    """Drain work in units with a progress bar; where it ends early, say what is kept of it, and else keep nothing."""
+    """Run work in units with a progress bar; if it ends early, report what is kept, or remove an empty folder."""
     try:
         return run_work(work, quiet=quiet)
     except BaseException as error:
-        with suppress(LfcalError):  # it may have ended before it began
+        with suppress(LfcalError):  # it may have ended before the journal began
             for out in outs:
                 _say_kept(error, out)
         raise
 
 
 def _say_kept(error: BaseException, out: Path) -> None:
-    """Say what is kept of work that ``error`` ended; the folder of a run that has done nothing goes."""
+    """Report what is kept of work that ``error`` ended; remove the folder of a run that did nothing."""
     from lfcal.work import PASS, discard, parts_folder, read_events, read_run, unit_files
 
     folder = parts_folder(out)
     state = read_run(folder)
-    if state.running:  # another program's, which is at work in it
+    if state.running:  # another program is working in the folder
         return
     kept = len(unit_files(folder))
-    if not kept and PASS not in read_events(folder):  # a pass that is whole lies at ``out``
+    if not kept and PASS not in read_events(folder):  # a complete pass has been written to ``out``
         discard(folder)
         return
-    report(f"kept: {kept} of {len(state.units)} units in {folder}; --resume goes on with them")
+    report(f"kept: {kept} of {len(state.units)} units in {folder}; --resume continues with them")
     error.add_note(KEPT)
 
 
@@ -111,7 +111,7 @@ def _help(tasks: TaskSet, cls: Any) -> str:
 
 
 def _only(tasks: TaskSet, row: FieldRow) -> str:
-    """Return which kinds of input, or of a record within, a field applies to, where not to all of them."""
+    """Return the kinds of input, or of a nested record, that a field applies to, if not all of them."""
     if row.only and row.variants is not None:
         every = [row.variants.name_of(kind) for kind in row.variants.kinds]
         return _except([name for name in every if name in row.only], [name for name in every if name not in row.only])
@@ -141,7 +141,7 @@ def _parameter(row: FieldRow, heading: str, only: str = "") -> inspect.Parameter
             default.callback = lambda value: None if value is None else not value
         return inspect.Parameter(row.name, kind, default=default, annotation=bool | None)
     annotation: Any = list[str] if row.many else str
-    # what only some kinds of input must have, the kind asks for
+    # the kind itself checks fields that only some kinds require
     needed = row.default is MISSING and not only and not opt.chooses
     start = ... if needed else None
     if not needed:

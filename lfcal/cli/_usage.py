@@ -1,4 +1,4 @@
-"""Errors of a command line: what may have been meant, and options that would have no effect."""
+"""Usage errors of the command line: suggestions, and options that would have no effect."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ RENAMED: dict[tuple[str, str], str] = {
     ("lfcal fit", "--scene"): "lfcal fit SOURCE -o fit, then lfcal fit object fit FRAME --scene VOLUME",
     ("lfcal fit", "--effects"): "--effect, once for each",
 }
-"""What is typed now in place of an option, by the words of the command and the option."""
+"""Replacement for an option, by the words of the command and the option."""
 
 
 def refuse(context: typer.Context, wanted: str, got: str, *names: str) -> None:
-    """Raise where an option of the parameters ``names`` was given on the command line, but has no effect here.
+    """Raise `InputError` if an option of the parameters ``names`` was given, but has no effect here.
 
-    ``wanted`` is what the options apply to, and ``got`` what there is instead.
+    ``wanted`` is what the options apply to, and ``got`` what was given instead.
     """
     for one in context.command.params:
         source = context.get_parameter_source(str(one.name))
@@ -56,9 +56,9 @@ def refuse(context: typer.Context, wanted: str, got: str, *names: str) -> None:
 
 
 def usage_line(error: Any, words: Sequence[str]) -> str:
-    """Return the line for a usage error of the command parser; empty where its help has been printed.
+    """Return the message for a usage error of the command parser; empty if its help has been printed.
 
-    ``words`` are the command line as it was typed.
+    ``words`` are the command line as typed.
     """
     context = getattr(error, "ctx", None)
     unknown = getattr(error, "option_name", None)
@@ -75,9 +75,9 @@ def usage_line(error: Any, words: Sequence[str]) -> str:
 
 
 def nearest_option(unknown: str, words: Sequence[str], parameters: Sequence[Any]) -> str:
-    """Return the option that may have been meant, or an empty text.
+    """Return the option that was probably meant, or an empty text.
 
-    A long name behind one dash is read as letters, of which the first is unknown: `-force` is `--force`.
+    A long name after one dash is parsed as letters, the first of which is unknown: `-force` means `--force`.
     """
     names = [name for one in parameters for name in (*one.opts, *one.secondary_opts) if name.startswith("--")]
     if not unknown.startswith("--"):

@@ -1,4 +1,4 @@
-"""``lfcal accuracy``: what accuracy costs, everywhere it is paid, for a camera, a scan plan or H."""
+"""``lfcal accuracy``: the cost of accuracy for a camera, a scan plan or H, wherever it can be chosen."""
 
 from __future__ import annotations
 
@@ -23,23 +23,27 @@ if TYPE_CHECKING:
 
 def command(
     context: typer.Context,
-    subject: str = typer.Argument(..., help="H file, JSON of a scan plan, preset or camera file; list shows places."),
+    subject: str = typer.Argument(
+        ..., help="H file, JSON of a scan plan, preset or camera file; list prints the names for --place."
+    ),
     depths: str = typer.Option("", help="Planes in µm (or mm), away from the camera: a,b,c or start:stop:step."),
     virtual_depths: str = typer.Option("", help="Planes as virtual depths v = a/B."),
-    cutout: str = typer.Option("", help="Pixels kept, odd: 181 or ROWS,COLUMNS; by default by geometry."),
+    cutout: str = typer.Option("", help="Size of the cutout, odd: 181 or ROWS,COLUMNS (px); default: by geometry."),
     *,
-    place: list[str] = typer.Option([], "--place", help="Where: a name of `lfcal accuracy list`; may be repeated."),
-    error: str = typer.Option("1%", "--error", help="Error whose cost is asked for: 1% or 0.01."),
-    seconds: float = typer.Option(10.0, "--seconds", help="About how long each place may take (s)."),
-    draw: Path | None = typer.Option(None, "--draw", help="Draw all curves on one page (PNG)."),
+    place: list[str] = typer.Option(
+        [], "--place", help="Part of the processing to measure, a name from `lfcal accuracy list`; may be repeated."
+    ),
+    error: str = typer.Option("1%", "--error", help="Error whose cost to report: 1% or 0.01."),
+    seconds: float = typer.Option(10.0, "--seconds", help="Approximate time for each place (s)."),
+    draw: Path | None = typer.Option(None, "--draw", help="File for a picture of all curves (.png)."),
     mat_order: MatOrderOption = "",
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Measure curves of error against seconds, bytes or frames, and say what an error would cost.
+    """Measure curves of error against seconds, bytes or frames, and report the cost of an error.
 
-    Ctrl-C ends the measurement; what was measured until then is printed.
+    Ctrl-C ends the measurement; results measured until then are printed.
 
     Example: `lfcal accuracy bench --virtual-depths 3,4,5 --place storage --place solvers --draw cost.png`
     """
@@ -79,7 +83,7 @@ def command(
 def _measured(
     places: list[Place], subject: Subject, seconds: float, share: float, *, quiet: bool
 ) -> tuple[list[Curve], BaseException | None]:
-    """Measure place after place, each shown as soon as it is done; return what ended it, if anything did."""
+    """Measure place after place and show each when done; return the exception that ended it, if any."""
     from lfcal.accuracy import iter_measure_curve
 
     curves: list[Curve] = []
@@ -91,7 +95,7 @@ def _measured(
             curves.append(run_work(work, quiet=quiet, seen=kept.append))
         except Exception:
             raise
-        except BaseException as end:  # Ctrl-C and signals: what was measured until then is shown first
+        except BaseException as end:  # Ctrl-C and signals: results measured until then are shown first
             ended = end
             curves += [record.curve for record in kept]
         if len(curves) > number and not quiet:
@@ -105,7 +109,7 @@ def _measured(
 def _subject(
     name: str, planes: tuple[str, str, str], workers: int | None, *, mat_order: str, quiet: bool
 ) -> Iterator[Subject]:
-    """Give what is measured: H, closed at the end, or a plan."""
+    """Return the object to measure: H, closed at the end, or a plan."""
     from lfcal.accuracy import Subject
     from lfcal.tasks import planned_scan, tell_assumed
 
@@ -128,7 +132,7 @@ def _subject(
 
 
 def _show(curve: Curve, share: float) -> None:
-    """Print one curve as a table, what it means, and what the error asked for costs."""
+    """Print one curve as a table, its meaning, and the cost of the requested error."""
     from lfcal.accuracy import format_cost
 
     if not curve.rungs:

@@ -1,4 +1,4 @@
-"""``lfcal acquire``: record a frame at each position of a plan, safe against any crash."""
+"""``lfcal acquire``: record a frame at each position of a plan; a crash loses no completed frame."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from lfcal.campaign import Adapted
 
 SHOWN = 10
-"""Suspect positions that are printed."""
+"""Largest number of suspect positions that are printed."""
 
 
 def show(made: tuple[RecordedSession | PlannedSession]) -> None:
-    """Print how a session ended and what to do next, or what it would cost."""
+    """Print how a session ended and what to do next, or its forecast cost."""
     (one,) = made
     if isinstance(one, PlannedSession):
         _show_forecast(one)
@@ -47,11 +47,11 @@ def show(made: tuple[RecordedSession | PlannedSession]) -> None:
         typer.echo(f"  resume with --resume{same}")
     elif one.adapted is not None and one.error is None:
         _show_adapted(one.adapted)
-        typer.echo(f"  lfcal fit {one.out} -o fit/ makes camera and H of it")
+        typer.echo(f"  lfcal fit {one.out} -o fit/ fits the camera and makes H")
 
 
 def show_coverage(facts: Mapping[str, Any]) -> None:
-    """Print what a session of a target shows."""
+    """Print which positions a session of a target shows."""
     shown = ", ".join(format_share(share) for share in facts["coverage_of_planes"])
     typer.echo(
         f"  phases shown, where the target lies as planned: {shown}; {facts['mean_repeats']:.2f} times on average"
@@ -59,20 +59,20 @@ def show_coverage(facts: Mapping[str, Any]) -> None:
 
 
 def _simulated_words(optics: str) -> str:
-    """Return in words what the frames of the simulator are."""
+    """Return a description of the simulator's frames."""
     if optics == "pattern":
         return "simulated, quick pattern without lenslets: for trials of a recording, not for a fit"
     return f"simulated, the plan's camera (optics={optics})"
 
 
 def _show_suspects(facts: Mapping[str, Any]) -> None:
-    """Print the first of the positions that are suspect, and how to record all of them again."""
+    """Print the first suspect positions, and how to record all of them again."""
     found = facts["suspects"]
     for position, why in list(zip(found.positions, found.reasons, strict=True))[:SHOWN]:
         typer.echo(f"  suspect: (z, y, x) = {tuple(position)}: {why}")
     count = len(found.positions)
     more = f", {count - SHOWN} more in the list" if count > SHOWN else ""
-    typer.echo(f"  {count} suspect{more}: remove the cause, then record them again with --redo {facts['redo']}")
+    typer.echo(f"  {count} suspect{more}: fix the cause, then record them again with --redo {facts['redo']}")
 
 
 def _show_adapted(found: Adapted) -> None:

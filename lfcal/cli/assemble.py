@@ -11,7 +11,7 @@ from lfcal.cli._console import show_judgement
 from lfcal.tasks import Assembled
 
 LISTED = 20
-"""Damaged frames that are listed; all of them are in the JSON output and in the file's provenance."""
+"""Largest number of damaged frames listed; the JSON output and the file's provenance have all of them."""
 
 
 def show(made: tuple[Assembled, ...]) -> None:
@@ -49,7 +49,7 @@ def _show_one(one: Assembled) -> None:
         where = "dark frame" if found.position is None else f"(z, y, x) = {tuple(found.position)}"
         line(f"left out: {found.label}, {where}")
     size = format_bytes(one.out.stat().st_size)
-    # what the cutout, by whole pixels, leaves of the fractional shifts of the micro-images.
+    # the fraction of a pixel that a cutout moved by whole pixels leaves uncorrected
     rows, columns = report.residual_px
     made = f"H {report.matrix.shape} from {report.frames} frames"
     typer.echo(f"{one.out}: {made}, {size} in {format_seconds(one.seconds)}")

@@ -1,4 +1,4 @@
-"""``lfcal bench``: where the benchmarks are."""
+"""``lfcal bench``: where to find the benchmarks."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from lfcal.cli._options import JsonOption
 WHERE = "run `python -m benchmarks` in the folder of lfcal's source, where uv or pip has installed it"
 
 
-def command(name: str = typer.Argument("", help="Benchmark that is looked for."), json: JsonOption = False) -> None:
-    """Say where the benchmarks are: in the source, outside the installed package.
+def command(name: str = typer.Argument("", help="Name of a benchmark."), json: JsonOption = False) -> None:
+    """Print where the benchmarks are: in the source, outside the installed package.
 
     Example: `lfcal bench`
     """

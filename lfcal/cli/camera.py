@@ -1,4 +1,4 @@
-"""``lfcal camera``: describe a camera, see what of it is known, and hold it against a white image."""
+"""``lfcal camera``: describe a camera, show which of its values are known, and check it against a white image."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["as_json", "print_camera", "register", "save_camera"]
 def register(app: typer.Typer) -> None:
     """Add ``camera`` and its commands, those of the modules ``camera_*``, to the app."""
     camera_app = typer.Typer(
-        help="Describe a camera, see what of it is known, and hold it against a white image.",
+        help="Describe a camera, show which of its values are known, and check it against a white image.",
         epilog="Example: `lfcal camera show r29_calibration.xml`",
         no_args_is_help=True,
     )
@@ -32,7 +32,7 @@ def register(app: typer.Typer) -> None:
 
 
 def print_camera(camera: Camera) -> None:
-    """Print the values of ``camera`` with where they come from, what follows from them, and what is doubted."""
+    """Print the values of ``camera`` with their sources, derived quantities, and doubts."""
     rows = [
         [quantity.label, quantity.text(value_at(camera, quantity.path)), camera.marks[quantity.path]]
         for quantity in quantities_of(camera)
@@ -51,7 +51,7 @@ def print_camera(camera: Camera) -> None:
 
 
 def as_json(camera: Camera) -> dict[str, Any]:
-    """Return ``camera`` with what follows from it, what is assumed and what is doubted."""
+    """Return ``camera`` with derived quantities, assumed values and doubts, as plain values."""
     return {
         "camera": camera.to_dict(),
         "assumed": camera.marks.paths("assumed"),
@@ -64,8 +64,8 @@ def as_json(camera: Camera) -> dict[str, Any]:
 
 
 def save_camera(camera: Camera, out: Path | None, *inputs: Path | str | None, force: bool, json: bool) -> None:
-    """Write ``camera`` where asked, and say what was taken and what is assumed."""
-    derived_of(camera)  # what nothing can be calculated with is refused before it is written
+    """Write ``camera`` if requested, and report which values were read and which are assumed."""
+    derived_of(camera)  # a camera that allows no calculation is refused before it is written
     if out is not None:
         check_output(out, *inputs, force=force)
         write_text(out, camera.to_json())

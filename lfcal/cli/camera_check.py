@@ -1,4 +1,4 @@
-"""``lfcal camera check``: a camera held against a white image, and the camera as measured."""
+"""``lfcal camera check``: compare a camera with a white image, and write the measured camera."""
 
 from __future__ import annotations
 
@@ -28,23 +28,25 @@ def command(
     *,
     dark: Path | None = typer.Option(None, help="Dark frame, or a folder of them to average; subtracted."),
     channel: str = typer.Option(
-        "", help="Of a colour image: R, G or B; of a mosaic the mean of its colours by default."
+        "", help="Channel of a colour image: R, G or B; default for a mosaic: the mean of its colours."
     ),
     orientation: str = typer.Option(
-        "as-is", "--orientation", help="What makes the white image upright, as of lfcal assemble."
+        "as-is", "--orientation", help="How to turn the white image upright, as in lfcal assemble."
     ),
     origin: OriginOption = "",
     out: Path | None = typer.Option(None, "-o", "--out", help="Write the camera with the measured lattice as JSON."),
-    anyway: bool = typer.Option(False, "--anyway", help="With -o: write also where camera and white image do not fit."),
+    anyway: bool = typer.Option(
+        False, "--anyway", help="With -o: write the camera even if it does not match the white image."
+    ),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Hold a camera against a white image: what it says, what is measured, and whether the two fit.
+    """Compare a camera with a white image: described values, measured values, and whether the two match.
 
-    Where they differ -o writes the camera as measured; where they do not fit at all, another camera, another unit or
-    mirrored frames are likely, and it is written with --anyway alone. Ends with exit code 1 where they part and nothing
-    is written.
+    If they differ slightly, -o writes the camera with the measured lattice. If they do not match at all, another
+    camera, another unit or mirrored frames are likely, and the camera is written only with --anyway. Exit code 1: they
+    differ and nothing is written.
 
     Example: `lfcal camera check camera.json white.tif --dark dark.tif -o measured.json`
     """
@@ -58,12 +60,12 @@ def command(
     described = load_camera(camera)
     place, turn, cfa = parse_origin(origin), named_orientation(orientation), described.sensor.cfa
     if turn.name != AS_IS and (cfa or place is not None):
-        # both are of the sensor as it is delivered, and the camera is described upright
+        # both refer to the sensor as delivered, but the camera is described upright
         what = "a colour filter" if cfa else "--origin"
         raise InputError.expected("--orientation", f"as-is with {what}", orientation, "turn the white image itself")
     frame = turn.apply(read_white(white, dark, channel, cfa if place is None else cfa_from(cfa, place)))
     found, turned = compared_orientations(check_camera(described, frame, origin=place, workers=workers), described)
-    # a camera whose kind or sensor is another one has no measured lattice to write, which is refused
+    # a camera of another kind or with another sensor has no measured lattice to write, and is refused
     doubted = found.verdict == WRONG and found.camera is not None and not anyway
     written = None if doubted else _write(found, out)
     _show(found, turned, written, json)
@@ -77,7 +79,7 @@ def _write(found: CameraCheck, out: Path | None) -> Path | None:
     if found.camera is None:
         line, remedy = found.lines[-1], "correct the camera"
         if line.label == "sensor":
-            remedy += "; where the white image is a part of the sensor state its place with --origin ROW,COLUMN"
+            remedy += "; if the white image shows a part of the sensor, state its place with --origin ROW,COLUMN"
         raise InputError.expected(f"{line.label} of the white image", line.expected, line.measured, remedy)
     write_text(out, found.camera.to_json())
     return out
@@ -100,14 +102,15 @@ def _show(found: CameraCheck, turned: TurnedWhite | None, written: Path | None, 
     show_judgement(judgement_of(found))
     if turned is not None:
         report(
-            f"note: the frames are {turned.words}, against the camera; if the camera is described as it is, turn white "
+            f"note: the frames are {turned.words}, relative to the camera; if the camera is described correctly, "
+            "turn white "
             f"image and frames: {turned.options} here, of lfcal plan and of lfcal assemble"
         )
     if found.verdict != "fits" and found.camera is not None and written is None:
         report(
-            "note: the camera and the white image part; -o camera.json writes the camera as measured"
+            "note: the camera and the white image differ; -o camera.json writes the measured camera"
             if found.verdict == "differs"
-            else "note: nothing written: camera and white image do not fit, as with another camera, unit or "
-            "orientation; correct it, or have the camera as measured written with -o camera.json --anyway"
+            else "note: nothing written: camera and white image do not match, as with another camera, unit or "
+            "orientation; correct it, or write the measured camera with -o camera.json --anyway"
         )
     print_written(written)

@@ -1,4 +1,4 @@
-"""``lfcal camera import``: a camera file from what a maker or another program wrote."""
+"""``lfcal camera import``: convert a camera description of a manufacturer or another program to a camera file."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ def command(
         ..., help="Raytrix XML, oLaF yaml, napari-LF or Micro-Manager metadata, Micro-Manager .cfg, camera.json."
     ),
     *,
-    name: str = typer.Option("", help="Name of the camera; by default the file's."),
-    frame: Path | None = typer.Option(None, help="A frame of the camera: its size is the sensor's."),
+    name: str = typer.Option("", help="Name of the camera; default: the name in the file."),
+    frame: Path | None = typer.Option(None, help="A frame of the camera, to read the size of the sensor from."),
     values: dict[str, Any],
-    resolution: str = typer.Option("", help="Resolution preset of a Micro-Manager configuration that has several."),
+    resolution: str = typer.Option("", help="Resolution preset, if a Micro-Manager configuration has several."),
     out: Path | None = typer.Option(None, "-o", "--out", help="Write the camera as JSON."),
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Make a camera file from a file of a maker or another program; options state what the file does not.
+    """Convert a camera description of a manufacturer or another program; options state values that it lacks.
 
     Example: `lfcal camera import calib.xml --sensor 4384x6576,5.5 --lens 200,4,1000 -o camera.json`
     """

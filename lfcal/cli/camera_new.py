@@ -1,4 +1,4 @@
-"""``lfcal camera new``: a camera file by questions and answers, or by options."""
+"""``lfcal camera new``: make a camera file by questions and answers, or by options."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ KINDS: dict[str, tuple[str, dict[str, Any]]] = {
     "focused": ("MainLens", {"lattice.kind": "hexagonal", "lattice.focus": (3.0,)}),
     "microscope": ("Microscope", {"lattice.kind": "square", "lattice.focus": (float("inf"),)}),
 }
-"""What a camera may be, its optics, and what is assumed of its lenslets."""
+"""Kinds of cameras with their optics and assumed lenslet values."""
 
 UNASKED = ("lattice.row_pitch_um", "lattice.rotation_rad", "lattice.offset_um", "lattice.type_step", "lattice.clear_um")
-"""What a white image tells better than anybody can."""
+"""Values that are not asked for, because a white image measures them more accurately."""
 
 
 @with_values
@@ -32,14 +32,14 @@ def command(
     out: Path = typer.Option(..., "-o", "--out", help="The camera file to write."),
     *,
     kind: str = typer.Option("", "--type", help="multifocus (three lens types), focused (one), or microscope."),
-    start: str = typer.Option("", "--preset", help="Start from a camera that comes with lfcal."),
-    name: str = typer.Option("", help="Name of the camera; by default that of the file."),
+    start: str = typer.Option("", "--preset", help="Preset to start from."),
+    name: str = typer.Option("", help="Name of the camera; default: the name of the file."),
     values: dict[str, Any],
-    yes: bool = typer.Option(False, "--yes", "-y", help="Ask nothing: what no option states is assumed."),
+    yes: bool = typer.Option(False, "--yes", "-y", help="Ask nothing; assume values that no option states."),
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Describe a camera by answering questions (Enter keeps what is shown, and marks it as assumed), or by options.
+    """Describe a camera by answering questions (Enter keeps a value and marks it as assumed), or by options.
 
     Example: `lfcal camera new --type multifocus --sensor 4384x6576,5.5 --lens 200,4,1000 --pitch 31.7px -o camera.json`
     """
@@ -47,7 +47,9 @@ def command(
 
     check_output(out, force=force)
     if not yes and not sys.stdin.isatty():
-        raise InputError("camera new: there is no terminal to ask on; add --yes to assume what no option states")
+        raise InputError(
+            "camera new: there is no terminal for questions; add --yes to assume values that no option states"
+        )
     draft = _begin(kind, start, values, ask=not yes)
     title = name or out.stem
     if not yes:
@@ -56,19 +58,19 @@ def command(
 
 
 def _begin(kind: str, start: str, values: dict[str, Any], *, ask: bool) -> Draft:
-    """Return a draft with what the options state, and what a preset or a kind of camera suggests."""
+    """Return a draft with the values of the options, completed by a preset or a kind of camera."""
     if start:
         if kind:
             raise InputError("camera new: give --type or --preset, not both")
         camera = preset(start)
-        # somebody else's camera: nothing of it is known of this one
+        # a preset is another camera: none of its values is known for this one
         paths = {quantity.path: "assumed" for quantity in quantities_of(camera)}
         return Draft.of(replace(camera, marks=Marks.of(paths)), values)
     if not kind and ask:
         kind = typer.prompt(f"Kind of camera ({', '.join(KINDS)})", default="multifocus")
     if kind not in KINDS:
         names = f"--type {' or '.join(KINDS)}, or --preset {' or '.join(PRESETS)}"
-        raise InputError.expected("camera new", names, repr(kind), "say which kind of camera it is")
+        raise InputError.expected("camera new", names, repr(kind), "choose the kind of your camera")
     optics, assumed = KINDS[kind]
     draft = Draft(optics, values)
     for path, value in assumed.items():
@@ -77,9 +79,9 @@ def _begin(kind: str, start: str, values: dict[str, Any], *, ask: bool) -> Draft
 
 
 def _ask(draft: Draft, title: str, given: set[str]) -> Draft:
-    """Ask for every value of geometry that no option gave; an answer is stated, Enter leaves it assumed."""
+    """Ask for every geometric value that no option gave; an answer is stated, Enter leaves the value assumed."""
     typer.echo("Enter keeps the value in brackets, which is then marked as assumed. Lengths: bare, or with nm, um, mm.")
-    # the sensor first: its pixel says how long a pitch in pixels is
+    # the sensor first: a pitch in pixels needs its pixel size
     order = sorted(quantities_of(draft.camera(title)), key=lambda quantity: not quantity.path.startswith("sensor."))
     for quantity in order:
         path = "lattice.focus" if quantity.path == "lattice.types" else quantity.path
@@ -95,7 +97,7 @@ def _ask(draft: Draft, title: str, given: set[str]) -> Draft:
 
 
 def _with(draft: Draft, title: str, path: str, answer: str) -> Draft:
-    """Return the draft with an answer; raise where it is refused, by itself or beside the other values."""
+    """Return the draft with an answer; raise if the answer is invalid, alone or together with other values."""
     pixel = draft.get("sensor.pixel_um")
     value = read_pitch(answer, pixel) if path == "lattice.pitch_um" else read_camera_value(path, answer)
     changed = draft.copy()
@@ -105,7 +107,7 @@ def _with(draft: Draft, title: str, path: str, answer: str) -> Draft:
 
 
 def _answer(draft: Draft, title: str, path: str) -> str | None:
-    """Return what is typed for ``path``, or None for Enter."""
+    """Return the text typed for ``path``, or None for Enter."""
     camera = draft.camera(title)
     quantity = next(q for q in quantities_of(camera) if q.path == path)
     label, shown = quantity.label, quantity.text(value_at(camera, path))

@@ -1,4 +1,4 @@
-"""``lfcal camera sensor``: gain, noise and fixed pattern of a sensor from flats and darks, written into the camera."""
+"""``lfcal camera sensor``: measure gain, noise and fixed pattern of a sensor from flats and darks."""
 
 from __future__ import annotations
 
@@ -21,12 +21,20 @@ PICTURES = (".png", ".pdf", ".svg")
 
 
 def command(
-    flats: Path = typer.Argument(..., help="Flats: a file of pages, a folder, or a folder of folders (one a level)."),
-    darks: Path = typer.Argument(..., help="Darks, taken as the flats are; several exposures give the dark current."),
+    flats: Path = typer.Argument(
+        ..., help="Flats: a file with several pages, a folder, or a folder with a subfolder for each light level."
+    ),
+    darks: Path = typer.Argument(
+        ..., help="Darks with the settings of the flats; several exposures give the dark current."
+    ),
     *,
     camera: str = typer.Option("", "--camera", help="Camera (preset or file) whose sensor is measured."),
-    cfa: str = typer.Option("", "--cfa", help="Colour filter pattern by rows, e.g. RGGB; by default files or camera."),
-    figure: Path | None = typer.Option(None, "--figure", help="Photon-transfer curve as a picture (PNG, PDF, SVG)."),
+    cfa: str = typer.Option(
+        "", "--cfa", help="Colour filter pattern by rows, e.g. RGGB; default: from the files or the camera."
+    ),
+    figure: Path | None = typer.Option(
+        None, "--figure", help="File for a picture of the photon-transfer curve (PNG, PDF, SVG)."
+    ),
     out: Path | None = typer.Option(None, "-o", "--out", help="Write the camera with the measured sensor as JSON."),
     workers: WorkersOption = None,
     force: ForceOption = False,
@@ -34,8 +42,8 @@ def command(
 ) -> None:
     """Measure gain, read noise, full well, linearity and fixed pattern of a sensor by photon transfer.
 
-    Flats come in pairs or more per level of light. A white image through the lenslets does: pixels are compared with
-    those of like brightness. What cannot be told is left unknown, with the reason.
+    Record two or more flats at each light level. A white image through the lenslets also works: pixels of similar
+    brightness are compared. Values that cannot be measured stay unknown, and the reason is printed.
 
     Example: `lfcal camera sensor flats/ darks/ --camera camera.json -o measured.json --figure ptc.png`
     """
@@ -58,7 +66,7 @@ def command(
         try:
             write_text(out, found.camera(known).to_json())
             written.append(out)
-        except InputError as error:  # doubtful figures are shown before they are refused
+        except InputError as error:  # doubtful values are shown before they are refused
             refusal = error
     if json:
         print_json(found.to_dict() | {"written": written})

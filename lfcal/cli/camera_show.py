@@ -1,4 +1,4 @@
-"""``lfcal camera show``: the values of a camera, where they come from, and what follows from them."""
+"""``lfcal camera show``: show the values of a camera, their sources, and derived quantities."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from lfcal.tasks import load_camera
 
 
 def command(camera: CameraArgument, *, json: JsonOption = False) -> None:
-    """Show a camera: each value and whether it is stated, measured, derived or assumed, and what follows.
+    """Show a camera: each value with its mark (stated, measured, derived or assumed), and derived quantities.
 
     Example: `lfcal camera show r29_calibration.xml`
     """

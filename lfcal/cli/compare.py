@@ -1,4 +1,4 @@
-"""``lfcal compare``: two H next to each other."""
+"""``lfcal compare``: compare two H."""
 
 from __future__ import annotations
 
@@ -19,13 +19,15 @@ def command(
     first: Path = typer.Argument(help=MATRIX),
     second: Path = typer.Argument(help=MATRIX),
     *,
-    report: Path | None = typer.Option(None, "--report", help="Folder for a page with the pictures side by side."),
+    report: Path | None = typer.Option(
+        None, "--report", help="Folder for an HTML page with the pictures side by side."
+    ),
     region: list[str] | None = typer.Option(
         None,
         "--region",
-        help="Region of the field, by name, in files of several; twice: of the first and of the second H.",
+        help="Name of a region in files with several; given twice: one for each H.",
     ),
-    by_number: bool = typer.Option(False, "--by-number", help="Compare planes of equal numbers, not of equal depths."),
+    by_number: bool = typer.Option(False, "--by-number", help="Match planes by their numbers, not by their depths."),
     mat_order: MatOrderOption = "",
     workers: WorkersOption = None,
     force: ForceOption = False,
@@ -33,8 +35,8 @@ def command(
 ) -> None:
     """Compare two H: error, scale and sub-pixel shift of every plane and lens type.
 
-    Planes belong together by their depths, positions by the sensor's pixels; cutouts are cut to the smaller one. What
-    only one of them has is said.
+    Planes are matched by their depths, positions by the sensor's pixels; cutouts are cropped to the smaller one.
+    Planes and positions that only one H has are reported.
 
     Example: `lfcal compare may/H.h5 june/H.h5 --report compared/`
     """
@@ -77,7 +79,7 @@ def command(
 
 
 def _regions(names: list[str]) -> tuple[str, str]:
-    """Return the region of each H; empty where it is the one that the file opens with."""
+    """Return the region of each H; empty selects the default one of the file."""
     if len(names) > 2:
         raise InputError.expected("--region", "one of both H, or one of each", f"{len(names)}", "leave some out")
     return (names[0], names[-1]) if names else ("", "")

@@ -1,4 +1,4 @@
-"""``lfcal demo``: the main job, end to end, on the recorded sample session."""
+"""``lfcal demo``: run the main workflow from end to end on the recorded sample session."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
 
 
 FILES = ("H.h5", "H_and_HT.png", "depth_sums.png", "truth.h5", "recorded_H.h5", "H.mat")
-"""What is written besides the report."""
+"""Files that are written besides the report."""
 
 REPORT = "report"
 
 
 Step = tuple[str, str, float]
-"""Title, what was made, and seconds."""
+"""Title, products, and seconds of a step."""
 
 
 @contextmanager
 def _step(steps: list[Step], title: str) -> Iterator[list[str]]:
-    """Time a step; the block puts what it made into the list it is given."""
+    """Time a step; the block appends the names of its products to the yielded list."""
     start = time.perf_counter()
     made: list[str] = []
     yield made
@@ -44,7 +44,7 @@ def command(
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Run the main job on the sample session: frames, H, its transpose, pictures, a report, a MATLAB file.
+    """Run the main workflow on the sample session: frames, H, its transpose, pictures, a report, a MATLAB file.
 
     Example: `lfcal demo demo_out`
     """
@@ -66,12 +66,12 @@ def command(
         title=f"H (z, y, x, t, s) = {found['shape']} from {found['camera']}, written to {out}/",
     )
     typer.echo(f"check: {found['words']}")
-    typer.echo(f"check: correlation of the recorded session with it {found['recorded_correlation']:.4f}")
+    typer.echo(f"check: correlation with the recorded session {found['recorded_correlation']:.4f}")
     typer.echo(f"next: open {out / 'report' / 'index.html'} in a browser, or run lfcal-gui --demo")
 
 
 def _made(out: Path, steps: list[Step], files: ExitStack, *, quiet: bool) -> dict[str, Any]:
-    """Do all steps, and return what the comparisons found; matrices are open until ``files`` are closed."""
+    """Do all steps, and return the results of the comparisons; matrices are open until ``files`` are closed."""
     from lfcal.camera import ScanPlan
     from lfcal.frames import CorrectionRecipe
     from lfcal.judge import compare
@@ -95,7 +95,7 @@ def _made(out: Path, steps: list[Step], files: ExitStack, *, quiet: bool) -> dic
         matrix = assembled(out=out / "H.h5", **given)
     _pictures(matrix, out, steps)
     with _step(steps, "the same H simulated directly, and compared") as made:
-        # the camera of the sample is simulated, so the truth is known.
+        # the sample comes from a simulated camera, so the truth is known
         truth = files.enter_context(simulate_psf(plan, "auto", tolerance=0.05, out=out / "truth.h5"))
         found = compare(matrix, truth)
         made.append("truth.h5")

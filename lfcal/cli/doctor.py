@@ -1,4 +1,4 @@
-"""``lfcal doctor``: what this machine has, and the reason for what is absent."""
+"""``lfcal doctor``: list what this machine has, and why a part is missing."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ LIBRARIES = (
 def command(
     *,
     gui: bool = typer.Option(
-        False, "--gui", help="Only what the window needs; exit code 1 where something is missing."
+        False, "--gui", help="Check only what the window needs; exit code 1 if something is missing."
     ),
     json: JsonOption = False,
 ) -> None:
     """List versions, processors, memory, disk, caches, devices and broken plug-ins, with the reason for each fault.
 
-    Example: `lfcal doctor`, or where the window does not open: `lfcal doctor --gui`
+    Example: `lfcal doctor`, or, if the window does not open: `lfcal doctor --gui`
     """
     from rich.markup import escape
 
@@ -56,7 +56,7 @@ def command(
 
 
 def _show_window(json: bool) -> None:
-    """Print whether each library that the window needs is there."""
+    """Print whether each library of the window is installed."""
     from lfcal.base import NEEDED, ON_X11, missing_libraries, without
 
     packages = {name: _version(name) for name in WINDOW}
@@ -77,7 +77,7 @@ def _show_window(json: bool) -> None:
 
 
 def examine() -> dict[str, Any]:
-    """Return what was found as plain values: ``machine``, ``libraries`` (None if absent), ``devices``, ``plugins``."""
+    """Return the findings as plain values: ``machine``, ``libraries`` (None if absent), ``devices``, ``plugins``."""
     from dataclasses import asdict
 
     from lfcal import __version__
@@ -111,7 +111,7 @@ def broken_plugins() -> list[dict[str, str]]:
     from lfcal.reconstruct import SOLVERS
     from lfcal.simulate.effects import CATALOGUE
 
-    # in the order of the data, as the commands are.
+    # in the order of the data, like the commands
     registries: list[Registry[Any]] = [FORMATS, SOURCES, CATALOGUE, SOLVERS, METRICS, FAULTS, FINDING_SOURCES, BACKENDS]
     return [
         {"kind": registry.what, "name": name, "reason": reason}
@@ -132,11 +132,11 @@ def _remedy(name: str) -> str:
 
 
 def _numba_cache() -> str:
-    """Return where compiled kernels are kept, and whether that place can be written."""
+    """Return where compiled kernels are stored, and whether that folder is writable."""
     import lfcal
 
     folder = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(lfcal.__file__).parent / "__pycache__")
-    # numba makes the folder when it first writes: until then its parent decides.
+    # numba makes the folder when it first writes: until then its parent must be writable
     place = folder if folder.exists() else folder.parent
     if os.access(place, os.W_OK):
         return str(folder)

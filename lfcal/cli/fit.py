@@ -1,4 +1,4 @@
-"""``lfcal fit``: find the camera that explains measured patterns, and H of it without noise."""
+"""``lfcal fit``: find the camera that explains measured patterns, and compute H of it without noise."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def show(made: tuple[FitOutcome, ...]) -> None:
-    """Print what was fitted."""
+    """Print the results of the fit."""
     from lfcal.judge import judgement_of
 
     for one in made:
@@ -42,7 +42,7 @@ def _show_parameters(fit: Fit) -> None:
 
 
 def _show_field(field: FieldFit, *, points: bool) -> None:
-    """Print the wavefront over the field, and how well each region or part of the field is explained."""
+    """Print the wavefront over the field, and the error of the model in each region or part of the field."""
     from lfcal.fit import wavefront_table
 
     headers, lines = wavefront_table(field) if not points else ([], [])
@@ -58,7 +58,7 @@ def _show_field(field: FieldFit, *, points: bool) -> None:
 
 
 def _notes(one: FitOutcome) -> Iterable[str]:
-    """Yield answers, outliers and what was not determined, a line each."""
+    """Yield validation results, outliers and undetermined parameters, one line each."""
     if one.points is not None:
         if one.holes:
             yield f"note: {one.holes}"

@@ -1,4 +1,4 @@
-"""``lfcal fit check``: check whether an old H still holds for new frames of a point source."""
+"""``lfcal fit check``: check whether an old H is still valid, with new frames of a point source."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from lfcal.tasks import CheckedMatrix
 
 
 def show(made: tuple[CheckedMatrix, ...]) -> None:
-    """Print what the frames show of H."""
+    """Print the result of the check."""
     from lfcal.judge import judgement_of
 
     for found in (one.check for one in made):

@@ -1,4 +1,4 @@
-"""``lfcal fit object``: predict the frame of a known object by H of a fit."""
+"""``lfcal fit object``: predict the frame of a known object with the H of a fit."""
 
 from __future__ import annotations
 
@@ -8,6 +8,6 @@ from lfcal.tasks import PredictedObject
 
 
 def show(made: tuple[PredictedObject, ...]) -> None:
-    """Print how well the frame was predicted."""
+    """Print the error of the prediction."""
     for found in (one.compared for one in made):
         typer.echo(f"{found.label}: predicted with an error {found.error}, chi² {found.chi_square.lit:.3f}")

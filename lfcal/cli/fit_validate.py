@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from lfcal.fit import Validation
 
 LISTED = 8
-"""Points with the largest errors that are listed; validation.json has all."""
+"""Largest number of points listed, those with the largest errors; validation.json has all."""
 
 
 def show(made: tuple[Validated, ...]) -> None:
-    """Print the points with the largest errors, and what all of them say."""
+    """Print the points with the largest errors, and a summary of all."""
     for one in made:
         if one.name:
             typer.echo(f"{one.name}:")
@@ -37,7 +37,7 @@ def _show_one(found: Validation) -> None:
         ]
         for one in worst
     ]
-    headers = ["withheld z, y, x", "field", "camera", "H as periodic", "chi²", "beside (px)"]
+    headers = ["withheld z, y, x", "field", "camera", "H as periodic", "chi²", "displacement (px)"]
     print_table(headers, rows)
     good = not (found.worse(periodic=False) or found.worse(periodic=True))
     typer.secho(found.verdict, fg=typer.colors.GREEN if good else typer.colors.RED, bold=True)

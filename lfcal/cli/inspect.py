@@ -1,4 +1,4 @@
-"""``lfcal inspect``: measure the quality of H: every metric with its merit, the aperture of each plane, what to do."""
+"""``lfcal inspect``: measure the quality of H: every metric with its rating, the apertures, and what to do."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def show(made: tuple[InspectedMatrix, ...]) -> None:
-    """Print verdict, metrics, apertures, comparisons, and where the report is."""
+    """Print verdict, metrics, apertures, comparisons, and the path of the report."""
     for one in made:
         _show(one)
         if one.loss is not None:
@@ -72,7 +72,7 @@ def _show(one: InspectedMatrix) -> None:
 
 
 def _show_faults(found: Inspection) -> None:
-    """Print what the comparison with the camera found."""
+    """Print the result of the comparison with the camera."""
     from lfcal.judge import compared_words, cost_words
 
     typer.echo(compared_words(found))
@@ -90,7 +90,7 @@ def _show_f_number(H: PSFMatrix, quality: QualityReport) -> None:
     f = quality.f_number
     if f is None:
         if H.camera is not None:
-            typer.echo("working f-number: the shadows over depth cannot tell it")
+            typer.echo("working f-number: cannot be determined from the shadows over depth")
         return
     error = f" ± {f.standard_error:.2f}" if math.isfinite(f.standard_error) else ""
     stated = f"; the camera states {H.camera.optics.working_f_number:.2f}" if H.camera is not None else ""
@@ -98,7 +98,7 @@ def _show_f_number(H: PSFMatrix, quality: QualityReport) -> None:
 
 
 def _show_loss(loss: RegionLoss) -> None:
-    """Print it: the number of each region, and the worst."""
+    """Print the periodicity loss of each region, and the worst."""
     rows = [
         [name, f"{row:g}, {column:g}", format_share(error), f"{shift:.2f}"]
         for name, (row, column), error, shift in zip(
@@ -108,5 +108,5 @@ def _show_loss(loss: RegionLoss) -> None:
     title = f"regions: patterns against those of {loss.names[0]}"
     print_table(["region", "anchor (row, column)", "periodicity loss", "centroid shift (px rms)"], rows, title=title)
     typer.echo(
-        f"where {loss.names[0]} stands for the whole field, patterns are {format_share(loss.worst)} off at worst"
+        f"if {loss.names[0]} represents the whole field, the largest error of a pattern is {format_share(loss.worst)}"
     )

@@ -1,4 +1,4 @@
-"""``lfcal install-desktop``: the workstation in the menu of a Linux desktop, with icon and file type."""
+"""``lfcal install-desktop``: add the workstation, its icon and its file type to the menu of a Linux desktop."""
 
 from __future__ import annotations
 
@@ -46,19 +46,19 @@ FILE_TYPE = """<?xml version="1.0" encoding="UTF-8"?>
 """
 
 REFRESHED = (("update-desktop-database", "applications"), ("update-mime-database", "mime"))
-"""Programs that notify a running desktop of changes, and the folder of each; without them it looks itself."""
+"""Programs that notify a running desktop of changes, and the folder of each; without them it rescans by itself."""
 
 
 def command(
     *,
-    uninstall: bool = typer.Option(False, "--uninstall", help="Take it out of the menu again."),
+    uninstall: bool = typer.Option(False, "--uninstall", help="Remove the workstation from the menu."),
     json: JsonOption = False,
 ) -> None:
-    """Put the workstation into the menu of this user's desktop, with its icon, and let it open .lfcal files.
+    """Add the workstation with its icon to the menu of this user's desktop, and let it open .lfcal files.
 
     Files are written below $XDG_DATA_HOME (~/.local/share); those of an earlier call are replaced.
 
-    Example: `lfcal install-desktop`, and to take it out again: `lfcal install-desktop --uninstall`
+    Example: `lfcal install-desktop`, and to remove it: `lfcal install-desktop --uninstall`
     """
     if not sys.platform.startswith("linux"):
         raise InputError.expected("install-desktop", "a Linux desktop", sys.platform, "pin lfcal-gui by hand")
@@ -78,12 +78,12 @@ def command(
 def data_home(environment: Mapping[str, str] = os.environ) -> Path:
     """Return the folder of this user's menu entries and icons, by the XDG base directory specification."""
     stated = environment.get("XDG_DATA_HOME", "")
-    # a relative path must be ignored, says the specification
+    # the specification says that a relative path must be ignored
     return Path(stated) if os.path.isabs(stated) else Path.home() / ".local" / "share"
 
 
 def window_program() -> str:
-    """Return the path of ``lfcal-gui``: next to this program, or the one that is found by its name."""
+    """Return the path of ``lfcal-gui``: next to this program, or found in PATH."""
     beside = Path(sys.executable).with_name("lfcal-gui")
     found = str(beside) if os.access(beside, os.X_OK) and beside.is_file() else shutil.which("lfcal-gui")
     if found is None:
@@ -92,7 +92,7 @@ def window_program() -> str:
 
 
 def desktop_files(program: str) -> dict[str, bytes]:
-    """Return what is written for a ``program``, by the path below the folder of `data_home`."""
+    """Return the files to write for a ``program``, by the path below the folder of `data_home`."""
     return {
         "applications/lfcal.desktop": ENTRY.format(program=_quoted(program)).encode(),
         "icons/hicolor/scalable/apps/lfcal.svg": ICON.read_bytes(),
@@ -101,12 +101,12 @@ def desktop_files(program: str) -> dict[str, bytes]:
 
 
 def _quoted(program: str) -> str:
-    r"""Return a path as an entry's ``Exec`` has it: quoted, and what is special there escaped.
+    r"""Return a path for the ``Exec`` key of an entry: quoted, with special characters escaped.
 
-    Twice, as the specification of desktop entries says: within the quotes, then as a string of the file. ``%`` begins
-    a field.
+    Escape twice, as the specification of desktop entries requires: within the quotes, then as a string of the file.
+    ``%`` begins a field.
     """
-    if not program.isprintable():  # a line's end would begin another key of the entry
+    if not program.isprintable():  # a line break would begin another key of the entry
         raise InputError.expected("path of lfcal-gui", "printable text in UTF-8", program, "install it elsewhere")
     inside = "".join(f"\\{c}" if c in '"`$\\' else c for c in program)
     return f'"{inside}"'.replace("\\", "\\\\").replace("%", "%%")

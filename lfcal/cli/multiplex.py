@@ -43,17 +43,17 @@ MERITS = {
     "delta_e_mean": "ΔE00, mean",
     "delta_e_noise": "ΔE00, noise",
 }
-"""What a modulator is worth, and the heading of each."""
+"""Figures of merit of a modulator, and their headings."""
 
 ModulatorArgument: TypeAlias = Annotated[str, typer.Argument(help=f"Such as {GRAMMAR}.")]
 ModulatorsArgument: TypeAlias = Annotated[list[str], typer.Argument(help=f"Such as {GRAMMAR}.")]
 ReferenceOption: TypeAlias = Annotated[
-    str | None, typer.Option("--reference", help="Gains are over this one; the first by default.")
+    str | None, typer.Option("--reference", help="Modulator that gains are relative to; default: the first.")
 ]
 
 
 def register(app: typer.Typer) -> None:
-    """Add ``multiplex`` with its sub-commands."""
+    """Add ``multiplex`` with its subcommands."""
     group = typer.Typer(
         help="Plenoptic multiplexing: compare modulators, demultiplex frames.",
         epilog="Example: `lfcal multiplex demosaic shot.dng -o shot.tif`",
@@ -77,8 +77,10 @@ def compare(
     chi2: Chi2Option = None,
     camera: PresetOption = None,
     gain: GainOption = 1.0,
-    monte_carlo: int = typer.Option(0, min=0, help="Also measure the gain on this many simulated super-pixels."),
-    out: Path | None = typer.Option(None, "--out", "-o", help="Draw the gain over chi^2 as PNG."),
+    monte_carlo: int = typer.Option(
+        0, min=0, help="Number of simulated super-pixels on which the gain is also measured; 0: none."
+    ),
+    out: Path | None = typer.Option(None, "--out", "-o", help="File for a picture of the gain over chi^2 (.png)."),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
@@ -121,21 +123,21 @@ def compare(
 
 
 def _modulators(names: list[str], reference: str | None) -> tuple[list[Modulator], Modulator]:
-    """Return modulators, and the one that gains are over."""
+    """Return the modulators, and the reference of the gains."""
     chosen = [modulator_of(name) for name in names]
     return chosen, modulator_of(reference) if reference else chosen[0]
 
 
 def _measured(modulator: Modulator, base: Modulator, trials: int) -> tuple[float | None, ...]:
-    """Return the gain measured at additive and at photon noise; None where not all is recovered."""
+    """Return the gain measured at additive and at photon noise; None if a channel cannot be recovered."""
     import numpy as np
 
     from lfcal.multiplex import monte_carlo_gain
 
-    # gains are ratios of noise: both must recover all channels, and as many.
+    # gains are ratios of noise: both must recover all channels, and the same number
     if not modulator.rank() == modulator.count == base.count:
         return None, None
-    # the same seed for every modulator: differences between them are not those of the draw.
+    # the same seed for every modulator, so that differences are not random
     return tuple(
         monte_carlo_gain(modulator, base, chi2, rng=np.random.default_rng(1), trials=trials) for chi2 in (0.0, math.inf)
     )
@@ -149,7 +151,9 @@ def _lost(lost: dict[str, float]) -> str:
 def show(
     modulator: ModulatorArgument,
     *,
-    out: Path = typer.Option(..., "--out", "-o", help="PNG with pattern, spectrum, Sigma and Pi."),
+    out: Path = typer.Option(
+        ..., "--out", "-o", help="File for the picture of pattern, spectrum, Sigma and Pi (.png)."
+    ),
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -172,18 +176,18 @@ def show(
 def merits(
     modulators: ModulatorsArgument,
     *,
-    camera: str = typer.Option(..., help="Preset or camera file whose sensor's noise is taken."),
+    camera: str = typer.Option(..., help="Preset or camera file whose sensor noise to use."),
     reference: ReferenceOption = None,
     gain: GainOption = 1.0,
     exposure: ExposureOption = 0.0,
     uncorrected: UncorrectedOption = False,
     filter: str | None = typer.Option(
-        None, help="Of the reconstruction whose MTF is shown; default: that of demosaic."
+        None, help="Filter of the reconstruction whose MTF is shown; default: that of demosaic."
     ),
     workers: WorkersOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Show what modulators are worth to a camera: gain by its own noise, MTF and colour error.
+    """Show the merits of modulators for a camera: gain at its noise, MTF and colour error.
 
     Example: `lfcal multiplex merits Bayer CYMG "RGBW 4x4" --camera r29 --exposure 0.02`
     """
@@ -204,8 +208,8 @@ def merits(
 def map(
     modulator: ModulatorArgument,
     *,
-    reference: str = typer.Option(..., help="Gains are over this one, of the same samples."),
-    out: Path | None = typer.Option(None, "--out", "-o", help="Draw the map as PNG."),
+    reference: str = typer.Option(..., help="Modulator with the same samples that gains are relative to."),
+    out: Path | None = typer.Option(None, "--out", "-o", help="File for a picture of the map (.png)."),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,

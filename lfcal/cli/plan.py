@@ -39,7 +39,7 @@ def _show_regions(one: Planned) -> None:
 
 
 def _rests(plan: ScanPlan, paths: tuple[str, ...]) -> str:
-    """Return the words for a figure that depends on assumed values among ``paths``; empty if none is assumed."""
+    """Return a remark for a figure that depends on assumed values among ``paths``; empty if none is assumed."""
     from lfcal.camera import assumed_of
 
     return " (from assumed values)" if assumed_of(plan.camera, paths) else ""

@@ -1,4 +1,4 @@
-"""``lfcal plan target``: plan the frames of a target of many points that show the positions of a scan."""
+"""``lfcal plan target``: plan frames of a target of many points that show the positions of a scan."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def _note_what_is_not_shown(one: TargetPlanned) -> None:
 
 
 def _show_regions(found: dict[str, Any]) -> None:
-    """Print how many points each region has, and what to do with them."""
+    """Print the number of points in each region, and how to use them."""
     rows = []
     for one in found["regions"]:
         (row, column), points = one["anchor"], one["points"]
@@ -73,11 +73,11 @@ def _show_regions(found: dict[str, Any]) -> None:
     typer.echo("to get H of every region: lfcal fit FRAMES with the same --regions")
     empty = [one["name"] for one in found["regions"] if not min(one["points"])]
     if empty:
-        report(f"note: no point lies near {', '.join(empty)}: H there follows from the rest of the field alone")
+        report(f"note: no point lies near {', '.join(empty)}: H there is extrapolated from the rest of the field")
 
 
 def _show_expected(found: dict[str, Any], depth_um: float) -> None:
-    """Print phases shown and expected error of a plane after some of its frames."""
+    """Print the phases shown and the expected error of a plane after some of its frames."""
     count = len(found["shown"])
     chosen = sorted({max(1, round(count * share)) for share in (0.25, 0.5, 0.75, 1.0)})
     rows = [[str(n), format_share(found["shown"][n - 1]), format_share(found["error"][n - 1])] for n in chosen if count]

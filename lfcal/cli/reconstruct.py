@@ -12,7 +12,7 @@ from lfcal.tasks import Reconstructed, ReconstructionForecast
 
 
 def show(made: tuple[Reconstructed | ReconstructionForecast, ...]) -> None:
-    """Print what was reconstructed, or what it would cost."""
+    """Print the reconstructed volumes, or the forecast cost."""
     from lfcal.tasks import Reconstructed
 
     for one in made:
@@ -37,7 +37,7 @@ def _show_volume(result: Any, made: Reconstructed) -> None:
 
 
 def _show_forecast(made: ReconstructionForecast) -> None:
-    """Print what each way to project costs, and time and memory of the whole run."""
+    """Print the cost of each projection method, and the time and memory of the whole run."""
     run = made.run
     P, choice = run.projector, run.choice
     found = P.forecast()

@@ -9,11 +9,11 @@ from lfcal.tasks import ReducedFile
 
 
 def show(made: tuple[ReducedFile, ...]) -> None:
-    """Print what was written."""
+    """Print the file that was written."""
     for one in made:
         before, after = format_bytes(one.source_bytes), format_bytes(one.bytes)
         entries = 8 * one.bytes / one.matrix.size
         typer.echo(
             f"{one.out}: H {one.matrix.shape}, {before} to {after} ({entries:.1f} bits an entry) in "
-            f"{format_seconds(one.seconds)}; no pattern lacks more than {100 * one.bound[:, 2].max():.3g} %"
+            f"{format_seconds(one.seconds)}; no pattern loses more than {100 * one.bound[:, 2].max():.3g} %"
         )

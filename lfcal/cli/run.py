@@ -1,4 +1,4 @@
-"""``lfcal run``: do what a job file says, or make an H or a volume again as it was made."""
+"""``lfcal run``: run a job file, or make an H or a volume again from its provenance."""
 
 from __future__ import annotations
 
@@ -14,18 +14,16 @@ from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 
 
 def command(
-    job: Path = typer.Argument(help="Job file (.toml, .json), or an H or volume file (.h5), which is made again."),
+    job: Path = typer.Argument(help="Job file (.toml, .json), or an H or volume file (.h5) to make again."),
     *,
     out: Path | None = typer.Option(None, "--out", "-o", help="File to write instead of the one that the job names."),
     workers: WorkersOption = None,
-    resume: bool = typer.Option(
-        False, "--resume", help="Continue what an earlier run left after it was stopped or killed."
-    ),
+    resume: bool = typer.Option(False, "--resume", help="Continue an earlier run that was stopped or killed."),
     force: ForceOption = False,
-    show: bool = typer.Option(False, "--show", help="Only print the job, the files that it reads, and its command."),
+    show: bool = typer.Option(False, "--show", help="Only print the job, its input files, and its command."),
     json: JsonOption = False,
 ) -> None:
-    """Do what a job file says: any task, with the fields of its form and command.
+    """Run a job file, which may hold any task with the same fields as its form and command.
 
     Example: `lfcal run job.toml -o H.h5`
     """
@@ -36,7 +34,9 @@ def command(
 
     made = job.suffix.lower() in (".h5", ".hdf5")
     if made and out is None and not show:
-        raise InputError.expected("--out", "a file to write", "none", "name one: an H is never replaced by itself")
+        raise InputError.expected(
+            "--out", "a file to write", "none", "name one: a file cannot be replaced while it is the job"
+        )
     named = "again.h5" if made and out is None else out
     task, told = load_job(job, {} if named is None else {"out": str(named if show else Path(named).absolute())})
     reads = [str(path) for path in task.files("in")]

@@ -1,4 +1,4 @@
-"""``lfcal simulate``: simulate the PSF matrix of a camera, with the effects that matter for it and no others."""
+"""``lfcal simulate``: simulate the PSF matrix of a camera with the effects that matter for it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lfcal.tasks import SimulatedRegions, SimulationForecast
 
 
 def show(made: tuple[SimulationForecast | SimulatedRegions, ...]) -> None:
-    """Print what was simulated, or what would be."""
+    """Print the simulation, or its forecast."""
     from lfcal.tasks import SimulationForecast
 
     for one in made:

@@ -1,4 +1,4 @@
-"""``lfcal solvers``: solvers of volumes, those of other distributions among them."""
+"""``lfcal solvers``: list solvers for volumes, including those from other distributions."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from lfcal.cli._options import JsonOption
 
 
 def command(*, json: JsonOption = False) -> None:
-    """List the solvers of lfcal reconstruct, those of other distributions among them.
+    """List the solvers of lfcal reconstruct, including those from other distributions.
 
     Example: `lfcal solvers`
     """

@@ -1,4 +1,4 @@
-"""``lfcal status``: where a long run or a recorded session stands."""
+"""``lfcal status``: show the progress of a long run or a recorded session."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 def command(
     run: Path = typer.Argument(
-        help="What the run makes (H.h5), the folder of its units (H.h5.parts), or that of a recorded session."
+        help="Output of the run (H.h5), the folder of its units (H.h5.parts), or a recorded session."
     ),
     *,
     json: JsonOption = False,
 ) -> None:
-    """Show where a long run stands: its units, what is under way and by whom, and what failed and why.
+    """Show the progress of a long run: its units, what is under way and on which worker, and what failed and why.
 
-    Of a recorded session it says what is safe on the disk; of a target's, which phases its frames show.
+    For a recorded session it shows what is safe on the disk; for one of a target, also which phases its frames show.
 
     Example: `lfcal status H.h5`
     """
@@ -38,7 +38,7 @@ def command(
         return
     folder = run if run.is_dir() else parts_folder(run)
     if run.is_file() and not folder.exists():
-        print_json({"path": run, "whole": True}) if json else typer.echo(f"{run}: is whole; no run is under way")
+        print_json({"path": run, "whole": True}) if json else typer.echo(f"{run}: is complete; no run is under way")
         return
     state = read_run(folder)
     print_json({"path": run, "whole": False, **state.to_dict()}) if json else _show_run(folder, state)
@@ -59,7 +59,7 @@ def _show_run(folder: Path, state: RunState) -> None:
 
 
 def _session_facts(folder: Path, session: SessionFile) -> dict[str, Any]:
-    """Return what is safe of a session, how its last run ended, and who records it now."""
+    """Return the frames of a session that are safe, how its last run ended, and which process records it now."""
     from lfcal.acquire import LiveCoverage
     from lfcal.acquire.recording import holder_of
 
@@ -83,7 +83,7 @@ def _session_facts(folder: Path, session: SessionFile) -> dict[str, Any]:
 
 
 def _show_session(folder: Path, session: SessionFile, facts: dict[str, Any]) -> None:
-    """Print how far a session is, how its last run ended, and how it continues."""
+    """Print the progress of a session, how its last run ended, and how to continue it."""
     from lfcal.cli.acquire import show_coverage
 
     what = "positions" if session.target is None else "frames of a target"
@@ -101,6 +101,9 @@ def _show_session(folder: Path, session: SessionFile, facts: dict[str, Any]) -> 
     if facts["done"] < facts["total"]:
         typer.echo("  lfcal acquire with its plan and --resume continues it")
     elif session.target is not None:
-        typer.echo(f"  lfcal fit {folder} finds the camera and H; lfcal assemble {folder} makes H of what meets phases")
+        typer.echo(
+            f"  lfcal fit {folder} fits the camera and makes H; lfcal assemble {folder} makes H from points that "
+            "show phases"
+        )
     else:
-        typer.echo(f"  lfcal assemble {folder} makes H of it")
+        typer.echo(f"  lfcal assemble {folder} makes H")

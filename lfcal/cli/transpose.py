@@ -1,4 +1,4 @@
-"""``lfcal transpose``: transpose H into HT, file to file, with one plane of each in memory."""
+"""``lfcal transpose``: transpose H into HT, from file to file, with one plane of each in memory."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lfcal.tasks import TransposedFile
 
 
 def show(made: tuple[TransposedFile, ...]) -> None:
-    """Print what was written."""
+    """Print the file that was written."""
     for one in made:
         done = f"{format_bytes(one.bytes)} transposed ({one.method}) in {format_seconds(one.seconds)}"
         typer.echo(f"{one.out}: {one.made} {one.shape}, {done}")

@@ -1,4 +1,4 @@
-"""``lfcal trend``: fits of a camera over months."""
+"""``lfcal trend``: compare fits of a camera over months."""
 
 from __future__ import annotations
 
@@ -21,34 +21,36 @@ SIGMAS = 5.0
 """Standard deviations beyond which a parameter has moved."""
 
 SHOWN = 5
-"""Sessions whose values are in the table, the newest of them."""
+"""Largest number of sessions in the table, the newest ones."""
 
 
 def command(
     fits: list[Path] = typer.Argument(
         metavar="FIT...",
-        help="Folders that lfcal fit wrote, in any order, or a folder that holds them; with --quality, inspections.",
+        help="Folders of lfcal fit in any order, or a folder that contains them; with --quality, inspections.",
     ),
     *,
-    out: Path | None = typer.Option(None, "--out", "-o", help="Picture of every parameter over time (.png, .svg)."),
+    out: Path | None = typer.Option(
+        None, "--out", "-o", help="File for a picture of every parameter over time (.png, .svg)."
+    ),
     sigmas: float = typer.Option(
         SIGMAS,
         "--sigmas",
-        help="A parameter has moved that changed by more standard deviations of both values than this.",
+        help="Number of standard deviations above which a change of a parameter is reported.",
     ),
     quality: bool = typer.Option(
         False,
         "--quality",
-        help="Hold inspections side by side: reports of lfcal inspect, their quality.json, or H files to be measured.",
+        help="Compare inspections instead: reports of lfcal inspect, their quality.json, or H files to measure.",
     ),
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Hold fits of one camera side by side: what has moved, how fast, and what has jumped.
+    """Compare fits of one camera: which parameters have changed, how fast, and which have jumped.
 
-    With --quality, inspections: which metrics got worse, and which faults are new.
+    With --quality, compare inspections: which metrics got worse, and which faults are new.
 
-    Exit code 0: nothing has moved, or got worse; 1: something has; 2: these cannot be compared.
+    Exit code 0: nothing has changed, or got worse; 1: something has; 2: the inputs cannot be compared.
 
     Example: `lfcal trend fits/ -o trend.png`, `lfcal trend --quality reports/`
     """
@@ -81,7 +83,7 @@ def command(
 
 
 def _inspection(place: Path, label: str) -> DatedInspection:
-    """Return what is known of a session: of an H file its metrics are measured now."""
+    """Return the record of a session; for an H file, its metrics are measured now."""
     from lfcal.judge import inspection_of, iter_inspect, read_inspection
 
     if place.suffix.lower() == ".json":

@@ -1,4 +1,4 @@
-"""``lfcal verify``: whether a session or an H file still is what was written."""
+"""``lfcal verify``: check that a session or an H file has not changed since it was written."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ def command(
     workers: WorkersOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Check every frame of a session, or every plane of an H file, against its checksum; an H file's format, too.
+    """Check every frame of a session, or every plane and the format of an H file, against stored checksums.
 
-    Exit code 0: all is what was written; 1: something is damaged; 2: it cannot be checked.
+    Exit code 0: everything is intact; 1: something is damaged; 2: it cannot be checked.
 
     Example: `lfcal verify session/ --redo redo.json`
     """
@@ -37,7 +37,7 @@ def command(
         check_output(redo, path, force=force)
     if is_regions(path):
         if redo is not None:
-            raise InputError("--redo: is of one region; verify its folder below this one")
+            raise InputError("--redo: applies to one region; verify the region's folder inside this one")
         checks = [_is_whole(folder, None, workers, json) for _, folder in region_sessions(path)]  # all are shown
         whole = all(checks)
     else:

@@ -1,4 +1,4 @@
-"""``lfcal views``: sub-aperture views and focal stacks of a light-field frame."""
+"""``lfcal views``: make sub-aperture views and focal stacks from a light-field frame."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GivenLattice:
-    """What is given of the lattice: a white image, kind and pitch (px) that lead its fit; or the file of a lattice."""
+    """Options for the lattice: a white image with the kind and nominal pitch (px) of its fit; or a lattice file."""
 
     white: Path | None
     file: Path | None
@@ -35,7 +35,7 @@ class GivenLattice:
 
 @dataclass(frozen=True)
 class ViewedFrame:
-    """The colours of a frame and of its white image, the lattice and its source, lens types, dark lenslets, radius."""
+    """Colours of a frame and its white image, the lattice and its source, lens types, dark lenslets, radius."""
 
     planes: Planes
     lattice: FrameLattice
@@ -46,7 +46,7 @@ class ViewedFrame:
     radius_px: float | None = None
 
     def rows(self, found: dict[str, list[Views]]) -> list[list[str]]:
-        """Return the rows of the table of the views, ``found`` by lens type and colour."""
+        """Return the rows of the table of views; ``found`` is by lens type and colour."""
         views, lattice = next(iter(found.values()))[0], self.lattice
         count, masked = len(views.offsets), int((~views.mask).sum())
         turned = f"turned by {math.degrees(lattice.rotation_rad):+.3f}°"
@@ -62,7 +62,7 @@ class ViewedFrame:
         return table if "" in self.planes else [*table, ["colours", ", ".join(self.planes)]]
 
     def read(self) -> Iterator[tuple[Any, dict[str, Any]]]:
-        """Yield the plane of each colour, and how its micro-images are weighed."""
+        """Yield the plane of each colour, with the weights of its micro-images."""
         for name, plane in self.planes.items():
             yield plane, {"white": None if self.white is None else self.white[name], "radius_px": self.radius_px}
 
@@ -80,17 +80,17 @@ class ViewedFrame:
 
 
 def _field(views: Views) -> dict[str, Any]:
-    """Return where the samples of a set of views lie, and what of the field they are."""
+    """Return the positions of the samples of a set of views, and the part of the field they cover."""
     grid, masked = views.grid, int((~views.mask).sum())
     own = {"shape": views.shape, "whole": grid.field_shape, "kept": grid.kept}
     return own | {"masked": masked, "corner_px": grid.corner_px}
 
 
 def viewed_frame(path: Path, given: GivenLattice, camera: Camera | None, reading: ColourReading) -> ViewedFrame:
-    """Return a frame and what its views are cut on: the best is a white image.
+    """Return a frame and the basis of its views: a white image, a measured lattice, or that of the camera.
 
-    Without one the lattice is the measured one, or the one that the camera states. Micro-images then count evenly up to
-    the lenslets' clear aperture, or to half a pitch.
+    Without a white image, all pixels of a micro-image have equal weight, up to the lenslets' clear aperture or to half
+    a pitch.
     """
     from lfcal.lattice import cropped, lattice_of, load_lattice
 
@@ -119,7 +119,7 @@ def viewed_frame(path: Path, given: GivenLattice, camera: Camera | None, reading
 def _by_white(
     planes: Planes, white: Path, given: GivenLattice, camera: Camera | None, reading: ColourReading
 ) -> ViewedFrame:
-    """Return what a white image says; its lattice is fitted, unless it was measured before."""
+    """Return the result of a white image; its lattice is fitted, unless it was measured before."""
     from lfcal.lattice import classify_lens_types, cropped, expected_blur, fit_lattice, load_lattice
 
     light = read_planes(white, reading)
@@ -145,7 +145,7 @@ def _by_white(
 
 TYPES = ("none", "together", "each")
 SLOPES = {"none": "-6:6:2", "together": "2:6:0.5", "each": "2:6:0.5"}
-"""Planes of the focal stack by default: lens types see those beyond the lenslets' own plane."""
+"""Default slopes of the focal stack, outside the lenslets' own plane, where lens types see."""
 
 
 def command(
@@ -153,28 +153,36 @@ def command(
     frame: Path = typer.Argument(..., help="Light-field frame: TIFF, PNG, NPY or camera RAW."),
     *,
     white: Path | None = typer.Option(None, help="White image of the same camera: lattice and weights."),
-    lattice: Path | None = typer.Option(None, help="lattice.json of `lfcal white`: measured once, not again."),
-    camera: str = typer.Option("", help="Camera (preset, JSON, Raytrix XML): lattice without --white; depths; types."),
+    lattice: Path | None = typer.Option(None, help="lattice.json of `lfcal white`: used instead of a fit."),
+    camera: str = typer.Option(
+        "", help="Camera (preset, JSON, Raytrix XML): for the lattice without --white, depths, and lens types."
+    ),
     dark: Path | None = typer.Option(None, help="Dark frame, or a folder of them to average; subtracted from both."),
     origin: OriginOption = "",
-    kind: str = typer.Option("", help="square or hexagonal lattice of --white; by default detected, or the camera's."),
-    pitch: float = typer.Option(0.0, help="Nominal pitch (px) of --white, right within 10 %; by default detected."),
-    axes: str = typer.Option("frame", help="Rows run along the frame's or the lattice's."),
-    full: bool = typer.Option(
-        False, "--full", help="The whole field, NaN where nothing is seen; else the largest box."
+    kind: str = typer.Option(
+        "", help="Kind of lattice in --white: square or hexagonal; default: detected, or from the camera."
     ),
-    types: str = typer.Option("none", help="Lens types: none, together (the sharpest count most), or each alone."),
-    channel: str = typer.Option("", help="Of colour frames: R, G, B or each; all of a mosaic by default."),
-    cfa: str = typer.Option("", help="Colour filters of a mosaic by rows, e.g. GRBG; by default what the file says."),
+    pitch: float = typer.Option(0.0, help="Nominal pitch in --white (px), accurate to 10 %; default: detected."),
+    axes: str = typer.Option("frame", help="Direction of the rows of views: frame or lattice."),
+    full: bool = typer.Option(
+        False,
+        "--full",
+        help="Write the whole field, with NaN where nothing is seen; default: the largest box without NaN.",
+    ),
+    types: str = typer.Option(
+        "none", help="Lens types: none, together (the sharpest weigh most), or each (separately)."
+    ),
+    channel: str = typer.Option("", help="Channel of colour frames: R, G, B or each; default for a mosaic: all."),
+    cfa: str = typer.Option("", help="Colour filters of a mosaic by rows, e.g. GRBG; default: from the file."),
     slopes: str = typer.Option("", help="Planes of the focal stack as slopes (about virtual depths)."),
-    depths: str = typer.Option("", help="The same as depths in µm or mm; needs --camera."),
-    samples: int = typer.Option(4, help="Samples per lenslet of the focal stack."),
+    depths: str = typer.Option("", help="Planes of the focal stack as depths in µm or mm; needs --camera."),
+    samples: int = typer.Option(4, help="Samples of the focal stack per lenslet."),
     out: Path | None = typer.Option(None, "-o", "--out", help="Folder for stacks and pictures."),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Cut sub-aperture views and a focal stack out of a light-field frame.
+    """Make sub-aperture views and a focal stack from a light-field frame.
 
     Example: `lfcal views frame.tif --white white.tif --dark dark.tif -o out`
     """
@@ -209,7 +217,7 @@ def command(
     scene = viewed_frame(frame, GivenLattice(white, lattice, kind, pitch), described, reading)
     lattices = {"": scene.lattice}
     if types == "each" and scene.type_of is not None:
-        # each type has its own lattice; its samples stay those of all
+        # each type has its own lattice, but is sampled on the grid of all types
         lattices = {label: type_lattice(scene.lattice, scene.type_of, k) for k, label in enumerate(labels)}
     views = {label: _views(scene, part, axes=axes, full=full, workers=workers) for label, part in lattices.items()}
     if out is not None:
@@ -252,7 +260,7 @@ def _save(
     samples: int,
     workers: int | None,
 ) -> None:
-    """Write views, focal stacks and, of lens types together, what is in focus all over the field."""
+    """Write views, focal stacks and, for lens types together, the image that is in focus over the whole field."""
     import numpy as np
 
     from lfcal.lattice import (
@@ -270,7 +278,7 @@ def _save(
         if types == "none":
             stack = [refocus(one, slopes, samples=samples) for one in colours]
         else:
-            assert camera is not None  # lens types are a camera's
+            assert camera is not None  # lens types require a camera
             single, together = np.eye(3)[k], types == "together"
             how: dict[str, Any] = {
                 "type_of": scene.type_of,

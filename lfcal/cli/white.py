@@ -1,4 +1,4 @@
-"""``lfcal white``: the lenslet lattice from a white image."""
+"""``lfcal white``: measure the lenslet lattice from a white image."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ def command(
     *,
     dark: Path | None = typer.Option(None, help="Dark frame, or a folder of them to average; subtracted."),
     camera: str = typer.Option("", help="Camera (preset, JSON, Raytrix XML) whose lattice is measured."),
-    kind: str = typer.Option("", help="square or hexagonal; by default detected, or the camera's."),
-    pitch: float = typer.Option(0.0, help="Nominal pitch (px), right within 10 %; by default detected."),
+    kind: str = typer.Option("", help="Kind of lattice: square or hexagonal; default: detected, or from the camera."),
+    pitch: float = typer.Option(0.0, help="Nominal pitch (px), accurate to 10 %; default: detected."),
     channel: str = typer.Option(
-        "", help="Of a colour image: R, G or B; of a mosaic the mean of its colours by default."
+        "", help="Channel of a colour image: R, G or B; default for a mosaic: the mean of its colours."
     ),
     cfa: str = typer.Option(
-        "", help="Colour filters of a mosaic by rows, e.g. GRBG; by default the file's or camera's."
+        "", help="Colour filters of a mosaic by rows, e.g. GRBG; default: from the file or the camera."
     ),
-    types: bool = typer.Option(True, help="Find the three lens types, where the camera has them."),
+    types: bool = typer.Option(True, help="Find the three lens types, if the camera has them."),
     out: Path | None = typer.Option(None, "-o", "--out", help="Folder for lattice.json, residuals and camera.json."),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Measure the lenslet lattice from a white image; `lfcal views` then shows the views of a frame.
+    """Measure the lenslet lattice from a white image; `lfcal views` then makes views of a frame with it.
 
     Example: `lfcal white white.tif --dark dark.tif --camera r29 -o out`
     """
@@ -106,7 +106,7 @@ def _rows(fit: LatticeFit, fall: Vignetting, types: LensTypes | None) -> list[li
 
 
 def _distortion_rows(fit: LatticeFit, errors: LatticeErrors) -> list[list[str]]:
-    """Return the distortion's numbers with their errors: displacements at the length scale from its centre."""
+    """Return the distortion parameters with their errors: displacements at the length scale from its centre."""
     from lfcal.camera import polynomial_powers
 
     bend = fit.distortion

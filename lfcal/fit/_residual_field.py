@@ -1,16 +1,18 @@
-"""What patterns show beyond a model, as a Gaussian field that is smooth over source positions and pixels.
+"""Residuals of patterns beyond a model, as a Gaussian field that is smooth over source positions and pixels.
 
-A residual at one position and pixel is that of its neighbours: the source a step farther, the spot a pixel beside.
-Light that a lenslet images moves with the velocity of the spots; stray light may lie still, or move against them. Each
-such part is a field of variance (amplitude A)² whose correlation is Gaussian in the moving frame,
+A residual at one position and pixel is similar to that of its neighbours: the source one step farther, the spot one
+pixel further. Light that a lenslet images moves with the velocity of the spots; stray light may be static, or move in
+the opposite direction. Each such part is a field of variance (amplitude A)² whose correlation is Gaussian in the
+moving frame,
 
     k(δ, Δ) = exp(-δ² / 2 h²) exp(-(Δ - a δ)² / 2 w²) on each axis,
 
-δ in source positions, Δ in pixels, a the velocity. The best linear estimate of the field from residuals with noise V is
-K (K + V)⁻¹ R (kriging, or Gaussian process regression: C. E. Rasmussen, C. K. I. Williams, Gaussian Processes for
-Machine Learning, 2006, eq. 2.25): where A² is far below the noise it is 0, where far above the residual itself. It is
-solved by conjugate gradients. K = W Wᵀ with a smoothing W, so it is positive however W is cut off, and A W ξ are its
-samples, from which the posterior variance is found (G. Papandreou, A. Yuille, NeurIPS 2010).
+with δ in source positions, Δ in pixels, and the velocity a. The best linear estimate of the field from residuals with
+noise V is K (K + V)⁻¹ R (kriging, or Gaussian process regression: C. E. Rasmussen, C. K. I. Williams, Gaussian
+Processes for Machine Learning, 2006, eq. 2.25). Where A² is far below the noise, it is 0; where A² is far above, it is
+the residual itself. It is solved by conjugate gradients. K = W Wᵀ with a smoothing W, so K is positive however W is
+truncated. A W ξ are samples of the field, from which the posterior variance is estimated (G. Papandreou, A. Yuille,
+NeurIPS 2010).
 """
 
 from __future__ import annotations
@@ -62,7 +64,7 @@ class Moving:
     Attributes
     ----------
     velocity
-        Pixels in the cutout by which it moves where the source goes on by one position.
+        Motion in the cutout (pixels) when the source moves by one position.
     positions, pixels
         Correlation lengths h and w.
     """
@@ -73,9 +75,9 @@ class Moving:
 
 
 def smoothing(n: int, size: int, by: Moving, *, around: bool) -> csr_matrix:
-    """Return W of one axis, over (position, pixel) of ``n`` positions and ``size`` pixels; rows have unit square.
+    """Return W of one axis, over (position, pixel) of ``n`` positions and ``size`` pixels; rows have unit norm.
 
-    ``around``: the last position neighbours the first, as in a whole period.
+    ``around``: the last position is a neighbour of the first, as in a whole period.
     """
     from scipy.sparse import csr_matrix, diags_array, eye_array, kron  # slow to load
 
@@ -183,7 +185,7 @@ F8 = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 SIGNIFICANCE = 5.0
-"""Standard deviations by which a variance beyond the noise must lie above none to be taken for one."""
+"""Significance, in standard deviations, above which a variance in excess of the noise is accepted."""
 
 KNOTS = np.log(np.array([0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0]))
 """Brightness over the plane's brightest, as logarithm, at which the size of residuals is found."""
@@ -191,22 +193,22 @@ KNOTS = np.log(np.array([0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0]))
 
 @dataclass(frozen=True, eq=False)
 class PlaneResiduals:
-    """A plane's model and what was measured of it.
+    """The model of a plane, and the measurements.
 
     Attributes
     ----------
     model
-        Light as predicted ``(ny, nx, nt, ns)``.
+        Predicted light ``(ny, nx, nt, ns)``.
     residual
-        Measured minus predicted, 0 where nothing was measured.
+        Measured minus predicted, 0 without a measurement.
     precision
-        1 over the noise's variance; 0 where nothing was measured.
+        1 / variance of the noise; 0 without a measurement.
     recorded
-        Positions ``(ny, nx)`` that count.
+        Positions ``(ny, nx)`` to use.
     around
-        Whether positions are a whole period, whose last neighbours the first.
+        Whether positions are a whole period, so that the last is a neighbour of the first.
     sizes
-        Standard deviations of what spots and stray light lack, beyond noise; empty before they are known.
+        Standard deviations of the residuals of spots and of stray light, beyond noise; empty if not yet known.
     """
 
     model: F4
@@ -236,10 +238,11 @@ class PlaneResiduals:
 
 
 def amplitudes(model: F4) -> tuple[F4, F4]:
-    """Return where residuals of spots, and stray light, are to be expected: each as large as the light near by.
+    """Return where residuals of spots and of stray light are expected, in proportion to the light nearby.
 
-    Of spots the light of a pixel and of those about it, by half each: what is dim beside what is bright errs by more
-    than its own light. Of stray light the mean of all positions, for it comes from any lenslet.
+    For spots, this is the mean of the light of a pixel and of its surroundings, because dim pixels next to bright ones
+    have larger errors than their own light suggests. For stray light, it is the mean of all positions, because it
+    comes from any lenslet.
     """
     from scipy.ndimage import gaussian_filter  # slow to load
 
@@ -271,7 +274,7 @@ def sized(data: PlaneResiduals) -> PlaneResiduals:
     brightness = np.log(np.maximum(data.model / max(float(data.model.max()), 1e-30), 1e-6))
     grown = _by_brightness(found @ x, square, noise, brightness[own][good])
     grown = np.interp(brightness, KNOTS, grown)
-    # in bright pixels, of which chi² tells little, there may be more: then all is as large
+    # bright pixels, to which chi² is insensitive, may have more: then all are as large
     stated = (found @ x) * grown[own][good]
     whole, error = (float(v) / float(stated.sum()) for v in (square.sum(), math.sqrt(2.0 * float((noise**2).sum()))))
     if whole > 1.0 + 2.0 * error:
@@ -301,9 +304,9 @@ def _deviation(x: F8, noise: F8) -> float:
 
 
 def _by_brightness(stated: F8, square: F8, noise: F8, brightness: F8) -> F8:
-    """Return what residuals scatter beyond noise over what is stated (squares), at each of `KNOTS`.
+    """Return the ratio of residual scatter beyond noise to its stated value (squares), at each of `KNOTS`.
 
-    Where few pixels tell it stays near 1.
+    With few pixels, it stays near 1.
     """
     nearest = np.abs(brightness[:, None] - KNOTS).argmin(1)
     out = np.ones(len(KNOTS))
@@ -360,18 +363,18 @@ TILE = 32
 
 @dataclass(frozen=True, slots=True)
 class ResidualKind:
-    """Of what kind a plane's residual is.
+    """Properties of the residual of a plane.
 
     Attributes
     ----------
     spots, stray
-        Correlation of what spots and stray light lack; None: no more than noise shows.
+        Correlation of the residuals of spots and stray light; None: only noise.
     near
-        Share of the spots' variance that hardly reaches from one position to the next.
+        Share of the spots' variance that is hardly correlated between neighbouring positions.
     supported
-        Whether positions that were left out were predicted better by their neighbours than by the model alone.
+        Whether held-out positions are predicted better with their neighbours than by the model alone.
     spread
-        What left-out positions scatter, over what was stated for them (squares).
+        Ratio of the scatter of held-out positions to the stated one (squares).
     """
 
     spots: Moving | None = None
@@ -388,16 +391,16 @@ class ResidualKind:
 
 @dataclass(frozen=True, eq=False)
 class ResidualEstimate:
-    """The estimate of what a model lacks.
+    """Estimate of the residual field of a model.
 
     Attributes
     ----------
     kind
-        Of what kind it is.
+        Properties of the residual.
     value, variance
         The estimate ``(ny, nx, nt, ns)`` and its variance.
     prior
-        Variance of what the model lacks, where nothing is measured.
+        Variance of the residual without a measurement.
     """
 
     kind: ResidualKind
@@ -407,9 +410,9 @@ class ResidualEstimate:
 
 
 def spot_velocity(model: F4, *, around: bool = True) -> float:
-    """Return by how many pixels of the cutout spots move where the source goes on by one position.
+    """Return the motion of spots in the cutout (pixels) when the source moves by one position.
 
-    By the correlation of patterns up to four positions apart, less their mean.
+    It comes from the correlation of patterns up to four positions apart, minus their mean.
     """
     varying = model - model.mean((0, 1))
     rates = np.arange(-1.2, 1.21, 0.05)
@@ -471,7 +474,7 @@ def chosen_kind(part: PlaneResiduals, velocity: float, seed: int = 0) -> Residua
     if spots and stray:
         best, gains = _best(part, aside, [best, replace(best, spots=None), replace(best, stray=None)])
     helped = float(gains.sum()) > SIGNIFICANT_GAIN * math.sqrt(float(np.square(gains).sum()))
-    # what hardly reaches to neighbours shows in what is not told of them
+    # a part without correlation to neighbours appears in the residuals of their prediction
     shares = NEAR_SHARES if best.spots is not None else NEAR_SHARES[:1]
     kinds = [replace(best, near=share, supported=helped) for share in shares]
     found = [replace(one, spread=_spread(part, sets, one, seed)) for one in kinds]
@@ -515,12 +518,12 @@ def _best(data: PlaneResiduals, aside: Flags, kinds: Sequence[ResidualKind]) -> 
 
 
 def _spread(data: PlaneResiduals, sets: Sequence[Flags], kind: ResidualKind, seed: int) -> float:
-    """Return what left-out patterns scatter about their prediction beyond noise, over what is stated (squares).
+    """Return the ratio of the scatter of held-out patterns about their prediction, beyond noise, to the stated one.
 
-    Each set is predicted by all others. Where noise is most of what is seen, one set tells it to two fifths.
+    Values are squares. Each set is predicted by all others. If noise dominates, one set determines the ratio to 40 %.
     """
     field, found, known = _field(data, kind), 0.0, 0.0
-    # dark pixels are many, and nobody asks for them
+    # dark pixels are many, and irrelevant
     light = LIT * data.model.max()
     for aside in sets:
         kept = data.without(aside)
@@ -549,7 +552,8 @@ def _shares(part: PlaneResiduals, kind: ResidualKind, seed: int) -> F4:
         at = nearest == k
         count = at.sum((2, 3))
         total = np.where(at, own / prior, 0.0).sum((2, 3))
-        # few pixels of one position scatter: those of all recorded ones, and of all others, stand beside them
+        # few pixels of one position scatter strongly: combine them with those of all recorded positions, and of all
+        # others
         for flags in (part.recorded, ~part.recorded):
             if count[flags].sum():
                 mean = total[flags].sum() / count[flags].sum()
@@ -592,10 +596,11 @@ def iter_residual_estimate(
     kind = chosen_kind(part, spot_velocity(part.model, around=data.around), seed)
     shares = _shares(part, kind, seed)
     yield clock.at(1)
-    # left-out positions tell whether too little is stated; whether too much is, of recorded ones, by half at most
+    # held-out positions show whether the stated value is too small; recorded ones show whether it is too large, by
+    # half at most
     grown = np.float32(kind.spread if kind.spread > 1.0 else math.sqrt(kind.spread))
     parts = [one for one in (kind.spots, kind.stray) if one is not None]
-    # beyond it neighbours' patterns tell nothing of a tile
+    # beyond it, neighbouring patterns carry no information on a tile
     halo = math.ceil(max(3 * one.pixels + 2.2 * abs(one.velocity) * one.positions for one in parts))
 
     def solve(start: int, stop: int) -> None:

@@ -56,18 +56,18 @@ FEWEST, MOST_SAMPLED = 3, 8
 
 @dataclass(frozen=True, eq=False)
 class Degeneracies:
-    """What is held and what of the unknowns that were found it may have moved, in their scales.
+    """Fixed unknowns, and their possible effect on the fitted ones, in their scales.
 
     Attributes
     ----------
     words
-        Each for people, the worst first.
+        Description of each, the worst first.
     spread
-        Covariance ``(k, k)`` that the errors of what is held add.
+        Covariance ``(k, k)`` due to errors of the fixed unknowns.
     shift
-        By how much ``(k,)`` the unknowns would move, were it found too: what they may be off by already.
+        Change ``(k,)`` of the unknowns if these were fitted too, which is their possible bias.
     counted
-        Numbers of those held that are in both.
+        Indices of the fixed unknowns included in both.
     """
 
     words: tuple[str, ...]
@@ -98,10 +98,10 @@ def degeneracies_of(
     times: float = 1.0,
     named: float = WIDER,
 ) -> Degeneracies:
-    """Return what of the unknowns that were tried, but not found, those found at ``which`` stand in for.
+    """Return degeneracies between the fitted unknowns ``which`` and those that were tried but not fitted.
 
-    The scan may show that something changed without telling which of them did. ``columns`` has the derivatives by all;
-    each pattern stands for ``times`` as many; ``named`` as of `degeneracies`.
+    The scan may show a change without determining which of the unknowns caused it. ``columns`` contains the
+    derivatives by all unknowns; each pattern represents ``times`` patterns; ``named`` is as in `degeneracies`.
     """
     normal = problem.normal(columns, point, problem.fitted)
     normal = replace(normal, matrix=times * normal.matrix, gradient=times * normal.gradient)
@@ -114,10 +114,10 @@ def degeneracies_of(
 
 
 def iter_degeneracies(problem: Problem, point: Point, columns: Columns, groups: Sequence[str]) -> Work[Degeneracies]:
-    """Return what of the camera's other unknowns those of ``groups``, that were asked for by name, stand in for.
+    """Return degeneracies between the unknowns of ``groups``, requested by name, and the camera's other unknowns.
 
-    A few patterns show which of them matter, and all patterns what these would be. Groups of which each pattern takes
-    many runs are not looked at. Yields progress in derivatives.
+    A few patterns show which of them matter, and all patterns determine their size. Groups with many simulation runs
+    per pattern are not examined. Yields progress in derivatives.
     """
     others = [group.name for group in GROUPS if not group.late and group.name not in groups]
     old, few = problem.vector, _sampled(problem)
@@ -130,7 +130,7 @@ def iter_degeneracies(problem: Problem, point: Point, columns: Columns, groups: 
             return first
         every = yield from _iter_with(problem, point, columns, vector, problem.fitted, first.counted)
     except (InputError, EnergyError):
-        # a camera that cannot have them all at once has been found all the same
+        # the fit is valid even if the camera cannot have all of them together
         return Degeneracies((), np.zeros((len(which), len(which))), np.zeros(len(which)))
     return replace(degeneracies_of(*every, which), words=first.words)
 
@@ -169,12 +169,13 @@ def degeneracies(
     *,
     named: float = WIDER,
 ) -> Degeneracies:
-    """Return which of the unknowns ``held`` stand behind those found at ``which``.
+    """Return degeneracies between the fixed unknowns ``held`` and the fitted ones ``which``.
 
-    ``data`` ``(k, k)`` and ``slope`` ``(k,)`` are matrix and gradient of the data and priors in scales, ``u`` where the
-    unknowns are. ``named`` is how many times wider something found would be, for what is fixed to be named. What would
-    make it `WIDENING_COUNTED` times wider counts in its standard deviation, found as small as it may be: what was tried
-    and did not help is known as well as the patterns show it, and no better. What is `assumed` always counts.
+    ``data`` ``(k, k)`` and ``slope`` ``(k,)`` are matrix and gradient of data and priors in scales, ``u`` the values
+    of the unknowns. ``named`` is the widening of a fitted unknown above which a fixed one is reported. One that would
+    widen it by `WIDENING_COUNTED` is included in its standard deviation, at its smallest plausible size: an unknown
+    that was tried without benefit is known as well as the patterns determine it. `assumed` unknowns are always
+    included.
     """
     assumed = {group.name for group in GROUPS if group.assumed}
     inner = data[np.ix_(which, which)]
@@ -208,7 +209,7 @@ def degeneracies(
 
 
 def _allowed(which: NDArray[np.intp], held: NDArray[np.intp], data: F8, slope: F8, spread: F8) -> tuple[F8, F8]:
-    """Return what errors of the unknowns ``held``, all at once, do to those found: covariance, and shift."""
+    """Return the effect of errors of all unknowns ``held`` on the fitted ones: covariance and shift."""
     if not len(held):
         return np.zeros_like(spread), np.zeros(len(which))
     moves = spread @ data[np.ix_(which, held)]
@@ -226,13 +227,14 @@ UNIDENTIFIED_SIGMA = 1.0
 """Standard deviation, in scales of the unknowns, above which a combination is not identified."""
 
 LEAST_COMPONENT = 0.3
-"""Share of a combination from which on an unknown is named."""
+"""Share of a combination above which an unknown is named."""
 
 
 def unidentified(unknowns: Sequence[Unknown], data: F8) -> tuple[str, ...]:
-    """Return the combinations of unknowns that the data alone do not tell apart, the vaguest first.
+    """Return the combinations of unknowns that the data alone do not distinguish, the least certain first.
 
-    ``data`` ``(k, k)`` is the matrix of the data in scales, all else eliminated: its small singular values.
+    They are the small singular values of ``data`` ``(k, k)``, the matrix of the data in scales with everything else
+    eliminated.
     """
     values, vectors = np.linalg.eigh(data)
     found = []
@@ -256,9 +258,9 @@ def summarised(
     outliers: tuple[Outlier, ...],
     untried: Degeneracies | None = None,
 ) -> tuple[Fit, ...]:
-    """Return the fit at a point, as it is in each region of the field, with the last derivatives that were computed.
+    """Return the result of the fit at a point, for each region of the field, with the last computed derivatives.
 
-    ``untried`` is what else, that was not tried, may have changed in the place of what was found.
+    ``untried`` lists unknowns that were not tried, but may explain the same changes.
     """
     vector = problem.vector
     which = vector.of_groups(groups)

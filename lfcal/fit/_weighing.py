@@ -14,10 +14,10 @@ from lfcal.fit.measured import Measured
 __all__ = ["BEND", "PatternLevels", "Response", "Weighed", "levels_of", "unlike_others", "weighed"]
 
 BEND = 4.0
-"""Residual (sigmas) from which on it counts linearly, after Huber: noise alone hardly ever reaches it."""
+"""Residual (sigmas) above which it counts linearly, after Huber: noise alone hardly ever reaches it."""
 
 OUTLIER_SIGMAS = 25.0
-"""Residual (sigmas) from which on a pixel among others is no measurement."""
+"""Residual (sigmas) above which a single pixel is not treated as a measurement."""
 
 UNLIKE_SIGMAS = 8.0
 """Robust standard deviations by which the chi² of a pattern that is unlike the others exceeds theirs."""
@@ -31,14 +31,14 @@ F8 = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """Pixel response non-uniformity (PRNU): each pixel of the sensor has a gain of its own.
+    """Pixel response non-uniformity (PRNU): the gains of pixels differ.
 
     Attributes
     ----------
     squared
-        Square of its relative rms.
+        Square of the relative rms.
     sigma
-        Standard deviation of that.
+        Standard deviation of ``squared``.
     """
 
     squared: float = 0.0
@@ -72,10 +72,11 @@ class PatternLevels:
         return found
 
     def between(self, seen: NDArray[np.intp], depths_um: Sequence[float]) -> PatternLevels:
-        """Return the levels with gains of all other planes than those ``seen`` between their neighbours' in depth.
+        """Return the levels with gains of unseen planes interpolated in depth between those that were ``seen``.
 
-        Beyond the outermost plane that was seen its gain holds. A gain is counts over share of the light: without a
-        pattern nothing tells it, but one lamp lights all planes, and 1 would make H of such a plane of another unit.
+        Beyond the outermost seen plane, its gain is used. A gain is counts per share of the light: without a pattern
+        it is undetermined, but one lamp illuminates all planes, and a gain of 1 would give H of such a plane in
+        another unit.
         """
         depths = np.asarray(depths_um, np.float64)
         known = seen[np.argsort(depths[seen])]
@@ -93,11 +94,11 @@ class Weighed:
     residual
         Recorded minus predicted, in sigmas of the model's noise; 0 where a pixel is not valid.
     inverse
-        1/sigma of each pixel; 0 where it is not valid.
+        1/sigma of each pixel; 0 for invalid pixels.
     robust
         Square root of Huber's weight.
     bright
-        Share of the variance that the light has, between 0 and 1.
+        Share of the variance due to light, between 0 and 1.
     """
 
     residual: F4
@@ -185,9 +186,9 @@ def levels_of(measured: Measured, model: F4, lamps: F8, *, doubtful: bool, error
 def weighed(
     measured: Measured, model: F4, levels: PatternLevels, *, doubtful: bool, error: float, inverse: F4 | None = None
 ) -> Weighed:
-    """Return the residuals of predictions ``model`` ``(n, m)`` of unit gain.
+    """Return the residuals of predictions ``model`` ``(n, m)`` with unit gain.
 
-    ``inverse`` is 1/sigma where it is not the model's own: two models are compared by the same one.
+    ``inverse`` is 1/sigma, if not that of the model: two models are compared with the same one.
     """
     data, valid = flat(measured)
     planes = measured.level

@@ -1,4 +1,4 @@
-"""One new frame beside what H says of it: gain, background and place of the source found, what is left judged."""
+"""Comparison of a new frame with the prediction of H: fitted gain, background and source position, and residuals."""
 
 from __future__ import annotations
 
@@ -32,28 +32,29 @@ LIGHT = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """One frame beside what H says of it.
+    """One frame compared with the prediction of H.
 
     Attributes
     ----------
     label
-        Of the frame.
+        Name of the frame.
     found
         Position of H, place on the sensor, and correlation.
     displacement_px, displacement_sigma
-        How far the source is from that position (dy, dx), found beside gain and background, and its standard deviation.
+        Displacement of the source from that position (dy, dx), fitted with gain and background, and its standard
+        deviation.
     gain, background
-        Of the frame over H.
+        Gain and background of the frame relative to H.
     error
-        Of H beyond the noise, over the light.
+        Error of H beyond the noise, relative to the light.
     chi_square
-        Of the residuals.
+        Chi-square of the residuals.
     doubt
-        How wrong what H says of a source beside its position may be itself (relative L2).
+        Uncertainty of H's prediction for a source between its positions (relative L2).
     beside_px
-        How far the source is from where it should be (dy, dx), where its place is known.
+        Displacement of the source from its known place (dy, dx), if it is known.
     values, light, noise, weight
-        Samples less background, what H says, variance, and 1/sigma (0: no measurement), each ``(nt, ns)``.
+        Samples minus background, prediction of H, variance, and 1/sigma (0: no measurement), each ``(nt, ns)``.
     moved
         Change of the light by a displacement of the source ``(2, nt, ns)``.
     """
@@ -81,14 +82,14 @@ class Compared:
 
 
 class Says(Protocol):
-    """What says which pattern a source at a position, and beside it, has."""
+    """Predicts the pattern of a source at or near a position."""
 
     valid: NDArray[np.bool_]
     """Pixels ``(nt, ns)`` of which it says something."""
     noise: F8
-    """Variance ``(nt, ns)`` of its own samples."""
+    """Variance ``(nt, ns)`` of the prediction's own samples."""
     reach: tuple[float, float]
-    """How far beside it a source can be followed (dy, dx)."""
+    """Largest displacement from the position that can be predicted (dy, dx)."""
 
     def at(self, offset: F8) -> F8:
         """Return the pattern ``(nt, ns)`` of a source displaced by ``offset`` (dy, dx) pixels."""
@@ -98,7 +99,7 @@ class Says(Protocol):
 
 
 def compared_with(expected: Says, frame: NewFrame, at: LocatedPattern, noise: tuple[float, float]) -> Compared:
-    """Return a frame beside what is expected, with the gain, background and place of the source that fit best."""
+    """Return a frame compared with its prediction, with best-fit gain, background and place of the source."""
     raw, there = window_of(frame, at.row, at.column, expected.noise.shape)
     data, good = raw.astype(np.float64), there & expected.valid
     if good.sum() < 9:
@@ -180,7 +181,7 @@ def _levels(data: F8, light: F8, good: NDArray[np.bool_], variance: F8) -> tuple
 
 
 def _step(residual: F8, gain: float, light: F8, steps: F8, good: NDArray[np.bool_], variance: F8) -> tuple[F8, F8]:
-    """Return by how much the source must move, beside gain and background, and its standard deviation."""
+    """Return the displacement of the source, fitted together with gain and background, and its standard deviation."""
     weight = 1.0 / np.sqrt(variance[good])
     a = np.stack([gain * steps[0][good], gain * steps[1][good], light[good], np.ones(int(good.sum()))]) * weight
     inverse = np.linalg.pinv(a @ a.T, rcond=1e-12, hermitian=True)

@@ -35,12 +35,12 @@ PASSES = 4
 
 
 class Chosen:
-    """What a changing set of patterns tells of the unknowns, gain and background of each plane eliminated.
+    """Information of a changing set of patterns about the unknowns; gain and background of planes are eliminated.
 
     Parameters
     ----------
     information
-        What each pattern tells, and what is wanted.
+        Information of each pattern, and the target quantity.
     """
 
     def __init__(self, information: Information) -> None:
@@ -73,7 +73,8 @@ class Chosen:
         self._summed({int(self._planes[row])})
 
     def _summed(self, planes: set[int]) -> None:
-        # sums are made anew: what subtraction would leave of an empty plane is rounding, and would count as much
+        # sums are computed again: subtraction would leave rounding errors in an empty plane, which would then count as
+        # much
         for z in planes:
             self._sums[z] = self._information.patterns[[row for row in self._rows if self._planes[row] == z]].sum(0)
         self.matrix = self._information.prior + _eliminated(self._sums).sum(0)
@@ -114,7 +115,7 @@ def _inverse(matrices: F8) -> F8:
 def choose(information: Information, count: int, allowed: NDArray[np.intp]) -> list[int]:
     """Return ``count`` of the patterns ``allowed`` that lower the expected error of H most, the most useful first.
 
-    Each next one is the best beside those before; then each is tried against all others until no exchange helps.
+    Patterns are added greedily; then each is exchanged with all others until no exchange helps.
     """
     chosen, free = Chosen(information), np.asarray(allowed, np.intp)
     taken = _greedy(chosen, free, count)
@@ -152,13 +153,13 @@ def _exchanged(chosen: Chosen, free: NDArray[np.intp], taken: list[int]) -> bool
 
 
 HELD_OUT_SHARE = 0.2
-"""Share of the positions that are spread evenly and never fitted: they tell how good the fit is."""
+"""Share of the positions that are spread evenly and held out to measure the quality of the fit."""
 
 CANDIDATES = 300
 """Positions that are looked at, spread evenly over a larger scan: their number is most of the time."""
 
 FEWEST = 3
-"""Fewest positions from which anything is told."""
+"""Smallest number of positions for any result."""
 
 POINTS = 12
 """Points of the curve of errors."""
@@ -166,18 +167,18 @@ POINTS = 12
 
 @dataclass(frozen=True, slots=True)
 class CurvePoint:
-    """What some frames are expected to come to.
+    """Expected result for a number of frames.
 
     Attributes
     ----------
     positions
-        Positions recorded, those kept aside among them.
+        Number of recorded positions, including held-out ones.
     error
         Expected relative error (L2) of H from the positions chosen.
     spread_error
-        The same from as many positions spread evenly.
+        The same from an equal number of evenly spread positions.
     hours
-        Time on the stage (h).
+        Recording time (h).
     """
 
     positions: int
@@ -188,24 +189,24 @@ class CurvePoint:
 
 @dataclass(frozen=True, eq=False)
 class PositionDesign:
-    """Positions to record, and what to expect of them.
+    """Positions to record, with the expected error.
 
     Attributes
     ----------
     fitted
         Positions ``(n, 3)`` as (z, y, x) that lower the error, the most useful first.
     held_out
-        Positions ``(m, 3)`` that are never fitted, spread evenly.
+        Held-out positions ``(m, 3)``, evenly spread.
     curve
         Expected errors against positions; the last point is all of them.
     pattern_error
-        Relative error (L2) of an H whose every position was recorded once: the noise of a pattern.
+        Relative error (L2) of an H with all positions recorded once, which is the noise of a pattern.
     start_error
-        Expected error before any of them is recorded; None where nothing was fitted yet.
+        Expected error before any of them is recorded; None without an earlier fit.
     sigmas
         Expected standard deviation of each unknown by name, in its unit.
     candidates
-        How many positions were looked at.
+        Number of candidate positions.
     """
 
     fitted: NDArray[np.intp]
@@ -240,9 +241,9 @@ def iter_next_positions(
     frames_per_s: float | None = None,
     workers: int | None = None,
 ) -> Work[PositionDesign]:
-    """Return the positions to record next by what they do to the error of H.
+    """Return the positions to record next, chosen by their effect on the error of H.
 
-    I-optimal design: with the covariance C of the unknowns that the patterns give, and the mean M of the outer
+    This is an I-optimal design: with the covariance C of the unknowns from the patterns, and the mean M of the outer
     products of the model's derivatives over all positions and depths, the squared error of H is trace(C M).
 
     Parameters
@@ -250,23 +251,24 @@ def iter_next_positions(
     plan
         The scan.
     count
-        How many, a fifth of them spread evenly and kept aside.
+        Number of positions; a fifth of them is evenly spread and held out.
     setup
-        The camera as supposed; None takes that of ``earlier``, or the plan's.
+        The assumed camera; None: that of ``earlier``, or of the plan.
     groups
-        Groups of unknowns; None takes those of ``earlier``, or gap, rotation and offset, focal lengths and iris.
+        Groups of unknowns; None: those of ``earlier``, or gap, rotation and offset, focal lengths and iris.
     earlier
-        A fit whose covariance is known beforehand; its positions are not chosen again.
+        An earlier fit whose covariance is used as a prior; its positions are not chosen again.
     recorded
-        Further positions ``(n, 3)`` that are there already.
+        Further positions ``(n, 3)`` that have already been recorded.
     expected
-        Light and steadiness; None: the brightest pixel at 80 % of the full well, sources at their places.
+        Expected light and stability; None: the brightest pixel at 80 % of the full well, sources exactly at their
+        positions.
     candidates
-        How many positions are looked at, spread evenly; 0: all.
+        Number of evenly spread candidate positions; 0: all.
     stage_um_per_s, frames_per_s
-        Speed of the stage and frame rate of the camera, for the hours; None: readout is not counted.
+        Speed of the stage and frame rate of the camera, for the recording time; None: readout is not counted.
     workers
-        Threads; None takes every processor.
+        Number of threads; None: all processors.
 
     Yields
     ------
@@ -276,7 +278,7 @@ def iter_next_positions(
     Raises
     ------
     InputError
-        If there are not so many positions left, or ``earlier`` is of another scan.
+        If fewer positions are left, or ``earlier`` belongs to another scan.
     """
     expected = expected or Expected()
     check_number("positions to record", count, at_least=FEWEST, integer=True)

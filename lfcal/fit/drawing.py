@@ -1,4 +1,4 @@
-"""A fit in pictures: patterns beside their model, what is left over by place and lens type, parameters."""
+"""Pictures of a fit: patterns next to their model, residuals by place and lens type, parameters."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ __all__ = ["FitResiduals", "draw_leftover", "draw_parameters", "draw_patterns", 
 F4 = NDArray[np.float32]
 
 SHOWN = 4
-"""Patterns that are drawn beside their model."""
+"""Number of patterns drawn next to their model."""
 
 
 @dataclass(frozen=True, eq=False)
 class FitResiduals:
-    """What a fit leaves of its patterns.
+    """Residuals of the patterns of a fit.
 
     Attributes
     ----------
@@ -34,13 +34,13 @@ class FitResiduals:
     measured, model, residual
         Patterns ``(n, nt, ns)``: as recorded, as predicted with gain and background, and their difference in sigmas.
     chi2
-        Of each pattern ``(n,)``: mean square of the residuals, weighted by the light.
+        Mean square of the residuals of each pattern ``(n,)``, weighted by the light.
     by_plane
-        The same of each plane ``(nz,)``, NaN where nothing was measured.
+        The same for each plane ``(nz,)``, NaN without a measurement.
     by_type
-        The same of the pixels behind each lens type.
+        The same for the pixels behind each lens type.
     maps
-        Mean square of the residuals of each plane's patterns ``(nz, nt, ns)``, NaN where nothing was measured.
+        Mean square of the residuals of each plane's patterns ``(nz, nt, ns)``, NaN without a measurement.
     """
 
     index: NDArray[np.intp]
@@ -59,7 +59,7 @@ def leftover_of(fit: Fit, measured: Measured) -> FitResiduals:
     rows = {tuple(at): k for k, at in enumerate(measured.index.tolist())}
     own = np.array([rows[tuple(at)] for at in index.tolist()], np.intp)
     z = index[:, 0]
-    # sources where the plan has them: how far each was beside its place is not part of the camera
+    # sources at their planned places: their displacements are not part of the camera
     light = predict(fit.setup, measured.plan, index, np.zeros((len(index), 2)), Fineness.finest)
     light *= fit.levels.factors(z)[:, None, None].astype(np.float32)
     residual = np.stack(list(fit.residuals.values()))
@@ -91,7 +91,7 @@ def _ratio(above: NDArray[np.float64], below: NDArray[np.float64]) -> NDArray[np
 def lens_types(camera: Camera, plan: ScanPlan, y: int, x: int) -> NDArray[np.intp]:
     """Return the type of the lenslet in front of each pixel ``(nt, ns)`` of the pattern of a source position.
 
-    ``camera`` is the one that was found, ``plan`` the scan with the camera as it was described.
+    ``camera`` is the fitted one, ``plan`` the scan with the described camera.
     """
     nt, ns = plan.cutout
     rows = round(plan.anchor[0] + y) + np.arange(nt) - (nt - 1) // 2

@@ -29,24 +29,24 @@ NAMES = ("camera.json", "effects.json", "fit.json")
 
 @dataclass(frozen=True, eq=False)
 class Earlier:
-    """What a fit found and how sure it is.
+    """Result of an earlier fit with its uncertainty.
 
     Attributes
     ----------
     setup, groups
-        Camera, effects, depths and stage as found; the groups of unknowns that were fitted.
+        Fitted camera, effects, depths and stage; the groups of fitted unknowns.
     names, sigmas, correlations
-        Of the parameters: names, standard deviations in their units, and correlations ``(k, k)``.
+        Names of the parameters, their standard deviations, and correlations ``(k, k)``.
     values
-        What was found.
+        Fitted values.
     spread
-        How far sources were from their places, and how steady the lamp was.
+        Scatter of the sources' positions, and stability of the lamp.
     positions
-        Positions ``(n, 3)`` as (z, y, x) that it had, those kept aside among them.
+        Used positions ``(n, 3)`` as (z, y, x), including held-out ones.
     depths_um
         Planes of its scan, as planned.
     complete
-        Whether the model suffices: where it does not more patterns do not help.
+        Whether the model suffices; otherwise more patterns do not help.
     """
 
     setup: Setup
@@ -86,13 +86,16 @@ class Earlier:
         plan.in_scan_order(self.positions)
 
     def information(self, unknowns: Sequence[Unknown]) -> F8:
-        """Return what the fit tells of ``unknowns`` ``(k, k)`` in their scales; nothing of those it did not have."""
+        """Return the information of the fit about ``unknowns`` ``(k, k)`` in their scales.
+
+        Zero for those it did not have.
+        """
         places = {name: k for k, name in enumerate(self.names)}
         both = [(k, places[one.name]) for k, one in enumerate(unknowns) if one.name in places]
         own, there = np.array([a for a, _ in both], np.intp), np.array([b for _, b in both], np.intp)
         out = np.zeros((len(unknowns), len(unknowns)))
         sigmas = np.array([_in_scales(unknowns[a], self.sigmas[b], self.values[b]) for a, b in both])
-        # what was never told has no standard deviation
+        # an undetermined parameter has no standard deviation
         known = sigmas > 0
         own, there, sigmas = own[known], there[known], sigmas[known]
         if len(own):
@@ -104,7 +107,7 @@ class Earlier:
 
 
 def _in_scales(unknown: Unknown, sigma: float, value: float) -> float:
-    """Return a standard deviation in scales: `Unknown.sigma_of` the other way round."""
+    """Return a standard deviation in scales: the inverse of `Unknown.sigma_of`."""
     if not unknown.squared:
         return sigma / unknown.scale
     return max(sigma * 2 * value, sigma**2) / unknown.scale**2

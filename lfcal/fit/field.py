@@ -101,7 +101,7 @@ class Regional(Measured):
         return replace(self, **self._some(keep), region=self.region[keep])
 
     def of_region(self, k: int) -> Measured:
-        """Return the patterns of one region, as of a scan of its own."""
+        """Return the patterns of one region, as if from a separate scan."""
         own = self.region == k
         return Measured(self.plans[k], **self._some(own))
 
@@ -165,7 +165,7 @@ F8 = NDArray[np.float64]
 
 
 ALONE = ("geometry", "focal_lengths", "iris")
-"""Groups that each region is fitted with by itself, for the start."""
+"""Groups with which each region is fitted separately, for the start."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,13 +180,13 @@ class Term:
 
 @dataclass(frozen=True, eq=False)
 class FieldFit:
-    """One camera from several regions of the field.
+    """One camera fitted to several regions of the field.
 
     Attributes
     ----------
     fits
-        The fit as it is in each region, by name: camera, effects, parameters and chi² are those of all, patterns, light
-        and places of sources are the region's own.
+        Result for each region by name: camera, effects, parameters and chi² are shared; patterns, light and places of
+        sources are those of the region.
     """
 
     fits: Mapping[str, Fit]
@@ -270,18 +270,18 @@ def iter_fit_field(
 ) -> Work[FieldFit]:
     """Return the one camera that explains patterns of several regions of the field.
 
-    Its numbers are the same in all regions; the wavefront changes from one to the other by the group
-    ``field_wavefront``, the image's distance by ``field_curvature``. Light, background, and where the sources were are
-    each region's own.
+    Its parameters are the same in all regions. The wavefront changes between regions by the group ``field_wavefront``,
+    the distance of the image by ``field_curvature``. Light, background, and places of the sources are separate for
+    each region.
 
     Parameters
     ----------
     patterns
-        Those of each region, by its name; where it lies on the sensor is what their plans' anchors say.
+        Patterns of each region by name; the anchors of their plans state its place on the sensor.
     camera
-        The camera as described, where the fit starts; None takes that of the first region.
+        The described camera, from which the fit starts; None: that of the first region.
     unknowns, effects, stage, workers
-        As of `fit_camera`; pitch and places of the sources are always found.
+        As in `fit_camera`; pitch and places of the sources are always fitted.
 
     Yields
     ------
@@ -291,7 +291,7 @@ def iter_fit_field(
     Raises
     ------
     InputError
-        If the regions are not of one camera, or the patterns not of such a camera, or too few.
+        If the regions belong to different cameras, or the patterns do not fit such a camera, or are too few.
     """
     measured = regional_of(patterns, camera)
     check_stage(stage)
@@ -323,11 +323,12 @@ fit_field = drained(iter_fit_field)
 
 
 def _nearby(measured: Regional, problem: Problem, setup: Setup, groups: Sequence[str], workers: int | None) -> Work[F8]:
-    """Return a vector from which the fit of all regions finds its way.
+    """Return a starting vector from which the fit of all regions converges.
 
-    A small turn of the array, or error of its pitch, displaces it by pixels over the field: farther than a fit finds
-    back. So each region is fitted by itself, nearest to the first one first, from where those before it have the array;
-    turn, growth and displacement that explain where it lies in all of them are the start.
+    A small rotation of the array, or an error of its pitch, displaces it by pixels over the field, more than a fit can
+    recover. Each region is therefore fitted separately, the nearest to the first one first, starting from the array in
+    the previous ones. The start is the rotation and growth with the displacement that explain its place in all
+    regions.
     """
     if "geometry" not in groups:
         return np.zeros(len(problem.vector))
@@ -351,7 +352,7 @@ def _nearby(measured: Regional, problem: Problem, setup: Setup, groups: Sequence
 
 @dataclass(frozen=True, eq=False)
 class _Laid:
-    """How the array lies beside its description in a region: at a place (x, y) displaced (µm), and turned."""
+    """Displacement (µm) and rotation of the array in a region at a place (x, y), relative to its description."""
 
     place: F8
     aside: F8
@@ -359,7 +360,7 @@ class _Laid:
 
 
 TURN_RAD, GROWTH, ASIDE_UM = 5e-4, 2e-3, 1.0
-"""How well a region by itself tells the turn, how well a pitch is known, how well a region tells its displacement."""
+"""Uncertainties: rotation from a single region, prior of the pitch, displacement from a single region."""
 
 
 def _changes(seen: Sequence[_Laid], place: F8, setup: Setup) -> dict[str, float]:

@@ -81,23 +81,23 @@ def iter_write_field(
     workers: int | None = None,
     run: RunChoice | None = None,
 ) -> Work[WrittenField]:
-    """Write everything that a fit of regions makes; ``field.json`` comes last: where it is, all of it is.
+    """Write all files of a fit of regions; ``field.json`` comes last, so that it exists only if all others do.
 
     Parameters
     ----------
     fit, patterns
-        What was found, and in which patterns of each region.
+        Result of the fit, and the patterns of each region.
     folder
-        Made where it is not there yet; each region has a folder of its own in it, as of a fit of that region alone.
+        Output folder, created if needed; each region has a subfolder in it, like a fit of a single region.
     known
-        What is known of the source of each region's patterns, as plain JSON types.
+        Facts about the source of each region's patterns, as plain JSON types.
     hybrids, noise
-        The patterns of which each region's H is the hybrid, and their noise where they do not state it; None: H is the
+        The patterns for each region's hybrid H, and their noise if they do not state it; None: H is the
         model.
     with_h
-        Whether H of each region is computed and written.
+        Whether to compute and write H of each region.
     workers
-        Threads; None takes every processor.
+        Number of threads; None: all processors.
     run
         As in `iter_write_fit`, for each region.
 

@@ -37,8 +37,8 @@ __all__ = ["draw_field", "field_report_files", "iter_field_report", "wavefront_t
 PICTURE = "wavefront.png"
 
 CAPTION = (
-    "The wavefront over the pupil as seen from places of the sensor (left), and its rms (right); circles are the "
-    "regions that were fitted, all else is what the laws found there make of it."
+    "The wavefront over the pupil as seen from places on the sensor (left), and its rms (right). Circles are the "
+    "fitted regions; elsewhere the fitted laws are extrapolated."
 )
 
 ACROSS = 5
@@ -58,7 +58,7 @@ def field_report_files(folder: Path) -> list[Path]:
 def iter_field_report(fit: FieldFit, folder: Path, hybrids: Mapping[str, HybridSummary]) -> Work[Path]:
     """Write picture and page of a fit of several regions into ``folder``; return the page.
 
-    ``hybrids`` is what the hybrid H of a region has beyond the model. Each file appears whole or not at all.
+    ``hybrids`` describes what the hybrid H of a region adds to the model. Each file is written atomically.
     """
     clock = Clock("drawing the field", 1)
     yield clock.at(0)
@@ -94,16 +94,16 @@ def _page(fit: FieldFit, picture: bytes, hybrids: Mapping[str, HybridSummary]) -
     merit = "good" if first.complete else "bad"
     verdict = first.verdict[0].upper() + first.verdict[1:]
     many = sum(len(own.residuals) for own in fit.fits.values())
-    rest = f"{many} patterns of {len(fit.fits)} regions; each has a page of its own in its folder"
+    rest = f"{many} patterns of {len(fit.fits)} regions; each has a separate page in its folder"
     headers, rows = wavefront_table(fit)
-    terms = html_table(headers, rows, escape=True) if rows else "<p>No term of it was called for.</p>"
+    terms = html_table(headers, rows, escape=True) if rows else "<p>No term of it was needed.</p>"
     said = [f"{name}: {summary}" for name, summary in hybrids.items()]
     body = [
         f'<section class="verdict {merit}">{html_text(verdict)}{html_paragraphs([rest, *said])}</section>',
         html_section("Regions", _regions(fit)),
         html_section("Wavefront over the field (waves at the pupil's rim)", terms + html_figure(picture, CAPTION)),
         html_section("Parameters of all regions", parameters(first)),
-        html_section("What is held, and what these scans do not tell", limits(first) + _outliers(fit)),
+        html_section("Fixed parameters, and what these scans do not determine", limits(first) + _outliers(fit)),
     ]
     return html_page(title, title, first.camera.name, body, "fit of the optics")
 

@@ -143,15 +143,15 @@ def iter_write_hybrid(
     compression: str = "gzip",
     workers: int | None = None,
 ) -> Work[HybridSummary]:
-    """Write the hybrid H of a fit and recorded patterns to a file, plane by plane; return what it is made of.
+    """Write the hybrid H of a fit and recorded patterns to a file, plane by plane; return its summary.
 
-    Yields progress; closing it leaves nothing half-written. ``noise`` is constant and slope of a sample's variance
-    where H does not state it; ``provenance`` is kept beside the fit's own.
+    Yields progress; closing it leaves no incomplete file. ``noise`` is constant and slope of a sample's variance, if H
+    does not state it; ``provenance`` is stored in addition to that of the fit.
 
     Raises
     ------
     InputError
-        If the patterns are of another scan, or their noise is not known.
+        If the patterns belong to another scan, or their noise is unknown.
     StorageError
         If the file cannot be written.
     """
@@ -213,25 +213,25 @@ def iter_write_fit(
     workers: int | None = None,
     run: RunChoice | None = None,
 ) -> Work[Written]:
-    """Write everything that a fit makes; ``fit.json`` comes last: where it is, all of it is.
+    """Write all files of a fit; ``fit.json`` comes last, so that it exists only if all others do.
 
     Parameters
     ----------
     fit, measured
-        What was found, and in which patterns.
+        Result of the fit, and its patterns.
     folder
-        Made where it is not there yet.
+        Output folder, created if needed.
     known
-        What is known of the source of the patterns, as plain JSON types; ``"source"`` is its name.
+        Facts about the source of the patterns, as plain JSON types; ``"source"`` is its name.
     patterns, noise
-        Those of which H is the hybrid, and their noise where they do not state it; None: H is the model.
+        Patterns for a hybrid H, and their noise if they do not state it; None: H is the model.
     with_h
-        Whether H of the fitted camera is computed and written.
+        Whether to compute and write H of the fitted camera.
     workers
-        Threads; None takes every processor.
+        Number of threads; None: all processors.
     run
-        By whom the planes of a model H are made in units of long work; None: one after the other. A hybrid H is not:
-        its summary is of all planes.
+        Executor for the planes of a model H in units; None: one after the other. A hybrid H is not made in units,
+        because its summary covers all planes.
 
     Raises
     ------
@@ -255,6 +255,6 @@ def iter_write_fit(
     numbers = fit_dict(fit) | ({} if summary is None else hybrid_note(summary)) | dict(known)
     written += write_found(fit, folder, NUMBERS, numbers)
     if run is not None:
-        # killed until here, it goes on from the planes that are made
+        # if killed before this point, it continues from the finished planes
         discard(parts_folder(folder / MODEL))
     return Written(written, summary)

@@ -61,17 +61,17 @@ DETECTION_SIGMAS = 2.0
 
 @dataclass(frozen=True, slots=True)
 class FitProgress(Progress):
-    """The start, or the end of a round of derivatives: its work is done; how many rounds there will be nobody knows.
+    """Start of a round of derivatives, or its end, when its work is done; the number of rounds is not fixed.
 
     Attributes
     ----------
     chi2
-        Mean square of the fitted patterns' residuals, weighted by the light. Of a coarse model, which errs by itself,
-        the variance has that error; it falls towards 1 from round to round, and may rise where the fit goes on finer.
+        Mean square of the fitted patterns' residuals, weighted by the light. The variance includes the error of a
+        coarse model. The value falls towards 1 from round to round, and may rise when the fit continues with finer
+        sampling.
     held_out, below_noise
-        What the patterns that are never fitted have beside model and noise, as a share of their rms (relative L2), NaN
-        where none is left out; whether it is less than that, which is then what their noise hides (two of its
-        standard deviations).
+        Error of the held-out patterns beyond model and noise, as a share of their rms (relative L2), NaN if none is
+        held out; and whether it is hidden by their noise, in which case it is a limit of two standard deviations.
     """
 
     chi2: float = math.nan
@@ -137,31 +137,31 @@ def iter_fit_camera(
     Parameters
     ----------
     source
-        H, of which the recorded positions are used, or patterns.
+        H, whose recorded positions are used, or patterns.
     camera
-        The camera as described, where the fit starts; None takes that of the source.
+        The described camera, from which the fit starts; None: that of the source.
     unknowns
         Groups of unknowns by name, or ``"auto"``: gap, rotation and offset of the array, focal lengths and iris, and
-        of all others those that lower the error of patterns that are never fitted.
+        of all others those that lower the error of held-out patterns.
     effects
-        What the camera is simulated with at the start; None takes what its description holds, and of a microscope
-        light as a vector field where it shows (`starting_effects`).
+        Effects simulated at the start; None: those in the camera's description, and for a microscope light as a vector
+        field if it matters (`starting_effects`).
     stage
-        Position error of the sources (rms, pixels); 0: none; ``"auto"``: what the patterns show.
+        Position error of the sources (rms, pixels); 0: none; ``"auto"``: estimated from the patterns.
     workers
-        Threads over derivatives; None takes every processor.
+        Number of threads over derivatives; None: all processors.
     reading
-        What of an H is read: see `measured_of`.
+        Settings for reading an H: see `measured_of`.
 
     Yields
     ------
     Progress
-        In derivatives; at the start and the end of each round a `FitProgress`. Closing it stops the fit.
+        In derivatives; a `FitProgress` at the start and the end of each round. Closing it stops the fit.
 
     Raises
     ------
     InputError
-        If the patterns are not of such a camera, or too few, or their noise is not known.
+        If the patterns do not fit such a camera, are too few, or their noise is unknown.
 
     Examples
     --------
@@ -237,25 +237,25 @@ def iter_retrieved(
     start: NDArray[np.float64] | None = None,
     local: Local | None = None,
 ) -> Work[Finished]:
-    """Return the best point of a problem; ``core`` groups are fitted, of the ``candidates`` those that help.
+    """Return the best point of a problem; ``core`` groups are fitted, and those of the ``candidates`` that help.
 
     Parameters
     ----------
     problem
-        With the unknowns of all of them.
+        Problem with the unknowns of all groups.
     core, candidates
         Names of groups.
     stage
-        As of `fit_camera`.
+        As in `fit_camera`.
     start
-        A vector nearer than the description; None starts from that.
+        A vector nearer than the description; None: start from the description.
     local
-        What each pattern has to itself from the start; None: nothing, until the patterns show that they have.
+        Unknowns of single patterns from the start; None: none, until the patterns show a need for them.
 
     Raises
     ------
     InputError
-        If the patterns are not of such a camera.
+        If the patterns do not fit such a camera.
     """
     core = tuple(group.name for group in problem.vector.groups if group.name in core)
     record_round = rounds()
@@ -296,9 +296,9 @@ def addable(candidates: Sequence[str]) -> list[str]:
 
 
 def check_stage(stage: str | float) -> None:
-    """Raise `InputError` unless ``stage`` is an rms of sources beside their places, or ``"auto"``."""
+    """Raise `InputError` unless ``stage`` is the rms of the sources' position errors, or ``"auto"``."""
     if stage != "auto":
-        check_number("rms of sources beside their places (px)", stage, at_least=0, at_most=5, remedy="or 'auto'")
+        check_number("source position error (px rms)", stage, at_least=0, at_most=5, remedy="or 'auto'")
 
 
 def _approached(
@@ -346,7 +346,7 @@ def _finished(
     point, _ = yield from descend(
         problem, point, which, "fine", most=1, columns=columns, enough=1e-5, record_round=record_round
     )
-    # what left-out patterns have to themselves no step of the others has told
+    # unknowns of single held-out patterns are not determined by steps of the others
     point = nuisance_steps(problem, point, columns, problem.measured.held_out)
     far, outliers = outliers_of(problem, point)
     if far.any():
@@ -381,9 +381,9 @@ def _without(
 
 
 def _with_spread(problem: Problem, point: Point, columns: Columns, stage: str | float) -> Point:
-    """Return the point at which each pattern has unknowns of its own, as widely spread as they show.
+    """Return the point at which each pattern has separate unknowns, with the scatter that the patterns show.
 
-    With the response of pixels in the noise.
+    The noise includes the response of pixels.
     """
     shown = spread_of(problem, point, columns)
     own = Spread(shown.stage_px if stage == "auto" else float(stage), shown.lamp)

@@ -1,7 +1,7 @@
-"""Model H with what was measured beyond it: less noise than the recorded patterns, nearer to them than the model.
+"""Hybrid H: a model plus what was measured beyond it, with less noise than the recorded patterns.
 
-Of every recorded pattern what belongs to it alone, the lamp's brightness and the source beside its place, is taken out
-first where it matters, for H has neither. Where residuals are noise the hybrid is the model.
+Effects of single patterns, such as the lamp's brightness and the displacement of the source, are first removed where
+they matter, because H contains neither. Where residuals are only noise, the hybrid equals the model.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ class Fitted(Protocol):
 F4 = NDArray[np.float32]
 
 PATTERNS_SAMPLED = 20
-"""Patterns that tell how much a displacement changes one."""
+"""Number of patterns that determine how much a displacement changes one."""
 
 NUISANCE_SHARE = 0.5
 """Share of the model's error that lamp or displacements must make for them to be taken out."""
@@ -212,9 +212,10 @@ def _whole_period(plan: ScanPlan) -> bool:
 
 
 def _iter_remove_nuisance(fit: Fitted, data: PlaneResiduals, z: int, workers: int | None) -> Work[None]:
-    """Take out of each residual what lamp and displaced source make of it, where the fit found that they are unsteady.
+    """Remove from each residual the effects of lamp and displaced source, if the fit found them to be unstable.
 
-    A pattern's own is what its neighbours do not share: what they share the model lacks. Yields progress in patterns.
+    Only the part that neighbours do not share is removed; the shared part is an error of the model. Yields progress in
+    patterns.
     """
     places = np.argwhere(data.recorded)
     if len(places) <= NEIGHBOURS:
@@ -284,10 +285,10 @@ SHARED_POSITIONS = 3.0
 def _nuisance_of(
     values: NDArray[np.float64], errors: NDArray[np.float64], places: NDArray[np.intp], data: PlaneResiduals
 ) -> NDArray[np.float64]:
-    """Return what of each position's values ``(n, k)`` its neighbours do not share, shrunk by its error.
+    """Return the part of each position's values ``(n, k)`` that its neighbours do not share, shrunk by its error.
 
-    A value is what is shared, of a Gaussian correlation, what is the position's own, and its error; how large each is,
-    differences between neighbours tell.
+    A value is the sum of a shared part with Gaussian correlation, the position's own part, and its error. Differences
+    between neighbours determine their sizes.
     """
     apart = np.abs(places[:, None] - places)
     if data.around:
@@ -326,16 +327,16 @@ INFORMED_SHARE = 0.95
 
 @dataclass(frozen=True, slots=True)
 class HybridSummary:
-    """What a hybrid H is made of.
+    """Summary of a hybrid H.
 
     Attributes
     ----------
     hybrid, model, outliers
-        Positions of each `Origin`.
+        Number of positions of each `Origin`.
     between
-        Positions among ``hybrid`` that were not recorded: their neighbours tell.
+        Number of positions among ``hybrid`` that were not recorded and come from their neighbours.
     change, largest
-        Rms over the changed positions of how far they are from the model, and the largest (relative L2).
+        Difference of the changed positions from the model (relative L2): rms and largest.
     """
 
     hybrid: int
@@ -346,7 +347,7 @@ class HybridSummary:
     largest: float
 
     def __str__(self) -> str:
-        """Return it in a line."""
+        """Return the summary as one line."""
         if not self.hybrid:
             return "hybrid H: no position shows more than noise beyond the model, which it is"
         said = f"{self.hybrid} positions changed by {100 * self.change:.2g} % (at most {100 * self.largest:.2g} %)"
@@ -372,18 +373,18 @@ class HybridPlanes(PlaneSource):
     Parameters
     ----------
     header
-        What H is, besides its values.
+        Description of H, besides its values.
     fit
-        The fit whose model is the base.
+        The fit that provides the model.
     source
-        Recorded patterns of the same scan, those that were not fitted among them.
+        Recorded patterns of the same scan, including those that were not fitted.
     noise
-        Constant and slope of a sample's variance; None takes what the source states.
+        Constant and slope of a sample's variance; None: as stated by the source.
 
     Raises
     ------
     InputError
-        If the patterns are of another scan, or their noise is not known.
+        If the patterns belong to another scan, or their noise is unknown.
     """
 
     def __init__(
@@ -417,7 +418,7 @@ class HybridPlanes(PlaneSource):
 
 
 def hybrid_note(summary: HybridSummary) -> dict[str, Any]:
-    """Return what a hybrid H says of itself in its provenance, beside what the fit says."""
+    """Return the provenance of a hybrid H, in addition to that of the fit."""
     return {"hybrid": asdict(summary)}
 
 

@@ -1,4 +1,4 @@
-"""What patterns tell of the unknowns before any of them is recorded, and what errors of the unknowns do to H."""
+"""Expected information of patterns about the unknowns, and the effect of errors of the unknowns on H."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ PRIOR_SIGMA = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """What recording is expected to be like.
+    """Expected conditions of a recording.
 
     Attributes
     ----------
     full
-        Share of the full well that the brightest pixel of the scan reaches.
+        Brightest pixel of the scan, as a share of the full well.
     stage_px
-        How far sources lie beside their places (rms along an axis, pixels); 0: nowhere.
+        Source position error (rms along an axis, pixels); 0: none.
     lamp
-        Relative rms of the lamp; 0: it is steady.
+        Relative rms fluctuation of the lamp; 0: it is stable.
     response
-        Of the response of pixels, relative; 0: they are all alike.
+        Relative rms of the response of pixels; 0: they are all equal.
     """
 
     full: float = 0.8
@@ -54,30 +54,30 @@ class Expected:
     def __post_init__(self) -> None:
         """Check every value."""
         check_number("brightest pixel (share of the full well)", self.full, above=0, at_most=1)
-        check_number("rms of sources beside their places (px)", self.stage_px, at_least=0, at_most=5)
+        check_number("source position error (px rms)", self.stage_px, at_least=0, at_most=5)
         check_number("rms of the lamp", self.lamp, at_least=0, at_most=1)
         check_number("rms of the pixels' response", self.response, at_least=0, at_most=1)
 
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """What each of some patterns tells, and what is wanted of all.
+    """Information of single patterns, and the target quantity.
 
     Attributes
     ----------
     index
         Positions ``(n, 3)`` as (z, y, x).
     unknowns
-        What is to be found; all matrices are in their scales.
+        The unknowns to fit; all matrices are in their scales.
     patterns
-        ``(n, k + 2, k + 2)``: of each pattern J^T V^-1 J by the unknowns, then gain and background of its plane, with
-        what belongs to the pattern alone eliminated.
+        ``(n, k + 2, k + 2)``: J^T V^-1 J of each pattern by the unknowns, then gain and background of its plane, with
+        unknowns of the single pattern eliminated.
     wanted
         ``(k, k)``: with the covariance C of the unknowns trace(C wanted) is the squared relative error (L2) of H.
     prior
-        ``(k, k)``: what is known of the unknowns beforehand.
+        ``(k, k)``: prior information about the unknowns.
     pattern_error
-        Relative error (L2) of H where each pattern is a single recorded one.
+        Relative error (L2) of an H with a single frame per pattern.
     """
 
     index: NDArray[np.intp]
@@ -97,25 +97,25 @@ def iter_information(
     *,
     workers: int | None = None,
 ) -> Work[Information]:
-    """Compute what the patterns of positions tell; yields progress in patterns.
+    """Compute the information of the patterns of positions; yields progress in patterns.
 
     Parameters
     ----------
     plan
-        The scan; its exposures say how bright planes are beside each other.
+        The scan; its exposures determine the relative brightness of planes.
     index
-        Positions ``(n, 3)`` as (z, y, x), spread evenly: errors of H are those at them.
+        Evenly spread positions ``(n, 3)`` as (z, y, x), at which errors of H are evaluated.
     setup, groups
-        The camera as supposed, and the groups of unknowns.
+        The assumed camera, and the groups of unknowns.
     expected
-        Light and steadiness.
+        Expected light and stability.
     workers
-        Threads over derivatives; None takes every processor.
+        Number of threads over derivatives; None: all processors.
 
     Notes
     -----
-    H of each plane is compared up to its brightness, as everywhere: D^T D - D^T m m^T D / m^T m, with the model m of
-    a plane and its derivatives D.
+    Each plane of H is compared up to its brightness, as everywhere: D^T D - D^T m m^T D / m^T m, with the model m of a
+    plane and its derivatives D.
     """
     vector = _problem(plan, index[:0], np.zeros((0, *plan.cutout)), setup, groups, workers).vector
     k, m = len(vector), int(np.prod(plan.cutout))
@@ -146,7 +146,7 @@ def iter_information(
 
 
 def _pattern_information(problem: Problem, point: Point, columns: Columns, p: int) -> F8:
-    """Return what pattern ``p`` tells of the unknowns and its plane's gain and background ``(k + 2, k + 2)``."""
+    """Return the information of pattern ``p`` on the unknowns, its plane's gain and background ``(k + 2, k + 2)``."""
     only, k, nz = np.arange(len(problem.planes)) == p, len(columns.shared), problem.measured.plan.shape[0]
     part = Columns(columns.shared[:, only], None if columns.displacements is None else columns.displacements[:, only])
     local = replace(point.local, offsets_px=point.local.offsets_px[only])
@@ -159,7 +159,7 @@ def _pattern_information(problem: Problem, point: Point, columns: Columns, p: in
 
 
 class _Sums:
-    """Squares and products of the model and its derivatives, plane by plane, and the noise beside them."""
+    """Squares and products of the model and its derivatives, plane by plane, with the noise."""
 
     def __init__(self, k: int, planes: int) -> None:
         self._inner, self._cross, self._power = np.zeros((planes, k, k)), np.zeros((planes, k)), np.zeros(planes)

@@ -27,24 +27,24 @@ ABOVE = 4.0
 
 @dataclass(frozen=True, eq=False)
 class NewFrame:
-    """A frame that an H is held against.
+    """A frame to compare with an H.
 
     Attributes
     ----------
     values
         Samples ``(rows, columns)`` with their dark level subtracted.
     valid
-        Which of them carry a measurement; None: all.
+        Valid samples; None: all.
     noise
-        Constant and slope of a sample's variance; None: not known.
+        Constant and slope of a sample's variance; None: unknown.
     origin
         Sensor (row, column) of its first pixel.
     place
-        Sensor (row, column) of the source's image, where it is known.
+        Sensor (row, column) of the source's image, if known.
     plane
-        Depth plane of H, where it is known.
+        Depth plane of H, if known.
     label
-        For messages.
+        Name for messages.
 
     Examples
     --------
@@ -105,15 +105,16 @@ def window_of(frame: NewFrame, row: int, column: int, cutout: tuple[int, int]) -
 
 
 def find_source(matrix: PSFMatrix, frame: NewFrame) -> LocatedPattern:
-    """Return the position of H that a frame's light fits best.
+    """Return the position of H that best fits a frame's light.
 
-    The array is where it was: at every pixel H has one pattern, that of its place in the period. Where the frame's
-    place is known only the pixels about it are tried, else a period about the middle of the light; planes alike.
+    The array must not have moved: H has one pattern for each pixel, that of its place in the period. If the frame's
+    place is known, only the surrounding pixels are tried, otherwise a period about the middle of the light; the same
+    holds for planes.
 
     Raises
     ------
     InputError
-        If the frame's light is beside the frame, or H has no pattern of this place.
+        If the source is outside the frame, or H has no pattern for this place.
     """
     base = np.floor(np.array(matrix.anchor) + 0.5).astype(int)
     if frame.place is None:

@@ -23,17 +23,17 @@ HELD_OUT = 0.2
 
 
 MOST_FEW = 3
-"""Fewest patterns from which anything is told."""
+"""Smallest number of patterns for any result."""
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Patterns of known places with a model of their noise.
+    """Patterns at known places, with a model of their noise.
 
     Attributes
     ----------
     plan
-        The scan that they belong to, with the camera as described; its cutout is the patterns'.
+        The scan of the patterns, with the described camera; its cutout is that of the patterns.
     index
         Positions ``(n, 3)`` as (z, y, x).
     patterns
@@ -41,19 +41,20 @@ class Measured:
     noise
         ``(n, 2)``: the variance of a sample of true value v is ``noise[0] + noise[1] * max(v, 0)``.
     places_px
-        How far (dy, dx) the source was from its position where that is known ``(n, 2)`` (pixels on the sensor).
+        Known displacement (dy, dx) of the source from its position ``(n, 2)`` (pixels on the sensor).
     valid
-        Which pixels ``(n, nt, ns)`` carry a measurement.
+        Valid pixels ``(n, nt, ns)``.
     held_out
-        Which patterns ``(n,)`` are never fitted: they tell how good the fit is.
+        Held-out patterns ``(n,)``, which measure the quality of the fit.
     extra_light
-        Light ``(n, nt, ns)`` of unit gain that each pattern has beside what its plan's optics predict, held while the
-        unknowns move: what is its own, and too dear for every derivative. None: none.
+        Light ``(n, nt, ns)`` at unit gain that each pattern has in addition to the prediction of its plan's optics,
+        kept constant while the unknowns change, because computing it for every derivative would take too long. None:
+        none.
     blur
-        Light ``(n, nt, ns)`` of unit gain that each pattern has more per µm² of the squared diameter of a target's
-        holes (`lfcal.fit.setup.Setup.hole_um`). None: no such size is told.
+        Light ``(n, nt, ns)`` at unit gain that each pattern gains per µm² of the squared diameter of a target's holes
+        (`lfcal.fit.setup.Setup.hole_um`). None: the size is not fitted.
     blurred_um
-        Diameter of the holes whose light ``extra_light`` holds (µm).
+        Diameter of the holes included in ``extra_light`` (µm).
 
     Examples
     --------
@@ -143,7 +144,7 @@ class Measured:
         return {name: getattr(self, name)[keep] for name in names} | {"blurred_um": self.blurred_um}
 
     def more_light(self, hole_um: float | None) -> NDArray[np.float32] | None:
-        """Return the light ``(n, nt, ns)`` beside what is computed, of holes of such a diameter (µm); None: none."""
+        """Return the additional light ``(n, nt, ns)`` of holes with such a diameter (µm); None: none."""
         if self.extra_light is None or self.blur is None or hole_um is None:
             return self.extra_light
         return self.extra_light + np.float32(hole_um**2 - self.blurred_um**2) * self.blur
@@ -164,24 +165,24 @@ def measured_of(
     Parameters
     ----------
     matrix
-        H; positions that were never recorded are left out, and patterns of a half-cell scan that stand for others.
+        H; positions that were never recorded are left out, as are copied patterns of a half-cell scan.
     camera
-        The camera as described; None takes that of H.
+        The described camera; None: that of H.
     positions
-        Positions (z, y, x) to take; None takes all that were recorded.
+        Positions (z, y, x) to use; None: all recorded ones.
     noise
-        Constant and slope of a sample's variance; None takes what H states.
+        Constant and slope of a sample's variance; None: as stated in H.
     cutout
-        Pixels about the middle that are taken, odd; None takes all.
+        Pixels about the middle to use, odd; None: all.
     most
-        Take no more patterns than this, spread evenly.
+        Largest number of patterns, spread evenly.
     held_out
-        Share of the patterns to keep aside, spread over each plane; or the positions (z, y, x) to keep aside.
+        Share of the patterns to hold out, spread over each plane; or the positions (z, y, x) to hold out.
 
     Raises
     ------
     InputError
-        Where H has no camera, no noise, or too few patterns, or was recorded with the simulator's quick pattern.
+        If H has no camera, no noise, or too few patterns, or was recorded with the simulator's quick pattern.
 
     Examples
     --------

@@ -24,7 +24,7 @@ LEVEL = "grid"
 """Level at which patterns are computed: all lenslets coherent, exact angles, and smooth in every unknown."""
 
 REACH_PX = 1.0
-"""Displacement of sources that tables hold without being made anew (pixels)."""
+"""Displacement of sources up to which tables remain valid (pixels)."""
 
 
 class Fineness:
@@ -71,13 +71,13 @@ class PlaneModel:
         source = max(max(abs(s.rows), abs(s.columns)) for s in self._samples)
         self._reach = (REACH_PX + source) * self._pixel
         self._engines: dict[float, PlaneEngine] = {}
-        # the table of the array is laid for displaced sources at once
+        # the table of the array is made for displaced sources from the start
         self._scene = replace(scene, offsets_um=self._planned + self._reach)
 
     def patterns(self, places: NDArray[np.intp], offsets_px: NDArray[np.float64]) -> NDArray[np.float32]:
         """Return the patterns ``(n, nt, ns)`` of positions ``(n, 2)`` as (y, x), their sources displaced by ``(n, 2)``.
 
-        Displacements are pixels on the sensor, beside what the setup's stage does.
+        Displacements are pixels on the sensor, in addition to those of the setup's stage.
         """
         out = np.zeros((len(places), *self._scene.cutout), np.float32)
         moved = offsets_px + self._aside + self._scale * (places - self._middle)
@@ -135,16 +135,16 @@ class ModelPlanes(PlaneSource):
     Parameters
     ----------
     header
-        What H is, besides its values.
+        Description of H, besides its values.
     setup, planned
-        What is computed, and the scan as planned.
+        The setup to compute, and the scan as planned.
     gains
-        By which the patterns of each plane are multiplied ``(nz,)``.
+        Factor for the patterns of each plane ``(nz,)``.
 
     Raises
     ------
     InputError
-        In units, if an effect of the setup is not found again by its name.
+        In units, if an effect of the setup cannot be found by its name.
     """
 
     def __init__(self, header: Header, setup: Setup, planned: ScanPlan, gains: Sequence[float]) -> None:

@@ -35,9 +35,9 @@ class ChiSquare:
     Attributes
     ----------
     all_pixels
-        Over all valid pixels: mostly dark ones dilute it.
+        Value over all valid pixels, diluted by the dark majority.
     lit
-        Weighted by the light's share of each pixel's variance.
+        Value weighted by the light's share of each pixel's variance.
     sigma
         Standard deviation of ``lit`` for a true model.
     """
@@ -68,16 +68,17 @@ class ModelError:
     Attributes
     ----------
     squared, squared_sigma
-        What left-out patterns scatter beyond their noise, as a share of their squares, and its standard deviation; of
-        a model that does not suffice all patterns.
+        Scatter of held-out patterns beyond their noise, as a share of their squares, and its standard deviation; for
+        an incomplete model, of all patterns.
     statistical
-        What the unknowns' own errors make of it.
+        Contribution of the errors of the unknowns.
     patterns
-        How many were left out.
+        Number of held-out patterns.
     among
-        Standard deviation of ``squared`` beyond that: some patterns are predicted worse than others.
+        Additional standard deviation of ``squared``, because some patterns are predicted worse than others.
     skew
-        Third moment of ``squared`` in units of ``squared_sigma``: few bright pixels scatter farther up than down.
+        Third moment of ``squared`` in units of ``squared_sigma``: few bright pixels scatter more upwards than
+        downwards.
     """
 
     squared: float
@@ -172,14 +173,13 @@ def held_out_error(
     *,
     complete: bool = True,
 ) -> ModelError:
-    """Return the error of the model from left-out patterns; ``spread`` is the covariance of what is shared.
+    """Return the error of the model from held-out patterns; ``spread`` is the covariance of shared unknowns.
 
-    ``among`` are the patterns that are asked for, all by default: where none of them was left out, all of them count.
-    So they do where the model is not ``complete``: what is left of those that were fitted is then no noise, hardly less
-    than of others, and they are four times as many.
-    The squares of their residuals have the noise's variance beside the error's: E[(d - m)² - v] = error². What a
-    pattern has to itself, lamp and displaced source, is no error of the model, but where it is less than half of what
-    is left it may be a part of that: then it counts.
+    ``among`` selects patterns, by default all. If none of them was held out, all count. They also count if the model
+    is not ``complete``: the residuals of fitted patterns are then not noise, are hardly smaller than those of others,
+    and are four times as many. The squares of their residuals contain the variance of the noise in addition to the
+    error: E[(d - m)² - v] = error². Effects of single patterns, such as lamp and displaced source, are not errors of
+    the model. If they are less than half of the residual, however, they may be a part of the error, and count.
     """
     measured = problem.measured
     some = np.ones(len(measured), np.bool_) if among is None else among

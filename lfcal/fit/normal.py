@@ -40,18 +40,18 @@ class Columns:
 
 @dataclass(frozen=True, eq=False)
 class Local:
-    """Unknowns of each pattern by itself: their values now and how well they are known beforehand.
+    """Unknowns of single patterns: their present values, and their priors.
 
     Attributes
     ----------
     offsets_px
         Displacements ``(n, 2)`` as (dy, dx).
     stage_px
-        Rms of displacements known beforehand; 0: sources are where they should be.
+        Prior rms of the displacements; 0: sources are exactly at their positions.
     lamp
-        Relative rms of the lamp; 0: it is steady.
+        Relative rms fluctuation of the lamp; 0: it is stable.
     response
-        How unevenly pixels respond: noise that grows with the light, and no error of the model.
+        Relative rms of the pixels' response: noise that grows with the light, not an error of the model.
     """
 
     offsets_px: F8
@@ -72,16 +72,16 @@ class Local:
 
 @dataclass(frozen=True, eq=False)
 class Normal:
-    """Normal equations N d = g over what is shared: the unknowns, then gain and background of each plane.
+    """Normal equations N d = g of the shared unknowns, then gain and background of each plane.
 
     Attributes
     ----------
     matrix, gradient
-        N ``(k, k)`` and g ``(k,)`` with each pattern's own unknowns eliminated.
+        N ``(k, k)`` and g ``(k,)``, with the unknowns of single patterns eliminated.
     chi2
-        Sum of squares that is left where the shared unknowns stay as they are and each pattern's own are best.
+        Sum of squares with the shared unknowns unchanged and those of single patterns at their best values.
     solved
-        Of each pattern: C^-1 B^T and C^-1 h, which give its own unknowns' steps from the shared ones'.
+        C^-1 B^T and C^-1 h of each pattern, which give the steps of its unknowns from those of the shared ones.
     """
 
     matrix: F8

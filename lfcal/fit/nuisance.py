@@ -25,21 +25,21 @@ UNKNOWN = 1e9
 """Variance of what a pattern does not show."""
 
 SIGNIFICANCE = 4.0
-"""Standard errors by which a variance must lie above 0 to be taken for more than noise."""
+"""Significance, in standard errors, above which a variance counts as more than noise."""
 
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Rms of what belongs to single patterns; 0 where no more than noise shows.
+    """Rms of the nuisance parameters of single patterns; 0 if only noise is seen.
 
     Attributes
     ----------
     stage_px
-        Of sources' displacements along an axis (pixels).
+        Rms displacement of the sources along an axis (pixels).
     lamp
-        Of the lamp, relative.
+        Relative rms fluctuation of the lamp.
     response
-        Of the response of pixels, relative: no pattern has it to itself, but nor has the model it.
+        Relative rms of the pixels' response, which is shared by patterns but is not part of the model.
     """
 
     stage_px: float = 0.0
@@ -125,12 +125,12 @@ def nuisance_steps(problem: Problem, point: Point, columns: Columns, keep: NDArr
 
 
 def response_of(problem: Problem, point: Point) -> Response:
-    """Return how unevenly pixels respond, by products of the residuals that patterns have at the same pixel.
+    """Return the relative rms of the pixels' response, from products of residuals at the same pixel.
 
-    Of residuals ``r = g m + noise`` the products of two patterns ``i`` and ``j`` at a pixel have the mean
-    ``g² m_i m_j``: noise, which no two of them share, is not in it. Errors of the model are in it as far as they agree
-    from pattern to pattern, so that no more is taken than the camera's description has. What is less than surely seen
-    is 0, with the standard deviation to which the patterns, or else the description, tell it.
+    For residuals ``r = g m + noise``, the product of two patterns ``i`` and ``j`` at a pixel has the mean ``g² m_i
+    m_j``, because their noise is independent. Errors of the model contribute if they agree between patterns, so the
+    result is limited to the value of the camera's description. A result that is not significant is 0, with the
+    standard deviation from the patterns, or else from the description.
     """
     measured = problem.measured
     described = measured.plan.camera.sensor.prnu**2

@@ -33,18 +33,18 @@ GROUP = "lfcal.unknowns"
 
 @dataclass(frozen=True, slots=True)
 class ScanScales:
-    """What of the scan unknowns need for their scales.
+    """Properties of the scan that set the scales of unknowns.
 
     Attributes
     ----------
     planes
-        Depth planes.
+        Number of depth planes.
     reach_px
-        Half the cutout: the lever of what turns or grows (pixels).
+        Half the cutout, the lever arm of rotation and growth (pixels).
     middle_um
-        The scanned cell's middle (x, y) from the sensor's centre (µm); of several regions the mean of theirs.
+        Middle (x, y) of the scanned cell from the sensor's centre (µm); for several regions their mean.
     fields_um
-        Of several regions of the field the middle (x, y) of each; empty of one.
+        Middle (x, y) of each of several regions of the field; empty for a single one.
     """
 
     planes: int
@@ -76,24 +76,24 @@ def field_of(plan: ScanPlan) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class Unknown:
-    """One number that is to be found.
+    """One unknown parameter.
 
     Attributes
     ----------
     name, group, unit
-        What it is called, the group it belongs to, and its unit.
+        Name, group and unit.
     start
         Value from which the fit starts, as described.
     scale
-        A change that shows: steps of derivatives and of damping are measured by it.
+        A noticeable change, the unit of steps for derivatives and damping.
     sigma
-        Standard deviation of what is known beforehand about the start; None: nothing is.
+        Prior standard deviation of the start; None: no prior.
     low, high
-        Least and largest value that has a meaning.
+        Smallest and largest valid value.
     squared
-        Patterns change with its square, which is what is fitted: a width that adds in quadrature.
+        Whether its square is fitted, because patterns change with the square, as for widths that add in quadrature.
     gauge
-        What is held so that this unknown means something, for people; empty where nothing must be.
+        What must be fixed for this unknown to be defined, in words; may be empty.
 
     Examples
     --------
@@ -246,11 +246,11 @@ class Vector:
         return {one.name: one.value(float(v)) for one, v in zip(self.unknowns, u, strict=True)}
 
     def changes(self, u: NDArray[np.float64]) -> dict[str, float]:
-        """Return by how much each unknown is beside its start, by name."""
+        """Return the deviation of each unknown from its start, by name."""
         return {one.name: one.value(float(v)) - one.start for one, v in zip(self.unknowns, u, strict=True)}
 
     def at(self, changes: Mapping[str, float]) -> NDArray[np.float64]:
-        """Return the vector at which unknowns are ``changes`` beside their start; those without a change are at it."""
+        """Return the vector with the unknowns displaced by ``changes`` from their start; others are at their start."""
         u = np.array([changes.get(one.name, 0.0) / one.scale for one in self.unknowns])
         return self.clipped(np.where([one.squared for one in self.unknowns], 0.0, u))
 
@@ -283,9 +283,9 @@ class Vector:
 
 
 def lacking(setup: Setup, plan: ScanPlan, frame: ScanScales | None = None) -> dict[str, str]:
-    """Return the groups without an unknown, by name, and what camera or scan would need for them, for people.
+    """Return the groups without an unknown, by name, and what camera or scan would need for them, in words.
 
-    ``frame`` is that of several regions; None is that of the plan's own.
+    ``frame`` is that of several regions; None: that of the plan.
     """
     frame = frame or ScanScales.of(plan)
     return {group.name: group.needs for group in GROUPS if not group.unknowns(setup, frame)}

@@ -35,20 +35,20 @@ F8 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A vector with all that was computed there.
+    """A vector of unknowns with all results computed there.
 
     Attributes
     ----------
     u
-        The unknowns, in scales from their start.
+        The unknowns, in scales relative to their start.
     local
-        Each pattern's own unknowns.
+        Unknowns of single patterns.
     model
         Predictions of unit gain ``(n, m)``.
     levels, seen
         Gains and backgrounds; residuals.
     sampling, doubtful
-        How it was computed and weighed.
+        Sampling of the computation, and its weights.
     """
 
     u: F8
@@ -151,9 +151,9 @@ class Problem:
     ) -> Work[Columns]:
         """Compute the derivatives by the unknowns ``which``, and with ``displaced`` by each source's displacement.
 
-        Yields progress in columns; they are computed at the coarse sampling, several at a time. With ``both`` they are
-        by steps to both sides, so by default at all points but coarse ones: to one side the curvature is in them, a few
-        percent, by which unknowns that stand in for each other seem to be told apart.
+        Yields progress in columns, which are computed at the coarse sampling, several at a time. With ``both``, steps
+        are taken to both sides; this is the default except at coarse points. One-sided derivatives contain a curvature
+        of a few percent, which makes degenerate unknowns look distinguishable.
         """
         central = point.sampling != Fineness.coarse if both is None else both
         tasks: list[tuple[str, int]] = [("shared", int(k)) for k in which]

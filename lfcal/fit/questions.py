@@ -40,7 +40,7 @@ STRANGE = 0.8
 """The same before any aberration is looked for: patterns of other axes or depths have nothing in common."""
 
 UNEXPLAINED = 0.5
-"""Share of the light beside noise from which on the patterns are not of such a camera."""
+"""Residual beyond noise, as a share of the light, above which the patterns do not fit such a camera."""
 
 LIGHT = 10.0
 """Standard deviations of the noise's own squares by which patterns with light lie above it."""
@@ -76,7 +76,7 @@ class Answer:
 
 
 def unexplained(problem: Problem, point: Point, keep: NDArray[np.bool_]) -> tuple[float, float]:
-    """Return what the patterns ``keep`` have beside model and noise, as a share of their squares, and its sigma."""
+    """Return the residual of the patterns ``keep`` beyond model and noise (share of their squares), and its sigma."""
     data, valid = flat(problem.measured.of(keep))
     inverse = np.where(valid, point.seen.inverse[keep], 1.0)
     off = np.where(valid, point.seen.residual[keep] / inverse, 0.0)
@@ -90,7 +90,7 @@ def unexplained(problem: Problem, point: Point, keep: NDArray[np.bool_]) -> tupl
 
 
 def misfit(problem: Problem, point: Point) -> float:
-    """Return what fitted patterns have beside model and noise, as a share of their rms (relative L2)."""
+    """Return the residual of fitted patterns beyond model and noise, as a share of their rms (relative L2)."""
     share, _ = unexplained(problem, point, problem.fitted)
     return float(np.sqrt(max(0.0, share)))
 
@@ -101,7 +101,7 @@ def check_light(measured: Measured) -> None:
     data, valid = flat(keep)
     if not valid.any():
         raise InputError.expected("patterns", "pixels that carry a measurement", "none", "expose shorter")
-    # of a constant background nothing is told
+    # a constant background carries no information
     middle = np.array([np.median(one[good]) if good.any() else 0.0 for one, good in zip(data, valid, strict=True)])
     off = np.where(valid, data - middle[:, None], 0.0)
     noise = keep.noise[:, :1] + keep.noise[:, 1:] * np.maximum(np.where(valid, data, 0.0), 0)
@@ -154,7 +154,7 @@ def as_described(
 ) -> Work[Point]:
     """Return the fit of the unknowns ``core`` about the description; ``start`` is a vector that is nearer.
 
-    ``local`` is what each pattern has to itself; by default none has anything.
+    ``local`` are the unknowns of single patterns; by default there are none.
     """
     return (yield from _tried(problem, core, note, most=4, record_round=record_round, start=start, local=local))
 

@@ -1,4 +1,4 @@
-"""A fit as a page for people: verdict, parameters, what is left over, and what the scan does not tell."""
+"""HTML page of a fit: verdict, parameters, residuals, and what the scan does not determine."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def _page(fit: Fit, left: FitResiduals, drawn: dict[str, bytes], source: str, no
         html_section("Parameters", parameters(fit) + drawing),
         html_section("Patterns", patterns),
         html_section("What is left over", _chi2(left) + leftover),
-        html_section("What is held, and what this scan does not tell", limits(fit)),
+        html_section("Fixed parameters, and what this scan does not determine", limits(fit)),
     ]
     return html_page(title, title, fit.camera.name, body, "fit of the optics")
 
@@ -128,7 +128,7 @@ def _chi2(left: FitResiduals) -> str:
 
 
 def limits(fit: Fit) -> str:
-    """Return the table of what is held, and of what the scan does not tell."""
+    """Return the table of fixed parameters, and of what the scan does not determine."""
     rows = [("held", one) for one in fit.held]
     rows += [("not told apart", one) for one in fit.unidentified]
     rows += [("tried, did not help", one) for one in fit.unhelpful]

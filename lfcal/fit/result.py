@@ -1,4 +1,4 @@
-"""What a fit found, how sure it is, and the model it stands for."""
+"""Result of a fit with its uncertainty, and the corresponding model."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ __all__ = ["Fit", "InRegion", "Outlier", "Parameter"]
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One number that was found.
+    """One fitted parameter.
 
     Attributes
     ----------
     name, group, unit
-        As of the unknown.
+        As in the unknown.
     value, sigma
-        What was found, and its standard deviation; what was tried and is held as described is part of it, where that
-        may stand in its place.
+        Fitted value, and its standard deviation, which includes degenerate parameters that were tried and are fixed at
+        their description.
     start
-        What the description said.
+        Value of the description.
     sigma_held
-        Standard deviation with all else held as it is: what fits of the same groups differ by.
+        Standard deviation with all other parameters fixed, which is the difference between fits of the same groups.
 
     Examples
     --------
@@ -92,36 +92,36 @@ class Fit:
     Attributes
     ----------
     setup
-        Camera, effects, depths and stage as found.
+        Fitted camera, effects, depths and stage.
     planned
-        The scan as it was planned, with the camera as it was described.
+        The scan as planned, with the described camera.
     parameters
-        What was found, by name.
+        Fitted parameters, by name.
     groups, unhelpful
-        Groups of unknowns that were fitted; those tried that did not lower the error of left-out patterns.
+        Groups of fitted unknowns; those tried that did not lower the error of held-out patterns.
     chi_square
-        Of the fitted patterns.
+        Chi-square of the fitted patterns.
     held_out_error
-        Error of the model's patterns, from patterns that were never fitted; where it does not suffice, from all.
+        Error of the model's patterns, from held-out patterns; for an incomplete model, from all.
     correlations
-        Of the parameters, in their order ``(k, k)``.
+        Correlations of the parameters, in their order ``(k, k)``.
     held
-        What is held, so that the parameters mean something.
+        Fixed quantities that define the parameters.
     unidentified
-        Combinations of parameters that this scan does not tell apart, and what was tried and is held, for which others
-        stand in: with it found too they would be much less sure.
+        Combinations of parameters that this scan does not distinguish, and degeneracies with parameters that were
+        tried and are fixed: fitting them too would greatly increase the uncertainty.
     outliers
-        Patterns that were left out with a reason.
+        Patterns that were left out, with the reason.
     answers
-        What discrete questions were answered with, where not as described.
+        Answers to discrete questions that differ from the description.
     spread
-        How far sources were from their places, and how steady the lamp was.
+        Scatter of the sources' positions, and stability of the lamp.
     residuals
         Measured minus predicted in sigmas ``(nt, ns)`` by position (z, y, x).
     levels
-        Gain and background of each plane; of planes without a pattern the gain is that between their neighbours.
+        Gain and background of each plane; for planes without a pattern, the gain is interpolated.
     here
-        Of a fit of several regions of the field: how well it does in this one.
+        For a fit of several regions of the field, its error in this one.
     """
 
     setup: Setup
@@ -163,7 +163,7 @@ class Fit:
 
     @property
     def verdict(self) -> str:
-        """How far the fit is to be trusted, in a line."""
+        """Reliability of the fit, as one line."""
         error = f"error of the model {self.held_out_error}"
         if not math.isfinite(self.chi_square.sigma):
             return f"chi² not known: no more samples than unknowns; {error}"
@@ -195,7 +195,7 @@ class Fit:
         return Header(plan.shape, plan.depths_um, self.camera, plan.anchor, self.provenance)
 
     def planes(self, header: Header | None = None) -> ModelPlanes:
-        """Return what computes the planes of H of the fitted camera; ``header`` is kept in place of its own."""
+        """Return the source of the planes of H of the fitted camera; ``header`` replaces its own."""
         return ModelPlanes(header or self.header, self.ideal_places, self.planned, self.levels.gains.tolist())
 
     def iter_model(self, workers: int | None = None) -> Work[PSFMatrix]:
@@ -217,7 +217,7 @@ class Fit:
 
     @property
     def unseen_words(self) -> str:
-        """What H of these planes stands on, in a line; empty where there are none."""
+        """Basis of H in planes without patterns, as one line; empty if there are none."""
         if not self.unseen:
             return ""
         planes = ", ".join(map(str, self.unseen))
@@ -237,7 +237,7 @@ class Fit:
 
     @property
     def middle_um(self) -> tuple[float, float]:
-        """The scanned region's middle (x, y) from the sensor's centre (µm): what offsets are told of."""
+        """Middle (x, y) of the scanned region from the sensor's centre (µm), the reference of offsets."""
         plan = self.planned
         middle = np.array(plan.anchor) + (np.array(plan.period) - 1) / 2
         y, x = (middle - np.array(plan.camera.sensor.centre_px)) * plan.camera.sensor.pixel_um
@@ -255,16 +255,16 @@ class Fit:
         noise: tuple[float, float] | None = None,
         workers: int | None = None,
     ) -> Work[PSFMatrix]:
-        """Return H of the fitted camera with what recorded patterns show beyond it, and the uncertainty of each entry.
+        """Return H of the fitted camera plus what recorded patterns show beyond it, with uncertainties of all entries.
 
         Parameters
         ----------
         source
-            Recorded patterns of the same scan, all of them or those that were fitted.
+            Recorded patterns of the same scan, all or only the fitted ones.
         noise
-            Constant and slope of a sample's variance; None takes what the source states.
+            Constant and slope of a sample's variance; None: as stated by the source.
         workers
-            Threads; None takes every processor.
+            Number of threads; None: all processors.
 
         Yields
         ------
@@ -274,7 +274,7 @@ class Fit:
         Raises
         ------
         InputError
-            If they are of another scan, or their noise is not known.
+            If they belong to another scan, or their noise is unknown.
         """
         return (yield from iter_make(HybridPlanes(self.header, self, source, noise), workers=workers))
 

@@ -1,4 +1,4 @@
-"""Which groups of unknowns a scan calls for: those that lower the error of patterns that are never fitted."""
+"""Selection of groups of unknowns: those that lower the error of held-out patterns."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ STEPS = 6
 
 
 class GroupSelection:
-    """The sums of squares of fitted and left-out patterns as quadratic forms of all unknowns about a point.
+    """Sums of squares of fitted and held-out patterns, as quadratic forms of all unknowns about a point.
 
-    ``samples`` is the number of left-out ones: what noise alone makes of their sum.
+    ``samples`` is the number of held-out samples, which noise alone adds to their sum.
     """
 
     def __init__(self, problem: Problem, point: Point, columns: Columns) -> None:
@@ -47,9 +47,9 @@ class GroupSelection:
         return self._aside.chi2 - self._aside.change(step, used)
 
     def threshold(self, groups: Sequence[str], left: float) -> float:
-        """Return by how much a group must lower the sum to be told from one that does nothing.
+        """Return by how much a group must lower the sum to be distinguished from one without effect.
 
-        q unknowns that fit noise change it by 0 +- sqrt(q) or so: their own errors times the left-out noise.
+        q unknowns that fit noise change it by about 0 +- sqrt(q): their errors times the held-out noise.
         """
         q = len(self.problem.vector.of_groups(groups))
         return (4.0 + 4.0 * math.sqrt(q)) * max(1.0, left / self.samples)
@@ -78,10 +78,10 @@ def choose(
     *,
     least: float = 0.0,
 ) -> tuple[str, ...]:
-    """Return ``chosen`` and those of ``candidates`` that help beside it, the most helpful first.
+    """Return ``chosen`` plus those of ``candidates`` that help in addition, the most helpful first.
 
-    Each is tried by the linear fit about ``point``, with the derivatives ``columns`` by all of them. It must take away
-    the share ``least`` of what is left: far from the best point all help a little.
+    Each is tried by the linear fit about ``point``, with the derivatives ``columns`` by all of them. It must remove at
+    least the share ``least`` of the residual, because all groups help a little far from the best point.
     """
     selection = GroupSelection(problem, point, columns)
     found, left = list(chosen), [name for name in candidates if name not in chosen]
@@ -98,7 +98,7 @@ def choose(
 def prune(
     problem: Problem, point: Point, columns: Columns, chosen: Sequence[str], core: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return ``chosen`` without the groups that do not help beside the others; those of ``core`` stay."""
+    """Return ``chosen`` without the groups that do not help in addition to the others; those of ``core`` stay."""
     found, kept = list(chosen), set(core)
     while more := [name for name in found if name not in kept]:
         # what a group gains about its own start: its unknowns go back to it
@@ -119,10 +119,10 @@ def _far(problem: Problem, point: Point, name: str) -> bool:
 
 
 def _helps(problem: Problem, point: Point, columns: Columns, chosen: Sequence[str], name: str) -> bool:
-    """Return whether left-out squares grow where a group's unknowns are back at their start and the others follow.
+    """Return whether held-out squares grow if a group's unknowns return to their start and the others follow.
 
-    With computed patterns: derivatives at the best point do not distinguish the distance of the source from gap, focal
-    lengths and iris, which over several steps differ by 1 % of the light.
+    This uses computed patterns: derivatives at the best point do not distinguish the distance of the source from gap,
+    focal lengths and iris, which differ by 1 % of the light over several steps.
     """
     others = [one for one in chosen if one != name]
     which = problem.vector.of_groups(others)

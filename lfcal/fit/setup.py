@@ -27,21 +27,21 @@ from lfcal.simulate.effects import (
 __all__ = ["RegionPlace", "Setup", "described_effects", "starting_effects", "with_given"]
 
 SHOWN = 1e-3
-"""Share of the image from which on light is computed as a vector field."""
+"""Share of the image above which light is computed as a vector field."""
 
 E = TypeVar("E", bound=Effect)
 
 
 @dataclass(frozen=True, slots=True)
 class RegionPlace:
-    """How a region's sources lie beside where they were planned.
+    """Displacement of a region's sources from their planned places.
 
     Attributes
     ----------
     rows_px, columns_px
         Displacement on the sensor (pixels).
     farther_um
-        How much farther away its planes are than those of the scan (µm).
+        Displacement of its planes away from the camera, relative to those of the scan (µm).
     """
 
     rows_px: float = 0.0
@@ -51,25 +51,25 @@ class RegionPlace:
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """Everything of which a pattern's light is computed, but for the scan's own positions.
+    """All parameters that determine a pattern's light, except the scan's positions.
 
     Attributes
     ----------
     camera
-        The camera as it is supposed to be.
+        The assumed camera.
     effects
-        What it is simulated with.
+        Effects of the simulation.
     depth_errors_um
-        How much farther away each plane is than planned (µm).
+        Displacement of each plane away from the camera, relative to the plan (µm).
     stage_scale
-        Length of the stage's steps over the planned ones, minus 1.
+        Relative error of the stage's step length.
     aside_px
         Displacement (rows, columns) of all sources on the sensor from where they were planned (pixels).
     regions
-        Of several regions of the field, what each has beside that; see `of_region`.
+        Additional displacement of each of several regions of the field; see `of_region`.
     hole_um
-        Diameter of the holes of a target whose patterns hold their light beside what is computed here
-        (`lfcal.fit.measured.Measured.blur`) (µm); None: sources are what the effects say.
+        Diameter of the holes of a target whose patterns contain their light separately
+        (`lfcal.fit.measured.Measured.blur`) (µm); None: the effects describe the sources.
 
     Examples
     --------
@@ -111,7 +111,7 @@ class Setup:
         return next((effect for effect in self.effects if type(effect) is kind), None)
 
     def with_effect(self, effect: Effect) -> Setup:
-        """Return the setup with an effect in the place of the one of its kind, or beside the others."""
+        """Return the setup with an effect added, or replacing the one of its kind."""
         others = tuple(one for one in self.effects if type(one) is not type(effect))
         return replace(self, effects=(*others, effect))
 

@@ -64,9 +64,9 @@ def with_prior(problem: Problem, normal: Normal, u: F8) -> tuple[F8, F8]:
 def stepped(
     problem: Problem, point: Point, columns: Columns, which: Sequence[int], damping: float
 ) -> tuple[Point, float, float]:
-    """Return the first point that is better than ``point``, the damping to go on with, and by how much it is better.
+    """Return the first point better than ``point``, the next damping, and the improvement.
 
-    The same point and 0 where none is found.
+    Returns the same point and 0 if none is found.
     """
     normal = problem.normal(columns, point, problem.fitted)
     matrix, gradient = with_prior(problem, normal, point.u)
@@ -119,11 +119,10 @@ def descend(
     columns: Columns | None = None,
     record_round: RoundRecorder | None = None,
 ) -> Work[tuple[Point, Columns]]:
-    """Go down until a step gains less than the share ``enough`` of the loss, at most ``most`` rounds of derivatives.
+    """Descend until a step gains less than the share ``enough`` of the loss, in at most ``most`` rounds.
 
-    Only the unknowns ``which`` move. ``columns`` are derivatives that are known already, for the first round. Returns
-    the point and the last derivatives; yields progress in derivatives, and what ``record_round`` makes of the
-    end of a round.
+    Only the unknowns ``which`` change. ``columns`` are known derivatives for the first round. Returns the point and
+    the last derivatives. Yields progress in derivatives, and the result of ``record_round`` at the end of a round.
     """
     damping, known = 1e-3, columns
     for turn in range(most):

@@ -13,10 +13,11 @@ __all__ = ["held_out_rows", "spread_out"]
 def held_out_rows(
     index: NDArray[np.intp], count: int, plan: ScanPlan, earlier: NDArray[np.intp] | None = None
 ) -> NDArray[np.intp]:
-    """Return which ``count`` of a plan's positions ``(n, 3)`` are to stand for all others: those that are never fitted.
+    """Return which ``count`` of a plan's positions ``(n, 3)`` represent all others, to be held out.
 
-    Few positions that lie far apart in the period lie a whole number of lenslets apart: the pattern of each is that of
-    the others, and what they say of a model is said of one place behind a lenslet. So they lie far apart there too.
+    Few positions that are far apart in the period may be a whole number of lenslets apart. Their patterns are then
+    equal, and test a model at only one place behind a lenslet. The chosen positions are therefore also far apart
+    relative to the lenslets.
     """
     cell = plan.camera.lattice.basis_um()[:, ::-1] / plan.camera.sensor.pixel_um
     return spread_out(index, count, plan.period, earlier, cell)

@@ -39,40 +39,40 @@ __all__ = ["Filler", "StoredFit", "numbers_file", "read_fit", "read_fits"]
 F4 = NDArray[np.float32]
 
 POSITIONS_COMPARED = 8
-"""Recorded positions of a plane at which a fit is held against what is there."""
+"""Number of recorded positions of a plane at which a fit is compared with the data."""
 
 LARGEST_DISTANCE = 0.25
-"""Relative distance (L2, beyond noise) from which on recorded patterns are not those of the fit."""
+"""Relative distance (L2, beyond noise) above which recorded patterns do not belong to the fit."""
 
 OTHER_LIGHT = 0.05
-"""Difference of the light from which on patterns are not in the units of the fit."""
+"""Difference of the light above which patterns are not in the units of the fit."""
 
 
 @dataclass(frozen=True, eq=False)
 class StoredFit:
-    """What a fit's folder holds, as far as patterns are predicted by it.
+    """Contents of a fit's folder that are needed to predict patterns.
 
     Attributes
     ----------
     folder
-        Where it is.
+        Path of the folder.
     setup
-        Camera, effects and depths as found, sources where H has them.
+        Fitted camera, effects and depths, with sources at the positions of H.
     depths_um, period, anchor
-        Of the scan that was fitted.
+        Depths, period and anchor of the fitted scan.
     gains
-        Light of each plane in the units of the data ``(nz,)``; of planes without a pattern that between their
+        Light of each plane in the units of the data ``(nz,)``; for planes without a pattern, interpolated between their
         neighbours.
     error
         Stated relative error (L2) of the model.
     positions
-        Positions (z, y, x) that were fitted, kept aside, or left out with a reason.
+        Positions (z, y, x) that were fitted, held out, or left out with a reason.
     fitted_planes
-        Planes of which patterns were fitted.
+        Planes with fitted patterns.
     stage_scale
-        By how much the steps of the stage are larger than planned, relative.
+        Relative error of the stage's step length.
     response
-        By how much pixels respond unevenly (rms, relative).
+        Relative rms of the pixels' response.
     """
 
     folder: Path

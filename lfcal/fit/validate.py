@@ -45,7 +45,7 @@ SIGNIFICANCE = 3.0
 """Standard deviations by which it must be."""
 
 WIDE = 0.2
-"""Share of the field over which points must lie for its edges to be told from its middle."""
+"""Share of the field that points must cover to distinguish its edges from its middle."""
 
 CAPTION = "Error of each point that was not fitted: over the sensor, and from the middle of the field to its edge."
 
@@ -57,15 +57,16 @@ class PointError:
     Attributes
     ----------
     z, y, x
-        Its position in its own scan.
+        Position in the point's own scan.
     place_px
         Sensor (row, column) of the source's image.
     field
-        How far it is from the sensor's middle: 0 there, 1 at its edge.
+        Distance from the sensor's middle: 0 there, 1 at the edge.
     model
-        The fitted camera at this place, beside the pattern.
+        Comparison of the fitted camera at this place with the pattern.
     periodic
-        The same where the fit's own region is, one period being like the other: what H says. None: it is that region.
+        The same for the prediction of H, which assumes that all periods are equal. None: the point is in the region of
+        H.
     """
 
     z: int
@@ -124,7 +125,7 @@ class Validation:
 
     @property
     def wide(self) -> bool:
-        """Whether the points tell edges from the middle."""
+        """Whether the points distinguish edges from the middle."""
         return self.points[-1].field - self.points[0].field > WIDE
 
     def worse(self, *, periodic: bool) -> bool:
@@ -137,10 +138,10 @@ class Validation:
 
     @property
     def verdict(self) -> str:
-        """What the points say, in a line."""
+        """Summary of the points, as one line."""
         said = f"{len(self.points)} withheld points: error {self.error()}"
         if not self.wide:
-            return f"{said}; all lie in one part of the field, so nothing is told of its edges"
+            return f"{said}; all are in one part of the field, so its edges were not tested"
         edges = f"middle {self.error(self.middle)}, edges {self.error(self.edges)}"
         if self.worse(periodic=False):
             return f"{said}; the camera does not hold at the field's edges: {edges}"
@@ -169,7 +170,7 @@ class Validation:
 
 
 class _ByModel:
-    """What a model says of a source at a position and beside it."""
+    """Predicts a source at or near a position."""
 
     def __init__(self, model: PlaneModel, y: int, x: int, cutout: tuple[int, int], response: float) -> None:
         self._model, self._place = model, np.array([[y, x]], np.intp)
@@ -191,16 +192,16 @@ class _ByModel:
 def iter_validate(fit: Fit | StoredFit, withheld: Measured, *, another: bool = False) -> Work[Validation]:
     """Return how well a fit predicts patterns that it never saw.
 
-    Gain, background and place of the source are found for each pattern; what is left beyond its noise is the error.
+    Gain, background and place of the source are fitted for each pattern; the residual beyond its noise is the error.
 
     Parameters
     ----------
     fit
-        The fitted camera, or what its folder holds (`lfcal.fit.stored.read_fit`).
+        The fitted camera, or the contents of its folder (`lfcal.fit.stored.read_fit`).
     withheld
-        Patterns of the same scan that were not fitted, or of another one, at other places of the field.
+        Patterns of the same scan that were not fitted, or of another scan, at other places of the field.
     another
-        They are of another recording: those at fitted positions were not fitted either.
+        Whether they come from another recording, so that those at fitted positions were not fitted either.
 
     Yields
     ------
@@ -210,7 +211,7 @@ def iter_validate(fit: Fit | StoredFit, withheld: Measured, *, another: bool = F
     Raises
     ------
     InputError
-        If all of them were fitted, or they are of another sensor.
+        If all of them were fitted, or they belong to another sensor.
     """
     known_of = fit if isinstance(fit, StoredFit) else StoredFit.of(fit)
     same = known_of.is_of(withheld.plan)
@@ -258,18 +259,18 @@ class _Image:
 
 
 def predicted_frame(light: F8, frame: NewFrame, noise: tuple[float, float], cutout: tuple[int, int]) -> Compared:
-    """Return the frame of a known object beside its prediction.
+    """Return the frame of a known object compared with its prediction.
 
     Parameters
     ----------
     light
-        What H makes of the object ``(rows, columns)``, in any unit: gain and background are found.
+        Object projected through H ``(rows, columns)``, in any unit: gain and background are fitted.
     frame
-        As recorded, its dark level subtracted.
+        Recorded frame, with its dark level subtracted.
     noise
         Constant and slope of a sample's variance.
     cutout
-        Of H: half of it at each border is not compared.
+        Cutout of H; half of it at each border is not compared.
 
     Raises
     ------

@@ -1,13 +1,14 @@
-"""Where frames come from and how they are cleaned.
+"""Sources of frames, and their corrections.
 
-- ``source``: the protocol all frames share, and parts of a frame; ``view``: a source that looks at another one
-- ``opening``: `open_frames`, the only door; ``sources``: the kinds of source behind it
-- ``formats``: image files, one module a format
-- ``manifest``, ``positions``: which frame was taken where; ``lists``: the same from what other programs wrote
-- ``part``: frames that are a part of the sensor; ``cfa``, ``channels``: colour filter patterns, and mosaics by channel
-- ``described``: what a scan plan adds to what frames say of themselves; ``aligned``: left-aligned samples
+- ``source``: the protocol of all frame sources, and parts of a frame; ``view``: a source that views another one
+- ``opening``: `open_frames`, the only entry; ``sources``: the kinds of source that it opens
+- ``formats``: image files, one module per format
+- ``manifest``, ``positions``: the position of each frame; ``lists``: positions from lists of other programs
+- ``part``: frames that show a part of the sensor; ``cfa``, ``channels``: colour filter patterns, and channels of
+mosaics
+- ``described``: facts that a scan plan adds to the frames' metadata; ``aligned``: left-aligned samples
 - ``orientation``: the eight flips and turns, and frames turned upright
-- ``damage``: frames that cannot be read, named and left out
+- ``damage``: frames that cannot be read are named and left out
 - ``corrections``: single corrections, their chain, the recipe, and the corrected view made from it
 """
 

@@ -1,4 +1,4 @@
-"""Samples that fill their type from the top: a camera's 12 bits in the upper bits of 16."""
+"""Left-aligned samples, such as a camera's 12 bits in the upper bits of 16."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from lfcal.frames.view import SourceView
 __all__ = ["ShiftedSource", "chosen_shift", "find_shift", "shifted"]
 
 SAMPLED_FRAMES = 6
-"""Frames that the alignment of samples is found from."""
+"""Number of frames from which the alignment of samples is found."""
 MIN_VALUES = 16
-"""Different values that a frame must have to show the alignment."""
+"""Number of different values that a frame needs to show the alignment."""
 
 
 def find_shift(source: FrameSource) -> int:
-    """Return by how many bits the samples of ``source`` are left-aligned, 0 where they are not.
+    """Return the number of bits by which the samples of ``source`` are left-aligned, 0 if they are not.
 
-    Several frames spread over all of them are looked at whole: all samples of all are multiples of ``2^bits``.
+    Several frames, spread over all of them, are read completely: all samples must be multiples of ``2^bits``.
 
     Raises
     ------
@@ -37,9 +37,9 @@ def find_shift(source: FrameSource) -> int:
         try:
             values = source.read(index)
         except (FileFormatError, StorageError):
-            continue  # a damaged frame is refused, or left out, where all frames are read
+            continue  # a damaged frame is refused or left out later, when all frames are read
         used = int(np.bitwise_or.reduce(values, axis=None))
-        # few different values, as in a dark frame, may be even by chance
+        # a few different values, as in a dark frame, may be even by chance
         if used and len(np.unique(values[:: max(1, values.shape[0] // 512)])) >= MIN_VALUES:
             found.setdefault((used & -used).bit_length() - 1, source.info(index).label)
     if len(found) > 1:
@@ -54,7 +54,7 @@ def find_shift(source: FrameSource) -> int:
 
 
 def chosen_shift(text: str, source: FrameSource) -> tuple[int, str]:
-    """Return the bits to shift by that ``"auto"`` or a number asks for, and a note where there is something to say."""
+    """Return the bits to shift by for ``"auto"`` or a number, and a note if there is something to report."""
     if text != "auto":
         try:
             bits = int(text)
@@ -74,7 +74,7 @@ def chosen_shift(text: str, source: FrameSource) -> tuple[int, str]:
 
 
 def shifted(values: NDArray[Any], bits: int, what: str) -> NDArray[Any]:
-    """Return integer ``values`` moved down by ``bits``; raises `InputError` if the bits dropped hold anything."""
+    """Return integer ``values`` shifted down by ``bits``; raises `InputError` if the dropped bits are not zero."""
     if values.dtype.kind not in "iu":
         raise InputError.expected(f"{what}, samples to shift", "integers", values.dtype, "leave the shift out")
     if np.any(values & values.dtype.type((1 << bits) - 1)):
@@ -86,7 +86,7 @@ def shifted(values: NDArray[Any], bits: int, what: str) -> NDArray[Any]:
 
 
 class ShiftedSource(SourceView):
-    """Left-aligned samples moved down by ``bits``, to the values that the camera's converter gave."""
+    """Left-aligned samples shifted down by ``bits``, to the values of the camera's converter."""
 
     def __init__(self, source: FrameSource, bits: int) -> None:
         super().__init__(source)
@@ -94,7 +94,7 @@ class ShiftedSource(SourceView):
         self.bits = bits
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return what is known of the frames, with the shift; levels that were stated and the noise move with it."""
+        """Return the metadata of the frames with the shift; stated levels and the noise are shifted too."""
         width, unit = 8 * self.source.dtype.itemsize, 1 << self.bits
         bit_depth = min(known.bit_depth or width, width) - self.bits
         black = known.black_level

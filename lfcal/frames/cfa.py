@@ -1,4 +1,4 @@
-"""Colour filter patterns: their phases, channel names and same-colour neighbours."""
+"""Colour filter patterns: their phases, channel names, and neighbours of the same colour."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def pattern_side(cfa: str) -> int:
 
 
 def cfa_from(cfa: str, origin: tuple[int, int]) -> str:
-    """Return the pattern as frames have it whose first pixel is the pixel ``origin`` (row, column) of the sensor."""
+    """Return the pattern of frames whose first pixel is the sensor pixel ``origin`` (row, column)."""
     side = pattern_side(cfa)
     places = [((r + origin[0]) % side, (c + origin[1]) % side) for r in range(side) for c in range(side)]
     return "".join(cfa[r * side + c] for r, c in places) if cfa else ""
@@ -55,9 +55,9 @@ def phases(cfa: str) -> list[tuple[slice, slice]]:
 
 
 def channel_names(cfa: str) -> tuple[str, ...]:
-    """Return a name for each position of the pattern by rows: its letter, numbered where it occurs again.
+    """Return a name for each position of the pattern by rows: its letter, numbered if it occurs several times.
 
-    ``"GRBG"`` gives ``("G1", "R", "B", "G2")``: the first green by rows is G1.
+    ``"GRBG"`` gives ``("G1", "R", "B", "G2")``: G1 is the first green by rows.
     """
     names = []
     for k, letter in enumerate(check_cfa(cfa)):
@@ -108,9 +108,9 @@ def same_colour_offsets(cfa: str, reach: int = 2) -> list[list[list[NDArray[np.i
 def check_greens(frame: NDArray[Any], cfa: str, name: str) -> None:
     """Raise unless the two greens of a Bayer mosaic agree better than its red and blue do.
 
-    RAW readers do not check the Bayer tag. Where it exchanges greens for red and blue, the pixels taken for green
-    differ in the brightest 1 % of the cells while the others agree; 2.5 times and 5 % of the light are asked for.
-    Exchanged red and blue are not found, nor is a wrong tag on a grey scene.
+    RAW readers do not check the Bayer tag. If the tag exchanges greens with red and blue, the supposed greens differ
+    in the brightest 1 % of the cells, while the others agree. The check requires a factor of 2.5 and a difference of 5
+    % of the light. It finds neither exchanged red and blue nor a wrong tag in a grey scene.
 
     Raises
     ------
@@ -120,13 +120,13 @@ def check_greens(frame: NDArray[Any], cfa: str, name: str) -> None:
     # RGGB, BGGR, GRBG and GBRG only: other mosaics have no second green in their cells
     if sorted(cfa) != ["B", "G", "G", "R"]:
         return
-    # an odd last row or column has no whole cell
+    # an odd last row or column is not a complete cell
     rows, columns = (n // 2 * 2 for n in frame.shape)
     cells = [frame[r:rows:2, c:columns:2].astype(np.float32) for r in (0, 1) for c in (0, 1)]
     light = cells[0] + cells[1] + cells[2] + cells[3]
     if not light.size or not np.isfinite(light).all():
         return
-    # only bright cells: in the dark all four differ by noise alone
+    # only bright cells: in dark ones all four differ only by noise
     bright = light >= np.percentile(light, 99)
     main, across = (float(np.abs(a - b)[bright].mean()) for a, b in ((cells[0], cells[3]), (cells[1], cells[2])))
     greens, others = (main, across) if cfa[0] == "G" else (across, main)

@@ -1,4 +1,4 @@
-"""Colour mosaics channel by channel, with their gains, and one colour of a scan with its own plan and camera."""
+"""Colour mosaics by channel, with their gains, and one colour of a scan with a separate plan and camera."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ __all__ = [
 
 
 class ChannelSource(SourceView):
-    """One position of the colour filter pattern as frames of their own: half the rows and columns for Bayer.
+    """One position of the colour filter pattern as separate frames: half the rows and columns for Bayer.
 
-    Pixel ``(r, c)`` is pixel ``(r0 + step r, c0 + step c)`` of the mosaic; ``channel_phase`` (r0, c0) and
-    ``pixel_step`` are in the metadata, drifts are in pixels of the channel.
+    Pixel ``(r, c)`` is pixel ``(r0 + step r, c0 + step c)`` of the mosaic. The metadata contain ``channel_phase`` (r0,
+    c0) and ``pixel_step``; drifts are in pixels of the channel.
     """
 
     def __init__(self, source: FrameSource, channel: str) -> None:
@@ -50,12 +50,12 @@ class ChannelSource(SourceView):
         return -(-(rows - r0) // self._step), -(-(columns - c0) // self._step)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return what is known of the mosaic, with what is the channel's own."""
+        """Return the metadata of the mosaic, with those of the channel."""
         black, gains, place = known.black_level, known.gains, known.origin
         return replace(
             known,
             cfa="",
-            # one value per place of the pattern: the channel's own is taken
+            # one value per position of the pattern: use that of the channel
             black_level=black[self._position] if isinstance(black, tuple) else black,
             gains=gains[self._position] if isinstance(gains, tuple) else gains,
             origin=None if place is None else (place[0] // self._step, place[1] // self._step),
@@ -65,12 +65,12 @@ class ChannelSource(SourceView):
         )
 
     def info(self, index: int) -> FrameInfo:
-        """Return what is known of frame ``index``; its drift is in pixels of the channel."""
+        """Return the facts of frame ``index``; its drift is in pixels of the channel."""
         info = self.source.info(index)
         place = self.known.origin or (0, 0)
         whole = info.origin == place
         if not whole or any(n % self._step for n in place):
-            # rows and columns of a channel would differ in number from cutout to cutout
+            # the size of a channel would differ from cutout to cutout
             raise InputError.expected(
                 f"channel {self.channel} of {info.label}",
                 "a part from the first pixel of a colour pattern" if whole else "whole sensor frames",
@@ -86,7 +86,7 @@ class ChannelSource(SourceView):
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
         """Return the channel of frame ``index``, or a part of it."""
         rows, columns = (
-            # from the first to the last pixel of the channel: nothing of the mosaic beyond is read
+            # read the mosaic only from the first to the last pixel of the channel
             slice(start + self._step * part.start, start + self._step * (part.stop - 1) + 1)
             for start, part in zip(self._origin, check_region(region or whole(self.shape), self.shape), strict=True)
         )
@@ -123,14 +123,14 @@ class BalancedSource(SourceView):
         return np.dtype(np.float32)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return what is known of the mosaic, with the gains used; saturation differs by colour from here on."""
+        """Return the metadata of the mosaic, with the gains used; from here on, saturation differs by colour."""
         return replace(known, saturation=None, bit_depth=None, gains=None, balanced_by=self.gains)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[np.float32]:
         """Return frame ``index``, or a part of it, with its colours balanced."""
         rows, columns = check_region(region or whole(self.shape), self.shape)
         part = self.source.read(index, (rows, columns)).astype(np.float32)
-        # a part of the sensor has its pattern from its own first pixel, cutouts have that of the sensor
+        # frames of a part of the sensor count the pattern from their first pixel, cutouts from that of the sensor
         place = (0, 0) if self.known.origin is not None else self.source.info(index).origin
         top, left = (a.start + b for a, b in zip((rows, columns), place, strict=True))
         for k, gain in enumerate(self.gains):
@@ -139,7 +139,7 @@ class BalancedSource(SourceView):
         return part
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the balanced samples; which of them are saturated is the mosaic's to say."""
+        """Return the balanced samples; the mosaic decides which of them are saturated."""
         return self.source.samples(index, region)._replace(values=self.read(index, region), noise=None)
 
 
@@ -169,12 +169,12 @@ def channel_source(source: FrameSource, channel: str) -> ChannelSource:
 def balanced_source(source: FrameSource, gains: Sequence[float] | None = None) -> BalancedSource:
     """Return the whole mosaic with its colours multiplied by ``gains``, one per pattern position by rows.
 
-    Without ``gains`` those of the camera's white balance are taken.
+    Without ``gains``, those of the camera's white balance are used.
 
     Raises
     ------
     InputError
-        If the frames are monochrome, or the gains are not known or not positive.
+        If the frames are monochrome, or the gains are unknown or not positive.
 
     Examples
     --------
@@ -190,16 +190,16 @@ def balanced_source(source: FrameSource, gains: Sequence[float] | None = None) -
 
 @dataclass(frozen=True)
 class ColourScan:
-    """The part of a scan that a colour filter's channel sees in steps of its own pixels.
+    """The part of a scan that a channel of a colour filter sees, in steps of channel pixels.
 
     Attributes
     ----------
     channel
         Name of the channel.
     plan
-        Its plan: a camera with larger pixels, fewer positions, a smaller cutout.
+        Plan of the channel: a camera with larger pixels, fewer positions, a smaller cutout.
     first
-        First row and column of positions of the whole scan that belong to it; then every ``step``-th.
+        First row and column of positions of the whole scan that belong to the channel; then every ``step``-th.
     step
         Side of the filter's pattern (pixels).
     """
@@ -211,7 +211,7 @@ class ColourScan:
 
 
 def colours_of(source: FrameSource, plan: ScanPlan) -> tuple[str, ...]:
-    """Return the channels that the frames have, empty for monochrome ones: by what they say, else the plan's sensor."""
+    """Return the channels of the frames, empty for monochrome ones, from their metadata or else the plan's sensor."""
     return channel_names(_filter(source, plan))
 
 
@@ -221,12 +221,12 @@ def _filter(source: FrameSource, plan: ScanPlan) -> str:
 
 
 def colour_scan(source: FrameSource, plan: ScanPlan, channel: str) -> ColourScan | None:
-    """Return what ``channel`` has of a scan of the whole mosaic; None where the plan is that of the channel already.
+    """Return the part of a mosaic's scan that ``channel`` sees; None if the plan is already that of the channel.
 
-    One step of a source whose image moves by one pixel of the mosaic is half a pixel of a Bayer channel. H needs whole
-    steps, so each channel takes those positions whose image lies on a pixel of its own: a quarter of them. After one
-    cell of the lenslet array the pattern of light comes back, but on the same colour only if the cell is an even number
-    of pixels; else two cells have to be scanned.
+    A step that moves the image by one pixel of the mosaic is half a pixel of a Bayer channel. H needs whole steps, so
+    each channel uses the positions whose image is on one of its pixels: a quarter of them. After one cell of the
+    lenslet array the pattern repeats, but on the same colour only if the cell is an even number of pixels; otherwise
+    two cells must be scanned.
 
     Raises
     ------
@@ -248,7 +248,7 @@ def colour_scan(source: FrameSource, plan: ScanPlan, channel: str) -> ColourScan
             f"{plan.period[0]} x {plan.period[1]}",
             f"scan {step} cells along the odd side: only there the light comes back on the same colour",
         )
-    # the first positions whose image lies nearest to a pixel of the colour
+    # the first positions whose image is nearest to a pixel of the colour
     first = [round(r0 - a) % step for r0, a in zip(phase, plan.anchor, strict=True)]
     anchor = tuple((a + o - r0) / step for a, o, r0 in zip(plan.anchor, first, phase, strict=True))
     small = replace(
@@ -262,12 +262,12 @@ def colour_scan(source: FrameSource, plan: ScanPlan, channel: str) -> ColourScan
 
 
 def _odd(n: int, step: int) -> int:
-    """Return the odd number of the channel's pixels that covers ``n`` pixels."""
+    """Return the odd number of channel pixels that covers ``n`` pixels."""
     return -(-n // step) | 1
 
 
 def _camera(plan: ScanPlan, phase: tuple[int, int], step: int) -> Any:
-    """Return the camera that the channel is by itself: its pixels are larger, its centre lies up to a pixel aside."""
+    """Return the camera that the channel forms: its pixels are larger, its centre is displaced by up to a pixel."""
     camera, sensor = plan.camera, plan.camera.sensor
     shape = tuple(-(-(n - r0) // step) for n, r0 in zip(sensor.shape, phase, strict=True))
     aside = [
@@ -281,7 +281,7 @@ def _camera(plan: ScanPlan, phase: tuple[int, int], step: int) -> Any:
 
 
 class ThinnedSource(SourceView):
-    """The frames whose positions a colour's plan has, renumbered for it."""
+    """The frames at the positions of a colour's plan, with the numbering of that plan."""
 
     def __init__(self, source: FrameSource, scan: ColourScan) -> None:
         super().__init__(source)
@@ -302,7 +302,7 @@ class ThinnedSource(SourceView):
             )
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return what is known of the frames, with the positions of the colour's plan."""
+        """Return the metadata of the frames, with the positions of the colour's plan."""
         return replace(known, plan=None, plan_shape=self._scan.plan.shape[:3])
 
     def __len__(self) -> int:
@@ -310,7 +310,7 @@ class ThinnedSource(SourceView):
         return len(self._kept)
 
     def info(self, index: int) -> FrameInfo:
-        """Return what is known of a frame, at its position of the colour's plan."""
+        """Return the facts of a frame, at its position in the colour's plan."""
         info = self.source.info(self._kept[index])
         (y0, x0), step = self._scan.first, self._scan.step
         z, y, x = info.position

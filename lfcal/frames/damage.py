@@ -1,4 +1,4 @@
-"""Frames that are left out: those that cannot be read any more, and those of positions that were found bad."""
+"""Frames that are left out: those that cannot be read, and those at positions found to be bad."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BLOCK = 64
 
 @contextmanager
 def frame_errors(label: str, position: Position) -> Iterator[None]:
-    """Name frame and position in the error of a frame that cannot be read, and the way to go on without it."""
+    """Add frame and position to the error of a frame that cannot be read, and how to continue without it."""
     try:
         yield
     except (FileFormatError, StorageError) as error:
@@ -33,7 +33,7 @@ def frame_errors(label: str, position: Position) -> Iterator[None]:
 
 
 class SelectedSource(SourceView):
-    """The frames ``chosen`` (indices) of another source; those ``left_out`` are named in its metadata."""
+    """The frames ``chosen`` (indices) of another source; those ``left_out`` are listed in its metadata."""
 
     def __init__(self, source: FrameSource, chosen: NDArray[np.int64], left_out: tuple[LeftOut, ...]) -> None:
         super().__init__(source)
@@ -42,7 +42,7 @@ class SelectedSource(SourceView):
         self._left_out = left_out
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return what is known of the frames, with those ``left_out``."""
+        """Return the metadata of the frames, with those ``left_out``."""
         return replace(known, left_out=self._left_out)
 
     def __len__(self) -> int:
@@ -50,7 +50,7 @@ class SelectedSource(SourceView):
         return len(self.chosen)
 
     def info(self, index: int) -> FrameInfo:
-        """Return what is known of frame ``index``."""
+        """Return the facts of frame ``index``."""
         return self.source.info(int(self.chosen[index]))
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:

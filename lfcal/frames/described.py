@@ -1,4 +1,4 @@
-"""What a scan plan says of frames that do not say it themselves."""
+"""Facts that a scan plan adds to frames which do not state them."""
 
 from __future__ import annotations
 
@@ -16,44 +16,44 @@ __all__ = ["DescribedSource", "sensor_noise", "stated_noise"]
 
 
 def sensor_noise(sensor: Sensor) -> Noise:
-    """Return the variance of raw samples as the sensor's description states it: read, quantisation and photon noise."""
+    """Return the variance of raw samples from the sensor's description: read, quantization and photon noise."""
     gain = sensor.electrons_per_count
     return Noise((sensor.read_noise_e / gain) ** 2 + 1 / 12, 1 / gain, sensor.black_level)
 
 
 def stated_noise(camera: Camera) -> Noise | None:
-    """Return the variance of raw samples of ``camera``, or None where its noise was assumed and nobody stated it."""
+    """Return the variance of raw samples of ``camera``, or None if its noise was only assumed."""
     marks = camera.marks
     if "assumed" in (marks["sensor.read_noise_e"], marks["sensor.full_well_e"]):
         return None
     noise = sensor_noise(camera.sensor)
-    # 0 is the default of a description: unless it was measured it states nothing
+    # 0 is the default of a description: unless it was measured, it means unknown
     unsaid = camera.sensor.black_level == 0 and marks["sensor.black_level"] != "measured"
     return noise._replace(black=None) if unsaid else noise
 
 
 class DescribedSource(SourceView):
-    """Frames with the plan's exposures, and the facts of its sensor, where they do not state their own.
+    """Frames with the plan's exposures and the facts of its sensor, if they do not state their own.
 
-    Only raw samples (integers that have room for the sensor's bit depth) are taken for those of the plan's sensor:
-    floats have been through somebody's processing.
+    Only raw samples (integers with enough bits for the sensor's bit depth) are treated as those of the plan's sensor,
+    because floats have been processed before.
     """
 
     def __init__(self, source: FrameSource, plan: ScanPlan) -> None:
         super().__init__(source)
         self.plan = plan
         self._raw = _raw(source, plan.camera.sensor)
-        # whether their highest value comes from the plan
+        # whether the plan states their highest value
         self._filled = self._raw and self.known.bit_depth is None and self.known.saturation is None
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return what frames and plan say together."""
+        """Return the metadata from frames and plan together."""
         if not self._raw:
             return known
         sensor = self.plan.camera.sensor
         if self._filled:
             known = replace(known, bit_depth=sensor.bit_depth, saturation=sensor.saturated_from)
-        if known.black_level is None and sensor.black_level > 0:  # 0 is the default of a description: it states nothing
+        if known.black_level is None and sensor.black_level > 0:  # 0 is the default of a description: it means unknown
             known = replace(known, black_level=sensor.black_level)
         if sensor.cfa and not known.cfa and not known.channel:
             if known.origin is not None:
@@ -63,19 +63,19 @@ class DescribedSource(SourceView):
         return known if known.noise is not None else replace(known, noise=stated_noise(self.plan.camera))
 
     def info(self, index: int) -> FrameInfo:
-        """Return what is known of frame ``index``, with the plan's exposure where it has none of its own."""
+        """Return the facts of frame ``index``, with the plan's exposure if it has none."""
         info = self.source.info(index)
         if info.exposure_s is None and len(info.points) == 1 and info.points[0].z < len(self.plan.exposures):
             return replace(info, exposure_s=self.plan.exposures[info.points[0].z])
         return info
 
     def repeats(self) -> FrameSource | None:
-        """Return the source's repeated frames, as the plan describes them."""
+        """Return the source's repeated frames, described by the plan."""
         found = self.source.repeats() if isinstance(self.source, Frames) else None
         return None if found is None else DescribedSource(found, self.plan)
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the source's samples; raises `InputError` where they exceed the bit depth that the plan states."""
+        """Return the source's samples; raises `InputError` if they exceed the bit depth of the plan."""
         if not self._filled:
             found = self.source.samples(index, region)
             return found if found.noise is not None else found._replace(noise=self.metadata.noise)

@@ -1,4 +1,4 @@
-"""A half-cell scan as a whole one: every frame also stands for the position half a period away."""
+"""A half-cell scan as a complete one: every frame also serves for the position half a period away."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ __all__ = ["HalfCellSource", "with_partners"]
 
 
 class HalfCellSource(SourceView):
-    """The frames of ``source``, then those of positions without a frame of their own, half a period away.
+    """The frames of ``source``, followed by copies for positions that were not recorded, half a period away.
 
     Parameters
     ----------
     source
         Corrected, upright frames of single points.
     cell
-        How half periods fit.
+        Symmetry of the half cell.
     shape
-        Positions ``(nz, ny, nx)`` of the plan.
+        Number of positions ``(nz, ny, nx)`` of the plan.
     """
 
     def __init__(self, source: FrameSource, cell: HalfCell, shape: tuple[int, int, int]) -> None:
@@ -41,10 +41,10 @@ class HalfCellSource(SourceView):
         self._frames = there[~recorded[tuple(partners[there].T)]]
         self._partners, self._moved = partners[self._frames], (partners - index)[self._frames, 1:]
         self.filled = np.unique(np.ravel_multi_index(tuple(self._partners.T), shape))
-        """Positions that were filled, as numbers ``(z * ny + y) * nx + x``."""
+        """Filled positions, as numbers ``(z * ny + y) * nx + x``."""
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return what is known of the frames, and which positions are not their own."""
+        """Return the metadata of the frames, and which positions were filled."""
         ends = np.flatnonzero(np.diff(self.filled) != 1)
         first = self.filled[np.r_[0, ends + 1]] if len(self.filled) else self.filled
         last = self.filled[np.r_[ends, len(self.filled) - 1]] if len(self.filled) else self.filled
@@ -58,11 +58,11 @@ class HalfCellSource(SourceView):
         return replace(known, half_cell=facts)
 
     def __len__(self) -> int:
-        """Return the number of frames, those that stand for their partners counted twice."""
+        """Return the number of frames; frames that also serve for their partners count twice."""
         return len(self.source) + len(self._frames)
 
     def info(self, index: int) -> FrameInfo:
-        """Return what is known of frame ``index``; a partner's lies on the sensor as if it had been recorded there."""
+        """Return the facts of frame ``index``; a copy is placed on the sensor as if it had been recorded there."""
         extra = index - len(self.source)
         if extra < 0:
             return self.source.info(index)
@@ -87,15 +87,15 @@ class HalfCellSource(SourceView):
 
 
 def with_partners(source: FrameSource, plan: ScanPlan) -> HalfCellSource:
-    """Return the frames of a half-cell scan as those of the whole one.
+    """Return the frames of a half-cell scan as those of the complete one.
 
     Raises
     ------
     InputError
-        Where the pattern half a period away is another one (`lfcal.camera.half_cell`), or nothing is to be filled.
+        If the pattern half a period away differs (`lfcal.camera.half_cell`), or no position needs filling.
     """
     found = HalfCellSource(source, half_cell(plan), plan.shape[:3])
     if not len(found.filled):
         got = "frames of all positions"
-        raise InputError.expected("half-cell scan", "positions without a frame of their own", got, "leave it out")
+        raise InputError.expected("half-cell scan", "positions that were not recorded", got, "leave it out")
     return found

@@ -1,4 +1,4 @@
-"""The list of a session's frames, and its CSV and JSON files: which file and page belongs to which position."""
+"""The list of a session's frames, with its CSV and JSON files: file and page of each position."""
 
 from __future__ import annotations
 
@@ -43,15 +43,15 @@ class FrameEntry:
     Attributes
     ----------
     file
-        Path below the session folder, ``/`` between folders.
+        Path below the session folder, with ``/`` between folders.
     position
-        Where the source stood.
+        Position of the source.
     page
         Page of a multi-page file or index into a stack, from 0.
     exposure_s
-        Exposure (s), None where not known.
+        Exposure (s), None if unknown.
     dy, dx
-        How far the paraxial image lies from where the plan puts it (px).
+        Displacement of the paraxial image from its planned place (px).
 
     Examples
     --------
@@ -73,12 +73,12 @@ class FrameEntry:
         name = self.file
         if not name or "\0" in name or "\\" in name:
             raise InputError.expected("file of a frame", "a path with / in it", repr(name), "correct it")
-        # checked before the file system is asked: "..", drive letters and absolute paths would leave the folder
+        # checked before any access to the file system: "..", drive letters and absolute paths would leave the folder
         if name[0] == "/" or name[1:2] == ":" or ".." in name.split("/"):
             raise _leads_out(name, "the session folder")
         object.__setattr__(self, "position", Position(*self.position))
         for value, what in zip((*self.position, self.page), ("z", "y", "x", "page"), strict=True):
-            if type(value) is not int or not 0 <= value <= 10**9:  # the message is made only where it is needed
+            if type(value) is not int or not 0 <= value <= 10**9:  # build the message only if it is needed
                 check_number(f"{what} of {name}", value, at_least=0, at_most=10**9, integer=True)
         if self.exposure_s is not None:
             check_exposure(f"exposure_s of {name}", self.exposure_s)
@@ -89,16 +89,16 @@ class FrameEntry:
 
 @dataclass(frozen=True)
 class Manifest:
-    """All frames of a session, with what every one of them must be.
+    """All frames of a session, with properties that every one of them must have.
 
-    Frames come in any order; positions may be missing or given twice, a file's page may not.
+    Frames may be in any order; positions may be missing or repeated, but each page of a file must occur only once.
 
     Attributes
     ----------
     entries
         The frames.
     plan_shape
-        Positions of the scan ``(nz, ny, nx)``, None where not known.
+        Number of positions of the scan ``(nz, ny, nx)``, None if unknown.
     shape, dtype
         Rows and columns, and sample type, that every frame must have; None and empty: those of the first frame.
     bit_depth
@@ -109,7 +109,7 @@ class Manifest:
     Raises
     ------
     InputError
-        If a value is unusable, a position lies outside ``plan_shape``, or a page is listed twice.
+        If a value is invalid, a position is outside ``plan_shape``, or a page is listed twice.
 
     Examples
     --------
@@ -164,7 +164,10 @@ class Manifest:
                     )
 
     def coverage(self) -> tuple[tuple[Position, ...], tuple[Position, ...]]:
-        """Return the positions without a frame and those with several; without a scan shape, of the box around all."""
+        """Return the positions without a frame and those with several.
+
+        Without a scan shape, within the box around all.
+        """
         box = self.plan_shape or tuple(1 + max(e.position[k] for e in self.entries) for k in range(3))
         check_plan_shape(box)
         count = np.zeros(box, np.int32)
@@ -177,12 +180,12 @@ class Manifest:
     def from_names(
         cls, names: Iterable[str], pattern: str | NamePattern, *, plan_shape: tuple[int, int, int] | None = None
     ) -> Manifest:
-        """Return the manifest of the relative paths ``names`` that fit ``pattern``; others are not frames.
+        """Return the manifest of those relative paths ``names`` that match ``pattern``; others are not frames.
 
         Raises
         ------
         InputError
-            If none fits.
+            If none matches.
         """
         form = NamePattern(pattern) if isinstance(pattern, str) else pattern
         # natural order, so that img10 comes after img9
@@ -207,7 +210,7 @@ class Manifest:
         Raises
         ------
         InputError
-            If their number is not that of the positions: the order then says nothing about which are missing.
+            If their number differs from that of the positions: the order then does not show which are missing.
         """
         pages, positions = list(pages), scan_positions(plan_shape, order)
         if early and 0 < len(pages) < len(positions):
@@ -225,12 +228,12 @@ class Manifest:
 
 
 def resolve_inside(root: str | os.PathLike[str], names: Iterable[str]) -> dict[str, Path]:
-    """Return the files ``names`` below ``root``, links followed, or raise unless all are there and inside.
+    """Return the files ``names`` below ``root``, with links followed, or raise unless all exist and are inside.
 
     Raises
     ------
     UnsafeFileError
-        If one lies outside ``root`` once links and ``..`` are resolved.
+        If one is outside ``root`` after resolving links and ``..``.
     StorageError
         If there is no such file.
     """
@@ -244,14 +247,14 @@ def resolve_inside(root: str | os.PathLike[str], names: Iterable[str]) -> dict[s
             folders[head] = _follow(os.path.join(base, head), name)
         path = os.path.join(folders[head], tail)
         try:
-            # lstat shows the link itself; most files are none, and need no further call
+            # lstat shows links; most files are not links, and need no further call
             kind = os.lstat(path).st_mode
             if stat.S_ISLNK(kind) or tail in ("", ".", ".."):
                 path = _follow(path, name)
                 kind = os.stat(path).st_mode
         except (OSError, ValueError):
             kind = 0
-        # a link may leave the folder after all checks of its name
+        # a link may lead outside the folder although its name passed all checks
         if os.path.commonpath((base, path)) != base:
             raise _leads_out(name, base)
         if not stat.S_ISREG(kind):
@@ -275,7 +278,7 @@ def _leads_out(name: str, folder: str) -> UnsafeFileError:
 
 
 def number(text: object, what: str, *, integer: bool = False) -> Any:
-    """Return the number that ``text`` spells, or raise `FileFormatError` naming ``what``."""
+    """Return the number in ``text``, or raise `FileFormatError` naming ``what``."""
     try:
         value = int(str(text)) if integer else float(str(text))
     except ValueError:
@@ -325,18 +328,18 @@ _EXPECTED = ("plan_shape", "shape", "dtype", "bit_depth", "cfa")
 
 
 def read_manifest(path: str | os.PathLike[str]) -> Manifest:
-    """Read a manifest from ``.csv`` (frames only) or ``.json`` (frames and what each must be).
+    """Read a manifest from ``.csv`` (frames only) or ``.json`` (frames and their common properties).
 
     CSV: a header with ``file, z, y, x`` and any of ``page, exposure_s, dy, dx``, then one row per frame. JSON: an
-    object with ``frames``, a list of objects with the same names, and any of ``plan_shape`` (nz, ny, nx),
-    ``shape`` (rows, columns), ``dtype``, ``bit_depth``, ``cfa``; or just the list.
+    object with ``frames``, a list of objects with the same names, and any of ``plan_shape`` (nz, ny, nx), ``shape``
+    (rows, columns), ``dtype``, ``bit_depth``, ``cfa``; or only the list.
 
     Raises
     ------
     FileFormatError, InputError
-        With file, line and column of what is wrong.
+        With file, line and column of the error.
     UnsafeFileError
-        If a frame's file is not below the session folder.
+        If the file of a frame is not below the session folder.
     StorageError
         If the file cannot be read.
 
@@ -357,12 +360,12 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
 
 
 def write_manifest(path: str | os.PathLike[str], manifest: Manifest) -> None:
-    """Write ``manifest`` to ``.csv`` or ``.json``, whole or not at all; CSV holds the frames alone.
+    """Write ``manifest`` atomically to ``.csv`` or ``.json``; CSV contains only the frames.
 
     Raises
     ------
     InputError
-        If the name ends otherwise, or CSV is asked for and the manifest says what frames must be.
+        If the suffix is another one, or CSV is requested for a manifest with common properties.
     StorageError
         If it cannot be written.
 
@@ -441,7 +444,7 @@ def _from_json(path: Path, text: str) -> Manifest:
 
 
 def _named(path: Path, entries: tuple[FrameEntry, ...], expected: dict[str, Any]) -> Manifest:
-    """Return the manifest, with the file named in what is wrong with it."""
+    """Return the manifest; errors name the file."""
     try:
         return Manifest(entries, **expected)
     except InputError as error:

@@ -1,4 +1,4 @@
-"""The one way in: frames from wherever they lie."""
+"""The single entry for frames from any source."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ __all__ = ["COMPONENTS", "RECORDINGS", "SOURCES", "TABLES", "files_of", "open_co
 SOURCES: Registry[SourceKind] = Registry(
     "frame source", "lfcal.frames.sources", "SOURCE", "lfcal.sources", order=lambda kind: (kind.rank, kind.name)
 )
-"""Every kind of source; the first that recognises a path opens it."""
+"""Every kind of source; the first that recognizes a path opens it."""
 
 
 TABLES = frozenset({".csv", ".tsv", ".txt", ".dat", ".json"})
-"""Suffixes of manifests and plans, which are read from a folder with its frames."""
+"""Suffixes of manifests and plans, which are read from a folder together with its frames."""
 
 RECORDINGS = ("recording", "darks", "checks")
-"""Beginnings of the names of a session's files."""
+"""Prefixes of the names of a session's files."""
 
 
 def open_frames(
@@ -51,53 +51,53 @@ def open_frames(
     orientation: str = AS_IS,
     origin: tuple[int, int] | None = None,
 ) -> Frames:
-    """Open frames together with what is known of each.
+    """Open frames together with their metadata.
 
-    A recorded session (its folder) and a scan plan (its file: the simulated camera records it) bring everything
-    themselves. For frames in files the position comes from exactly one of: a manifest, the file names, the scan
-    order, or the file itself (axes of a 5-D stack, or ``positions`` beside the frames of an HDF5 file).
+    A recorded session (its folder) and a scan plan (its file, recorded by the simulated camera) are self-contained.
+    For other files, positions come from exactly one source: a manifest, the file names, the scan order, or the file
+    itself (axes of a 5-D stack, or ``positions`` in the same group of an HDF5 file).
 
     Parameters
     ----------
     path
-        A folder of images, a manifest or another program's list (``.csv``, ``.tsv``, ``.txt``, ``.json``; its files
-        lie beside it), a file of many frames (multi-page TIFF, ``.npy``, HDF5, also with the dataset:
-        ``scan.h5::/entry/data/data``), the folder of a recorded session, or a scan plan (``.json``).
+        A folder of images; a manifest or another program's list (``.csv``, ``.tsv``, ``.txt``, ``.json``) in the
+        folder of its files; a file of many frames (multi-page TIFF, ``.npy``, HDF5, also with the dataset:
+        ``scan.h5::/entry/data/data``); the folder of a recorded session; or a scan plan (``.json``).
     manifest
-        Manifest or its file; a folder's own ``manifest.json`` or ``manifest.csv`` is found without it.
+        Manifest or its file; ``manifest.json`` or ``manifest.csv`` in a folder is found without it.
     pattern
         File names with the position, e.g. ``"z{z}_y{y}_x{x}.png"``.
     order
         ``"serpentine"`` or ``"raster"``: frames in the natural order of names and pages; needs ``plan_shape``.
     plan_shape
-        Positions of the scan ``(nz, ny, nx)``; with a manifest or pattern no position may lie outside it.
+        Number of positions of the scan ``(nz, ny, nx)``; with a manifest or pattern, no position may be outside it.
     colour, dataset
         As in `open_image`.
     nan, blank
         As in `lfcal.frames.FolderSource`.
     skip_damaged
-        Do not let damaged frames stand in the way of opening, where `lfcal.frames.iter_undamaged` leaves them out
-        afterwards; damaged dark frames of a recorded session are left out of their mean.
+        Do not let damaged frames prevent opening, because `lfcal.frames.iter_undamaged` removes them later; damaged
+        dark frames of a recorded session are left out of their mean.
     columns
-        Which column of a list holds what, ``"file=Name,y_um=PosY,x_um=PosX"``; others are guessed by their names.
+        Assignment of a list's columns, ``"file=Name,y_um=PosY,x_um=PosX"``; others are guessed from their names.
     first
-        Number of the first position in names or lists, 0 or 1; None: found from the numbers.
+        Number of the first position in names or lists, 0 or 1; None: detected.
     plan
-        The scan plan that stage coordinates of a list are compared with; states ``plan_shape``, too.
+        Scan plan to compare the stage coordinates of a list with; it also gives ``plan_shape``.
     orientation
-        What makes the frames upright (`lfcal.frames.orientation.ORIENTATIONS`), where the light in them shows which
-        axis of a list's stage coordinates is which; ``"check"`` or ``"auto"``: it is not known, see
-        `lfcal.frames.lists.motion`. Nothing is turned here: `lfcal.frames.oriented` does.
+        Orientation of the frames (`lfcal.frames.orientation.ORIENTATIONS`), used if their light determines the axes of
+        a list's stage coordinates. ``"check"`` or ``"auto"``: unknown, see `lfcal.frames.lists.motion`. This function
+        does not turn frames; `lfcal.frames.oriented` does.
     origin
-        Row and column, on the sensor as it is delivered, of the first pixel of frames that are a part of it (a camera's
-        region of interest); dark and white frames are of the same part, or of the whole sensor.
+        Row and column, on the sensor as delivered, of the first pixel of frames that show a part of it (a camera's
+        region of interest); dark and white frames show the same part or the whole sensor.
 
-    What was guessed is in the metadata as ``notes``, a line each.
+    The metadata list everything that was guessed as ``notes``, one line each.
 
     Raises
     ------
     LfcalError
-        One line with the file and what is wrong with it, or the option that this kind of source has no use for.
+        With one line: the file and its problem, or the option that does not apply to this kind of source.
 
     Examples
     --------
@@ -136,7 +136,7 @@ def open_frames(
 
 
 class _Converted(SourceView):
-    """The frames of a plug-in that returns its metadata as a mapping, with a record of them."""
+    """Frames of a plug-in that returns its metadata as a mapping, with a metadata record."""
 
     def repeats(self) -> FrameSource | None:
         """Return the plug-in's repeated frames."""
@@ -150,19 +150,19 @@ T = TypeVar("T")
 
 
 def open_component(opened: Callable[..., T], channel: str) -> T:
-    """Return what ``opened()`` does, or for colour pictures ``opened(colour=component)``.
+    """Return the result of ``opened()``, or for colour pictures of ``opened(colour=component)``.
 
     Parameters
     ----------
     opened
-        Opens frames.
+        Function that opens frames.
     channel
-        Name of a colour, of a mosaic or a picture; ``"each"`` takes green first.
+        Name of a colour of a mosaic or a picture; ``"each"`` uses green first.
 
     Raises
     ------
     FileFormatError
-        If the frames are colour pictures, and ``channel`` is none of their components.
+        If the frames are colour pictures, and ``channel`` is not one of their components.
     """
     try:
         return opened()
@@ -170,12 +170,12 @@ def open_component(opened: Callable[..., T], channel: str) -> T:
         component = "G" if channel == "each" else channel
         if component not in COMPONENTS:
             raise
-    # grey frames that are damaged fail again, with the same words
+    # damaged grey frames fail again, with the same message
     return opened(colour=component)
 
 
 def files_of(source: Path | str | None) -> list[Path]:
-    """Return an input file, or what commands read of an input folder: its frames, tables and recordings."""
+    """Return an input file, or the files that commands read from an input folder: frames, tables and recordings."""
     if source is None or not str(source):
         return []
     path, _ = split_dataset(source)

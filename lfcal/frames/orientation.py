@@ -1,4 +1,4 @@
-"""The eight flips and turns of a frame: their names, what they do to arrays, places and regions, and frames turned."""
+"""The eight orientations of a frame: names, their effect on arrays, places and regions, and turned frames."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Orientation:
-    """A flip or turn that makes delivered frames upright: first the transposition, then the flips.
+    """A flip or rotation that makes delivered frames upright: first the transposition, then the flips.
 
     Attributes
     ----------
     name
-        What is done to the array, see `ORIENTATIONS`.
+        Name of the operation on the array, see `ORIENTATIONS`.
     words
-        How the frames lie that need it.
+        State of the frames that need it, in words.
     transposed, flip_rows, flip_columns
-        Whether rows and columns change places, and whether the order of the new rows or columns is reversed.
+        Whether rows and columns are exchanged, and whether the order of the new rows or columns is reversed.
 
     Examples
     --------
@@ -54,26 +54,26 @@ class Orientation:
 
     @property
     def option(self) -> str:
-        """The name as the command line writes it, without spaces."""
+        """The name in the spelling of the command line, without spaces."""
         return self.name.replace(" ", "-")
 
     @property
     def inverse(self) -> Orientation:
-        """The orientation that undoes this one."""
-        # all but the quarter turns are their own inverse
+        """The inverse orientation."""
+        # all except the quarter turns are their own inverse
         return ORIENTATIONS[{"rot90": "rot270", "rot270": "rot90"}.get(self.name, self.name)]
 
     def apply(self, array: NDArray[Any]) -> NDArray[Any]:
-        """Return the first two axes of ``array`` flipped and turned, a view of it."""
+        """Return a view of ``array`` with its first two axes flipped and rotated."""
         turned = array.swapaxes(0, 1) if self.transposed else array
         return turned[:: -1 if self.flip_rows else 1, :: -1 if self.flip_columns else 1]
 
     def shape(self, shape: tuple[int, int]) -> tuple[int, int]:
-        """Return rows and columns of what `apply` makes of a frame of ``shape``."""
+        """Return rows and columns of a frame of ``shape`` after `apply`."""
         return (shape[1], shape[0]) if self.transposed else shape
 
     def places(self, places: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:
-        """Return where pixels ``(..., 2)`` (row, column) of a frame of ``shape`` are after `apply`."""
+        """Return the places of pixels ``(..., 2)`` (row, column) of a frame of ``shape`` after `apply`."""
         at = np.array(places, np.float64)
         if self.transposed:
             at = at[..., ::-1].copy()
@@ -85,11 +85,11 @@ class Orientation:
         return at
 
     def moves(self) -> NDArray[np.float64]:
-        """Return the matrix ``(2, 2)`` that turns moves (down, right) in a frame into those after `apply`."""
+        """Return the matrix ``(2, 2)`` that converts moves (down, right) in a frame to those after `apply`."""
         return self.places(np.eye(2), (1, 1)).T
 
     def region(self, region: Region, shape: tuple[int, int]) -> Region:
-        """Return the region of a frame of ``shape`` that `apply` puts at ``region``; bounds must be explicit."""
+        """Return the region of a frame of ``shape`` that `apply` moves to ``region``; bounds must be explicit."""
         rows, columns = self.shape(shape)
         down = _reversed(region[0], rows) if self.flip_rows else region[0]
         right = _reversed(region[1], columns) if self.flip_columns else region[1]
@@ -125,16 +125,16 @@ ORIENTATIONS: dict[str, Orientation] = {
         ),
     )
 }
-"""What is done to a delivered frame ``f`` to make it upright: ``"as is"`` f; ``"rot90"`` numpy.rot90(f), a quarter turn
-anticlockwise; ``"rot180"`` numpy.rot90(f, 2); ``"rot270"`` numpy.rot90(f, 3), a quarter turn clockwise; ``"mirror x"``
+"""Operations that make a delivered frame ``f`` upright: ``"as is"`` f; ``"rot90"`` numpy.rot90(f), a quarter turn
+anticlockwise; ``"rot180"`` numpy.rot90(f, 2); ``"rot270"`` numpy.rot90(f, 3), a quarter turn clockwise. ``"mirror x"``
 f[:, ::-1]; ``"mirror y"`` f[::-1]; ``"transpose"`` f.T; ``"anti-transpose"`` f[::-1, ::-1].T."""
 
 
 def nearest_orientation(moves: ArrayLike) -> tuple[Orientation, float]:
-    """Return the orientation of frames in which the image moves by ``moves``, and how far it really is from that.
+    """Return the orientation of frames in which the image moves by ``moves``, and the distance from its ideal motion.
 
-    ``moves`` ``(2, 2)`` are (down, right) pixels for each planned pixel down and right: the unit matrix where frames
-    are upright. The distance is the root of the sum of squared differences.
+    ``moves`` ``(2, 2)`` are (down, right) pixels for each planned pixel down and right: the unit matrix for upright
+    frames. The distance is the root of the sum of squared differences.
 
     Examples
     --------
@@ -167,19 +167,19 @@ def named_orientation(name: str) -> Orientation:
 
 
 class OrientedSource(SourceView):
-    """The frames of ``source`` as ``turn`` puts them; a region costs no more than the region.
+    """The frames of ``source`` turned by ``turn``; reading a region reads only that region.
 
-    The last view of all: frames, darks and whites come from one camera in one orientation and are combined in it,
-    and only the clean result is turned. Where frames are cutouts, their places are turned about the ``sensor``.
+    This is the last view of all: frames, darks and whites from one camera have the same orientation and are combined
+    in it, and only the corrected result is turned. Places of cutouts are turned about the ``sensor``.
 
     Parameters
     ----------
     source
         Corrected frames as delivered.
     turn
-        What makes them upright.
+        The orientation that makes them upright.
     sensor
-        Rows and columns of the sensor as delivered; None: of the frames, which are then whole.
+        Rows and columns of the sensor as delivered; None: those of the frames, which are then whole.
     """
 
     def __init__(self, source: FrameSource, turn: Orientation, sensor: tuple[int, int] | None = None) -> None:
@@ -193,14 +193,17 @@ class OrientedSource(SourceView):
         return self.turn.shape(self.source.shape)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return what is known of the source's frames without what belongs to single delivered pixels."""
+        """Return the metadata of the source's frames, without facts about single delivered pixels."""
         origin = self.info(0).origin if known.origin is not None and len(self.source) else known.origin
         return replace(known, cfa="", channel_phase=None, darks={}, origin=origin, orientation=self.turn.name)
 
     def info(self, index: int) -> FrameInfo:
-        """Return what is known of frame ``index``: origin and mask turned; a drift is of the plan's upright image."""
+        """Return the facts of frame ``index``, with origin and mask turned.
+
+        Drifts refer to the plan's upright image.
+        """
         info = self.source.info(index)
-        # the pixel that becomes the first one is at the corner nearest to that of the turned sensor
+        # the pixel that becomes the first is at the corner nearest to that of the turned sensor
         first = np.array(info.origin)
         last = first + self.source.shape - 1
         if (last >= self.sensor).any():
@@ -219,7 +222,7 @@ class OrientedSource(SourceView):
         return self._turned(self.source.read(index, self._behind(region)))
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the source's samples, turned with what is known of each."""
+        """Return the source's samples with their masks, turned."""
         found = self.source.samples(index, self._behind(region))
         return found._replace(
             values=self._turned(found.values),
@@ -242,14 +245,14 @@ class OrientedSource(SourceView):
 
 
 def oriented(source: FrameSource, turn: Orientation, sensor: tuple[int, int]) -> FrameSource:
-    """Return the frames of ``source`` turned upright; themselves where nothing is to be turned.
+    """Return the frames of ``source`` turned upright, or ``source`` itself if no turning is needed.
 
     Parameters
     ----------
     source
         Corrected frames as delivered.
     turn
-        What makes them upright.
+        The orientation that makes them upright.
     sensor
         Rows and columns of the upright sensor, about which cutouts are turned.
 

@@ -1,4 +1,4 @@
-"""Frames that are a part of the sensor: where they lie on it, as their metadata or the light in them say."""
+"""Frames that show a part of the sensor: their place on it, from metadata or from the light in them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Place = tuple[int, int]
 
 
 def parse_origin(text: str) -> Place | None:
-    """Return row and column of ``"120,64"``; None for empty. Raises `InputError` for anything else."""
+    """Return row and column in ``"120,64"``; None for an empty text. Raises `InputError` for anything else."""
     if not text.strip():
         return None
     fields = [field.strip() for field in text.split(",")]
@@ -45,16 +45,16 @@ def check_origin(origin: Sequence[int]) -> Place:
     Raises
     ------
     InputError
-        Unless it is two whole numbers that are not negative.
+        Unless it consists of two non-negative whole numbers.
     """
     row, column = check_tuple("origin of the frames (row, column)", origin, 2, at_least=0, integer=True)
     return int(row), int(column)
 
 
 def parse_roi(value: Any) -> tuple[int, int, int, int] | None:
-    """Return column, row, width and height of a camera's region as programs write it, ``"8-5-80-78"`` or four numbers.
+    """Return column, row, width and height of a camera's region in common formats, ``"8-5-80-78"`` or four numbers.
 
-    None where it is of another form.
+    None for any other form.
     """
     parts: Iterable[Any] = value if isinstance(value, list | tuple) else re.split(r"[-,; ]+", str(value).strip(" []()"))
     try:
@@ -68,14 +68,14 @@ def parse_roi(value: Any) -> tuple[int, int, int, int] | None:
 
 
 def stated_origin(roi: tuple[int, int, int, int] | None, shape: Place) -> Place | None:
-    """Return row and column of a region of a camera that has the ``shape`` of the frames; None where it has another."""
+    """Return row and column of a camera's region with the ``shape`` of the frames; None if it has another shape."""
     if roi is None or (roi[3], roi[2]) != shape:
         return None
     return roi[1], roi[0]
 
 
 def binned(sensor: Place, shape: Place) -> int:
-    """Return how many pixels of the sensor are joined along each side in frames of ``shape``; 0 where none are."""
+    """Return the binning factor of frames of ``shape``; 0 if they are not binned."""
     for times in range(2, 9):
         if all(side // times <= length <= -(-side // times) for side, length in zip(sensor, shape, strict=True)):
             return times
@@ -83,7 +83,7 @@ def binned(sensor: Place, shape: Place) -> int:
 
 
 def is_part_of_sensor(shape: Place, camera: Camera) -> bool:
-    """Return whether frames of ``shape`` are a part of the camera's sensor, whose size is stated."""
+    """Return whether frames of ``shape`` show a part of the camera's sensor, whose size is stated."""
     sensor = camera.sensor.shape
     if shape == sensor or binned(sensor, shape) or camera.marks["sensor.shape"] == "assumed":
         return False
@@ -91,7 +91,7 @@ def is_part_of_sensor(shape: Place, camera: Camera) -> bool:
 
 
 def check_inside(origin: Place, shape: Place, sensor: Place) -> None:
-    """Raise `InputError` unless frames of ``shape`` lie within the sensor, upright or on its side."""
+    """Raise `InputError` unless frames of ``shape`` fit on the sensor, upright or turned by 90 degrees."""
     if any(all(o + n <= size for o, n, size in zip(origin, shape, one, strict=True)) for one in (sensor, sensor[::-1])):
         return
     raise InputError.expected(
@@ -103,7 +103,7 @@ def check_inside(origin: Place, shape: Place, sensor: Place) -> None:
 
 
 def check_stated(source: FrameSource, camera: Camera) -> None:
-    """Raise `InputError` where frames lie beyond the sensor, or their metadata say that they are a part of it."""
+    """Raise `InputError` if frames extend beyond the sensor, or their metadata say that they show a part of it."""
     known = source.metadata
     if known.channel:  # one colour of a mosaic has fewer pixels than the sensor
         return
@@ -114,7 +114,7 @@ def check_stated(source: FrameSource, camera: Camera) -> None:
 
 
 def part_refusal(shape: Place, sensor: Place, origin: Sequence[float] | None, why: str) -> InputError:
-    """Return the error for frames that are a part of the sensor without a stated place; ``origin`` as far as known."""
+    """Return the error for frames of a part of the sensor without a stated place; ``origin`` if it is known."""
     got, words = f"{shape[0]} x {shape[1]} px", "ROW,COLUMN"
     if origin is not None:
         row, column = (max(0, math.floor(n + 0.5)) for n in origin)

@@ -1,4 +1,4 @@
-"""Where each frame belongs: from the scan order or from the file names."""
+"""The position of each frame, from the scan order or from the file names."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ _FIELD = re.compile(r"\{([^{}]*)\}|\*")
 def scan_positions(plan_shape: Sequence[int], order: str = "serpentine") -> list[Position]:
     """Return all positions of a scan of ``(nz, ny, nx)`` in the order they are recorded.
 
-    ``"raster"`` goes along x, then y, then z, always from the same side; ``"serpentine"`` turns round at the end
-    of each row and of each plane, so that every move is one step, as `lfcal.camera.ScanPlan` does.
+    ``"raster"`` goes along x, then y, then z, always from the same side; ``"serpentine"`` reverses at the end of each
+    row and of each plane, so that every move is one step, as in `lfcal.camera.ScanPlan`.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def scan_positions(plan_shape: Sequence[int], order: str = "serpentine") -> list
     nz, ny, nx = check_plan_shape(plan_shape)
     index = np.indices((nz, ny, nx), dtype=np.intp)
     if order == "serpentine":
-        # odd planes run backwards, so that each plane starts where the last one ended
+        # odd planes run in reverse, so that each plane starts where the last one ended
         index[1, 1::2] = ny - 1 - index[1, 1::2]
         # alternating over all planes' rows, across the change of plane too
         rows = index[2].reshape(nz * ny, nx)
@@ -69,42 +69,42 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
 
 
 def first_number(numbers: NDArray[np.intp], counts: Sequence[int] | NDArray[np.intp] | None = None) -> int:
-    """Return what positions are counted from, 0 or 1.
+    """Return the number of the first position, 0 or 1.
 
     Parameters
     ----------
     numbers
-        ``(N, axes)`` numbers as names or lists have them.
+        ``(N, axes)`` numbers in names or lists.
     counts
-        Positions along each axis; None: as many as there are numbers of an axis.
+        Number of positions along each axis; None: the number of different values.
     """
     if not numbers.size or numbers.min() < 1:
         return 0
     several = [len(np.unique(axis)) for axis in numbers.T]
-    # without the scan's shape a single frame tells nothing
+    # without the scan's shape, a single frame shows nothing
     if counts is None and max(several) < 2:
         return 0
     ends = numbers.max(axis=0)
     wanted = several if counts is None else list(counts)
     reached = [bool(end == n) for end, n in zip(ends, wanted, strict=True)]
-    # an axis whose last position is missing ends earlier, none ends later
+    # an axis may end earlier, if its last position is missing, but not later
     return int(any(reached) and all(end <= n for end, n in zip(ends, wanted, strict=True)))
 
 
 @dataclass(frozen=True)
 class NamePattern:
-    """File names that hold the position, e.g. ``"z{z}_y{y}_x{x}.png"`` or ``"plane{z:02d}/y{y}_x{x}.tif"``.
+    """File names that contain the position, e.g. ``"z{z}_y{y}_x{x}.png"`` or ``"plane{z:02d}/y{y}_x{x}.tif"``.
 
     Attributes
     ----------
     template
         Path below the session folder. ``{z}``, ``{y}``, ``{x}`` are the position, ``{page}`` the page (all whole
-        numbers, leading zeros allowed; a width such as ``{z:03d}`` counts when names are made), ``*`` is any text
-        without a slash. ``z`` may be left out: it is then the first plane.
+        numbers, leading zeros allowed; a width such as ``{z:03d}`` is used when names are made); ``*`` is any text
+        without a slash. ``z`` may be omitted for a single plane.
     first
         Number of the first position in the names, 0 or 1.
     expression
-        Regular expression of the names; made from the above.
+        Regular expression of the names; computed from the above.
 
     Raises
     ------
@@ -161,7 +161,7 @@ class NamePattern:
                 parts.append("[^/]*")
                 continue
             name = match.group(1).partition(":")[0]
-            # a field that occurs again must have the same value, as in z{z}/z{z}_y{y}.png; nine digits bound the
+            # a repeated field must have the same value, as in z{z}/z{z}_y{y}.png; nine digits limit the
             # number
             parts.append(f"(?P={name})" if name in seen else f"(?P<{name}>[0-9]{{1,9}})")
             seen.add(name)
@@ -169,12 +169,12 @@ class NamePattern:
         return re.compile("".join(parts))
 
     def parse(self, name: str) -> tuple[Position, int] | None:
-        """Return position and page in the relative path ``name``, or None where it does not fit the pattern.
+        """Return position and page in the relative path ``name``, or None if it does not match the pattern.
 
         Raises
         ------
         InputError
-            If a number lies below the first one.
+            If a number is below the first one.
         """
         match = self.expression.fullmatch(name)
         if match is None:
@@ -193,7 +193,7 @@ class NamePattern:
         Raises
         ------
         InputError
-            If the template holds ``*``.
+            If the template contains ``*``.
         """
         if "*" in self.template:
             raise InputError.expected("name pattern to write", "no *", repr(self.template), "leave * out")
@@ -213,24 +213,24 @@ _LABELS = {
     **dict.fromkeys(("z", "plane", "slice", "depth", "iz", "posz"), "z"),
 }
 _PAIR = {"r": "y", "c": "x"}
-"""Short for row and column, where both occur."""
+"""Short forms of row and column, if both occur."""
 
 _DIGITS = re.compile(r"[0-9]+")
 
 
 @dataclass(frozen=True)
 class NameGuess:
-    """What file names look like.
+    """Patterns found in file names.
 
     Attributes
     ----------
     templates
-        Patterns that fit them, as `lfcal.frames.NamePattern` takes them: one where there is no doubt; several where
-        the numbers have no names and the scan does not tell them apart; none where names hold no position.
+        Matching patterns, as `lfcal.frames.NamePattern` takes them: one if it is unambiguous; several if the numbers
+        have no names and the scan does not distinguish them; none if names contain no position.
     numbered
-        Files that differ in one number alone: a scan order fits these.
+        Whether files differ in only one number, so that a scan order fits.
     fitting, names
-        How many names are of this kind, and how many there are.
+        Number of matching names, and total number.
     """
 
     templates: tuple[str, ...]
@@ -240,22 +240,22 @@ class NameGuess:
 
     @property
     def certain(self) -> bool:
-        """Whether one pattern fits every name."""
+        """Whether one pattern matches every name."""
         return len(self.templates) == 1 and self.fitting == self.names
 
 
 def guess_pattern(names: Sequence[str], plan_shape: Sequence[int] | None = None) -> NameGuess:
     """Return the pattern that ``names`` follow.
 
-    Numbers are told by the word before them (``x012``, ``row-3``, ``plane1``). Those without such a word are told by
-    how many values they take, where the scan has as many planes, rows and columns and no two of these are equal.
+    Numbers are identified by the preceding word (``x012``, ``row-3``, ``plane1``). Numbers without such a word are
+    identified by their count of different values, if the scan has as many planes, rows and columns and these differ.
 
     Parameters
     ----------
     names
         Relative paths of image files.
     plan_shape
-        Positions of the scan ``(nz, ny, nx)``, where known.
+        Number of positions of the scan ``(nz, ny, nx)``, if known.
     """
     kinds = Counter(_DIGITS.sub("#", name) for name in names)
     if not kinds:
@@ -265,7 +265,7 @@ def guess_pattern(names: Sequence[str], plan_shape: Sequence[int] | None = None)
     values = list(zip(*(_DIGITS.findall(name) for name in alike), strict=True))
     varying = [k for k, numbers in enumerate(values) if len({int(n) for n in numbers}) > 1]
     literals = _DIGITS.split(alike[0])
-    # braces and stars have a meaning in patterns and cannot stand for themselves
+    # braces and stars have a meaning in patterns and cannot be used literally
     if re.search(r"[{}*\\]", kind) or len(varying) < 1:
         return NameGuess((), 0, fitting, len(names))
     labels = _labels(literals)
@@ -282,7 +282,7 @@ def guess_pattern(names: Sequence[str], plan_shape: Sequence[int] | None = None)
 
 
 def _labels(literals: Sequence[str]) -> dict[int, str]:
-    """Return which number stands for which axis by the word before it; a word that occurs again tells nothing."""
+    """Return the axis of each number by the preceding word; a repeated word is ignored."""
     words = [match[1].lower() if (match := re.search(r"([A-Za-z]+)[-_= .]?$", text)) else "" for text in literals[:-1]]
     short = _PAIR if {"r", "c"} <= set(words) else {}
     found = {k: axis for k, word in enumerate(words) if (axis := _LABELS.get(word) or short.get(word))}
@@ -290,7 +290,7 @@ def _labels(literals: Sequence[str]) -> dict[int, str]:
 
 
 def _by_count(varying: list[int], counts: list[int], plan_shape: Sequence[int] | None) -> list[dict[int, str]]:
-    """Return the ways in which unnamed numbers can be plane, row and column."""
+    """Return the possible assignments of unnamed numbers to plane, row and column."""
     axes = {2: "yx", 3: "zyx"}.get(len(varying))
     if axes is None:
         return []

@@ -1,4 +1,4 @@
-"""The protocol at which real, recorded, imported and simulated frames meet."""
+"""The protocol shared by real, recorded, imported and simulated frames."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class FrameInfo:
-    """What is known of one frame without reading it. None means not measured.
+    """Facts about one frame that are known without reading it. None means not measured.
 
     Attributes
     ----------
@@ -48,13 +48,13 @@ class FrameInfo:
     exposure_s
         Exposure (s).
     drift
-        How far the paraxial image lies from where the plan puts it, (rows, columns) in pixels.
+        Displacement of the paraxial image from its planned place, (rows, columns) in pixels.
     saturated
-        Saturated pixels of the frame, where they were counted when it was recorded.
+        Number of saturated pixels of the frame, if they were counted during recording.
     label
         A short name for messages, such as the file's.
     mask
-        Pixels of the frame that carry a measurement, ``(rows, columns)``; None: no pixel is known to carry none.
+        Pixels of the frame that carry a measurement, ``(rows, columns)``; None: all pixels, as far as known.
 
     Examples
     --------
@@ -84,7 +84,7 @@ class FrameInfo:
 
 
 class LeftOut(NamedTuple):
-    """A damaged frame that was left out: its name, its scan position (None for a dark frame), and what is wrong."""
+    """A damaged frame that was left out: name, scan position (None for a dark frame), and the damage."""
 
     label: str
     position: Position | None
@@ -97,9 +97,9 @@ Number: TypeAlias = float | NDArray[np.float64]
 class Noise(NamedTuple):
     """The variance of a sample of value v, ``constant + slope * max(v - black, 0)``, in squared sample values.
 
-    A sensor of g electrons per count with r electrons of read noise has ``constant = (r / g)^2 + 1/12``
-    (quantisation) and ``slope = 1 / g`` (photon noise). Each is a number, or an array with a value for every sample
-    ``(rows, columns)``. ``black`` is the value of no light; None: not known, and taken for 0.
+    A sensor with g electrons per count and r electrons of read noise has ``constant = (r / g)^2 + 1/12``
+    (quantization) and ``slope = 1 / g`` (photon noise). Each is a number, or an array with a value for every sample
+    ``(rows, columns)``. ``black`` is the value without light; None: unknown, and treated as 0.
 
     Examples
     --------
@@ -115,7 +115,7 @@ class Noise(NamedTuple):
     black: float | None = 0.0
 
     def scaled(self, factor: float) -> Noise:
-        """Return the noise of samples that were multiplied by ``factor``."""
+        """Return the noise of samples multiplied by ``factor``."""
         black = None if self.black is None else self.black * factor
         return Noise(self.constant * factor * factor, self.slope * abs(factor), black)
 
@@ -124,7 +124,7 @@ class Noise(NamedTuple):
         return Noise(self.constant / count, self.slope / count, self.black)
 
     def moved(self, move: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Noise:
-        """Return the noise of samples that ``move`` puts elsewhere; numbers hold for all samples and stay."""
+        """Return the noise of samples that ``move`` rearranges; numbers apply to all samples and stay unchanged."""
         constant, slope = (move(n) if isinstance(n, np.ndarray) and n.ndim else n for n in (self.constant, self.slope))
         return Noise(constant, slope, self.black)
 
@@ -135,10 +135,10 @@ class Noise(NamedTuple):
         return found
 
     def typical(self, values: NDArray[Any]) -> Noise:
-        """Return the two numbers that describe the variance of all ``values`` best, counted from black.
+        """Return the two numbers that best describe the variance of all ``values``, relative to black.
 
-        Where constant and slope differ from sample to sample (a white image was divided by), least squares: the mean
-        variance is kept, and how it grows with the signal.
+        If constant and slope differ between samples, as after division by a white image, they come from a
+        least-squares fit. The mean variance is kept, and its growth with the signal is approximated.
         """
         if not isinstance(self.constant, np.ndarray) and not isinstance(self.slope, np.ndarray):
             if not self.black:
@@ -149,16 +149,16 @@ class Noise(NamedTuple):
         away = light - light.mean()
         norm = float((away * away).sum())
         slope = float((away * variance).sum()) / norm if norm > 0 else float(np.mean(self.slope))
-        # a slope beyond all of them comes of samples that have next to no light
+        # a slope outside the range of all comes from samples with almost no light
         slope = min(max(slope, float(np.min(self.slope))), float(np.max(self.slope)))
         return Noise(max(0.0, float(variance.mean()) - slope * float(light.mean())), slope)
 
 
 @dataclass(frozen=True)
 class DarkNoise:
-    """Noise of the one dark frame that is subtracted: the mean of ``count`` frames, each of a sample's ``variance``.
+    """Noise of the subtracted dark frame: the mean of ``count`` frames, each with ``variance`` per sample.
 
-    The variance (squared sample values) is None where it is not known, or not that of corrected samples.
+    The variance (squared sample values) is None if it is unknown, or not that of corrected samples.
     """
 
     count: int
@@ -167,95 +167,96 @@ class DarkNoise:
 
 @dataclass(frozen=True)
 class FrameMetadata:
-    """What is known of all frames of a source. None, an empty value, or the default below: not known.
+    """Facts about all frames of a source. None, an empty value, or the default below means unknown.
 
-    A view passes on the record of the source that it views, with `dataclasses.replace` for what differs.
+    A view passes on the record of its source, changed by `dataclasses.replace`.
 
     Attributes
     ----------
     bit_depth
         Bits of a sample.
     saturation
-        Sample value from which a pixel is saturated; None too where that differs by pixel.
+        Sample value at which a pixel is saturated; None also if that differs between pixels.
     black_level
-        Sample value without light; a tuple: one for each place of the colour filter pattern, by rows.
+        Sample value without light; a tuple has one for each position of the colour filter pattern, by rows.
     cfa
-        Colour filter pattern by rows, from the first pixel of the frames, such as ``"RGGB"``; empty too for monochrome
+        Colour filter pattern by rows, from the first pixel of the frames, such as ``"RGGB"``; empty also for monochrome
         frames.
     gains
-        White balance of the camera, one factor for each place of the pattern, by rows; of a channel its own.
+        White balance of the camera, one factor for each position of the pattern, by rows; for a channel, a single one.
     noise
         Noise of the raw samples.
     darks
         Dark frames recorded with the frames, by exposure (s).
     lost_darks
-        Exposures (s) whose recorded dark frames are all damaged.
+        Exposures (s) for which all recorded dark frames are damaged.
     left_out
         Damaged frames that were left out.
     codec
-        How the files store samples: ``{"name": "lzw", "lossless": True}``. H keeps it.
+        Compression of samples in the files: ``{"name": "lzw", "lossless": True}``. Stored with H.
     colour
-        Component of colour images that the frames are: one of `lfcal.frames.opening.COMPONENTS`.
+        Component of colour images that the frames show, one of `lfcal.frames.opening.COMPONENTS`.
     pixel_um
         Size of a pixel in object space as the files state it (µm).
     path
         File or folder that the frames come from.
     notes
-        What was guessed when the frames were opened, a line each.
+        What was guessed when the frames were opened, one line each.
     plan
-        Scan plan that the frames were recorded or simulated by.
+        Scan plan with which the frames were recorded or simulated.
     plan_shape
-        Positions ``(nz, ny, nx)`` of the scan.
+        Number of positions ``(nz, ny, nx)`` of the scan.
     origin
-        Row and column of the first pixel on the sensor as it is delivered, where all frames are the same part of it.
-        H keeps it.
+        Row and column of the first pixel on the sensor as delivered, if all frames show the same part of it. Stored
+        with H.
     stated_origin
-        The same as the files state it, not yet confirmed.
+        The same as stated by the files, not yet confirmed.
     channel
-        Place of the colour filter pattern that the frames show alone, such as ``"G1"``; empty: all, or monochrome.
+        The only channel of the colour filter pattern that the frames show, such as ``"G1"``; empty: all, or monochrome.
     channel_phase
         Row and column of the channel's first pixel in the mosaic.
     pixel_step
         Pixels of the mosaic from one pixel of the channel to the next.
     balanced_by
-        Factors that the places of the pattern were multiplied by, by rows.
+        Factors by which the positions of the pattern were multiplied, by rows.
     shift
-        Bits by which left-aligned samples were moved down.
+        Bits by which left-aligned samples were shifted down.
     corrections
-        The corrections that were made (`CorrectionChain.describe`). H keeps it.
+        The applied corrections (`CorrectionChain.describe`). Stored with H.
     keeps_level
-        Whether the corrections leave the black level in the frames; None: no corrections were made.
+        Whether the corrections leave the black level in the frames; None: no corrections were applied.
     dark_noise
-        Noise that the subtracted dark frame adds, where one is subtracted from all frames.
+        Noise that the subtracted dark frame adds, if the same one is subtracted from all frames.
     half_cell
-        Positions whose frames are those of half a period away, as H keeps them (`lfcal.frames.half_cell`): numbers of
-        ``frames`` and of positions ``filled``, the ``shift`` (positions) and ``residual_px``, ranges of ``positions``.
+        Positions whose frames are copied from half a period away, in the form stored with H
+        (`lfcal.frames.half_cell`): numbers of ``frames`` and of positions ``filled``, the ``shift`` (positions) and
+        ``residual_px``, ranges of ``positions``.
     orientation
-        Name of the turn that made the frames upright (`lfcal.frames.ORIENTATIONS`); None: as delivered.
+        Name of the orientation that made the frames upright (`lfcal.frames.ORIENTATIONS`); None: as delivered.
     session
-        Identity of the session that was recorded. H keeps it.
+        Identity of the recorded session. Stored with H.
     devices
-        Names of camera and stage, and settings of the camera, of a recorded session. H keeps it.
+        Names of camera and stage, and camera settings, of a recorded session. Stored with H.
     optics
-        Level of the simulator behind the frames of a simulated camera. H keeps it.
+        Simulation level of the frames of a simulated camera. Stored with H.
     simulated
-        ``effects``, ``level`` and ``seed`` of simulated frames. H keeps it.
+        ``effects``, ``level`` and ``seed`` of simulated frames. Stored with H.
     suspect
-        Positions whose content was suspicious when they were recorded, and why: ``[z, y, x, words]``. H keeps it.
+        Positions with suspicious content during recording, and the reason: ``[z, y, x, words]``. Stored with H.
     kept_aside
-        Positions ``[z, y, x]`` that a fit is not to use. H keeps it.
+        Positions ``[z, y, x]`` held out from a fit. Stored with H.
     earlier_tasks
-        Tasks that recorded the frames, as `lfcal.tasks.Task.to_dict` returns them. H keeps it.
+        Tasks that recorded the frames, as returned by `lfcal.tasks.Task.to_dict`. Stored with H.
     target
         Plan of the target that the frames show (`lfcal.targets.TargetPlan`, of a package that imports this one).
     target_frames
-        Plane and offset's number of each frame of a target.
+        Plane and offset number of each frame of a target.
     decoded
-        Whether sums of several offsets of a target were solved for what each shows alone.
+        Whether sums of several offsets of a target were decoded into single offsets.
     points_left_out
-        Points of a target's frames that show no position of the scan.
+        Number of points in a target's frames that show no position of the scan.
     other
-        What only one kind of source knows, such as that of a plug-in; nothing of lfcal reads it.
+        Facts of a special kind of source, such as a plug-in; lfcal does not read them.
 
     Examples
     --------
@@ -309,14 +310,14 @@ class FrameMetadata:
 
     @classmethod
     def of(cls, known: FrameMetadata | Mapping[str, Any]) -> FrameMetadata:
-        """Return the record of what a source says: of a plain mapping, keys without a field go to ``other``.
+        """Return the metadata record of a source; entries of a plain mapping without a field go to ``other``.
 
-        Sources of earlier plug-ins return a mapping, in which an entry of None is as unknown as one that is not there.
+        Sources of earlier plug-ins return a mapping, in which None means unknown, like a missing entry.
 
         Raises
         ------
         InputError
-            If it is neither.
+            If it is neither a record nor a mapping.
         """
         if isinstance(known, cls):
             return known
@@ -329,16 +330,16 @@ class FrameMetadata:
         return cls(**stated, other={key: value for key, value in known.items() if key not in names})
 
     def stated(self, names: Iterable[str]) -> dict[str, Any]:
-        """Return those of the fields ``names`` that are not empty, in their order: what H keeps of them."""
+        """Return those of the fields ``names`` that are not empty, in order, as stored with H."""
         return {name: value for name in names if (value := getattr(self, name))}
 
 
 class Samples(NamedTuple):
     """A part of a frame as it was read.
 
-    ``values`` ``(rows, columns)``; ``valid`` of the same shape is False where a sample carries no measurement
-    (saturated, masked), None where all do; ``noise`` where it is known; ``saturated`` pixels in this part, None where
-    their number is unknown.
+    ``values`` ``(rows, columns)``; ``valid`` of the same shape is False for samples without a measurement (saturated,
+    masked), or None if all are valid; ``noise`` if it is known; ``saturated``, the number of saturated pixels in this
+    part, None if unknown.
 
     Examples
     --------
@@ -360,8 +361,8 @@ class Samples(NamedTuple):
 class FrameSource(Protocol):
     """A set of equally shaped 2-D frames. Subclass `Frames` to make one.
 
-    Frames come in any order; a position may be missing or given more than once. Reading is safe from several
-    threads. ``metadata`` does not change as long as the source is open.
+    Frames may be in any order; a position may be missing or occur several times. Reading is thread-safe. ``metadata``
+    does not change while the source is open.
     """
 
     @property
@@ -376,7 +377,7 @@ class FrameSource(Protocol):
 
     @property
     def metadata(self) -> FrameMetadata:
-        """What is known of all frames."""
+        """Facts about all frames."""
         ...
 
     def __len__(self) -> int:
@@ -384,7 +385,7 @@ class FrameSource(Protocol):
         ...
 
     def info(self, index: int) -> FrameInfo:
-        """Return what is known of frame ``index``."""
+        """Return the facts about frame ``index``."""
         ...
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
@@ -392,7 +393,7 @@ class FrameSource(Protocol):
         ...
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return what `read` returns together with what is known of those samples."""
+        """Return the result of `read` together with facts about those samples."""
         ...
 
 
@@ -400,7 +401,7 @@ _UNKNOWN = FrameMetadata()
 
 
 class Frames(ABC):
-    """The common part of frame sources; see `FrameSource`.
+    """Base class of frame sources; see `FrameSource`.
 
     Examples
     --------
@@ -424,7 +425,7 @@ class Frames(ABC):
 
     @property
     def metadata(self) -> FrameMetadata:
-        """What is known of all frames."""
+        """Facts about all frames."""
         return _UNKNOWN
 
     @abstractmethod
@@ -433,48 +434,48 @@ class Frames(ABC):
 
     @abstractmethod
     def info(self, index: int) -> FrameInfo:
-        """Return what is known of frame ``index``."""
+        """Return the facts about frame ``index``."""
 
     @abstractmethod
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
         """Return frame ``index``, or the rows and columns ``region`` of it, as a new array of `dtype`."""
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return what `read` returns; samples that are saturated or masked are marked."""
+        """Return the result of `read` with saturated and masked samples marked."""
         known = FrameMetadata.of(self.metadata)  # sources of earlier plug-ins return a mapping
         found = observed(self.read(index, region), known.saturation, known.noise)
         mask = self.info(index).mask
         return found if mask is None else masked(found, mask if region is None else mask[region])
 
     def repeats(self) -> FrameSource | None:
-        """Return further frames of one place, taken again and again with the same settings; None: there are none."""
+        """Return further frames of one place, taken repeatedly with the same settings; None if there are none."""
         return None
 
     def close(self) -> None:  # noqa: B027  most sources keep nothing open
-        """Release what the source keeps open."""
+        """Close the files that the source keeps open."""
 
     def __enter__(self) -> Self:
         """Return the source."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Release what the source keeps open."""
+        """Close the files that the source keeps open."""
         self.close()
 
 
 def observed(values: NDArray[Any], saturation: float | None, noise: Noise | None = None) -> Samples:
     """Return raw ``values`` with those at ``saturation`` (sample value) or above marked as not valid.
 
-    Without a level only the end of an integer type is beyond doubt: samples there are saturated; where none lies
-    there, their number is unknown, because the sensor may end below its sample type.
+    Without a level, only the highest value of an integer type is certainly saturated. If no sample has it, the number
+    of saturated samples is unknown, because the sensor may saturate below the end of its sample type.
     """
-    # floats have no natural end: without a level none can be called saturated
+    # floats have no natural upper end: without a level none can be called saturated
     if saturation is None and values.dtype.kind == "f":
         return Samples(values, noise=noise)
     level = saturation
     if values.dtype.kind in "iu":
         top = int(np.iinfo(values.dtype).max)
-        # whole samples reach a fractional level only at the next whole number
+        # integer samples reach a fractional level only at the next integer
         level = top if level is None else math.ceil(level)
         # a level beyond the type cannot be reached
         if level > top:
@@ -482,14 +483,14 @@ def observed(values: NDArray[Any], saturation: float | None, noise: Noise | None
     full = values >= level
     count = int(np.count_nonzero(full))
     if count == 0:
-        # 8-bit cameras use all of their range; 16-bit files often hold 10, 12 or 14 bits
+        # 8-bit cameras use their whole range; 16-bit files often contain 10, 12 or 14 bits
         known = saturation is not None or values.dtype == np.uint8
         return Samples(values, noise=noise, saturated=0 if known else None)
     return Samples(values, ~full, noise, count)
 
 
 def masked(found: Samples, mask: NDArray[np.bool_]) -> Samples:
-    """Return the samples with those outside ``mask`` marked as not valid; whether these were saturated is no matter."""
+    """Return the samples with those outside ``mask`` marked as not valid, and not counted as saturated."""
     if found.valid is None:
         return found if mask.all() else found._replace(valid=np.array(mask))
     count = None if found.saturated is None else int(np.count_nonzero(mask & ~found.valid))
@@ -504,7 +505,7 @@ def check_index(index: int, count: int) -> int:
 
 
 def check_mask(mask: ArrayLike, shape: tuple[int, int], what: str) -> NDArray[np.bool_]:
-    """Return ``mask`` as a read-only array of bool; raises `InputError` unless it has ``shape`` and leaves a pixel."""
+    """Return ``mask`` as a read-only array of bool; raises `InputError` unless it has ``shape`` and a valid pixel."""
     checked = np.array(mask, np.bool_)
     if checked.shape != shape or not checked.any():
         raise InputError.expected(

@@ -1,4 +1,4 @@
-"""The common part of frame sources that look at another one."""
+"""Base class of frame sources that view another one."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ __all__ = ["SourceView"]
 
 
 class SourceView(Frames):
-    """The frames of ``source`` seen otherwise: all that is known of them is passed on, pixels are not.
+    """A view of the frames of ``source``: metadata are passed on, pixels are not.
 
-    What a view changes of the metadata it states in `derived`.
+    A view states its changes of the metadata in `derived`.
     """
 
     def __init__(self, source: FrameSource) -> None:
@@ -35,16 +35,16 @@ class SourceView(Frames):
 
     @cached_property
     def known(self) -> FrameMetadata:
-        """What is known of the frames that are viewed."""
+        """Facts about the viewed frames."""
         return FrameMetadata.of(self.source.metadata)
 
     @cached_property
     def metadata(self) -> FrameMetadata:
-        """What is known of all frames, made once."""
+        """Facts about all frames, computed once."""
         return self.derived(self.known)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return what is known of this view's frames; ``known`` is that of the frames viewed."""
+        """Return the metadata of this view; ``known`` is that of the viewed frames."""
         return known
 
     def __len__(self) -> int:
@@ -52,11 +52,11 @@ class SourceView(Frames):
         return len(self.source)
 
     def info(self, index: int) -> FrameInfo:
-        """Return what is known of frame ``index``."""
+        """Return the facts about frame ``index``."""
         return self.source.info(index)
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the source's samples; a view that changes pixels or levels has its own."""
+        """Return the source's samples; a view that changes pixels or levels overrides this."""
         return self.source.samples(index, region)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
@@ -64,6 +64,6 @@ class SourceView(Frames):
         return self.source.read(index, region)
 
     def close(self) -> None:
-        """Release what the source keeps open."""
+        """Close the files that the source keeps open."""
         if isinstance(self.source, Frames):
             self.source.close()

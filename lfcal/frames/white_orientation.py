@@ -1,4 +1,4 @@
-"""Which way a white image lies: its lattice and lens types against the camera, in all eight orientations."""
+"""Orientation of a white image, from its lattice and lens types compared with the camera in all eight orientations."""
 
 from __future__ import annotations
 
@@ -16,36 +16,36 @@ from lfcal.lattice import WRONG, CameraCheck, CheckLine, LatticeFit, LensTypes
 __all__ = ["TurnedWhite", "compared_orientations", "find_turned_white"]
 
 MAX_LENSLETS = 500
-"""Lenslets that are compared."""
+"""Number of lenslets that are compared."""
 
 CERTAIN_SIGMAS = 5.0
 """Standard errors above which the order of the lens types is certain."""
 
 MIN_ORDERED = 0.8
-"""Share of the lenslets whose type must follow one order."""
+"""Smallest share of lenslets whose type follows one order."""
 
 NEAR_PX, FAR_PX = 0.3, 1.0
-"""A lattice nearer than the first explains micro-images, one farther than the second does not (pixels rms)."""
+"""Distances (px rms) below which a lattice explains the micro-images, and above which it does not."""
 
 MIN_RATIO = 4.0
-"""How many times nearer another orientation must be."""
+"""Factor by which another orientation must be nearer."""
 
 EQUAL_PX = 0.3
-"""Orientations whose distances differ by less are equally good (pixels rms)."""
+"""Difference of distances (px rms) below which orientations are equally good."""
 
 
 @dataclass(frozen=True, slots=True)
 class TurnedWhite:
-    """Orientations in which a white image is what its camera says, where it is not as it lies.
+    """Orientations in which a white image matches its camera, if it does not match as delivered.
 
     Attributes
     ----------
     turns
-        What makes it upright, the best first; several where they are equally good.
+        Orientations that make it upright, the best first; several if they are equally good.
     away_px, as_is_px
-        Distance of its micro-images from those of the camera so, and as it lies (pixels rms).
+        Distance of its micro-images from those of the camera in this orientation, and as delivered (px rms).
     sigmas
-        How certain it is that the lens types follow each other in the reverse order; None: they give no evidence.
+        Significance of a reversed order of the lens types, in standard errors; None: no evidence.
     """
 
     turns: tuple[Orientation, ...]
@@ -55,14 +55,14 @@ class TurnedWhite:
 
     @property
     def words(self) -> str:
-        """How it lies, with the evidence."""
+        """Description of its orientation, with the evidence."""
         ways = " or ".join(turn.words for turn in self.turns)
         places = f"{self.away_px:.2f} px from the camera's lattice so, {self.as_is_px:.2f} px as it lies"
         return f"{ways} ({f'{self.sigmas:.0f} σ; ' if self.sigmas is not None else ''}{places})"
 
     @property
     def options(self) -> str:
-        """The options of the command line that make it upright."""
+        """Command-line options that make it upright."""
         return " or ".join(f"--orientation {turn.option}" for turn in self.turns)
 
 
@@ -74,19 +74,19 @@ class _Compared:
 
 
 def find_turned_white(camera: Camera, fit: LatticeFit, types: LensTypes | None) -> TurnedWhite | None:
-    """Return in which orientations a white image is what ``camera`` says; None where it is so as it lies, or in none.
+    """Return the orientations in which a white image matches ``camera``; None if it matches as delivered, or in none.
 
-    Compared are the order of the lens types, and the places of the micro-images: rotation, and offset where it is not
-    assumed.
+    The comparison uses the order of the lens types, and the places of the micro-images: rotation, and offset unless it
+    is assumed.
 
     Parameters
     ----------
     camera
-        The description.
+        Camera description.
     fit
         Lattice of the white image.
     types
-        Its lens types, where there are three.
+        Lens types, if there are three.
     """
     typed = types is not None and types.sigmas >= CERTAIN_SIGMAS and camera.marks["lattice.type_step"] != "assumed"
     index = fit.index[:: max(1, len(fit.index) // MAX_LENSLETS)]
@@ -111,7 +111,7 @@ def find_turned_white(camera: Camera, fit: LatticeFit, types: LensTypes | None) 
 
 
 def compared_orientations(check: CameraCheck, camera: Camera) -> tuple[CameraCheck, TurnedWhite | None]:
-    """Return a check with a line on how the white image lies, where it is flipped or turned against the camera."""
+    """Return a check with a line on the orientation of the white image, if it is flipped or turned."""
     found = None if check.fit is None or check.camera is None else find_turned_white(camera, check.fit, check.types)
     if found is None:
         return check, None
@@ -122,11 +122,11 @@ def compared_orientations(check: CameraCheck, camera: Camera) -> tuple[CameraChe
 def _compare(
     camera: Camera, turn: Orientation, places: NDArray[np.float64], kinds: NDArray[np.intp] | None
 ) -> _Compared:
-    """Return how far places ``(n, 2)`` (row, column), made upright, lie from the camera's lenslets of their type."""
+    """Return the distance of upright places ``(n, 2)`` (row, column) from the camera's lenslets of their type."""
     lattice = camera.lattice
     at = lattice.lenslet_at(camera.sensor_um(places))
     if camera.marks["lattice.offset_um"] == "assumed":
-        # the place of a lattice that was not measured is no evidence: the best one is taken
+        # the offset of a lattice that was not measured is no evidence: use the best one
         at = at - np.angle(np.exp(2j * np.pi * at).mean(axis=0)) / (2 * np.pi)
     near = np.rint(at).astype(np.intp)
     basis = lattice.basis_um() / camera.sensor.pixel_um
@@ -147,7 +147,7 @@ def _nearest_of_type(
     camera: Camera,
     basis: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the way ``(n, 2)`` from the nearest lenslet of the same type (pixels)."""
+    """Return the vector ``(n, 2)`` from the nearest lenslet of the same type (pixels)."""
     steps = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
     around = near[:, None] + steps
     ways = (at[:, None] - around) @ basis

@@ -1,18 +1,19 @@
-"""Whether data are good: findings, the verdict, the report, trends, and comparisons of two H.
+"""Quality of data: findings, the verdict, the report, trends, and comparisons of two H.
 
-Everything that says what is wrong gives a `lfcal.base.Finding`, whatever found it; findings have a subject, and
+Every check reports problems as `lfcal.base.Finding`; findings have a subject, and
 `lfcal.base.verdict_of` writes the verdict.
 
-- ``quality``: metrics that need no camera, found by name
-- ``inspection``: these together with the comparison with a camera
+- ``quality``: metrics that need no camera
+- ``inspection``: these metrics together with the comparison with a camera
 - ``evidence``: patterns compared with their camera, each with its light, source and depth
-- ``fault``: what a fault is; ``faults``: one family a module, found by name; ``search``: one fault after the other
-- ``_cost``: what each adds to the error of a reconstruction, on a patch of H
-- ``explained``: how the stated camera disagrees with H
-- ``report``: all of it as a page, on paper, and for programs
+- ``fault``: definition of a fault; ``faults``: one family per module; ``search``: detection of one fault after the
+other
+- ``_cost``: effect of each on the error of a reconstruction, on a patch of H
+- ``explained``: disagreement between the stated camera and H
+- ``report``: the report as a page, for printing, and for programs
 - ``comparison``, ``pairing``, ``region_loss``: two H, and the regions of one
-- ``checking``, ``expected``, ``new_frames``: whether an old H still holds, from new frames
-- ``known_object``: how well H of a fit predicts the frame of a known object
+- ``checking``, ``expected``, ``new_frames``: check of an old H with new frames
+- ``known_object``: prediction of the frame of a known object
 - ``trend``, ``dated``: fits and inspections over months
 - ``results``: recordings, H, fits, reports, exports and volumes in a folder
 """

@@ -27,33 +27,33 @@ APART = {
     "offset_y_um": "array displaced",
     "offset_x_um": "array displaced",
 }
-"""Unknowns of the array's own group, which change for reasons of their own."""
+"""Unknowns of the array's group, which may change independently."""
 
 OF_THE_SCAN = ("depths", "stage_scale", "stage_zero")
 """Groups of unknowns that say nothing of one frame which others do not say."""
 
 SHOWS = 4.0
-"""Standard deviations of what noise alone does, beyond which a suspect is taken for one."""
+"""Significance, in standard deviations of noise, above which a suspect is reported."""
 
 
 @dataclass(frozen=True, slots=True)
 class Suspect:
-    """A change of the camera, and what of the frames it explains.
+    """A possible change of the camera, and how well it explains the frames.
 
     Attributes
     ----------
     name
-        What has changed.
+        The changed part.
     values
-        By how much: of each unknown its change, its standard deviation and its unit.
+        Change of each unknown, with its standard deviation and unit.
     error, sigma
-        The change of H that it makes (relative L2 of the light), and what noise alone would be taken for.
+        Resulting change of H (relative L2 of the light), and its standard deviation due to noise.
     left
-        Error beyond noise that is left with it (relative L2).
+        Remaining error beyond noise (relative L2).
     gained
-        By how much it lowers the sum of squares in sigmas.
+        Decrease of the sum of squares in sigmas.
     shows
-        Whether that is more than noise does.
+        Whether the change is significant.
     """
 
     name: str
@@ -67,20 +67,20 @@ class Suspect:
 
 @dataclass(frozen=True, eq=False)
 class Changes:
-    """How patterns of unit gain change with each suspect.
+    """Changes of patterns of unit gain by each suspect.
 
     Attributes
     ----------
     names
-        Of the suspect that each column belongs to.
+        Name of the suspect for each column.
     unknowns, scales, units
-        What each column is by, how much of it a step of 1 is, and its unit.
+        Unknown of each column, size of a step of 1, and its unit.
     columns
         Derivatives ``(k, n, nt, ns)``.
     start
         The patterns ``(n, nt, ns)``.
     vector, which
-        All unknowns, and the place among them of each column's.
+        All unknowns, and the index of the unknown of each column.
     """
 
     names: tuple[str, ...]
@@ -127,7 +127,7 @@ def changes_of(camera: Behind, index: NDArray[np.intp], offsets_px: F8) -> Chang
 
 
 def _in_words(one: Unknown, pixel_um: float) -> tuple[str, float, str]:
-    """Return name, size of a step, and unit of a column; displacements are told in pixels."""
+    """Return name, step size, and unit of a column; displacements are in pixels."""
     if one.name in ("offset_y_um", "offset_x_um"):
         return one.name.removesuffix("_um"), one.scale / pixel_um, "px"
     if one.squared:
@@ -137,16 +137,16 @@ def _in_words(one: Unknown, pixel_um: float) -> tuple[str, float, str]:
 
 @dataclass(frozen=True, eq=False)
 class FrameResiduals:
-    """What frames show beside H.
+    """Frames compared with the predictions of H.
 
     Attributes
     ----------
     residual, light
-        Frames minus what H says, and the light that it says, each ``(n, m)``.
+        Frames minus prediction, and predicted light, each ``(n, m)``.
     noise, weight
-        Variance, and 1/sigma of each sample (0: it carries no measurement).
+        Variance, and 1/sigma of each sample (0: no measurement).
     nuisance
-        Of each frame, what may be otherwise without a change of H ``(n, j, m)``: gain, background, place of the source.
+        Derivatives of each frame by nuisance parameters ``(n, j, m)``: gain, background, place of the source.
     """
 
     residual: F8
@@ -201,7 +201,7 @@ def _one(changes: Changes, own: list[int], x: F8, residual: F8, left: FrameResid
     power = float(np.square(left.light.ravel()[good]).sum())
     step, inverse = _best_step(x, residual)
     gained = float(step @ (x @ residual))
-    # the change itself in samples, and what noise alone would be taken for
+    # the change itself in samples, and its standard deviation due to noise
     sigmas = np.where(good, 1.0 / np.where(good, left.weight.ravel(), 1.0), 0.0)
     parts = x * sigmas
     change = step @ parts
@@ -248,7 +248,7 @@ FARTHEST_PX = 0.4
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Frames beside a changed camera.
+    """Frames compared with a changed camera.
 
     Attributes
     ----------
@@ -257,9 +257,9 @@ class _State:
     offsets
         Displacements of the sources ``(n, 2)`` (pixels).
     left
-        What the frames show beside it, ``light`` with the change.
+        Comparison of the frames with its prediction; ``light`` includes the change.
     squares
-        Sum of squares in sigmas, without what nuisances make up for.
+        Sum of squares in sigmas, after fitting the nuisance parameters.
     """
 
     u: F8
@@ -293,7 +293,7 @@ class _Frames:
         return found
 
     def at(self, u: F8, offsets: F8) -> _State:
-        """Return the frames beside a changed camera."""
+        """Return the frames compared with a changed camera."""
         light = self.light(u, offsets)
         moved = np.empty((len(light), 2, light.shape[1]))
         for axis in (0, 1):
@@ -329,20 +329,20 @@ def refined(
     changes: Changes,
     left: FrameResiduals,
 ) -> tuple[Suspect, ...]:
-    """Return the suspects, those that explain the frames best with further steps, each by derivatives where it stands.
+    """Return the suspects; those that explain the frames best are refined by further steps.
 
     Parameters
     ----------
     suspects
-        As told by one step from H's own camera.
+        Suspects from one step from the camera of H.
     camera, index
-        Behind H, and the frames' positions of it ``(n, 3)``.
+        Camera of H, and the positions of the frames in it ``(n, 3)``.
     offsets_px
-        Where the frames' sources were found beside these ``(n, 2)``.
+        Displacements of the frames' sources from these positions ``(n, 2)``.
     changes
-        By which the first step was told, in the units of the frames.
+        Derivatives of the first step, in the units of the frames.
     left
-        What the frames show beside H.
+        Comparison of the frames with H.
     """
     frames = _Frames(camera, index, offsets_px, changes, left)
     most = max((one.gained for one in suspects), default=0.0)
@@ -377,7 +377,7 @@ def _refined_one(suspect: Suspect, frames: _Frames) -> Suspect:
 
 
 def _stepped(frames: _Frames, state: _State, which: Sequence[int], step: F8) -> _State | None:
-    """Return the frames beside the camera a step on, or half or a quarter of it; None where none is better."""
+    """Return the frames compared with the camera after a step, or a half or quarter of it; None if none is better."""
     for share in (1.0, 0.5, 0.25):
         u = state.u.copy()
         u[list(which)] += np.clip(share * step, -LONGEST, LONGEST)
@@ -423,7 +423,7 @@ def _told(
     sigma = np.sqrt(np.maximum(np.diag(inverse), 0.0) * grown)
     parts = x * sigmas
     before, residual = (one.left.without_nuisance(one.left.residual[None])[0] * sigmas for one in (begun, best))
-    # what frames show beside H, and no longer with the change: sources in their best places either time
+    # residuals relative to H that the change removes, each with the best places of the sources
     made = before - residual
     squares = float((np.square(residual) - np.where(good, left.noise.ravel(), 0.0)).sum())
     gained = (begun.squares - best.squares) / grown

@@ -42,29 +42,29 @@ MOST_SAMPLES = 24_000_000
 """Of a patch at most: each is held several times."""
 
 SAMPLE = 64
-"""Compared patterns that tell how much of a fault a patch shows."""
+"""Number of compared patterns that determine how much of a fault a patch shows."""
 
 MOST_OF_REST = 3.0
 """Times its own estimate that a fault costs at most where H as it is costs more than its faults."""
 
 SHOWN = 0.3
-"""Share of its usual strength that a fault must have in a patch; else it gets a patch of its own."""
+"""Share of its typical strength that a fault must have in a patch; otherwise it gets a separate patch."""
 
 
 @dataclass(frozen=True)
 class Costs:
-    """What faults cost.
+    """Costs of faults.
 
     Attributes
     ----------
     clean
-        Error of a reconstruction by the noise of H alone, beside one by patterns without noise.
+        Error of a reconstruction due to the noise of H alone, relative to one with noise-free patterns.
     as_it_is
-        The same of H as it is.
+        The same for the actual H.
     costs
-        Error that each finding makes beyond that; errors add in squares. None: not measured.
+        Additional error of each finding; errors add in squares. None: not measured.
     whole
-        Whether these are errors of all of H, and not of a part.
+        Whether these errors are for all of H, not for a part.
     """
 
     clean: float | None
@@ -74,22 +74,22 @@ class Costs:
 
 
 def iter_costs(evidence: Evidence, faults: Sequence[FoundFault], many: int | None = None) -> Work[Costs]:
-    """Measure the error of a reconstruction that each finding makes beyond the noise of H.
+    """Measure the error of a reconstruction that each finding adds to the noise of H.
 
-    A patch of neighbouring positions of up to three planes is computed as the camera should show it, as large as
-    `MOST` and `MOST_SAMPLES` allow; where that is less than all of H, the error is scaled to the strength that the
-    fault has all over H. Errors are those of `SceneTrial`, between volumes that the same image gives: with the
-    patterns as they should be, and with noise of H and the fault in them.
+    A patch of neighbouring positions in up to three planes is computed as the camera should show it, as large as
+    `MOST` and `MOST_SAMPLES` allow. If that is less than all of H, the error is scaled to the strength of the fault in
+    all of H. Errors are those of `SceneTrial`, between volumes from the same image: with ideal patterns, and with the
+    noise of H and the fault in them.
 
     Parameters
     ----------
     evidence
-        What was compared, without the faults.
+        The compared patterns, without the faults.
     faults
-        What was found.
+        The faults found.
     many
-        Positions of a smaller patch, whose image is smaller too; None: as many as allowed. Never a matter of time:
-        costs are the same on every machine.
+        Number of positions of a smaller patch, whose image is smaller too; None: as many as allowed. It never depends
+        on time, so that costs are the same on every machine.
     """
     clock = Clock("measuring what faults cost", len(faults) + 2)
     yield clock.at(0)

@@ -45,12 +45,12 @@ CAPPED = 64
 """Saturated patterns from which the top of the sensor's range is estimated."""
 
 WIDER = 1.5
-"""Times as large cutouts that tell what is cut off."""
+"""Enlargement of cutouts that shows what is cut off."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Told(Fault):
-    """A fault that a metric tells."""
+    """A fault detected by a metric."""
 
     key: str
 
@@ -108,18 +108,18 @@ def _cut_to(cutout: tuple[int, int]) -> PutIn:
 def with_costs(
     quality: QualityReport, told: Sequence[str], costs: Costs, faults: Sequence[float | None]
 ) -> QualityReport:
-    """Return the metrics with the costs that were measured.
+    """Return the metrics with the measured costs.
 
     Parameters
     ----------
     quality
         The metrics.
     told
-        Keys of those that costs were measured of.
+        Keys of the metrics whose costs were measured.
     costs
-        What was measured: of ``faults``, and then of those.
+        Measured costs: first those of ``faults``, then those of these metrics.
     faults
-        What the faults that have a name cost.
+        The named faults with their costs.
     """
     own = dict(zip(told, costs.costs[len(faults) :], strict=True))
     rest = _unnamed(costs, faults)

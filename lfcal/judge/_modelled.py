@@ -43,7 +43,7 @@ STEP_DEPTH = 0.01
 """Change of the virtual depth of which its derivative is made."""
 
 FAR_PX, FAR_DEPTH = 0.2, 0.005
-"""Displacement (pixels) and change of depth (share) from which on derivatives are made anew."""
+"""Displacement (pixels) and change of depth (share) above which derivatives are computed again."""
 
 REACH_PX = 0.95
 """Displacement of sources that models follow (pixels)."""
@@ -55,7 +55,7 @@ DEPTHS = (0.75, 0.8, 0.85, 0.9, 0.94, 0.97, 1.03, 1.06, 1.1, 1.15, 1.2, 1.3, 1.4
 """Virtual depths that are tried, over the stated one."""
 
 NEAR_ARRAY = 0.1
-"""Virtual depth below which changes of it are told as they are, not as shares."""
+"""Virtual depth below which changes are absolute instead of relative."""
 
 MOST_OF = 0.3
 """Share of a plane's patterns that must show a displacement for the others to follow."""
@@ -114,7 +114,7 @@ class Starts:
         )
 
     def apart_from(self, other: Starts, planes: NDArray[np.intp]) -> Flags:
-        """Return which patterns ``(n,)`` are so far from others that the model is computed anew."""
+        """Return which patterns ``(n,)`` are so distant from others that the model is computed again."""
         moved = np.maximum(np.abs(self.source - other.source), np.abs(self.window - other.window)).max(1)
         found: Flags = (moved > FAR_PX) | (np.abs(self.depth - other.depth)[planes] > FAR_DEPTH)
         return found
@@ -230,7 +230,7 @@ def windows_seen(index: NDArray[np.intp], data: F4, model: F4) -> F8:
         at = np.unravel_index(int(np.argmax(top)), top.shape)
         if top[at] - top[WINDOW_PX, WINDOW_PX] > CLEARLY:
             found[k] = np.array(at) - WINDOW_PX
-    # what moved a plane moved all of it: patterns that hardly tell follow the others
+    # a displaced plane moves as a whole: patterns with little information follow the others
     for z in np.unique(index[poor, 0]).tolist():
         own = np.flatnonzero(index[:, 0] == z)
         moves, counts = np.unique(found[own], axis=0, return_counts=True)

@@ -24,20 +24,20 @@ STEPS = 8
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """Patterns of some positions without a fault, in the counts of H.
+    """Patterns of some positions without faults, in the counts of H.
 
     Attributes
     ----------
     evidence
-        What was compared of H.
+        The compared patterns of H.
     known
-        The camera behind it, with cutouts as large as the patch's.
+        The camera of H, with cutouts as large as those of the patch.
     gains
         Counts of H per share of the light of the iris, by plane ``(nz,)``.
     index
         Positions ``(n, 3)`` as (z, y, x).
     light, noise
-        Patterns ``(n, nt, ns)`` as the camera should give them, and noise as H has it.
+        Patterns ``(n, nt, ns)`` predicted by the camera, and noise like that of H.
     """
 
     evidence: Evidence

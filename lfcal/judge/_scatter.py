@@ -17,19 +17,19 @@ F8 = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 FEW = 12
-"""Samples of a bin that tell its noise."""
+"""Number of samples in a bin that determine its noise."""
 
 BINS = 24
-"""Bins of brightness that the noise is told in."""
+"""Number of brightness bins for measuring the noise."""
 
 LOOKED_AT = 200_000
-"""Values at most by which it is told whether they come in steps."""
+"""Largest number of values for deciding whether they come in steps."""
 
 DARK = 3e-3
 """Share of the brightest light below which samples show noise alone."""
 
 SAME = 0.2
-"""Share of dark samples of one value from which on noise is cut off."""
+"""Share of dark samples with the same value above which noise counts as clipped."""
 
 EACH = 8
 """Values of each level, on average, that make steps of them."""
@@ -59,10 +59,10 @@ def noise_of(matrix: PSFMatrix, index: NDArray[np.intp], light: F4, constant: fl
 
 
 def misfit(left: F4, light: F4, valid: Flags, noise: F4) -> float:
-    """Return the share of the light (relative L2) that is left beside noise, of the pattern in the middle."""
+    """Return the residual of the median pattern beyond noise, as a share of the light (relative L2)."""
     beside = np.where(valid, np.square(left) - noise, 0.0).sum((1, 2), dtype=np.float64)
     power = np.where(valid, np.square(light), 0.0).sum((1, 2), dtype=np.float64)
-    seen = valid.any((1, 2))  # what is masked whole tells nothing
+    seen = valid.any((1, 2))  # completely masked pixels carry no information
     if not seen.any():
         return 0.0
     # of a pattern that should have no light nothing is explained
@@ -79,9 +79,9 @@ def start_of(data: F4, valid: Flags) -> F4:
 
 
 def rounding_of(data: F4, model: F4, valid: Flags) -> float:
-    """Return the variance that values have at least where many are the same, in steps or cut off at zero; else 0.
+    """Return a lower limit of the variance if many values are equal, in steps or clipped at zero; else 0.
 
-    Medians of what is left tell nothing of their noise then.
+    The medians of residuals do not show their noise in this case.
     """
     some = data[valid]
     some = some[:: max(1, some.size // LOOKED_AT)]

@@ -102,22 +102,22 @@ def difference(volume: F8, reference: F8) -> float:
 
 
 class SceneTrial:
-    """Images that true patterns give of scenes, and what a reconstruction makes of them with other patterns.
+    """Images of scenes with true patterns, and reconstructions of them with other patterns.
 
-    The volume goes on beyond the image, as it does in a reconstruction with a margin. Without
-    that the pixels along the border see few positions, and where all of these have a pixel dead, light is divided by
-    noise: costs would be those of the border, which a small image has more of than a large one.
+    The volume extends beyond the image, as in a reconstruction with a margin. Otherwise pixels along the border see
+    few positions, and where all of these have a dead pixel, light is divided by noise: costs would be dominated by the
+    border, which is larger in a small image.
 
     Parameters
     ----------
     light
         The true patterns ``(nz, ny, nx, nt, ns)``; positions repeat with their period ``(ny, nx)``.
     side
-        Pixels of the images along each axis at least.
+        Smallest size of the images along each axis (pixels).
     scenes
-        What makes each scene.
+        Functions that make the scenes.
     workers
-        Threads; None: as many as there are.
+        Number of threads; None: all processors.
     """
 
     def __init__(self, light: F4, side: int, scenes: Sequence[Scene] = SCENES, workers: int | None = None) -> None:
@@ -136,7 +136,7 @@ class SceneTrial:
         self._reference = self.volumes(light)
 
     def volumes(self, patterns: F4) -> F8:
-        """Return what patterns ``(nz, ny, nx, nt, ns)`` make of the images, under these ``(scenes, nz, Y, X)``."""
+        """Return the reconstructions ``(scenes, nz, Y, X)`` of the images with patterns ``(nz, ny, nx, nt, ns)``."""
         P = self._projector(patterns)
         found = []
         for image, b in zip(self._images, self._background, strict=True):
@@ -146,7 +146,7 @@ class SceneTrial:
         return np.stack(found).astype(np.float64)
 
     def error(self, patterns: F4) -> float:
-        """Return the error of that beside what the true patterns give (NRMSE, root mean square over the scenes)."""
+        """Return the error relative to the reconstruction with the true patterns (NRMSE, rms over the scenes)."""
         try:
             found = self.volumes(patterns)
         except InputError:  # so little light in sum that nothing can be reconstructed

@@ -1,4 +1,4 @@
-"""What is left of patterns beside their camera, gathered where it fell on the sensor."""
+"""Residuals of patterns relative to their camera, accumulated at their places on the sensor."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ class SensorMap:
     Attributes
     ----------
     residual, weight
-        Sum of what is left, over its variance; and of 1/variance.
+        Sum of the residual divided by its variance, and of 1/variance.
     by_light, light
-        Sum of what is left times the light, over the variance; and of the light squared over it.
+        Sum of the residual times the light divided by the variance, and of the squared light divided by it.
     mixed
-        Sum of the light over the variance.
+        Sum of the light divided by the variance.
     """
 
     residual: F8
@@ -87,7 +87,7 @@ def _told(residual: F8, weight: F8, by_light: F8, light: F8, mixed: F8) -> Lines
 
 @lru_cache(maxsize=1)
 def sensor_map(evidence: Evidence) -> SensorMap:
-    """Return the sums of what patterns show beside their best fit."""
+    """Return the sums of the residuals of patterns relative to their best fit."""
     ny, nx = evidence.plan.period
     nt, ns = evidence.plan.cutout
     maps = np.zeros((5, ny + nt - 1, nx + ns - 1))

@@ -51,7 +51,7 @@ def best_shift(a: F8, b: F8) -> F8:
     at = np.array([float(rows[k]) for rows, k in zip(near, peak, strict=True)])
     at = np.where(at > np.array(shape) / 2, at - shape, at)
     whole = at.copy()
-    # the halves of the spectrum that are not kept are those of the columns beside the first
+    # the omitted half of the spectrum belongs to the columns other than the first
     weight = np.where(u == 0, 1.0, 2.0)
     w = 2 * np.pi * np.stack(np.broadcast_arrays(v, u))
     for _ in range(TURNS):

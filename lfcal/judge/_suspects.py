@@ -10,10 +10,10 @@ from lfcal.judge.quality import QualityReport
 __all__ = ["suspects"]
 
 MAPS = ("step", "flicker", "jitter", "misplaced", "missing", "duplicates")
-"""Keys of metrics whose maps tell single patterns that differ from their neighbours."""
+"""Keys of metrics whose maps show single patterns that differ from their neighbours."""
 
 FAR = 6.0
-"""Times the usual scatter of a map from which on a position is odd."""
+"""Multiple of the typical scatter of a map above which a position is suspect."""
 
 
 def suspects(quality: QualityReport) -> NDArray[np.intp]:

@@ -27,18 +27,18 @@ EVERY = 97
 
 @dataclass(frozen=True, eq=False)
 class OrientationMatch:
-    """Patterns of H that, in one orientation, are most like those of the camera at some positions.
+    """Patterns of H that, in one orientation, best match those of the camera at some positions.
 
     Attributes
     ----------
     name
-        The orientation that makes them upright, one of `ORIENTATIONS`.
+        The orientation, one of `ORIENTATIONS`.
     alike
         Median correlation with the camera's patterns.
     index
         Positions ``(n, 3)`` as (z, y, x) of the camera.
     found
-        Positions ``(n, 3)`` in H whose patterns are most like those.
+        Positions ``(n, 3)`` in H with the best matching patterns.
     """
 
     name: str

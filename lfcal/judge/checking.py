@@ -1,4 +1,4 @@
-"""Whether an old H still holds: new frames held against it."""
+"""Check of an old H with new frames."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ VAGUE = 3.0
 """An error that is known to be below so many times the limit only, is not known well enough."""
 
 ASKED = 8
-"""Frames that suspects are held against; more would take long and tell the same."""
+"""Number of frames used for finding suspects; more would take longer without benefit."""
 
 SURE, MORE = 0.7, 0.2
 """Correlation below which a source is looked for elsewhere than at its place, and how much better it must fit there."""
@@ -51,33 +51,33 @@ SAME = 0.3
 """Chi² below which a frame is no other than the one that H was made of."""
 
 BESIDE = 0.1
-"""Distance of sources from their places that is told (pixels)."""
+"""Displacement of sources that is reported (pixels)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """What new frames say of an old H.
+    """Result of checking an old H with new frames.
 
     Attributes
     ----------
     frames
-        Each frame beside H.
+        Comparison of each frame with H.
     error, chi_square
-        Of all frames.
+        Error and chi-square of all frames.
     limit
-        Error up to which H holds (relative L2).
+        Largest error for a valid H (relative L2).
     stated
         Error that H itself states (relative L2).
     doubt
-        Error of what it says of sources between its positions.
+        Error of its prediction for sources between its positions.
     suspects
         What may have changed, the best explanation first.
     model_misfit
-        What the camera behind H leaves of it unexplained; None: there is no such camera.
+        Share of H that its camera does not explain; None: there is no such camera.
     noise_from
-        Where the noise of the frames is known from.
+        Source of the noise of the frames.
     notes
-        What the verdict does not say.
+        Remarks in addition to the verdict.
     """
 
     data: ClassVar[str] = "H"
@@ -95,7 +95,7 @@ class Check:
 
     @property
     def holds(self) -> bool | None:
-        """Whether H holds; None: these frames do not tell."""
+        """Whether H is still valid; None: these frames do not decide."""
         sure = CLEAR * self.error.squared_sigma
         own = math.hypot(self.stated, self.doubt)
         off = self.error.squared - sure > self.limit**2 + own**2
@@ -111,7 +111,7 @@ class Check:
 
     @property
     def explanations(self) -> tuple[Suspect, ...]:
-        """The changes that explain the frames, the best first: those that show, and that matter beside the limit."""
+        """Changes that explain the frames, the best first: significant ones that matter compared with the limit."""
         return tuple(one for one in self.suspects if one.shows and one.error > 0.5 * self.limit)
 
     @property
@@ -192,24 +192,24 @@ def iter_check(
     limit: float = LIMIT,
     suspects: bool = True,
 ) -> Work[Check]:
-    """Return whether H still holds, from new frames of point sources.
+    """Return whether H is still valid, from new frames of point sources.
 
-    Where each source is, is known or found; its place between H's positions, gain and background are found with it.
+    The place of each source is known or found; its place between H's positions, gain and background are fitted.
 
     Parameters
     ----------
     matrix
         The old H.
     frames
-        A frame ``(rows, columns)`` of the whole sensor with its dark level subtracted, or frames with what is known of
+        A frame ``(rows, columns)`` of the whole sensor with its dark level subtracted, or frames with facts about
         them.
     noise
-        Constant and slope of a sample's variance; None: what the frames state, else H, else what the frame's dark
-        pixels show.
+        Constant and slope of a sample's variance; None: from the frames, else from H, else from the frame's dark
+        pixels.
     limit
-        Error (relative L2) up to which H holds.
+        Largest error (relative L2) for a valid H.
     suspects
-        Look for what has changed.
+        Whether to search for what has changed.
 
     Yields
     ------
@@ -219,7 +219,7 @@ def iter_check(
     Raises
     ------
     InputError
-        If H is none of untouched pixels, or a frame shows no light where H has a pattern.
+        If H was not made from unchanged pixels, or a frame shows no light where H has a pattern.
     """
     check_number("largest error of an H that holds", limit, above=0, below=1)
     _check_matrix(matrix)
@@ -288,7 +288,7 @@ def _placed(matrix: PSFMatrix, frame: NewFrame) -> LocatedPattern:
     free = replace(frame, place=None, plane=None)
     try:
         found = find_source(matrix, frame)
-    except InputError:  # its place is beside the frame, or H has nothing there
+    except InputError:  # its place is outside the frame, or H has no pattern there
         return find_source(matrix, free)
     if found.correlation > SURE:
         return found
@@ -368,13 +368,15 @@ def _notes(compared: Sequence[Compared], camera: Behind | None, doubt: float, st
         notes.append(f"H itself states an error of {format_share(stated)}")
     if camera is not None and not camera.explains:
         left = format_share(camera.misfit)
-        notes.append(f"its camera leaves {left} of H unexplained: what has changed is not told; fit that H first")
+        notes.append(
+            f"its camera leaves {left} of H unexplained, so the cause of the change is unknown; fit that H first"
+        )
     if camera is None:
-        notes.append("no camera is known behind H: what has changed is not told")
+        notes.append("H has no known camera, so the cause of the change is unknown")
     beside = np.array([one.beside_px for one in compared if one.beside_px is not None]).reshape(-1, 2)
     if len(beside) and math.hypot(*beside.mean(0)) > BESIDE:
         rows, columns = beside.mean(0)
-        notes.append(f"sources lie ({rows:.2f}, {columns:.2f}) px beside their places: the stage, or the array")
+        notes.append(f"sources are displaced by ({rows:.2f}, {columns:.2f}) px: the stage or the array has moved")
     if min(one.chi_square.lit for one in compared) < SAME:
         notes.append("frames differ from H by less than their noise: H was made of them, or the noise is not theirs")
     gains = [one.gain for one in compared]

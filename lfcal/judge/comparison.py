@@ -18,13 +18,13 @@ __all__ = ["Comparison", "Figures", "PlaneFigures", "compare", "iter_compare"]
 F8 = NDArray[np.float64]
 
 STARTED = 48
-"""Positions of a plane from which its shift is first told."""
+"""Number of positions of a plane from which its shift is first estimated."""
 
 ALIKE = 12
-"""Positions at which every plane is held against every other."""
+"""Number of positions at which every plane is compared with every other."""
 
 MOST_PLANES = 40
-"""Planes up to which each is held against every other."""
+"""Number of planes up to which each is compared with every other."""
 
 LIKER = 1.5
 """How many times as unlike the plane of the same depth is when another plane is said to be more like."""
@@ -39,20 +39,20 @@ MODEL = slice(2, 5)
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """What sets patterns ``a`` of one H apart from patterns ``b`` of the other; NaN where nothing could be compared.
+    """Differences between patterns ``a`` of one H and patterns ``b`` of the other; NaN if nothing could be compared.
 
     Attributes
     ----------
     nrmse
-        ``|a - b| / |b|``, as they are.
+        ``|a - b| / |b|``, without scaling.
     scale
-        Number g for which ``|a - g b|`` is least.
+        Number g that minimizes ``|a - g b|``.
     scaled
-        ``|a - g b| / |a|`` with it: 0 where they are alike, 1 where they have nothing in common.
+        ``|a - g b| / |a|`` with it: 0 if they are equal, 1 if they have nothing in common.
     shift_px
-        Sub-pixel shift (row, column) of a against b.
+        Sub-pixel shift (row, column) of a relative to b.
     left
-        The same as ``scaled`` with scale and shift that fit best.
+        The same as ``scaled``, with best-fit scale and shift.
     correlation
         ``sum(a b) / sqrt(sum(a²) sum(b²))``.
     """
@@ -67,20 +67,20 @@ class Figures:
 
 @dataclass(frozen=True, slots=True)
 class PlaneFigures:
-    """Figures of one plane.
+    """Differences in one plane.
 
     Attributes
     ----------
     planes, depths_um
         Number and depth in both.
     positions
-        How many were compared.
+        Number of compared positions.
     all
-        Of all pixels.
+        Differences of all pixels.
     types
-        Of the pixels behind the lenslets of each type; empty where no camera tells them.
+        Differences of the pixels behind the lenslets of each type; empty if no camera identifies them.
     like
-        Plane of the second H that shows more of what this plane of the first shows; None: its own does.
+        Plane of the second H that matches this plane of the first better; None: the same plane matches best.
     """
 
     planes: tuple[int, int]
@@ -93,22 +93,22 @@ class PlaneFigures:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """How two H differ: a recording from its simulation, or today's from last month's.
+    """Differences between two H: a recording and its simulation, or recordings of today and last month.
 
-    Positions missing in either, dark in either, or holding not-a-number are left out.
+    Positions that are missing, dark or NaN in either are left out.
 
     Attributes
     ----------
     pair
-        What was compared, and what was left out.
+        The compared parts, and what was left out.
     all, types
         Over all planes; the shift is the planes' mean, and each plane is at its own in ``left``.
     planes
-        By plane.
+        Differences by plane.
     error
-        ``|a / s - b| / |b|`` of each pattern at equal energy ``(planes, ny, nx)``; NaN where nothing was compared.
+        ``|a / s - b| / |b|`` of each pattern at equal energy ``(planes, ny, nx)``; NaN if nothing was compared.
     shift_px
-        Centroid (row, column) of each pattern less that of the second H's ``(planes, ny, nx, 2)`` (pixels).
+        Centroid (row, column) of each pattern minus that in the second H ``(planes, ny, nx, 2)`` (pixels).
 
     Examples
     --------
@@ -214,20 +214,20 @@ def iter_compare(
 ) -> Work[Comparison]:
     """Compare two H; a few rows of positions of each are in memory at a time.
 
-    The shift of a plane is told from the cross-spectrum of some of its patterns and refined by all of them: b is put
-    there by its Fourier series, and what it lacks is fitted with its slopes, beside the scale, by least squares.
+    The shift of a plane is estimated from the cross-spectrum of some of its patterns, and refined with all of them: b
+    is shifted by its Fourier series, and the residual is fitted by least squares with its slopes and the scale.
 
     Parameters
     ----------
     a, b, by_number, by_index
-        As for `pair`, which says what of them is compared.
+        As in `pair`, which defines what is compared.
     workers
-        Threads; every processor by default.
+        Number of threads; all processors by default.
 
     Raises
     ------
     InputError
-        As `pair`.
+        As in `pair`.
 
     Examples
     --------
@@ -306,7 +306,7 @@ def _sensor_types(both: Pair) -> NDArray[np.intp] | None:
     if camera is None or matrix.pixel_scale != (1.0, 1.0) or len(camera.lattice.types) < 2:
         return None
     _, ny, nx, nt, ns = both.shape
-    # a has the numbers of positions; without a camera of its own they are b's
+    # a has the numbers of positions; without a camera they are those of b
     rows = round(matrix.anchor[0]) - (nt - 1) // 2 + np.arange(ny + nt - 1)
     columns = round(matrix.anchor[1]) - (ns - 1) // 2 + np.arange(nx + ns - 1)
     return camera.lattice.type_at(camera.sensor_um(np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1)))
@@ -384,7 +384,7 @@ def _figures(sums: F8, start: F8) -> Figures:
 
 
 def _together(sums: F8, planes: list[Figures]) -> Figures:
-    """Return the figures over all planes, each at a scale and shift of its own in what is left."""
+    """Return the differences over all planes, each with a separate scale and shift in the residual."""
     whole = _figures(sums.sum(0), np.zeros(2))
     known = [k for k, one in enumerate(planes) if math.isfinite(one.left)]
     if not known:

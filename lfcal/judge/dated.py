@@ -39,24 +39,24 @@ class DatedFit:
     Attributes
     ----------
     label
-        Its folder.
+        Folder of the fit.
     when, recorded
-        When the patterns were recorded, else when they were fitted (UTC); whether it is the former, None: the file's
-        own time, for neither is known.
+        Time of the recording, else of the fit (UTC); and whether it is that of the recording. None: the file time,
+        because neither is known.
     camera
-        The camera as found.
+        The fitted camera.
     values
-        Value of each parameter by name, and its standard deviation with all else held.
+        Value of each parameter by name, and its standard deviation with all others fixed.
     units, groups_of
-        Unit, and group of unknowns, of each.
+        Unit and group of each parameter.
     groups
-        Groups of unknowns that were fitted.
+        Groups of fitted unknowns.
     complete
         Whether the model sufficed.
     middle_um
-        The scanned region's middle (x, y) from the sensor's centre (µm).
+        Middle (x, y) of the scanned region from the sensor's centre (µm).
     depths_um
-        Depths as planned.
+        Planned depths.
     """
 
     label: str
@@ -186,15 +186,15 @@ class DatedInspection:
     Attributes
     ----------
     label, when, dated
-        What it is called, when it was inspected (UTC), and whether that is said or is the file's own time.
+        Name, time of the inspection (UTC), and whether it is stated or comes from the file time.
     verdict, merit
-        In a sentence, and in a word.
+        Verdict as a sentence, and merit as a word.
     values, scales
-        Of each metric by its key.
+        Value and scale of each metric by its key.
     faults
         Share of the light of each fault by its title; None: nothing was compared with a camera.
     period
-        Positions ``(ny, nx)`` of H; None where it is not said.
+        Number of positions ``(ny, nx)`` of H; None if not stated.
     """
 
     label: str
@@ -287,7 +287,7 @@ def inspections_in(path: Path) -> list[Path]:
 
 
 def labels_of(places: Sequence[Path]) -> list[str]:
-    """Return short names that tell them apart: that of the file, or of the folders above it."""
+    """Return short distinguishing names: that of the file, or of the folders above it."""
     for above in range(1, 8):
         told = ["/".join(place.parts[-above:]) for place in places]
         if len(set(told)) == len(told):

@@ -1,4 +1,4 @@
-"""What patterns show beside what their camera should give: the evidence that faults are found in."""
+"""Comparison of patterns with the predictions of their camera, the basis for finding faults."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ F8 = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 COLUMNS = ("gain", "background", "source_y", "source_x", "window_y", "window_x", "depth")
-"""What each pattern is fitted with: share of its light, counts, pixels of the source, pixels of the cutout, and the
+"""Fitted parameters of each pattern: share of its light, counts, pixels of the source, pixels of the cutout, and the
 shift of depth as a share of the virtual depth."""
 
 CHANCE = 2
-"""Patterns of those spread evenly that a rare fault may have: no more tell how frequent it is."""
+"""Number of evenly spread patterns that a rare fault may have: they do not determine its frequency."""
 
 CLIP = 4.0
 """Standard deviations beyond which a sample has no say in the fit of its pattern."""
@@ -49,21 +49,21 @@ DIMMEST = 0.25
 """Share of the samples, those of the least light, from which the noise of patterns is estimated."""
 
 ROUNDS = 3
-"""Fits of each pattern: outliers are clipped, and the noise is told anew, after each."""
+"""Number of fits of each pattern: after each, outliers are clipped and the noise is measured again."""
 
 
 @dataclass(frozen=True, eq=False)
 class Unlike:
-    """Why patterns cannot be compared with a camera.
+    """Reason why patterns cannot be compared with a camera.
 
     Attributes
     ----------
     reason
-        In words.
+        Reason in words.
     stated
-        Whether a camera is stated that should explain the patterns, and does not.
+        Whether a camera is stated that should explain the patterns but does not.
     camera
-        That camera, where patterns can be computed with it.
+        That camera, if patterns can be computed with it.
     correlation
         Median correlation of the patterns with those of the camera; None: not measured.
 
@@ -87,37 +87,37 @@ class Unlike:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Some patterns of an H beside those that its camera should give.
+    """Some patterns of an H compared with the predictions of its camera.
 
     Attributes
     ----------
     matrix, plan
-        H, and the scan that it is of.
+        H, and its scan.
     camera
-        The camera behind it.
+        The camera of H.
     index
         Positions ``(n, 3)`` as (z, y, x).
     data, valid
-        Values ``(n, nt, ns)`` and which of them carry a measurement.
+        Values ``(n, nt, ns)``, and which of them are valid.
     model
-        The same by the camera, as shares of the light of the iris.
+        Predictions of the camera, as shares of the light of the iris.
     columns
-        Derivatives of ``model`` by `COLUMNS` after the first two ``(n, 5, nt, ns)``.
+        Derivatives of ``model`` by the `COLUMNS` after the first two ``(n, 5, nt, ns)``.
     values, sigmas
-        What fitted each pattern best, and the standard deviations ``(n, 7)``, in the order of `COLUMNS`; derivatives
-        are those of the model times the pattern's gain.
+        Best-fit parameters of each pattern and their standard deviations ``(n, 7)``, in the order of `COLUMNS`;
+        derivatives are those of the model times the pattern's gain.
     variance
-        Of each sample ``(n, nt, ns)``: noise, and what the model is off by as a rule.
+        Variance of each sample ``(n, nt, ns)``: noise and typical error of the model.
     misfit
-        Share of the light by which the model is off as a rule.
+        Typical error of the model, as a share of the light.
     starts
-        Where the model and its derivatives were computed: displacements are told from there on.
+        Parameters at which the model and its derivatives were computed, the reference of displacements.
     asked
-        Patterns ``(n,)`` that are there because they were suspected: the others are spread evenly.
+        Patterns ``(n,)`` that were included as suspects; the others are evenly spread.
     more_suspected
-        Positions that were suspected beyond those: the oddest were asked for.
+        Number of further suspected positions; the most suspect ones were included.
     rounding
-        Variance that values have by the steps they come in.
+        Variance due to the rounding of values.
 
     Examples
     --------
@@ -169,7 +169,7 @@ class Evidence:
         return max(self.extent(which), min(most, 1.0))
 
     def column(self, name: str) -> tuple[F8, F8]:
-        """Return values and standard deviations ``(n,)`` of one of `COLUMNS`, beside what was planned."""
+        """Return values and standard deviations ``(n,)`` of one of `COLUMNS`, relative to the plan."""
         k = COLUMNS.index(name)
         return self.values[:, k] + self.starts.column(name, self.index[:, 0]), self.sigmas[:, k]
 
@@ -216,7 +216,7 @@ class Evidence:
 
     @cached_property
     def unlike(self) -> Flags:
-        """Patterns ``(n,)`` that are not those of their places: of the sensor they tell nothing."""
+        """Patterns ``(n,)`` that do not belong to their positions, and carry no information on the sensor."""
         seen = self.valid.any((1, 2))
         if not seen.any():
             return np.zeros(len(self), np.bool_)
@@ -275,9 +275,9 @@ class Evidence:
         return replace(found, asked=self.asked, more_suspected=self.more_suspected)
 
     def followed(self, values: F8 | None = None) -> Evidence:
-        """Return the evidence with models computed where patterns look to be, by ``values`` instead of their own.
+        """Return the evidence with models computed at the apparent places of the patterns, given by ``values``.
 
-        Itself where that is near enough to where they were computed.
+        Returns itself if these are close to the places where they were computed.
         """
         planes = self.index[:, 0]
         moved = self.starts.nearer(self.values if values is None else values, planes)
@@ -399,22 +399,22 @@ def iter_evidence(
     suspected: NDArray[np.intp] | None = None,
     more_suspected: int = 0,
 ) -> Work[Evidence | Unlike]:
-    """Compare patterns of H with its camera; without one, or where it does not explain H, say why not.
+    """Compare patterns of H with its camera; without one, or if it does not explain H, return the reason.
 
-    Which patterns are compared depends on H alone, never on the time that they take.
+    The choice of patterns depends only on H, never on computing time.
 
     Parameters
     ----------
     matrix
         H.
     setup
-        The camera as it was found by a fit; None takes what H says of it.
+        The camera found by a fit; None: that of H.
     patterns
-        Patterns that are compared, spread evenly; fewer where H has fewer, or where they are very large.
+        Number of evenly spread patterns to compare; fewer if H has fewer, or if they are very large.
     suspected
-        Positions ``(n, 3)`` that are compared too, for what is known of them.
+        Suspect positions ``(n, 3)`` that are compared as well.
     more_suspected
-        How many more are suspected like these.
+        Number of further suspect positions.
 
     Examples
     --------
@@ -499,9 +499,9 @@ def iter_fitted(
     *,
     elsewhere: bool = True,
 ) -> Work[Evidence]:
-    """Return patterns ``(n, nt, ns)`` of positions ``(n, 3)``, fitted where source, cutout and plane look to be.
+    """Return patterns ``(n, nt, ns)`` of positions ``(n, 3)``, fitted at the apparent source, cutout and plane.
 
-    ``clock`` counts hundredths; with ``elsewhere`` planes are looked for far from their stated depths, too.
+    ``clock`` counts hundredths; with ``elsewhere``, planes are also searched for far from their stated depths.
     """
     model, columns = (np.empty((len(index), *shape), np.float32) for shape in (matrix.cutout, (5, *matrix.cutout)))
     starts = Starts.none(len(index), len(matrix))

@@ -24,7 +24,7 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 EXPLAINS = 0.25
-"""Share of H's light (relative L2) that a camera may leave unexplained and still tell how H changes."""
+"""Share of H's light (relative L2) that a camera may leave unexplained and still predict changes of H."""
 
 EDGE = 2
 """Pixels at each border of a cutout that no neighbour of two positions away has."""
@@ -48,7 +48,7 @@ class Behind:
 
     @property
     def explains(self) -> bool:
-        """Whether changes of H can be told from it."""
+        """Whether it can predict changes of H."""
         return self.misfit < EXPLAINS
 
 
@@ -71,7 +71,7 @@ def fitted_setup(folder: Path, matrix: PSFMatrix) -> Setup:
 
 
 def behind(matrix: PSFMatrix, index: NDArray[np.intp]) -> Behind | None:
-    """Return the camera behind an H, held against its patterns ``index`` ``(n, 3)``; None where there is none."""
+    """Return the camera of an H, compared with its patterns ``index`` ``(n, 3)``; None if there is none."""
     try:
         plan = plan_of(matrix)
         if plan is None:
@@ -79,7 +79,7 @@ def behind(matrix: PSFMatrix, index: NDArray[np.intp]) -> Behind | None:
         errors, aside = _depth_errors(matrix.provenance, matrix.shape[0]), _aside(matrix.provenance)
         setup = Setup(plan.camera, _effects(matrix), errors, aside_px=aside)
         light = predict(setup, plan, index, np.zeros((len(index), 2)), Fineness.coarse)
-    except (InputError, EnergyError):  # a description that no engine computes tells nothing of H
+    except (InputError, EnergyError):  # a description that no engine can compute says nothing about H
         return None
     left = power = 0.0
     for (z, y, x), one in zip(index.tolist(), light, strict=True):
@@ -121,7 +121,7 @@ def _depth_errors(provenance: Mapping[str, Any], planes: int) -> tuple[float, ..
 
 
 def _aside(provenance: Mapping[str, Any]) -> tuple[float, float]:
-    """Return how far all sources lay beside their places on the sensor, as a fit of several regions says."""
+    """Return the common displacement of all sources on the sensor, as stated by a fit of several regions."""
     fit = provenance.get("fit")
     said = fit.get("aside_px") if isinstance(fit, Mapping) else None
     good = isinstance(said, list) and len(said) == 2 and all(isinstance(v, int | float) and abs(v) < 1e3 for v in said)
@@ -129,14 +129,14 @@ def _aside(provenance: Mapping[str, Any]) -> tuple[float, float]:
 
 
 class ExpectedPattern:
-    """The pattern that H says a source beside one of its positions has.
+    """The pattern that H predicts for a source near one of its positions.
 
     Parameters
     ----------
     matrix, z, y, x
-        H and its position.
+        H and the position in it.
     camera
-        The camera behind H, where it explains it; None: by interpolation of H's neighbours.
+        The camera of H, if it explains H; None: interpolate between neighbouring positions of H.
     """
 
     def __init__(self, matrix: PSFMatrix, z: int, y: int, x: int, camera: Behind | None) -> None:

@@ -92,18 +92,18 @@ _STAGE = "looking for what explains the patterns"
 
 @dataclass(frozen=True)
 class Explanation:
-    """What explains the patterns of an H far better than its camera as it is described.
+    """An explanation of the patterns of an H that is far better than its described camera.
 
     Attributes
     ----------
     kind
         ``"orientation"``, ``"rows"``, ``"part"``, ``"pupil"``, ``"types"``, ``"gap"``, ``"diameter"`` or ``"blades"``.
     words
-        What it is, as a statement.
+        Description, as a statement.
     advice
-        What to do about it.
+        Remedy.
     before, after
-        Share of the light (relative L2) that is unexplained with the description, and with this.
+        Unexplained share of the light (relative L2) with the description, and with this explanation.
 
     Examples
     --------
@@ -138,19 +138,19 @@ CHECK = (
 
 @dataclass(frozen=True)
 class Disagreement:
-    """How a stated camera disagrees with the patterns of an H.
+    """Disagreement of a stated camera with the patterns of an H.
 
     Attributes
     ----------
     reason
-        In words.
+        Reason in words.
     misfit, correlation
-        Share of the light that the camera leaves unexplained, and median correlation of the patterns with its; None:
-        not measured.
+        Share of the light that the camera does not explain, and median correlation of the patterns with its
+        predictions; None: not measured.
     explanation
-        What explains them far better, if something does.
+        A far better explanation, if there is one.
     fitted
-        Whether the camera is as a fit found it.
+        Whether the camera comes from a fit.
 
     Examples
     --------
@@ -349,16 +349,16 @@ def _most_agree(shifts: F8, size: Index) -> bool:
 def iter_explained(
     matrix: PSFMatrix, known: Behind, *, iris: Iris | None = None, evidence: Evidence | None = None
 ) -> Work[Explanation | None]:
-    """Return what explains patterns far better than their camera as described, as they lie; None: nothing does.
+    """Return a far better explanation of patterns than their described camera; None: there is none.
 
     Parameters
     ----------
     matrix, known
-        H, and the camera behind it.
+        H, and its camera.
     iris
-        The iris that the depth-plane sums show, if they do.
+        The iris shown by the depth-plane sums, if any.
     evidence
-        Patterns that were compared with the camera; None leaves out a pupil that is blocked in a part.
+        Patterns that were compared with the camera; None: a partly blocked pupil is not considered.
     """
     few = yield from _iter_few(matrix, known, None if evidence is None else evidence.misfit)
     found: list[Explanation] = []

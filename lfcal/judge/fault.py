@@ -36,20 +36,20 @@ def adding(own: NDArray[np.intp], light: F4 | F8) -> Repair:
 
 @dataclass(frozen=True, eq=False)
 class FaultPicture:
-    """What shows a fault: a curve ``(n,)`` over ``across``, or a map ``(rows, columns)``.
+    """Evidence of a fault for drawing: a curve ``(n,)`` over ``across``, or a map ``(rows, columns)``.
 
     Attributes
     ----------
     values, unit
-        What is drawn, and its unit.
+        Values to draw, and their unit.
     title
-        What it is, in words.
+        Title in words.
     axes
-        What the axes are: of a map the rows and the columns, of a curve its abscissa.
+        Names of the axes: rows and columns of a map, abscissa of a curve.
     across
         Abscissa of a curve; None: numbers from 0.
     origin
-        Of a map, the numbers of its first row and column.
+        Numbers of the first row and column of a map.
 
     Examples
     --------
@@ -77,37 +77,38 @@ class FoundFault:
     Attributes
     ----------
     fault
-        Which one.
+        The kind of fault.
     detail
-        What was found, with numbers and units.
+        Details, with numbers and units.
     sigmas
-        By how many standard deviations it stands out of what the rest of H does.
+        Significance relative to the rest of H, in standard deviations.
     share
-        Share of the patterns' light that it changes (relative L1): what it may cost at all.
+        Changed share of the patterns' light (relative L1), an upper limit of its cost.
     positions
-        Positions (z, y, x) concerned ``(n, 3)``; empty: all of them.
+        Affected positions (z, y, x) ``(n, 3)``; empty: all.
     pixels
-        Pixels of the sensor (row, column) concerned ``(n, 2)``, counted from H's first cutout.
+        Affected pixels of the sensor (row, column) ``(n, 2)``, relative to H's first cutout.
     picture
-        What shows it.
+        Picture of the evidence.
     repair
-        Takes it out of patterns; None: only a new recording does.
+        Function that removes it from patterns; None: only a new recording helps.
     blinds
-        Whether ``pixels`` carry no measurement.
+        Whether ``pixels`` have no valid measurement.
     masked
-        Tells which values of patterns carry no measurement.
+        Function that returns which values of patterns are invalid.
     redo
         Whether the positions should be recorded again.
     put_in
-        Puts it into patterns that have none, for what it costs.
+        Function that adds it to clean patterns, to measure its cost.
     extent
-        Share of all positions that have it, where ``positions`` are single frames; None: it is no fault of such.
+        Share of all positions that have it, if ``positions`` are single frames; None: it does not concern single
+        frames.
     scatters
-        Whether ``put_in`` follows the size alone, or a part of what patterns showed.
+        Whether ``put_in`` depends only on the size, or also on a part of the residuals.
     wider
-        Times as large cutouts on which ``put_in`` shows what it costs.
+        Enlargement of the cutouts on which ``put_in`` shows the cost.
     cost
-        Error of a reconstruction with this H that it makes beyond noise (NRMSE); errors add in squares. None: not
+        Error of a reconstruction with this H in addition to noise (NRMSE); errors add in squares. None: not
         measured.
 
     Examples
@@ -152,25 +153,25 @@ class FoundFault:
 
 
 class Fault:
-    """A way in which a recording goes wrong, and how it is found beside the camera's model.
+    """A kind of fault of a recording, and how it is detected by comparison with the camera's model.
 
     Attributes
     ----------
     name, title, advice
-        Name in JSON; for people; what to do about it.
+        Name in JSON, display name, and remedy.
     subject
-        What it concerns, one of `lfcal.base.SUBJECTS`.
+        Subject, one of `lfcal.base.SUBJECTS`.
     settles
-        Keys of model-free metrics that measure the same less surely: what this finds stands for them.
+        Keys of model-free metrics that measure the same less reliably, and that this finding replaces.
     explains
-        Names of faults that are not looked for where this one is found: its traces look like theirs.
+        Names of faults that are not searched for if this one is found, because its traces look like theirs.
     needs_camera
-        Whether it is told by the difference from a camera that explains the patterns.
+        Whether its detection needs a camera that explains the patterns.
     rank
-        Order in which faults are looked for: what is found is taken out before the next.
+        Order of the search: a fault that is found is removed before the next.
     strong_rank
-        Where in that order it is looked for besides, to count if it explains most of what the camera does not: others
-        would be named for it. None: nowhere.
+        Earlier place in that order at which it is also searched for, and counts if it explains most of the residual,
+        because other faults would be reported instead. None: no earlier place.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What is wrong with an H: by its camera's model where there is one, beside the metrics that need none."""
+"""Inspection of an H: comparison with the model of its camera, if there is one, and metrics that need no camera."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ ORIENTATION = "scan_order"
 """Key of the metric of the orientation of frames."""
 
 KINDS, LARGE = 3, 0.02
-"""Different faults, each of that share of the light at least, beyond which a camera that does not explain the patterns
-as they are is likelier than all of them at once."""
+"""Number of different faults, each with at least that share of the light, above which a wrong camera is more likely
+than all of them together."""
 
 LEFT, DEPTHS = 0.02, ("depth_label", "focus_drift")
 """Share of the light that is left with planes at other depths, beyond which something else may explain more."""
@@ -62,30 +62,30 @@ MEASURED = frozenset(
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """The metrics of an H, and what stands out in a comparison with its camera.
+    """Metrics of an H, and faults found in the comparison with its camera.
 
     Attributes
     ----------
     quality
         The metrics that need no model.
     faults
-        Faults that were found, the costliest first.
+        Faults found, the most expensive first.
     compared
-        Patterns that were compared with the camera; 0: none.
+        Number of patterns compared with the camera; 0: none.
     misfit
-        Share of the light by which the camera is off as a rule.
+        Typical error of the camera, as a share of the light.
     why_not
-        Why nothing was compared; empty where it was.
+        Reason why nothing was compared; empty if it was.
     seconds
-        What the comparison took.
+        Duration of the comparison.
     clean
-        Error of a reconstruction by the noise of H alone (NRMSE); None: not measured.
+        Error of a reconstruction due to the noise of H alone (NRMSE); None: not measured.
     as_it_is
-        The same of H as it is.
+        The same for the actual H.
     disagreement
-        How the stated camera disagrees with H, where it does: such an H is never good.
+        Disagreement of the stated camera with H, if any: such an H is never good.
     unfinished
-        Why the comparison with the stated camera is not finished; empty where it is. Such an H is never good.
+        Reason why the comparison with the stated camera is unfinished, or empty. Such an H is never good.
 
     Examples
     --------
@@ -114,7 +114,7 @@ class Inspection:
     unfinished: str = ""
 
     def settled(self, metric: Metric) -> FoundFault | None:
-        """Return the fault that stands for a metric, or None."""
+        """Return the fault that replaces a metric, or None."""
         return next((one for one in self.faults if metric.key in one.fault.settles), None)
 
     def withdrawn(self, metric: Metric) -> bool:

@@ -19,16 +19,16 @@ __all__ = ["ObjectPlace", "nearest", "object_error"]
 
 @dataclass(frozen=True, eq=False)
 class ObjectPlace:
-    """Where H holds.
+    """Place where an H is valid.
 
     Attributes
     ----------
     H
-        Its file.
+        File of H.
     middle_px
-        The middle (row, column) of its scan on the sensor.
+        Middle (row, column) of its scan on the sensor.
     gains
-        Light of each of its planes: regions may have been recorded in other light.
+        Light of each of its planes: regions may have been recorded with different light.
     """
 
     H: Path
@@ -52,7 +52,7 @@ class ObjectPlace:
 
 
 def nearest(places: Sequence[ObjectPlace], shape: tuple[int, int], origin: tuple[float, float]) -> NDArray[np.intp]:
-    """Return for each pixel ``(rows, columns)`` of a frame the number of the place whose middle is nearest.
+    """Return for each pixel ``(rows, columns)`` of a frame the index of the nearest place.
 
     ``origin`` is the frame's first pixel (row, column) on the sensor.
     """

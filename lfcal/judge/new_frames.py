@@ -24,7 +24,7 @@ NEAR_DEPTH = 0.02
 def new_frames(
     matrix: PSFMatrix, view: FrameSource, source: str, plan: ScanPlan | None = None, *, most: int = 0
 ) -> list[NewFrame]:
-    """Return corrected frames to check H by.
+    """Return corrected frames for checking H.
 
     Parameters
     ----------
@@ -33,16 +33,16 @@ def new_frames(
     view
         Frames in whole pixels of the sensor, upright.
     source
-        What messages call them.
+        Name for messages.
     plan
-        Of the scan that they are of; None: each is a file, whose name may say where its source is.
+        Plan of their scan; None: each is a file, whose name may state the place of its source.
     most
-        Take no more than this, spread evenly; 0: all.
+        Largest number of frames, spread evenly; 0: all.
 
     Raises
     ------
     InputError
-        If they are of another sensor, or of depths that H does not have.
+        If they belong to another sensor, or have depths that H does not have.
     """
     _check_grid(matrix, view, plan or plan_of(matrix), source)
     if plan is None:

@@ -1,4 +1,4 @@
-"""What two H have in common: planes, positions and pixels that are held beside each other, and what is left out."""
+"""Common parts of two H: planes, positions and pixels that can be compared, and what is left out."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ F8 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """Two H, and what of them is compared.
+    """Two H, and the parts of them to compare.
 
     Attributes
     ----------
     a, b
         The matrices.
     planes
-        Planes (of a, of b) that show the same depth.
+        Pairs of planes (of a, of b) with the same depth.
     moved
         Position (y, x) of b that is position (0, 0) of a.
     cutout
-        Pixels ``(nt, ns)`` that both have about the source.
+        Common pixels ``(nt, ns)`` about the source.
     notes
-        What is left out, and why.
+        What is left out, and the reason.
     """
 
     a: PSFMatrix
@@ -86,18 +86,18 @@ class Pair:
 def pair(
     a: PSFMatrix | ArrayLike, b: PSFMatrix | ArrayLike, *, by_number: bool = False, by_index: bool = False
 ) -> Pair:
-    """Return what two H have in common.
+    """Return the common parts of two H.
 
-    Planes belong together by their depths, positions by where they are on the sensor where both state a camera.
+    Planes are matched by their depths, and positions by their place on the sensor if both state a camera.
 
     Parameters
     ----------
     a, b
-        Matrices; of a transposed view, the H behind it.
+        Matrices; for a transposed view, its H is used.
     by_number
-        Planes belong together by their numbers, whatever their depths.
+        Match planes by their numbers instead of their depths.
     by_index
-        Planes and positions belong together by their numbers, wherever they are on the sensor; the shapes are equal.
+        Match planes and positions by their numbers, wherever they are on the sensor; the shapes must be equal.
 
     Raises
     ------

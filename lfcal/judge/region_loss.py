@@ -1,4 +1,4 @@
-"""What is lost where one region's H stands for the field: every region held against the first."""
+"""Loss if one region's H represents the whole field: every region compared with the first."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ __all__ = ["RegionLoss", "draw_region_loss", "iter_region_loss", "region_loss"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegionLoss:
-    """Patterns of ``n`` regions against those of the first at the same positions: what periodicity would leave out.
+    """Patterns of ``n`` regions compared with those of the first at the same positions.
 
     Attributes
     ----------
     names
-        The regions, the first among them.
+        Names of the regions, including the first.
     anchors
         Sensor position (row, column) of each region's position (0, 0), ``(n, 2)`` (pixels).
     error
-        ``|a / s - b| / |b|`` (L2) of each pattern at equal energy, ``(n, nz, ny, nx)``; NaN where not compared.
+        ``|a / s - b| / |b|`` (L2) of each pattern at equal energy, ``(n, nz, ny, nx)``; NaN if not compared.
     shift_px
         Root mean square of the centroids' shifts ``(n,)`` (pixels).
     """

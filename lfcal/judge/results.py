@@ -83,15 +83,15 @@ class StoredResult:
     kind
         One of `KINDS`.
     when, dated
-        When it was made (UTC), and whether the result states that. Otherwise it is the time of the file.
+        Creation time (UTC), and whether the result states it; otherwise it is the file time.
     bytes
-        Size of the file; of a folder, of its files.
+        Size of the file, or of the files in the folder.
     facts
-        Pairs of name and value, in words.
+        Pairs of name and value, as text.
     verdict, merit
-        The verdict and the merit that it states; empty and ``"unknown"``: none.
+        Stated verdict and merit; empty and ``"unknown"`` if there are none.
     problem
-        Why it cannot be read; empty: it can.
+        Why it cannot be read; empty if it can.
 
     Examples
     --------

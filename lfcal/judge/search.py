@@ -12,8 +12,8 @@ from lfcal.judge.fault import FAULTS, Fault, FoundFault
 __all__ = ["iter_search"]
 
 STRONG, MOST, SURELY = 0.04, 0.5, 6.0
-"""Misfit from which on strong faults are looked for before others, the share of it that one must then explain, and the
-standard deviations that it must lie above none."""
+"""Misfit above which strong faults are searched for first, the share of it that one must then explain, and its
+required significance in standard deviations."""
 
 
 def iter_search(evidence: Evidence) -> Work[tuple[tuple[FoundFault, ...], Evidence]]:
@@ -73,7 +73,7 @@ def _without(evidence: Evidence, finding: FoundFault) -> Evidence:
     valid = evidence.valid & ~_blinded(evidence, finding.pixels) if finding.blinds else evidence.valid
     if finding.masked is not None:
         valid = valid & ~finding.masked(evidence.data)
-    if finding.extent is not None:  # single frames that are none of their places tell nothing more
+    if finding.extent is not None:  # foreign frames carry no further information
         bad = set(map(tuple, finding.positions.tolist()))
         valid = valid & ~np.array([place in bad for place in map(tuple, evidence.index.tolist())])[:, None, None]
     return evidence.with_data(data, valid)

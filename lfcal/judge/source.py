@@ -60,12 +60,12 @@ FINDING_SOURCES: Registry[FindingSource] = Registry(
 
 
 def judgement_of(measured: Judged) -> Judgement:
-    """Return what all sources say is wrong with data, and the verdict on them.
+    """Return the findings of all sources about data, and the verdict.
 
     Parameters
     ----------
     measured
-        What was measured: of an H by `inspect` or `iter_inspection`, of its file or a session by ``verify``, of a
+        Measurements: of an H by `inspect` or `iter_inspection`, of its file or a session by ``verify``, of a
         camera by ``check_camera``, of an H against new frames by `check`, or the report of an assembly.
 
     Examples

@@ -19,7 +19,7 @@ __all__ = ["compared_words", "cost_words", "draw_picture", "drawn"]
 
 
 def cost_words(inspection: Inspection, finding: FoundFault) -> str:
-    """Return what a fault makes of the error of a reconstruction: from that of the noise to that with the fault."""
+    """Return the effect of a fault on the error of a reconstruction: from noise alone to noise with the fault."""
     if finding.cost is None or inspection.clean is None:
         return "not measured"
     return f"{inspection.clean:.3f} → {math.hypot(inspection.clean, finding.cost):.3f}"

@@ -29,7 +29,7 @@ SHORTEST_S = 7 * 86400.0
 """Shortest span of values that gives a change per month: from less, noise would be made more than four times as
 large."""
 
-TOO_SHORT = "no change per month is told from less than a week: a month is more than four times as long"
+TOO_SHORT = "no change per month is estimated from less than a week of data"
 
 AS_DISTANCE = ("gap_um", "f_number", "focal_0_um", "focal_1_um", "focal_2_um")
 """Parameters that a source nearer or farther than described looks like."""
@@ -50,11 +50,11 @@ class CoursePoint:
     Attributes
     ----------
     value, sigma
-        The value and its standard deviation (NaN: not known).
+        The value and its standard deviation (NaN: unknown).
     merit
-        What it says of an H; unknown for parameters of a camera.
+        Its merit for an H; unknown for parameters of a camera.
     compared
-        Whether it means the same as that of the newest session.
+        Whether it is comparable with that of the newest session.
     """
 
     value: float
@@ -80,24 +80,24 @@ class Course:
     Attributes
     ----------
     name, title, unit
-        Key, name for people, and unit; the key of a fault is its title.
+        Key, display name, and unit; the key of a fault is its title.
     points
-        In each session, the oldest first; None where it is not known.
+        Value in each session, the oldest first; None if unknown.
     group
-        Group of unknowns of a parameter; ``metric`` or ``fault`` for others.
+        Group of a parameter; ``metric`` or ``fault`` for others.
     good, bad
         Limits of a metric or a fault; NaN for a parameter.
     span_s
-        Time from the first value that is compared to the last (s); NaN where fewer than two are.
+        Time from the first compared value to the last (s); NaN for fewer than two.
     per_month, per_month_sigma
-        Slope of the line through these, and its standard deviation where they have one; NaN where they are fewer than
-        two, or within `SHORTEST_S`.
+        Slope of the line through these, and its standard deviation if known; NaN for fewer than two values, or within
+        `SHORTEST_S`.
     change, change_sigmas
-        Of the newest against the oldest, and in standard deviations of both; NaN where these are not known.
+        Change from the oldest to the newest value, absolute and in standard deviations of both; NaN if unknown.
     jumps
-        Changes from one session to the next beyond the limit.
+        Changes between consecutive sessions that exceed the limit.
     worse, better
-        Whether a parameter moved; whether the newest merit is worse, or better, than the last one before that is known.
+        Whether a parameter changed; whether the newest merit is worse, or better, than the last known one before.
     """
 
     name: str
@@ -150,11 +150,11 @@ class Trend:
     sessions
         Fits or inspections, the oldest first.
     courses
-        Of fits every parameter; of inspections faults, then metrics, what got worse first.
+        All parameters of fits; or faults and metrics of inspections, with those that got worse first.
     limit
-        Standard deviations beyond which a parameter has moved.
+        Number of standard deviations above which a parameter has changed.
     notes
-        What the numbers do not say.
+        Remarks in addition to the numbers.
     """
 
     sessions: tuple[DatedFit | DatedInspection, ...]
@@ -216,23 +216,23 @@ def _parameter(course: Course, fits: Sequence[DatedFit]) -> dict[str, object]:
 
 
 def trend(sessions: Sequence[DatedFit | DatedInspection], sigmas: float = SIGMAS) -> Trend:
-    """Return how values changed from session to session.
+    """Return the changes of values from session to session.
 
-    Parameters of fits are compared where they mean the same: found with the same groups of unknowns as the newest
-    fit's, and from the same planned depths where they are relative to these. Offsets are relative to each fit's own
-    description; what is compared is where the array is about the scanned region's middle.
+    Parameters of fits are compared only if they have the same meaning: fitted with the same groups of unknowns as in
+    the newest fit, and from the same planned depths if they are relative to these. Offsets are relative to each fit's
+    description, so the place of the array at the scanned region's middle is compared instead.
 
     Parameters
     ----------
     sessions
         Two or more fits of one camera, or two or more inspections, in any order.
     sigmas
-        Standard deviations of both values beyond which a change of a parameter is no noise.
+        Number of standard deviations of both values above which a change of a parameter is significant.
 
     Raises
     ------
     InputError
-        If there are fewer than two, or fits are of several cameras or two of the same time.
+        If there are fewer than two, or fits belong to several cameras or have the same time.
     """
     check_number("standard deviations of an alarm", sigmas, above=0)
     fits = [one for one in sessions if isinstance(one, DatedFit)]

@@ -1,14 +1,17 @@
-"""The lenslet lattice of an image: where the lenslets are, of which type, how bright, and what each one sees.
+"""The lenslet lattice in an image: positions, types and brightness of lenslets, and views through them.
 
-- ``fit``: the lattice from a white image; ``_spectrum``, ``_rounds``, ``_forms`` and ``_micro_image`` are its steps
+- ``fit``: fitting of the lattice to a white image; ``_spectrum``, ``_rounds``, ``_forms`` and ``_micro_image`` are its
+steps
 - ``lattice_file``: a measured lattice as files
-- ``lens_types``: which lenslet is of which type
-- ``vignetting``: the fall of light over the field; ``_smooth_field`` is its model
-- ``micro_images``: what views ask of a lattice, and the lattice of a camera description, of a crop, of one lens type
-- ``views``: sub-aperture views; ``_view_grid`` defines where their samples lie and which lenslets contribute to them
+- ``lens_types``: the type of each lenslet
+- ``vignetting``: the fall-off of light over the field; ``_smooth_field`` is its model
+- ``micro_images``: the lattice interface that views need, and lattices of a camera description, of a crop, of one lens
+type
+- ``views``: sub-aperture views; ``_view_grid`` defines the places of their samples and the lenslets that contribute
 - ``view_files``: views and focal stacks as files
-- ``_refocus``: images focused at a depth, from views
-- ``rendering``: the same for lenslets focused on the scene, lens types by their sharpness, and all in focus
+- ``_refocus``: refocused images from views
+- ``rendering``: refocused images of a focused plenoptic camera, weighting lens types by sharpness, and all-in-focus
+images
 """
 
 from typing import TYPE_CHECKING

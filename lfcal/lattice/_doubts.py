@@ -1,4 +1,4 @@
-"""Whether a frame with a lattice in it is a white image at all."""
+"""Checks whether a frame with a lattice is a white image."""
 
 from __future__ import annotations
 
@@ -17,38 +17,38 @@ __all__ = ["Evenness", "check_white", "evenness"]
 Array = NDArray[np.float64]
 
 SHARED_LIMIT = 0.10
-"""Light that neighbouring lenslets share against their surroundings (rms, relative) from which a frame is no white
-image. Measured: a real white image 0.000, drawn ones with 15 % scatter, three lens types, a gradient of 70 % or 80 %
-fall of light up to 0.03; a real light field 0.2, drawn specimens 0.13 to 0.4."""
+"""Limit of the light variation that neighbouring lenslets share (rms, relative) for a white image. Measured: a real
+white image 0.000; simulated ones with 15 % scatter, three lens types, a gradient of 70 % or a fall-off of 80 % up to
+0.03; a real light field 0.2; simulated specimens 0.13 to 0.4."""
 
 SHARED_NOTE = 0.04
 SCATTER_NOTE = 0.18
-"""Scatter of single lenslets worth a word: arrays scatter by a few percent."""
+"""Scatter of single lenslets that is reported; arrays scatter by a few percent."""
 
 JITTER_NOTE = 0.02
-"""Residual (pitches) worth a word where noise does not explain it."""
+"""Residual (pitches) that is reported if noise does not explain it."""
 
 JITTER_NOISE = 1.0
-"""Residual (pixels) over noise (per contrast) beyond which noise does not explain it: 0.13 to 0.21 with noise alone,
-above 2 for cells of a tissue."""
+"""Ratio of residual (pixels) to noise (per contrast) that noise cannot explain: 0.13 to 0.21 with noise alone, above 2
+for cells of a tissue."""
 
 REACH = 3
-"""Lenslets to each side that make the surroundings."""
+"""Number of lenslets on each side that form the surroundings."""
 
 LIT = 0.25
-"""Share of the brightest tenth's light from which a lenslet is looked at."""
+"""Smallest light of a lenslet to be evaluated, relative to the brightest tenth."""
 
 
 @dataclass(frozen=True, slots=True)
 class Evenness:
-    """How even the light of the lenslets is, relative to their surroundings.
+    """Uniformity of the light of lenslets, relative to their surroundings.
 
     Attributes
     ----------
     shared
-        Root of the mean product of neighbours' departures: what objects larger than a lenslet make.
+        Root of the mean product of neighbours' deviations, caused by objects larger than a lenslet.
     scatter
-        Rms departure of single lenslets.
+        Rms deviation of single lenslets.
     """
 
     shared: float
@@ -56,9 +56,10 @@ class Evenness:
 
 
 def evenness(index: NDArray[np.intp], light: Array, alive: NDArray[np.bool_], places: Array) -> Evenness:
-    """Return how even the ``light`` ``(n,)`` of lenslets is.
+    """Return the uniformity of the ``light`` ``(n,)`` of lenslets.
 
-    What lenslets share does not count differences between their classes (`class_light`): alternate rows may be dimmer.
+    The shared variation excludes differences between classes of lenslets (`class_light`), such as dimmer alternate
+    rows.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ def evenness(index: NDArray[np.intp], light: Array, alive: NDArray[np.bool_], pl
     light
         ``(n,)``: mean sample values.
     alive
-        ``(n,)``: lenslets to look at.
+        ``(n,)``: lenslets to evaluate.
     places
         ``(n, 2)``: centres (row, column) (pixels).
     """
@@ -80,7 +81,7 @@ def evenness(index: NDArray[np.intp], light: Array, alive: NDArray[np.bool_], pl
 
 
 def _shared(index: NDArray[np.intp], away: Array) -> float:
-    """Return the root of the mean product of departures ``(n,)`` of neighbours."""
+    """Return the root of the mean product of the deviations ``(n,)`` of neighbours."""
     place = index - index.min(0)
     grid = np.full(place.max(0) + 1, np.nan)
     grid[place[:, 0], place[:, 1]] = away
@@ -90,16 +91,16 @@ def _shared(index: NDArray[np.intp], away: Array) -> float:
 
 
 def _away(index: NDArray[np.intp], even: Array, bright: NDArray[np.bool_]) -> Array:
-    """Return the relative departure ``(n,)`` of ``bright`` lenslets from those around them; NaN for others."""
+    """Return the relative deviation ``(n,)`` of ``bright`` lenslets from their surroundings; NaN for others."""
     around = neighbour_median(index, even, REACH)
     lit = bright & (around > 0)
-    # a speck of dirt or one bright bead is no uneven field: it counts once, not by its brightness
+    # a speck of dirt or a bright bead does not make the field uneven: limit its weight
     result: Array = np.where(lit, np.clip(even / np.where(lit, around, 1) - 1, -1, 1), np.nan)
     return result
 
 
 def _smooth(light: Array, alive: NDArray[np.bool_], places: Array) -> Array:
-    """Return the fall of light at every lenslet; its mean where there are too few for a surface."""
+    """Return the light fall-off at every lenslet; its mean if there are too few lenslets for a surface."""
     shape = (int(places[:, 0].max()) + 1, int(places[:, 1].max()) + 1)
     if alive.sum() < 150:
         return np.full(len(light), float(np.median(light[alive])))
@@ -108,16 +109,16 @@ def _smooth(light: Array, alive: NDArray[np.bool_], places: Array) -> Array:
 
 
 def check_white(even: Evenness, residual_px: float, noise: float, pitch: float) -> tuple[str, ...]:
-    """Refuse what cannot be a white image; return what else is doubtful, one line each.
+    """Refuse frames that cannot be white images; return other doubts, one line each.
 
     Parameters
     ----------
     even
         From `evenness`.
     residual_px
-        Residual of the lattice (pixels rms).
+        Residual of the lattice (px rms).
     noise
-        Rms of what the mean micro-image does not explain, over its contrast.
+        Rms residual of the mean micro-image, divided by its contrast.
     pitch
         Pitch (pixels).
 
@@ -142,7 +143,7 @@ def check_white(even: Evenness, residual_px: float, noise: float, pitch: float) 
         notes.append(f"light differs from lenslet to lenslet by {100 * even.scatter:.0f} %; is this a white image?")
     if residual_px > JITTER_NOTE * pitch and residual_px > JITTER_NOISE * noise:
         notes.append(
-            f"micro-images lie {residual_px:.2g} px off any smooth lattice, more than noise explains; "
+            f"micro-images deviate by {residual_px:.2g} px from any smooth lattice, more than noise explains; "
             "is this a white image of lenslets?"
         )
     return tuple(notes)

@@ -1,4 +1,4 @@
-"""The forms a lattice may take, from five numbers to a quintic; their robust fit, and the choice between them."""
+"""Models of a lattice with five numbers up to a quintic distortion; their robust fit, and the choice between them."""
 
 from __future__ import annotations
 
@@ -29,23 +29,23 @@ __all__ = [
 
 Array = NDArray[np.float64]
 HUBER = 1.5
-"""Residuals beyond this many standard deviations are weighed down."""
+"""Residual (standard deviations) above which a lenslet gets a lower weight."""
 
 
 @dataclass(frozen=True, slots=True)
 class LatticeForm:
-    """Which numbers of a lattice are free.
+    """A model of a lattice: which of its parameters are free.
 
     Attributes
     ----------
     name
-        In words.
+        Name in words.
     sheared
-        Whether the angle between the rows and the next is free.
+        Whether the angle from a row to the next is free.
     degree
-        Of the polynomial distortion; 0: none.
+        Degree of the polynomial distortion; 0: none.
     radial
-        Terms of the radial distortion, whose centre is free too; 0: none.
+        Number of terms of the radial distortion, whose centre is free too; 0: none.
     """
 
     name: str
@@ -55,7 +55,7 @@ class LatticeForm:
 
     @property
     def size(self) -> int:
-        """How many numbers are free."""
+        """Number of free parameters."""
         bent = 2 * len(polynomial_powers(self.degree)) if self.degree else 0
         return 5 + self.sheared + bent + (self.radial + 2 if self.radial else 0)
 
@@ -70,19 +70,19 @@ FORMS = (
     LatticeForm("quartic", degree=4),
     LatticeForm("quintic", degree=5),
 )
-"""In the order of their free numbers."""
+"""All forms, in the order of their numbers of free parameters."""
 
 
 @dataclass(frozen=True, slots=True)
 class DistortionFrame:
-    """Where distortions count from: the middle of the frame (x, y), and half its diagonal (pixels)."""
+    """Reference of distortions: the middle of the frame (x, y), and half its diagonal (pixels)."""
 
     middle: tuple[float, float]
     scale: float
 
     @classmethod
     def of(cls, shape: tuple[int, ...]) -> DistortionFrame:
-        """Return that of a frame of ``shape`` (rows, columns)."""
+        """Return the reference for a frame of ``shape`` (rows, columns)."""
         x, y = ((n - 1) / 2 for n in (shape[1], shape[0]))
         return cls((x, y), math.hypot(x, y))
 
@@ -96,7 +96,7 @@ class DistortionFrame:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FittedForm:
-    """A form fitted: the lattice, the residuals ``(n, 2)`` (pixels), their weights and standard deviation per axis."""
+    """A fitted form: the lattice, residuals ``(n, 2)`` (pixels), their weights, and standard deviation per axis."""
 
     form: LatticeForm
     model: LatticeModel
@@ -115,10 +115,10 @@ def huber(residual: Array) -> tuple[Array, float]:
 
 
 def design(model: LatticeModel, form: LatticeForm, index: NDArray[np.intp], frame: DistortionFrame) -> Array:
-    """Return the derivatives ``(2, n, free numbers)`` of the places (x, y).
+    """Return the derivatives ``(2, n, free parameters)`` of the places (x, y).
 
-    Order: origin x and y, vector along a row x and y, ratio, shear, then the terms: polynomials along x, then along
-    y; radial terms, then their centre x and y. That the terms bend the lattice's own part too is left out.
+    Order: origin x and y, vector along a row x and y, ratio, shear, then the terms: polynomials along x, then along y;
+    radial terms, then their centre x and y. The effect of the terms on the linear part of the lattice is neglected.
     """
     q, r = index[:, 0].astype(float), index[:, 1].astype(float)
     out = np.zeros((2, len(index), form.size))
@@ -144,13 +144,13 @@ def design(model: LatticeModel, form: LatticeForm, index: NDArray[np.intp], fram
     square = (arm**2).sum(1, keepdims=True)
     for k in range(form.radial):
         out[:, :, 6 + k] = (square ** (k + 1) * arm).T
-    # a centre that moves displaces as points do that move the other way
+    # moving the centre has the effect of moving the points in the opposite direction
     out[:, :, 6 + form.radial :] = np.moveaxis(np.eye(2) - bend.jacobian(straight), 1, 0)
     return out
 
 
 def _moved(model: LatticeModel, form: LatticeForm, frame: DistortionFrame, step: Array) -> LatticeModel:
-    """Return the model after a step of its free numbers."""
+    """Return the model after a step of its free parameters."""
     bend = model.distortion
     if form.degree:
         old = np.zeros((2, len(polynomial_powers(form.degree)))) if bend is None else np.array(bend.terms)
@@ -173,7 +173,7 @@ def _moved(model: LatticeModel, form: LatticeForm, frame: DistortionFrame, step:
 
 
 def _start(model: LatticeModel, form: LatticeForm, frame: DistortionFrame) -> LatticeModel:
-    """Return where the fit of a form starts; a radial one from the cubic terms of ``model``."""
+    """Return the start of the fit of a form; a radial one starts from the cubic terms of ``model``."""
     bend = model.distortion
     if form.radial:
         return replace(model, distortion=_radial(bend, frame, form.radial))
@@ -189,7 +189,7 @@ def _start(model: LatticeModel, form: LatticeForm, frame: DistortionFrame) -> La
 
 
 def _radial(bend: LatticeDistortion | None, frame: DistortionFrame, terms: int) -> LatticeDistortion | None:
-    """Return the radial distortion nearest to the first orders of a cubic, or a radial one with so many terms.
+    """Return the radial distortion nearest to the first orders of a cubic one, or a radial one with another length.
 
     k |u - c|² (u - c) has the cubic terms k (u_x³ + u_x u_y², …) and the quadratic ones
     -k (3 c_x u_x² + 2 c_y u_x u_y + c_x u_y², …).
@@ -221,8 +221,8 @@ def fit_form(
 ) -> FittedForm | None:
     """Fit a form of the lattice to measured ``places`` (x, y) with Huber weights (Gauss-Newton).
 
-    ``weight`` ``(n,)`` is used instead of weights by the form's own residuals. None where the places do not
-    determine the form all over the frame.
+    ``weight`` ``(n,)`` replaces the weights from the form's residuals. Returns None if the places do not determine the
+    form over the whole frame.
     """
     try:
         model = _start(model, form, frame)
@@ -237,7 +237,7 @@ def fit_form(
                 return None
             if np.abs(step[2:4]).max() < 1e-9 * model.pitch:
                 break
-        # where no places hold it, a bend may turn back on itself before it reaches the border: it raises here
+        # without places near the border, a distortion may fold over there, which raises an error here
         model.indices(frame.outline())
     except (np.linalg.LinAlgError, InputError):
         return None
@@ -247,7 +247,7 @@ def fit_form(
 
 
 def _near(bend: LatticeDistortion | None, frame: DistortionFrame) -> bool:
-    """Return whether a distortion's centre lies about the frame: from far outside, any bend is as good as another."""
+    """Return whether a distortion's centre is near the frame; a distant centre is not determined."""
     return bend is None or math.dist(bend.centre, frame.middle) <= 1.5 * frame.scale
 
 
@@ -258,7 +258,7 @@ def _solved(columns: Array, residual: Array, weight: Array) -> Array:
         heavy = columns[axis] * weight[:, None]
         normal += heavy.T @ columns[axis]
         right += heavy.T @ residual[:, axis]
-    # columns of very different size: pixels, and pixels times lenslets
+    # the columns differ strongly in scale: pixels, and pixels times lenslets
     size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     scaled = normal / size / size[:, None]
     if np.linalg.cond(scaled) > 1e12:
@@ -268,28 +268,28 @@ def _solved(columns: Array, residual: Array, weight: Array) -> Array:
 
 
 BLOCKS = 10
-"""Blocks of the field along each side: neighbours err alike, so whole blocks are left out together."""
+"""Number of blocks along each side of the field: neighbours have similar errors, so whole blocks are held out."""
 
 FOLDS = 5
 MIN_SHARE = 4.0
-"""Measured coordinates for each free number, at least."""
+"""Smallest number of measured coordinates per free parameter."""
 
 FLEXIBLE_SHARE = 8.0
-"""The same where a form is to run ahead of the places, or to weigh them."""
+"""Smallest number for a form that extrapolates, or weights the places."""
 
 MIN_GAIN_PX = 0.01
-"""By how much a form must move the lenslets to be worth its numbers (pixels rms)."""
+"""Displacement (px rms) by which a form must differ from a simpler one to be chosen."""
 
 MIN_GAIN_SHARE = 0.03
-"""Share of what micro-images left out lose that a form must remove: less may be the frame's border, or chance."""
+"""Share of the error of held-out micro-images that a form must remove; less may be the frame's border, or chance."""
 
 MAX_LENSLETS = 10000
-"""Lenslets that forms are compared by at most: more of them add nothing to smooth fields."""
+"""Largest number of lenslets for comparing forms: more of them add nothing to smooth fields."""
 
 
 @dataclass(frozen=True, slots=True)
 class Blocks:
-    """Lenslets sorted by block: ``order`` and the bounds of each block in it, and the block's fold."""
+    """Lenslets sorted by block: ``order``, the bounds of each block in it, and the fold of each block."""
 
     order: NDArray[np.intp]
     bounds: NDArray[np.intp]
@@ -297,33 +297,33 @@ class Blocks:
 
     @classmethod
     def of(cls, places: Array) -> Blocks:
-        """Return the blocks of places ``(n, 2)``, equal rectangles of the field they take."""
+        """Return the blocks of places ``(n, 2)``, equal rectangles of the occupied field."""
         low, high = places.min(0), places.max(0)
-        # a block of fewer than four lenslets would be a lenslet
+        # a block should contain at least four lenslets
         side = int(np.clip(math.sqrt(len(places) / 4), 2, BLOCKS))
         cell = np.minimum(((places - low) / np.maximum(high - low, 1e-9) * side).astype(np.intp), side - 1)
         number = cell[:, 1] * side + cell[:, 0]
         order = np.argsort(number, kind="stable")
         held, start = np.unique(number[order], return_index=True)
-        # knight's moves: the blocks of a fold lie over the whole field
+        # knight's moves distribute the blocks of a fold over the whole field
         fold = (held % side + 2 * (held // side)) % FOLDS
         return cls(order, np.append(start, len(places)), fold)
 
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """The form chosen, and why.
+    """The chosen form, and the reason.
 
     Attributes
     ----------
     fitted
         The form and its fit.
     covariance
-        Of the free numbers, in the order of `lfcal.lattice._forms.design`.
+        Covariance of the free parameters, in the order of `lfcal.lattice._forms.design`.
     reason
-        In words.
+        Reason in words.
     correlation
-        By how much the variance of block means exceeds that of independent lenslets.
+        Ratio of the variance of block means to that of independent lenslets.
     """
 
     fitted: FittedForm
@@ -339,10 +339,10 @@ def flexible_form(count: int) -> LatticeForm:
 
 
 def select_form(model: LatticeModel, index: NDArray[np.intp], places: Array, frame: DistortionFrame) -> Selection:
-    """Fit every form and return the one that the places call for.
+    """Fit every form and return the best-supported one.
 
-    A form with more numbers is taken when it foretells left-out blocks better, by more than chance would have it and
-    by `MIN_GAIN_SHARE`, and moves the lenslets by `MIN_GAIN_PX` at least.
+    A form with more parameters is chosen if it predicts held-out blocks better, by more than chance and by
+    `MIN_GAIN_SHARE`, and moves the lenslets by at least `MIN_GAIN_PX`.
 
     Parameters
     ----------
@@ -351,7 +351,7 @@ def select_form(model: LatticeModel, index: NDArray[np.intp], places: Array, fra
     index, places
         ``(n, 2)``: lattice indices (q, r) and measured places (x, y) of the lenslets (pixels).
     frame
-        Where distortions count from.
+        Reference of distortions.
     """
     few = thinned(len(index))
     fits, losses, correlation = _compared(model, index[few], places[few], frame)
@@ -363,7 +363,7 @@ def select_form(model: LatticeModel, index: NDArray[np.intp], places: Array, fra
         needed = max(chance * unit, MIN_GAIN_SHARE * losses[chosen])
         if losses[chosen] - losses[k] > needed and _moves(fits[chosen], fits[k], index[few]) > MIN_GAIN_PX:
             chosen = k
-    # a form that the few determine the many determine too; all the same, no crash over a lattice that was found
+    # a form determined by few lenslets is also determined by many; still, do not fail for a lattice that was found
     best = fit_form(fits[chosen].model, fits[chosen].form, index, places, frame)
     if best is None:
         index, best = index[few], fits[chosen]
@@ -374,7 +374,7 @@ def select_form(model: LatticeModel, index: NDArray[np.intp], places: Array, fra
 
 
 def thinned(count: int) -> NDArray[np.intp]:
-    """Return which of ``count`` lenslets serve to compare forms: all, or `MAX_LENSLETS` of them all over the field."""
+    """Return which of ``count`` lenslets are used to compare forms: all, or `MAX_LENSLETS` spread over the field."""
     if count <= MAX_LENSLETS:
         return np.arange(count)
     return np.sort(np.random.default_rng(0).permutation(count)[:MAX_LENSLETS])
@@ -383,13 +383,13 @@ def thinned(count: int) -> NDArray[np.intp]:
 def _compared(
     model: LatticeModel, index: NDArray[np.intp], places: Array, frame: DistortionFrame
 ) -> tuple[list[FittedForm], list[float], float]:
-    """Return the fits of all forms that can be told, what each loses on left-out blocks, and the correlation."""
+    """Return the fits of all determined forms, the error of each on held-out blocks, and the correlation."""
     largest = fit_form(model, flexible_form(len(index)), index, places, frame)
     if largest is None:
         largest = fit_form(model, FORMS[0], index, places, frame)
-    assert largest is not None  # five numbers are determined by any lattice
+    assert largest is not None  # any lattice determines five parameters
     blocks = Blocks.of(places)
-    # one set of weights for all, so that what they leave can be compared
+    # one set of weights for all, so that residuals can be compared
     fits = [fit for fit in (_offered(largest, form, index, places, frame) for form in FORMS) if fit is not None]
     return fits, [_held_out_error(fit, index, frame, blocks) for fit in fits], _correlation(largest, blocks)
 
@@ -403,22 +403,22 @@ def _offered(
 
 
 def _variance(fit: FittedForm) -> float:
-    """Return the weighted squared residual of a coordinate, freed from what the fit itself took."""
+    """Return the weighted squared residual of a coordinate, corrected for the fitted degrees of freedom."""
     free = max(2 * len(fit.residual) - fit.form.size, 1)
     return float((fit.weight[:, None] * fit.residual**2).sum()) / free
 
 
 def _correlation(fit: FittedForm, blocks: Blocks) -> float:
-    """Return how many times larger the squared sum over a block is than with independent lenslets; at least 1."""
+    """Return the ratio of the squared sum over a block to that of independent lenslets; at least 1."""
     values = (fit.weight[:, None] * fit.residual)[blocks.order]
     sums = np.add.reduceat(values, blocks.bounds[:-1], axis=0)
-    # what the form has fitted away of the block means
+    # the part of the block means that the form has absorbed
     kept = max(1 - fit.form.size / (2 * len(sums)), 0.2)
     return max(1.0, float((sums**2).sum()) / max(float((values**2).sum()), 1e-300) / kept)
 
 
 def _held_out_error(fit: FittedForm, index: NDArray[np.intp], frame: DistortionFrame, blocks: Blocks) -> float:
-    """Return the weighted sum of squares of each fold's residuals under a fit to the others (linear about the fit)."""
+    """Return the weighted sum of squares of each fold's residuals under a fit to the others (linearized)."""
     columns = design(fit.model, fit.form, index, frame)[:, blocks.order]
     residual, weight = fit.residual[blocks.order], fit.weight[blocks.order]
     size = fit.form.size
@@ -441,18 +441,18 @@ def _held_out_error(fit: FittedForm, index: NDArray[np.intp], frame: DistortionF
 
 
 def _moves(old: FittedForm, new: FittedForm, index: NDArray[np.intp]) -> float:
-    """Return the distance between two fits' places (pixels rms)."""
+    """Return the distance between the places of two fits (px rms)."""
     return math.sqrt(float(((old.model.places(index) - new.model.places(index)) ** 2).sum(1).mean()))
 
 
 def covariance(fit: FittedForm, index: NDArray[np.intp], frame: DistortionFrame, correlation: float) -> Array:
-    """Return the covariance of a fit's free numbers under the weights used.
+    """Return the covariance of a fit's free parameters under the weights used.
 
-    A^-1 B A^-1 of M-estimators (Huber 1981) with B from the residuals themselves, times ``correlation``.
+    Uses A^-1 B A^-1 of M-estimators (Huber 1981), with B from the residuals themselves, times ``correlation``.
     """
     columns = design(fit.model, fit.form, index, frame)
     weight = fit.weight
-    # of a weight k/d only half acts on a step: along the residual the pull is constant
+    # a weight k/d acts only half on a step: along the residual, the influence is constant
     slope = np.where(weight < 1, weight / 2, 1.0)
     normal, scatter = (np.zeros((fit.form.size,) * 2) for _ in range(2))
     for axis in (0, 1):
@@ -466,18 +466,18 @@ def covariance(fit: FittedForm, index: NDArray[np.intp], frame: DistortionFrame,
 
 
 def _words(fits: list[FittedForm], chosen: int, lost: list[float], index: NDArray[np.intp]) -> str:
-    """Return why a form was chosen: what it removes, and what a richer one would gain on micro-images left out."""
+    """Return why a form was chosen: its effect, and the gain of a richer one on held-out micro-images."""
     best = fits[chosen]
     if chosen:
         away = np.hypot(*(fits[0].model.places(index) - best.model.places(index)).T)
-        said = f"{best.form.name}: removes {float(away.max()):.2g} px where it is largest"
+        said = f"{best.form.name}: removes up to {float(away.max()):.2g} px"
     else:
-        said = f"{best.form.name}: straight rows, and the rest is scatter"
+        said = f"{best.form.name}: straight rows; the residuals are scatter"
     richer = range(chosen + 1, len(fits))
     if not richer:
         return said
     next_best = min(richer, key=lambda k: lost[k])
     gain = lost[chosen] - lost[next_best]
     if gain < 1e-4:
-        return f"{said}; no richer form foretells left-out micro-images better"
+        return f"{said}; no richer form predicts held-out micro-images better"
     return f"{said}; {fits[next_best].form.name} would gain {gain:.1g} px"

@@ -1,9 +1,9 @@
-"""Where micro-images lie about a lattice's points, if the iris that they show has no centre of symmetry.
+"""Position of micro-images relative to the lattice for an iris without a centre of symmetry.
 
-Micro-images of an iris with an odd number of blades touch in places that are not opposite: the light of the neighbours
-draws the point about which they are most symmetric away from the middle of the iris, by a tenth of a pitch and more.
-The Fourier coefficients of the lattice are those of a single micro-image, however far its neighbours reach into it, and
-of a polygon they are known in closed form. Fitted to them, its middle is told from its corners.
+Micro-images of an iris with an odd number of blades touch at places that are not opposite. The light of neighbours
+then moves the point of best symmetry away from the middle of the iris, by a tenth of a pitch or more. The Fourier
+coefficients of the lattice equal those of a single micro-image, even if neighbours overlap, and for a polygon they are
+known in closed form. A polygon fitted to them separates the centre from the effect of the corners.
 """
 
 from __future__ import annotations
@@ -25,48 +25,48 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 SHELLS = 6
-"""Lengths of waves that are looked at, shortest first."""
+"""Number of waves, shortest first."""
 
 BLADES = (3, 5, 7, 9, 11)
-"""Odd numbers of blades; of an even number the centre is that of symmetry."""
+"""Odd numbers of blades; with an even number, the centre is that of symmetry."""
 
 MIN_IMPROVEMENT = 4.0
-"""Smallest ratio by which a polygon reduces the odd residuals of a symmetric micro-image (sums of squares)."""
+"""Smallest factor by which a polygon must reduce the odd residuals of a symmetric micro-image (sums of squares)."""
 
 STEPS = 30
-"""Steps of a fit: the right polygon takes ten to twenty, and of a wrong one nothing is asked."""
+"""Largest number of steps of a fit: the right polygon takes ten to twenty, others need not converge."""
 
 STARTS = 2
-"""Starts, the best of a grid of radii and rotations, from which a polygon is fitted."""
+"""Number of starts, the best of a grid of radii and rotations, from which a polygon is fitted."""
 
 FIRST_WAVES = 1.25
-"""Length of the first waves of a lattice, over that of the shortest, at most."""
+"""Largest ratio of the lengths of a lattice's first waves to the shortest."""
 
 MAX_OFFSET = 0.25
-"""Farthest centre, in pitches."""
+"""Largest distance of the centre, in pitches."""
 
 SCALE = np.array([0.1, 0.1, 1.0, 0.3, 0.1, 0.3, 0.1])
-"""Sizes of steps of what is fitted: shift x, y, radius, blur (pixels), gain, share of what is odd, rotation (rad)."""
+"""Step sizes of the parameters: shift x, y, radius, blur (pixels), gain, odd share, rotation (rad)."""
 
 STEP = 1e-7
-"""Of each number that is fitted, or of 1, for slopes by differences."""
+"""Relative step for numerical derivatives, of each parameter or of 1."""
 
 CONTRAST = 1e-3
-"""Share of the light below which a wave says nothing."""
+"""Share of the light below which a wave is not used."""
 
 
 @dataclass(frozen=True, slots=True)
 class IrisCentre:
-    """Where the middle of the iris lies about the lattice's points.
+    """Position of the middle of the iris relative to the lattice points.
 
     Attributes
     ----------
     shift
         ``(2,)`` as (x, y) from the lattice point (pixels).
     covariance
-        ``(2, 2)`` of the shift (pixels squared).
+        ``(2, 2)`` covariance of the shift (pixels squared).
     blades
-        Of the polygon that was fitted.
+        Number of blades of the fitted polygon.
     """
 
     shift: Array
@@ -77,16 +77,16 @@ class IrisCentre:
 def iris_centre(
     image: NDArray[np.float32], model: LatticeModel, centres: Array, light: Array, workers: int | None = None
 ) -> IrisCentre | None:
-    """Return the middle of an iris with odd corners about a lattice's points, None where micro-images show none.
+    """Return the middle of an iris with odd corners relative to the lattice's points; None if it has none.
 
     Parameters
     ----------
     image
-        White frame less its dark, its fall of light taken out.
+        White frame minus its dark, with the fall-off of light removed.
     model
         The lattice.
     centres, light
-        Lattice points (x, y) of lenslets that are alive ``(n, 2)``, and what each is divided by ``(n,)``.
+        Lattice points (x, y) of working lenslets ``(n, 2)``, and the normalization of each ``(n,)``.
     workers
         Threads; None takes every processor.
     """
@@ -98,7 +98,7 @@ def iris_centre(
     symmetric = _symmetric(about, pitch)
     odd = min((_polygon(about, blades, pitch) for blades in BLADES), key=lambda fit: fit.cost)
     if MIN_IMPROVEMENT * odd.odd > symmetric.odd:
-        # of what has a centre of symmetry that one is known better: no unequal neighbours come in
+        # for a symmetric iris, the centre of symmetry is more accurate, as unequal neighbours do not affect it
         return None
     middle = odd.by_first(about)
     return middle if math.hypot(*middle.shift) < MAX_OFFSET * pitch else None
@@ -127,7 +127,7 @@ def _waves(
     micro = mean_micro_image(image, centres, light, reach, workers)
     side = np.linspace(-1, 1, micro.table.shape[0]) * math.ceil(reach)
     index = np.stack(np.broadcast_arrays(side, side[:, None]), -1) @ inverse
-    # a tent of two cells along each axis: its transform vanishes at every wave of the lattice but the one that is meant
+    # a triangular window of two cells along each axis: its transform vanishes at all other waves of the lattice
     share = micro.table * np.clip(1 - np.abs(index), 0, None).prod(-1)
     counts = np.array([(a, b) for a in range(-4, 5) for b in range(-4, 5) if (a, b) > (0, 0)])
     wave = counts @ inverse.T
@@ -140,18 +140,18 @@ def _waves(
 def _transforms(wave: Array, blades: int, radius: Array, rotation_rad: Array) -> Complex:
     """Return the Fourier transforms ``(m, n)`` of regular polygons over their areas, at waves ``(n, 2)`` (per pixel).
 
-    By the divergence theorem each is a sum over the sides, each a sinc about its middle.
+    By the divergence theorem, each is a sum over the sides; each side contributes a sinc about its middle.
 
     Parameters
     ----------
     wave
         Waves (x, y), none of them 0.
     blades
-        Corners.
+        Number of corners.
     radius
-        Of the circles of the same area ``(m,)`` (pixels).
+        Radius of circles with the same area ``(m,)`` (pixels).
     rotation_rad
-        Where the first corner is ``(m,)`` (rad).
+        Angle of the first corner ``(m,)`` (rad).
     """
     area = math.pi * radius**2
     corner = np.sqrt(2 * area / (blades * math.sin(2 * math.pi / blades)))
@@ -159,7 +159,7 @@ def _transforms(wave: Array, blades: int, radius: Array, rotation_rad: Array) ->
     first = corner[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
     last = np.roll(first, -1, axis=2)
     side, middle = last - first, (last + first) / 2
-    # outwards, as long as the side
+    # outward normals with the length of the side
     normal = np.stack([side[:, 1], -side[:, 0]], 1)
     turned = np.sinc(wave @ side) * np.exp(-2j * np.pi * (wave @ middle)) * (wave @ normal)
     transforms: Complex = 1j * turned.sum(2) / (2 * np.pi * (wave**2).sum(1) * area[:, None])
@@ -168,7 +168,7 @@ def _transforms(wave: Array, blades: int, radius: Array, rotation_rad: Array) ->
 
 @dataclass(frozen=True, slots=True)
 class _Fit(IrisCentre):
-    """A shape fitted: its waves about its own centre, the square of what it leaves, and of what of that is odd."""
+    """A fitted shape: its waves about its centre, the sum of squared residuals, and the odd part of it."""
 
     shape: Complex
     cost: float
@@ -176,9 +176,9 @@ class _Fit(IrisCentre):
 
     @classmethod
     def of(cls, about: _Waves, residuals: Callable[[Array], Array], start: Array, bounds: Array, blades: int) -> _Fit:
-        """Return the least squares of ``residuals`` over numbers ``(k,)`` that begin with the shift.
+        """Return the least squares of ``residuals`` over parameters ``(k,)`` that begin with the shift.
 
-        It takes many of them ``(m, k)`` and returns the residuals of the waves ``(m, 2n)``, what is odd first.
+        ``residuals`` takes several sets ``(m, k)`` and returns the residuals of the waves ``(m, 2n)``, odd parts first.
         """
         from scipy import optimize
 
@@ -202,15 +202,15 @@ class _Fit(IrisCentre):
         variance = 2 * float(fit.cost) / max(1, residual.size - start.size)
         covariance = np.linalg.pinv(slopes.T @ slopes)[:2, :2] * variance
         centred, n = about.moved(shift), about.found.size
-        # an even shape has no odd part, and any even one
+        # a symmetric shape has no odd part, and an arbitrary even one
         shape = centred - (residual[n:] + 1j * residual[:n]) if blades else centred.real.astype(np.complex128)
         return cls(shift, covariance, blades, shape, float(fit.cost), float(residual[:n] @ residual[:n]))
 
     def by_first(self, about: _Waves) -> IrisCentre:
-        """Return the centre by the phases of the first waves alone, less those of the shape.
+        """Return the centre from the phases of the first waves only, minus those of the shape.
 
-        Odd corners count least there, so that a shape will do that is not quite the iris's. How far the fit to all
-        waves lies from it is an error.
+        Odd corners matter least for these waves, so that an approximate shape suffices. The difference from the fit to
+        all waves is used as an error.
         """
         length = np.hypot(*about.wave.T)
         first = length < FIRST_WAVES * length.min()
@@ -225,18 +225,18 @@ class _Fit(IrisCentre):
 
 
 def _symmetric(about: _Waves, pitch: float) -> _Fit:
-    """Return the centre about which a micro-image is even: the waves are real there, whatever their sizes."""
+    """Return the centre about which a micro-image is even: there, the waves are real."""
     far = np.full(2, pitch / 3)
     return _Fit.of(about, lambda shift: about.moved(shift).imag, np.zeros(2), np.array([-far, far]), 0)
 
 
 def _polygon(about: _Waves, blades: int, pitch: float) -> _Fit:
-    """Return the centre of a polygon, with its radius, blur, gain, share of what is odd, and rotation free."""
+    """Return the centre of a polygon, with radius, blur, gain, odd share and rotation as free parameters."""
     square = (about.wave**2).sum(1)
 
     def residuals(p: Array) -> Array:
         shape = _transforms(about.wave, blades, p[:, 2], p[:, 6])
-        # curved blades have less of what is odd
+        # curved blades have a smaller odd part
         shape = p[:, 4:5] * (shape.real + 1j * p[:, 5:6] * shape.imag) * np.exp(-2 * np.pi**2 * square * p[:, 3:4] ** 2)
         residual = about.moved(p[:, :2]) - shape
         return np.concatenate([residual.imag, residual.real], 1)

@@ -14,7 +14,7 @@ __all__ = ["Template", "WhiteLenslets", "fold", "lenslet_statistics", "register"
 
 
 class WhiteLenslets(NamedTuple):
-    """The lenslets of a white image and the pixels taken about each."""
+    """The lenslets of a white image, and the region of pixels about each."""
 
     centres: NDArray[np.float64]  # (n, 2) as (x, y) (pixels)
     radius: float  # pixels
@@ -22,7 +22,7 @@ class WhiteLenslets(NamedTuple):
 
 
 class Template(NamedTuple):
-    """The mean micro-image as a table, its middle at the lenslet's centre."""
+    """Table of the mean micro-image, with the lenslet's centre in the middle."""
 
     values: NDArray[np.float64]  # (side, side), rows along y
     slopes: NDArray[np.float64]  # (2, side, side): derivatives along x and y per pixel
@@ -37,12 +37,12 @@ def fold(
     start: int,
     stop: int,
 ) -> None:
-    """Add the pixels of lenslets ``start … stop`` to the mean micro-image, each shared among its four samples.
+    """Add the pixels of lenslets ``start … stop`` to the mean micro-image; each is shared among four samples.
 
-    ``scales`` ``(n,)`` divide each lenslet (0: left out); ``sums`` ``(2, side, side)`` takes values and how many they
-    are, side = 2 ceil(radius) per_px + 1. Centres lie anywhere between pixels, so that many lenslets together sample
-    a micro-image more finely than one does. Where the pitch is whole pixels they all lie alike: the nearest sample
-    alone would move the whole mean by up to half a sample.
+    ``scales`` ``(n,)`` divide each lenslet (0: left out). ``sums`` ``(2, side, side)`` receives values and counts,
+    with side = 2 ceil(radius) per_px + 1. The centres lie at various fractions of a pixel, so that many lenslets
+    together sample a micro-image more finely than one does. If the pitch is whole pixels, all centres have the same
+    fraction. Adding to only the nearest sample would then shift the mean by up to half a sample.
     """
     total, count = sums[0], sums[1]
     centres, radius, over = lenslets.centres, lenslets.radius, lenslets.per_px
@@ -81,10 +81,10 @@ def register(
     start: int,
     stop: int,
 ) -> None:
-    """Fit ``I(p) = g T(p - c - d) + b`` to each lenslet, linear in the shift d (Lucas and Kanade 1981).
+    """Fit ``I(p) = g T(p - c - d) + b`` to each lenslet, linearized in the shift d (Lucas and Kanade 1981).
 
-    To first order I = g T - g d.grad T + b: the unknowns g, b, -g d_x, -g d_y are linear, and their normal equations
-    ``(4, 4)`` are summed over the pixels within the radius. ``out`` ``(n, 5)`` takes `SHIFT_X` and so on; NaN where
+    To first order, I = g T - g d.grad T + b. The unknowns g, b, -g d_x, -g d_y are linear, and their normal equations
+    ``(4, 4)`` are summed over the pixels within the radius. ``out`` ``(n, 5)`` receives `SHIFT_X` and so on; NaN if
     the system is singular.
     """
     centres, radius, over = lenslets.centres, lenslets.radius, lenslets.per_px
@@ -108,7 +108,7 @@ def register(
                     continue
                 u = (x - cx) * over + middle
                 i = math.floor(u)
-                fu = u - i  # the table is read bilinearly
+                fu = u - i  # bilinear interpolation in the table
                 w00, w01 = (1 - fv) * (1 - fu), (1 - fv) * fu
                 w10, w11 = fv * (1 - fu), fv * fu
                 basis[0] = w00 * table[j, i] + w01 * table[j, i + 1] + w10 * table[j + 1, i] + w11 * table[j + 1, i + 1]
@@ -129,11 +129,11 @@ def register(
 
 @njit()
 def _solve_lenslet(normal: Any, right: Any, squares: float, out: Any) -> None:
-    """Solve the normal equations of a lenslet; ``squares`` is the sum of its squared values, ``out`` one line."""
+    """Solve the normal equations of a lenslet; ``squares`` is the sum of its squared values, ``out`` one row."""
     n = normal[1, 1]
     matrix = normal.copy()
     answer = right.copy()
-    # elimination without pivoting: the matrix is symmetric and, where a lenslet can be placed, definite
+    # elimination without pivoting: the matrix is symmetric and, for lenslets that can be located, definite
     for a in range(4):
         if not matrix[a, a] > 1e-9 * (normal[a, a] + 1e-300):
             out[:] = np.nan
@@ -148,7 +148,7 @@ def _solve_lenslet(normal: Any, right: Any, squares: float, out: Any) -> None:
             answer[a] -= matrix[a, b] * answer[b]
         answer[a] /= matrix[a, a]
     gain = answer[0]
-    # of a least-squares fit the explained sum of squares is answer . right; the mean is taken off both
+    # the explained sum of squares of a least-squares fit is answer . right; subtract the mean from both
     fitted = answer[0] * right[0] + answer[1] * right[1] + answer[2] * right[2] + answer[3] * right[3]
     variance = squares - right[1] * right[1] / n
     # a shift by d is -g d times the slope
@@ -168,7 +168,7 @@ def lenslet_statistics(
     start: int,
     stop: int,
 ) -> None:
-    """Write the pixel count, the sum, and the gradient energy sum |grad I|^2 within ``radius`` of each centre.
+    """Write pixel count, sum, and gradient energy sum |grad I|^2 within ``radius`` of each centre.
 
     ``centres`` ``(n, 2)`` are (x, y) (pixels), ``out`` is ``(n, 3)``. The energy distinguishes lens types by sharpness.
     The gradient is the central difference over two pixels; pixels whose neighbours leave the image are left out.

@@ -1,4 +1,4 @@
-"""The mean micro-image of a white frame, and each lenslet placed by it."""
+"""The mean micro-image of a white frame, and the position of each lenslet measured with it."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ Array = NDArray[np.float64]
 SAMPLES_PER_PIXEL = 4
 
 SPREAD_PX = 0.35
-"""Standard deviation over which samples of the mean micro-image are spread, where centres lie evenly over a pixel."""
+"""Standard deviation (pixels) for spreading samples of the mean micro-image if centres cover a pixel evenly."""
 
 RIPPLE = 0.005
-"""Period of a pixel left in the weights of the samples, where centres lie alike on their pixels."""
+"""Largest remaining modulation of the samples' weights at the pixel period, if centres have similar fractions."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -34,7 +34,7 @@ class MicroImage:
     slopes
         Derivatives ``(2, n, n)`` along x and y (per pixel).
     radius
-        What the table covers in every direction (pixels).
+        Extent of the table in every direction (pixels).
     """
 
     table: Array
@@ -42,9 +42,9 @@ class MicroImage:
     radius: float
 
     def off_centre(self, radius: float) -> Array:
-        """Return (x, y) from the lattice point to the point about which the micro-image is most symmetric (px).
+        """Return (x, y) from the lattice point to the point of best symmetry of the micro-image (px).
 
-        The micro-image is fitted to itself turned by 180 degrees; half the shift between the two is the answer.
+        The micro-image is fitted to its copy rotated by 180 degrees; the result is half the shift between them.
 
         Raises
         ------
@@ -59,34 +59,34 @@ class MicroImage:
         answer = np.linalg.lstsq(matrix, self.table[::-1, ::-1][inside], rcond=None)[0]
         if not answer[0]:
             raise InputError.expected("white image", "lit micro-images", "dark ones", "record an evenly lit surface")
-        # turned image = g T(u - d), d = -answer / g; the centre of symmetry lies at -d/2
+        # rotated image = g T(u - d), d = -answer / g; the centre of symmetry lies at -d/2
         shift: Array = answer[2:] / answer[0] / 2
         return shift
 
     def draw(self, radius: float) -> float:
-        """Return how far light that grows by 1 per pixel across a micro-image draws its place (pixels squared)."""
+        """Return the apparent shift of a micro-image per relative gradient of light across it (pixels squared)."""
         n = self.table.shape[0]
         places = (np.arange(n) - n // 2) / SAMPLES_PER_PIXEL
         inside = np.hypot(places[:, None], places[None, :]) <= radius
         columns = [self.table, np.ones_like(self.table), *self.slopes]
         matrix = np.stack([column[inside] for column in columns], axis=-1)
-        # as a lenslet is placed: g T - g d.grad T + b, fitted to T (1 + x)
+        # as for locating a lenslet: g T - g d.grad T + b, fitted to T (1 + x)
         answer = np.linalg.lstsq(matrix, (self.table * (1 + places))[inside], rcond=None)[0]
         return -float(answer[2] / answer[0])
 
     def symmetric(self) -> MicroImage:
-        """Return the mean of the micro-image and itself turned by 180 degrees."""
+        """Return the mean of the micro-image and its copy rotated by 180 degrees."""
         return _with_slopes((self.table + self.table[::-1, ::-1]) / 2, self.radius)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LensletPlaces:
-    """What a fit of the mean micro-image says of each lenslet.
+    """Result of fitting the mean micro-image to each lenslet.
 
     Attributes
     ----------
     shifts
-        ``(n, 2)`` as (x, y) from the lattice point (pixels); NaN where nothing can be placed.
+        ``(n, 2)`` as (x, y) from the lattice point (pixels); NaN if the lenslet cannot be located.
     gains
         Contrast relative to the mean micro-image.
     explained
@@ -124,10 +124,10 @@ def mean_micro_image(
 
 
 def _spreads(centres: Array) -> Array:
-    """Return over how many pixels samples are spread (x, y): more where all centres lie alike on their pixels.
+    """Return the spread of samples (pixels; x, y): larger if all centres have similar fractions of a pixel.
 
-    There a micro-image is sampled once a pixel, and what is spread less makes a staircase of it. Spreading by sigma
-    leaves R exp(-2 pi^2 sigma^2) of the pixels' period, R being how much the centres agree in their place on a pixel.
+    In this case a micro-image is sampled once per pixel, and a smaller spread gives a staircase. Spreading by sigma
+    leaves R exp(-2 pi^2 sigma^2) of the modulation at the pixel period, where R is the agreement of the fractions.
     """
     alike = np.abs(np.exp(2j * np.pi * centres).mean(0)) if len(centres) else np.zeros(2)
     wide = np.sqrt(np.log(np.maximum(alike / RIPPLE, 1.0)) / (2 * np.pi**2))
@@ -135,7 +135,7 @@ def _spreads(centres: Array) -> Array:
 
 
 def _spread(sums: Array, pixels: Array) -> Array:
-    """Smooth sums and counts alike over (x, y) ``pixels``, so that empty samples are filled from their neighbours."""
+    """Smooth sums and counts alike by (x, y) ``pixels``, so that empty samples are filled from their neighbours."""
     from scipy import ndimage
 
     x, y = (SAMPLES_PER_PIXEL * pixels).tolist()

@@ -1,4 +1,4 @@
-"""A lattice as it is fitted: five or six numbers, and a distortion where there is one."""
+"""Lattice model of the fit: five or six parameters, with an optional distortion."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ __all__ = ["LatticeModel", "class_light", "class_median", "neighbour_median"]
 Array = NDArray[np.float64]
 
 DIM_CLASS = 0.75
-"""Light of a class of lenslets, over that of the brightest, below which lenslets are compared with their own class."""
+"""Smallest light of a class of lenslets, relative to the brightest class, for comparisons across classes."""
 
 MAX_LIGHT = 3.0
-"""Light of a lenslet, over that around it, up to which it counts in the mean of its class."""
+"""Largest light of a lenslet, relative to its surroundings, that counts in the mean of its class."""
 
 CLASS_REACH = 2
-"""Lenslets to each side whose mean light that of a class is relative to."""
+"""Number of lenslets on each side whose mean light normalizes that of a class."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -37,7 +37,7 @@ class LatticeModel:
     ratio
         Row pitch over pitch.
     shear
-        By how much more than its kind says a row is shifted along itself, in row pitches.
+        Additional shift of a row along itself, compared with the ideal lattice, in row pitches.
     distortion
         Displacement from the straight lattice (pixels), or None.
     """
@@ -74,7 +74,7 @@ class LatticeModel:
 
     @property
     def lean(self) -> float:
-        """How far the next row is shifted along, in pitches: 1/2 for a hexagonal lattice."""
+        """Shift of the next row along the rows, in pitches: 1/2 for a hexagonal lattice."""
         return 0.5 if self.kind == "hexagonal" else 0.0
 
     def basis(self) -> Array:
@@ -103,7 +103,7 @@ class LatticeModel:
         return replace(self, origin=self.origin + by)
 
     def centred_on(self, point: Array) -> LatticeModel:
-        """Return the same lattice counted from the lenslet nearest to ``point``."""
+        """Return the same lattice with indices counted from the lenslet nearest to ``point``."""
         index = np.rint(self.indices(point)).astype(np.intp)
         return replace(self, origin=self.straight(index))
 
@@ -122,24 +122,25 @@ class LatticeModel:
 
 
 def class_light(index: NDArray[np.intp], light: Array) -> Array:
-    """Return the usual ``light`` ``(n,)`` of the class of each lenslet; NaN in ``light`` is left out.
+    """Return the typical ``light`` ``(n,)`` of the class of each lenslet; NaN in ``light`` is left out.
 
-    Coatings and polarisers make alternate rows, columns or diagonals dimmer, and focal lengths one of three types.
-    ``light`` is relative to the surroundings. Classes are those of the whole array, so an edge of light makes none.
+    Coatings and polarizers make alternate rows, columns or diagonals dimmer, and focal lengths one of three types.
+    ``light`` is relative to the surroundings. Classes extend over the whole array, so an edge of the light does not
+    form one.
     """
     usual = np.ones(len(light))
     for classes in (2 * (index[:, 0] % 2) + index[:, 1] % 2, (index[:, 0] - index[:, 1]) % 3):
         for one in np.unique(classes):
             mine = classes == one
             known = (light / usual)[mine & np.isfinite(light)]
-            # a median would follow one half of a class that an object makes unequal, a plain mean one bright speck
+            # a median would follow one half of a class divided by an object, a plain mean would follow one bright speck
             middle = float(np.clip(known, 0, MAX_LIGHT).mean()) if known.size else 1.0
             usual[mine] *= middle if middle > 0 else 1.0
     return usual
 
 
 def class_median(index: NDArray[np.intp], values: Array) -> Array:
-    """Return for each lenslet the median of ``values`` around it, as if all were of its class."""
+    """Return for each lenslet the median of ``values`` around it, corrected for differences between classes."""
     near = np.nanmean(_neighbours(index, values, CLASS_REACH), axis=-1)
     usual = class_light(index, np.where(near > 0, values / np.where(near > 0, near, 1), np.nan))
     if usual.min() > DIM_CLASS * usual.max():
@@ -151,7 +152,7 @@ def neighbour_median(index: NDArray[np.intp], values: Array, reach: int = 2) -> 
     """Return for each lenslet the median of ``values`` over the lenslets up to ``reach`` indices away."""
     around = _neighbours(index, values, reach)
     around[~np.isfinite(around)] = np.nan
-    # sorted, NaN comes last: much faster than numpy's nanmedian
+    # sorting puts NaN last, and is much faster than numpy's nanmedian
     around.sort(axis=-1)
     count = np.isfinite(around).sum(axis=-1)
     middle = [np.take_along_axis(around, k[:, None], -1)[:, 0] for k in (np.maximum(count - 1, 0) // 2, count // 2)]

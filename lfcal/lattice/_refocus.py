@@ -1,4 +1,4 @@
-"""Images focused at a depth, from sub-aperture views."""
+"""Images refocused to a depth, from sub-aperture views."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ __all__ = ["MIN_WEIGHT", "refocus", "sensor_slope", "virtual_depth_of_slope"]
 
 Image = NDArray[np.float32]
 MIN_WEIGHT = 0.05
-"""Where less than this share of the best-lit place is seen, a refocused image is left at zero."""
+"""Share of the light of the best-lit place below which a refocused image is set to zero."""
 
 
 def sensor_slope(camera: Camera, z_um: float) -> float:
-    """Return by how many micro-image distances a point at depth ``z_um`` moves per distance within a micro-image.
+    """Return the slope of depth ``z_um``: shift in micro-image distances per distance within a micro-image.
 
-    A point whose chief ray meets the sensor at S is seen at c + (S - c)/w below the lenslet whose micro-image
-    is centred at c, w = (a/B) (b + B)/(b + a): the virtual depth, but for the perspective of a main lens.
+    A point whose chief ray meets the sensor at S is seen at c + (S - c)/w below the lenslet whose micro-image is
+    centred at c, where w = (a/B) (b + B)/(b + a): the virtual depth, corrected for the perspective of a main lens.
 
     Examples
     --------
@@ -42,12 +42,12 @@ def sensor_slope(camera: Camera, z_um: float) -> float:
 
 
 def virtual_depth_of_slope(camera: Camera, slope: float) -> float:
-    """Return the virtual depth of the plane with a slope: what `sensor_slope` says, read backwards.
+    """Return the virtual depth of the plane with a slope: inverse of `sensor_slope`.
 
     Raises
     ------
     InputError
-        If no plane has this slope: behind a main lens it grows to (b + B)/B at most.
+        If no plane has this slope: behind a main lens, the largest one is (b + B)/B.
     """
     if camera.optics.telecentric:
         return slope
@@ -60,19 +60,18 @@ def virtual_depth_of_slope(camera: Camera, slope: float) -> float:
 def refocus(views: Views, slopes: Sequence[float], *, samples: int = 1) -> Image:
     """Return the images focused at ``slopes``, ``(n, rows * samples, columns * samples)`` float32.
 
-    Views are shifted against each other and added: at S, the light at offset u below the micro-image at
-    S - w u, divided by the sum of the weights there (Ng et al. 2005, for points behind and before
-    the lenslets alike).
+    Views are shifted against each other and added: at S, the light at offset u below the micro-image at S - w u,
+    divided by the sum of the weights (Ng et al. 2005; valid for points behind and in front of the lenslets).
 
     Parameters
     ----------
     views
-        From `extract_views`.
+        Views from `extract_views`.
     slopes
         Slope w of each plane, 0 in the plane of the lenslets: `sensor_slope`.
     samples
-        Samples per view sample along each side: more than one where the planes lie off the lenslets, for there
-        the views interleave.
+        Samples per view sample along each side; more than one is useful for planes away from the lenslets, where the
+        views interleave.
 
     Raises
     ------
@@ -115,7 +114,7 @@ def _refocus_one(views: Views, slope: float, samples: int) -> Image:
             mask = views.weights[j, i]
             if not mask.any():
                 continue
-            # offsets count along the pixels, the samples of a view along the lattice
+            # offsets are along the pixels, the samples of a view along the lattice
             down, right = turn[0] * v - turn[1] * u, turn[0] * u + turn[1] * v
             shift = (slope * down / views.step_px[0], slope * right / views.step_px[1])
             # an affine map: destination to source, both in view samples
@@ -128,6 +127,6 @@ def _refocus_one(views: Views, slope: float, samples: int) -> Image:
                     flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
                     borderValue=0,
                 )
-    # where hardly any view sees the plane, a ratio of two small numbers would show noise
+    # if hardly any view sees the plane, the ratio of two small numbers would be noise
     least = max(MIN_WEIGHT * float(weight.max()), 1e-30)
     return np.where(weight > least, total / np.maximum(weight, least), 0).astype(np.float32)

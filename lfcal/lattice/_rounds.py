@@ -1,4 +1,4 @@
-"""Single steps of the lattice fit: prepare, centre, even out, place."""
+"""Single steps of the lattice fit: prepare, centre, flatten, locate."""
 
 from __future__ import annotations
 
@@ -19,52 +19,52 @@ __all__ = ["PlacedLenslets", "centred", "evened", "levelled", "mean_light", "pla
 Array = NDArray[np.float64]
 
 PLACING_RADIUS = 0.56
-"""Radius within which a lenslet is placed, in pitches: into the gaps, not into the neighbours."""
+"""Radius for locating a lenslet, in pitches: it includes the gaps, but not the neighbours."""
 
 CENTRING_ROUNDS = 4
 DEAD_LIGHT = 0.5
 """A lenslet with less than this share of its neighbours' light, or contrast, is dead."""
 
 DARK_FIELD = 0.05
-"""Lenslets with less than this share of the brightest tenth lie outside the lit field."""
+"""Lenslets with less than this share of the brightest tenth are outside the lit field."""
 
 EVENED_FROM = 0.1
-"""Share of the brightest tenth's light from which the fall of light is evened out."""
+"""Light relative to the brightest tenth above which the fall-off of light is corrected."""
 
 MAX_SHIFT = 0.35
-"""Farthest place accepted, in pitches from the lattice point."""
+"""Largest accepted distance from the lattice point, in pitches."""
 
 MIN_EXPLAINED = 0.08
-"""Share of a typical lenslet's variance that the mean micro-image must explain."""
+"""Smallest share of a typical lenslet's variance that the mean micro-image must explain."""
 
 MIN_SHARE_EXPLAINED = 0.2
-"""The same of a single lenslet, relative to the typical one: with less it cannot be placed."""
+"""Smallest explained share of a single lenslet, relative to the typical one; with less it cannot be located."""
 
 EVEN, STEEP = 0.01, 0.1
-"""Changes of light from lenslet to lenslet between which its draw is told from chance, and well known (relative)."""
+"""Relative changes of light between lenslets at which their effect is distinguished from chance, and well known."""
 
 RIM = 0.3
-"""Departure of a lenslet's light from its neighbourhood's beyond which a part of it may lie in the shade."""
+"""Deviation of a lenslet's light from its neighbourhood above which a part of it may be shaded."""
 
 MAX_DEAD = 0.4
 MIN_LIT = 0.4
-"""Share of the frame that must be lit: less is the image of a point or of a stop, not of the array."""
+"""Smallest lit share of the frame: less is the image of a point or of a stop, not of the array."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PlacedLenslets:
-    """Lenslets of one round.
+    """Lenslets of one iteration.
 
     Attributes
     ----------
     index, places
         ``(n, 2)``: lattice indices (q, r), and measured places (x, y) (pixels).
     dead
-        ``(n,)``: too little light or contrast, or not to be placed.
+        ``(n,)``: too little light or contrast, or cannot be located.
     noise
-        Rms of what the mean micro-image does not explain of a lenslet, over its contrast; of the median one.
+        Rms residual of the mean micro-image in the median lenslet, divided by its contrast.
     steep
-        ``(n,)``: light differs so much across, or from the neighbours, that the place is off.
+        ``(n,)``: light varies so much, across or to the neighbours, that the position is wrong.
     """
 
     index: NDArray[np.intp]
@@ -75,15 +75,15 @@ class PlacedLenslets:
 
     @property
     def sound(self) -> NDArray[np.intp]:
-        """Which lenslets tell of the lattice: not dead, nor on the rim of the lit field, where the light falls."""
+        """Lenslets used for the lattice: not dead, and not at the edge of the lit field, where the light falls off."""
         alive = ~self.dead
         sound = alive & ~self.steep
-        # where light falls steeply almost everywhere, no rim of it can be told
+        # if light falls steeply almost everywhere, no edge can be identified
         return np.flatnonzero(sound if 2 * sound.sum() > alive.sum() else alive)
 
 
 def prepare(white: ArrayLike, dark: ArrayLike | float) -> NDArray[np.float32]:
-    """Return the white image less its dark as float32, or say why it cannot be used."""
+    """Return the white image minus its dark as float32, or raise if it cannot be used."""
     image = as_sensor_frame("white image", white)
     level = np.asarray(dark, np.float32)
     if level.ndim:
@@ -107,18 +107,18 @@ def mean_light(image: NDArray[np.float32], model: LatticeModel, index: NDArray[n
 
 
 def _dim(values: Array, around: Array) -> NDArray[np.bool_]:
-    """Return which lenslets have far less than the median ``around`` them or than the brightest tenth of the field."""
+    """Return which lenslets have far less light than the median ``around`` them or the brightest tenth."""
     result: NDArray[np.bool_] = (values < DEAD_LIGHT * around) | (values < DARK_FIELD * np.percentile(values, 90))
     return result
 
 
 def _fall_of_light(index: NDArray[np.intp], around: Array) -> Array:
-    """Return by how much the light ``around`` grows per q and per r, relative to itself ``(n, 2)``."""
+    """Return the relative growth of the light ``around`` per q and per r ``(n, 2)``."""
     place = index - index.min(0) + 2
     grid = np.full(place.max(0) + 3, np.nan)
     grid[place[:, 0], place[:, 1]] = around
     fall = np.zeros((len(index), 2))
-    # two lenslets either way: the medians of nearer ones are of the same lenslets
+    # two lenslets in each direction, because medians of nearer ones share lenslets
     for axis, (i, j) in enumerate(((2, 0), (0, 2))):
         before, after = grid[place[:, 0] - i, place[:, 1] - j], grid[place[:, 0] + i, place[:, 1] + j]
         known = 1.0 * np.isfinite(before) + np.isfinite(after)
@@ -128,7 +128,7 @@ def _fall_of_light(index: NDArray[np.intp], around: Array) -> Array:
 
 
 def _lenslets_of(image: NDArray[np.float32], model: LatticeModel, reach: float | None = None) -> NDArray[np.intp]:
-    """Return the whole lenslets of the frame, or those up to ``reach`` pixels from its middle."""
+    """Return the lenslets completely in the frame, or those within ``reach`` pixels of its middle."""
     index = model.within((image.shape[0], image.shape[1]), 0.5 * model.pitch)
     if len(index) < MIN_LENSLETS**2:
         raise InputError.expected(
@@ -142,9 +142,9 @@ def _lenslets_of(image: NDArray[np.float32], model: LatticeModel, reach: float |
 
 
 def centred(image: NDArray[np.float32], model: LatticeModel, workers: int | None, reach: float) -> LatticeModel:
-    """Move the lattice to where the mean micro-image is symmetric, so that linear placing starts close by.
+    """Shift the lattice to the point of best symmetry of the mean micro-image, so that linear fits start close.
 
-    Only lenslets up to ``reach`` pixels from the middle are looked at.
+    Only lenslets within ``reach`` pixels of the middle are used.
     """
     radius = PLACING_RADIUS * model.pitch
     for _ in range(CENTRING_ROUNDS):
@@ -161,9 +161,9 @@ def centred(image: NDArray[np.float32], model: LatticeModel, workers: int | None
 
 
 def _surface(points: Array, light: Array, shape: tuple[int, int], degree: int) -> NDArray[np.float32]:
-    """Return the smooth ``light`` of the brightest 1 on every pixel: a polynomial, or the exponential of one.
+    """Return the smooth ``light`` on every pixel, normalized to 1: a polynomial, or the exponential of one.
 
-    The one follows a shade's edge better, the other what falls to a small part, as a beam does.
+    A polynomial follows the edge of a shadow better, the exponential a strong fall-off such as that of a beam.
     """
     known = np.maximum(light, DARK_FIELD)
     plain, steep = fit_field(points, light, shape, degree), fit_field(points, np.log(known), shape, degree)
@@ -175,23 +175,23 @@ def _surface(points: Array, light: Array, shape: tuple[int, int], degree: int) -
 
 
 def evened(image: NDArray[np.float32], model: LatticeModel, workers: int | None) -> NDArray[np.float32]:
-    """Divide by the smooth fall of light: within a micro-image it would draw the places to the brighter side."""
+    """Divide by the smooth fall-off of light, which would shift the positions to the brighter side."""
     index = _lenslets_of(image, model)
     light = mean_light(image, model, index, workers)
     alive = ~_dim(light, class_median(index, light))
     points = model.places(index)[alive][:, ::-1]
-    # a quartic through few lenslets would follow each of them
+    # a quartic through few lenslets would follow each one
     degree = 4 if alive.sum() > 150 else 1
     top = float(np.percentile(light[alive], 90))
     surface = _surface(points, light[alive] / top, (image.shape[0], image.shape[1]), degree) * top
-    # beyond the lit field the surface is anything: there the image stays as dark as it is
+    # outside the lit field the surface is arbitrary: leave the image dark there
     return (image / np.where(surface < EVENED_FROM * top, top, surface)).astype(np.float32)
 
 
 def place_all(
     image: NDArray[np.float32], model: LatticeModel, workers: int | None, reach: float | None = None
 ) -> PlacedLenslets:
-    """Place every lenslet by the mean micro-image of those alive, or those up to ``reach`` pixels from the middle."""
+    """Locate every lenslet with the mean micro-image of working ones, or those near the middle (``reach`` pixels)."""
     radius = PLACING_RADIUS * model.pitch
     index = _lenslets_of(image, model, reach)
     light = mean_light(image, model, index, workers)
@@ -202,11 +202,11 @@ def place_all(
     placed = place_lenslets(image, centres, micro, radius, workers)
     distance = np.nan_to_num(np.hypot(*placed.shifts.T), nan=np.inf)
     dead |= ~np.isfinite(placed.gains) | (distance > MAX_SHIFT * model.pitch)
-    # dirt may leave light but no contrast
+    # dirt may transmit light but reduce contrast
     gains = np.where(np.isfinite(placed.gains), placed.gains, 0.0)
     dead |= _dim(gains, class_median(index, gains))
     explained = float(np.median(placed.explained[~dead])) if not dead.all() else 0.0
-    # in the dark beyond the lit field there is noise, and places in it
+    # outside the lit field there is only noise, where positions are meaningless
     dead |= placed.explained < MIN_SHARE_EXPLAINED * explained
     lit = around >= DARK_FIELD * np.percentile(light, 90)
     gone = float(dead[lit].mean()) if lit.any() else 1.0
@@ -232,19 +232,19 @@ def place_all(
 
 
 MOSAIC_BLOCKS = 4
-"""Blocks along each side of the frame that must show the same mosaic of colour filters."""
+"""Number of blocks along each side of the frame that must show the same colour filter mosaic."""
 
 MOSAIC_CONTRAST = 0.04
-"""Difference of the four pixels' brightness from which they lie behind filters (relative)."""
+"""Relative brightness difference of the four pixels above which they have colour filters."""
 
 MOSAIC_SCATTER = 0.3
-"""How much the difference may scatter from block to block, as a share of itself."""
+"""Largest scatter of the difference from block to block, as a share of itself."""
 
 
 def levelled(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the image with the gains of a 2 x 2 mosaic taken out, where there is one: it would beat with the pitch.
+    """Return the image without the gains of a 2 x 2 mosaic, if there is one: it would beat with the pitch.
 
-    The four subgrids of evenly lit lenslets are equally bright, unless filters of other colours lie before them.
+    The four subgrids of evenly lit lenslets are equally bright, unless they have different colour filters.
     """
     rows, columns = (n // (2 * MOSAIC_BLOCKS) * 2 for n in image.shape)
     whole = image[: rows * MOSAIC_BLOCKS, : columns * MOSAIC_BLOCKS]
@@ -256,7 +256,7 @@ def levelled(image: NDArray[np.float32]) -> NDArray[np.float32]:
     gains = means.sum(0) / light.sum()
     unlike = float(np.abs(gains - 1).max())
     scatter = np.abs(means - gains * light[:, None, None]).max((1, 2))
-    # filters are the same everywhere; what beats between lattice and pixels is not
+    # filters are the same everywhere; a beat between lattice and pixels is not
     if (
         unlike < MOSAIC_CONTRAST
         or gains.min() <= 0

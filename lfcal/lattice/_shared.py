@@ -1,4 +1,4 @@
-"""Names of `lfcal.lattice` for other packages of lfcal only: they may change without notice."""
+"""Names of `lfcal.lattice` for use within lfcal only: they may change without notice."""
 
 from __future__ import annotations
 

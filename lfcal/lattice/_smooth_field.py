@@ -57,12 +57,12 @@ def _matrix(points: Array, shape: tuple[int, int], powers: NDArray[np.intp]) -> 
 
 
 def fit_field(points: Array, values: Array, shape: tuple[int, int], degree: int = 4, rounds: int = 6) -> SmoothField:
-    """Fit a polynomial of ``degree`` to ``values`` at image points ``(n, 2)`` (row, column), outliers weighed down.
+    """Fit a polynomial of ``degree`` to ``values`` at image points ``(n, 2)`` (row, column), robust against outliers.
 
     Raises
     ------
     InputError
-        If there are fewer points than three per term.
+        If there are fewer than three points per term.
     """
     powers = np.array([(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)], np.intp)
     if len(points) < 3 * len(powers):
@@ -76,11 +76,11 @@ def fit_field(points: Array, values: Array, shape: tuple[int, int], degree: int 
     weight: Array = np.ones(len(values))
     terms: Array = np.zeros(len(powers))
     for _ in range(rounds):
-        # far quicker than an SVD of all points, and as good for few powers of coordinates within [-1, 1]
+        # much faster than an SVD of all points, and as accurate for few powers of coordinates within [-1, 1]
         heavy = matrix * (weight**2)[:, None]
         terms = np.asarray(np.linalg.lstsq(heavy.T @ matrix, heavy.T @ values, rcond=None)[0], np.float64)
         distance = np.abs(values - matrix @ terms)
         sigma = max(1.4826 * float(np.median(distance)), 1e-12 * float(np.abs(values).max()), math.ulp(0.0))
-        # Tukey's biweight: far outliers, such as dead lenslets, count nothing
+        # Tukey's biweight: distant outliers, such as dead lenslets, get no weight
         weight = np.asarray(np.maximum(1 - (distance / (4.7 * sigma)) ** 2, 0.0), np.float64)
     return SmoothField(shape, powers, terms)

@@ -1,4 +1,4 @@
-"""A first guess of the lenslet lattice from the spectrum of a white image."""
+"""First estimate of the lenslet lattice from the spectrum of a white image."""
 
 from __future__ import annotations
 
@@ -16,52 +16,52 @@ __all__ = ["RoughLattice", "guess_lattice"]
 Array = NDArray[np.float64]
 
 CROP = 1536
-"""Side of the central part looked at (pixels): enough lenslets of any camera, and quick."""
+"""Side of the central part that is analysed (pixels): fast, with enough lenslets of any camera."""
 
 MIN_PITCH = 4.0
 MIN_LENSLETS = 5
-"""Lenslets along the shorter side that make a lattice."""
+"""Smallest number of lenslets along the shorter side."""
 
 PEAK_RATIO = 60.0
-"""Power of a lattice peak over the median at its frequency; 1e6 noise samples stay below 20."""
+"""Smallest ratio of a lattice peak's power to the median at its frequency; 1e6 noise samples stay below 20."""
 
 MAX_PEAKS = 30
 ANGLE_TOLERANCE = math.radians(4.0)
 LENGTH_TOLERANCE = 0.06
-"""How unequal the two pitches may be."""
+"""Largest relative difference of the two pitches."""
 
 ORDER_TOLERANCE = 0.08
-"""How far from a whole order a peak may lie and still belong to a lattice."""
+"""Largest deviation of a peak from a whole order of the lattice."""
 
 NOMINAL_TOLERANCE = 0.10
 MIN_CONTRAST_SHARE = 0.2
-"""Share of the usual contrast from which a lenslet counts as brighter or darker than its gaps."""
+"""Share of the typical contrast above which a lenslet counts as brighter or darker than its gaps."""
 
 HEXAGONAL_ORDERS = (((1, 0), (0, 1), (-1, -1)), ((1, -1), (1, 2), (-2, -1)), ((2, 0), (0, 2), (-2, -2)))
 SQUARE_ORDERS = (((1, 0), (0, 1)), ((1, 1), (1, -1)), ((2, 0), (0, 2)))
-"""The lowest orders of a cell in sets that turns by 120 or 90 degrees take into one another, but for opposite ones."""
+"""Lowest orders of a cell in sets that rotations by 120 or 90 degrees map to each other, without opposite ones."""
 
 FINER = {
     "hexagonal": ((3, np.array([[2.0, -1.0], [1.0, 1.0]]) / 3), (4, np.eye(2) / 2)),
     "square": ((2, np.array([[1.0, -1.0], [1.0, 1.0]]) / 2), (4, np.eye(2) / 2)),
 }
-"""Lattices of the same kind that contain a lattice: how many times its places, and the vectors in units of its basis.
+"""Lattices of the same kind that contain a lattice: factor in the number of places, and vectors in units of its basis.
 
 An array of unequal lenslets repeats over a coarser lattice: three types over √3 pitches, a checkered brightness over
 √2, one lenslet of four over 2."""
 
 CELL_SIDE = 9
-"""Samples along each side of a mean cell."""
+"""Number of samples along each side of a mean cell."""
 
 MIN_CORRELATION = 0.7
-"""Correlation with each other of the mean cells about all places of a lattice. Measured: lenslets of brightness 0.3 to
-1 at least 0.99; where some of the places are gaps, below 0.4."""
+"""Smallest correlation between the mean cells about all places of a lattice. Measured: lenslets of brightness 0.3 to 1
+at least 0.99; if some places are gaps, below 0.4."""
 
 SYMMETRY_PITCHES = 8.0
-"""How far from the middle the mean cell is taken."""
+"""Largest distance from the middle for the mean cell."""
 
 MIN_BRIGHT = 0.75
-"""Share of lenslets that must be brighter than the gaps around them."""
+"""Smallest share of lenslets that must be brighter than the gaps around them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ class RoughLattice:
     basis
         ``(2, 2)``: along a row, and to the next row.
     centre
-        One micro-image's centre.
+        Centre of one micro-image.
     contrast
         Mean brightness of the centres less that of the gaps, in standard deviations of the image.
     """
@@ -87,12 +87,12 @@ class RoughLattice:
 
 
 def guess_lattice(image: NDArray[np.float32], kind: str | None, pitch_px: float | None) -> RoughLattice:
-    """Return the lattice of the micro-images of a white image, without any lens types.
+    """Return the lattice of the micro-images of a white image, ignoring lens types.
 
-    Pairs of spectral peaks of equal length at 60 or 90 degrees propose lattices. The finest that explains the
-    peaks is taken, or one that contains it (`FINER`): lenslets of several types, or of unequal brightness, add the
-    peaks of a lattice coarser than their own. Which of the two it is shows in the image: a lattice too fine puts
-    centres into gaps. A stated pitch decides between lattices of different pitch.
+    Pairs of spectral peaks of equal length at 60 or 90 degrees propose lattices. The result is the finest one that
+    explains the peaks, or one that contains it (`FINER`), because lenslets of several types, or of unequal brightness,
+    add the peaks of a coarser lattice. The image decides between them: a lattice that is too fine has centres in the
+    gaps. A stated pitch decides between lattices of different pitch.
 
     Raises
     ------
@@ -142,7 +142,7 @@ def _contained(candidates: list[tuple[str, Array]]) -> list[tuple[str, Array]]:
 
 
 def _finest(flat: NDArray[np.float32], name: str, basis: Array) -> tuple[RoughLattice, float]:
-    """Return the finest lattice that contains that of ``basis`` and has a micro-image at every place, as `_judge`."""
+    """Return the finest lattice that contains that of ``basis`` and has a micro-image at every place."""
     found = _judge(flat, name, basis, _most_symmetric(flat, name, basis))
     for order, step in FINER[name]:
         finer = upright(step @ basis, name)
@@ -151,7 +151,7 @@ def _finest(flat: NDArray[np.float32], name: str, basis: Array) -> tuple[RoughLa
         if order == 3:
             centre = _most_symmetric(flat, name, basis, types=3)
             gains, alike = _cells(flat, basis, finer, centre)
-            # types differ in focus, so their cells need not be alike; but a gap holds nothing
+            # types differ in focus, so their cells need not be equal; but a gap is empty
             filled = (np.abs(gains) > MIN_CONTRAST_SHARE * np.abs(alike)).all()
             other, share = _judge(flat, name, finer, centre)
         else:
@@ -167,8 +167,8 @@ def _finest(flat: NDArray[np.float32], name: str, basis: Array) -> tuple[RoughLa
 def _cells(flat: NDArray[np.float32], basis: Array, finer: Array, centre: Array) -> tuple[Array, Array]:
     """Compare the mean cells about the places of a finer lattice within one cell of the lattice of ``basis``.
 
-    Cells near the middle are averaged, as in `_most_symmetric`. Returns the gain of each mean cell against the one of
-    most contrast, and its correlation with it; both 1 for that one.
+    Cells near the middle are averaged, as in `_most_symmetric`. Returns the gain of each mean cell relative to the one
+    with the highest contrast, and its correlation with it; both are 1 for that cell.
     """
     from scipy.ndimage import map_coordinates
 
@@ -210,9 +210,9 @@ def _central(image: NDArray[np.float32]) -> tuple[NDArray[np.float32], Array]:
 
 
 def _flatten(crop: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Remove what is slower than the coarsest lattice, in brightness and in contrast."""
+    """Remove variations slower than the coarsest lattice, in brightness and in contrast."""
     sigma = min(crop.shape) / MIN_LENSLETS / 2
-    # uneven light would put a star of power about zero frequency, and bright corners would outweigh the rest
+    # uneven light would put power near zero frequency, and bright corners would dominate
     flat = crop - blurred(crop, sigma)
     spread = np.sqrt(blurred(flat * flat, sigma))
     top = float(spread.max())
@@ -245,7 +245,7 @@ def _peaks(flat: NDArray[np.float32]) -> tuple[Array, Array]:
     ratio = _whiten(power, radius, min(rows, columns))
     lowest = MIN_LENSLETS / min(rows, columns) / 1.2
     inside = (radius > lowest) & (radius < 1.3 / MIN_PITCH)
-    # the spectrum of a real image is symmetric: half of it has every peak once
+    # the spectrum of a real image is symmetric: half of it contains every peak once
     inside &= (fy[:, None] > 0) | ((fy[:, None] == 0) & (fx[None, :] > 0))
     j, i = np.nonzero((ratio == ndimage.maximum_filter(ratio, 5)) & inside & (ratio > PEAK_RATIO))
     order = np.argsort(-power[j, i])[:MAX_PEAKS]
@@ -260,7 +260,7 @@ def _peaks(flat: NDArray[np.float32]) -> tuple[Array, Array]:
 
 
 def _whiten(power: NDArray[np.float32], radius: Array, n: int) -> NDArray[np.float32]:
-    """Divide by the median over rings of equal frequency: a texture's slow fall is no peak."""
+    """Divide by the median over rings of equal frequency, so that the slow fall-off of a texture is not a peak."""
     from scipy import ndimage
 
     ring = np.minimum((radius * n / 4).astype(np.intp), n // 4)
@@ -282,7 +282,7 @@ def _parabola(power: NDArray[np.float32]) -> float:
 
 
 def _candidates(peaks: Array, kind: str | None) -> list[tuple[str, Array]]:
-    """Return lattices (kind, basis) for every pair of peaks of one length at 60 or 90 degrees."""
+    """Return lattices (kind, basis) for every pair of peaks of equal length at 60 or 90 degrees."""
     every = np.concatenate([peaks, -peaks])
     found: list[tuple[str, Array]] = []
     for one, two in combinations(range(len(every)), 2):
@@ -306,9 +306,9 @@ def _candidates(peaks: Array, kind: str | None) -> list[tuple[str, Array]]:
 
 
 def upright(basis: Array, kind: str) -> Array:
-    """Return an equal basis whose first vector is nearest a sensor axis, and whose second turns from x to y.
+    """Return an equivalent basis whose first vector is nearest a sensor axis, and whose second turns from x to y.
 
-    For a hexagonal lattice the second vector is 60 degrees on, for a square one 90.
+    The angle between them is 60 degrees for a hexagonal lattice, and 90 for a square one.
     """
     combos = [np.array(pair) @ basis for pair in ((1, 0), (0, 1), (-1, 0), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1))]
     shortest = min(float(np.linalg.norm(v)) for v in combos)
@@ -353,21 +353,22 @@ def _judge(flat: NDArray[np.float32], kind: str, basis: Array, centre: Array) ->
     difference = _sample(smooth, places) - around
     if not len(difference):
         return RoughLattice(kind, basis, centre, 0.0), 0.0
-    # where no light falls there is noise, which says nothing
+    # without light there is only noise
     sure = np.abs(difference) > MIN_CONTRAST_SHARE * np.percentile(np.abs(difference), 90)
     return RoughLattice(kind, basis, centre, float(difference.mean())), float((difference[sure] > 0).mean())
 
 
 def _most_symmetric(flat: NDArray[np.float32], kind: str, basis: Array, types: int = 1) -> Array:
-    """Return the place in the cell, near the middle, about which the mean cell is most alike when turned.
+    """Return the place in the cell, near the middle, about which the mean cell has the best rotational symmetry.
 
-    By 60 degrees for a hexagonal lattice; by 120 for that of one of three ``types``, whose three centres of this
-    symmetry are one lenslet of each; by 90 for a square one, whose gaps are as symmetric as its lenslets: there the
-    brighter place is taken. Brightness alone would not do: overlapping micro-images are brightest on their rims.
+    The rotation is 60 degrees for a hexagonal lattice. It is 120 for that of one of three ``types``, whose three
+    centres of this symmetry are one lenslet of each type. It is 90 for a square lattice, whose gaps are as symmetric
+    as its lenslets: there, the brighter place is taken. Brightness alone does not suffice, because overlapping
+    micro-images are brightest at their edges.
     """
     n = 48
     middle = (np.array(flat.shape[::-1]) - 1) / 2
-    # near the middle the spectrum's lattice is in step with that of the image
+    # near the middle, the spectrum's lattice is in phase with that of the image
     reach = SYMMETRY_PITCHES * float(np.linalg.norm(basis[0]))
     low = np.maximum(np.ceil(middle - reach), 0).astype(int)
     high = np.minimum(middle + reach + 1, flat.shape[::-1]).astype(int)

@@ -1,4 +1,4 @@
-"""Where the samples of a view lie on the frame, and which lenslets make them: the one home of both."""
+"""Places of the samples of a view on the frame, and the lenslets that contribute to them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["AXES", "Cells", "ViewGrid", "cells_between", "cells_in_rows", "view_
 Array = NDArray[np.float64]
 
 SNAP = 1e-5
-"""A sample this close to a lenslet (pitches) is that lenslet's: rounding must not draw in one that may lie outside."""
+"""Distance (pitches) below which a sample belongs to a lenslet alone: rounding must not add one outside the frame."""
 
 SQUARE = np.array([(0, 0), (1, 0), (0, 1), (1, 1)])
 """Corners (q, r) of a cell."""
@@ -26,14 +26,14 @@ SQUARE = np.array([(0, 0), (1, 0), (0, 1), (1, 1)])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cells:
-    """Lenslets, and which of them make which sample.
+    """Lenslets, and their contributions to samples.
 
     Attributes
     ----------
     lenslets
-        ``(n, 2)``: indices (q, r), in the order in which rows of samples need them first.
+        ``(n, 2)``: indices (q, r), in the order in which rows of samples first need them.
     near, share
-        ``(rows, columns, k)``: a sample's lenslets by their number, and their shares (sum 1).
+        ``(rows, columns, k)``: numbers of the lenslets of each sample, and their shares (sum 1).
     """
 
     lenslets: NDArray[np.intp] = field(repr=False)
@@ -42,24 +42,24 @@ class Cells:
 
     @classmethod
     def none(cls) -> Cells:
-        """Return the cells of no samples."""
+        """Return the contributions for no samples."""
         return cls(np.zeros((0, 2), np.intp), np.zeros((0, 0, 1), np.int32), np.zeros((0, 0, 1)))
 
     def cut(self, share: Array, part: tuple[slice, slice]) -> tuple[NDArray[np.bool_], NDArray[np.int32], Array]:
-        """Return for a part of the samples, with other shares: which lenslets have one, and `near` and `share`."""
+        """Return `near` and `share` for a part of the samples with other shares, and which lenslets have one."""
         near, left = self.near[part], np.ascontiguousarray(share[part])
         used = np.zeros(len(self.lenslets), np.bool_)
         used[near[left > 0]] = True
         number = np.cumsum(used, dtype=np.int32) - np.int32(1)
-        # what counts for nothing may be any number that exists
+        # lenslets without a share may have any valid number
         return used, np.maximum(number[near], 0), left
 
 
 def cells_between(kind: str, place: Array) -> Cells:
-    """Return the cells about fractional indices ``place`` ``(rows, columns, 2)`` as (q, r).
+    """Return the contributions at fractional indices ``place`` ``(rows, columns, 2)`` as (q, r).
 
-    Square: the four corners of a cell, bilinear. Hexagonal: the three of the triangle, by barycentric coordinates; the
-    cell's short diagonal, from (1, 0) to (0, 1), parts it into two.
+    Square lattice: the four corners of a cell, bilinear. Hexagonal lattice: the three corners of a triangle, by
+    barycentric coordinates; the cell's short diagonal, from (1, 0) to (0, 1), divides it into two triangles.
     """
     base = np.floor(place + SNAP)
     q, r = np.moveaxis(np.where(np.abs(place - base) < SNAP, 0.0, place - base), -1, 0)
@@ -69,7 +69,7 @@ def cells_between(kind: str, place: Array) -> Cells:
         share = np.stack([(1 - q) * (1 - r), q * (1 - r), (1 - q) * r, q * r], axis=-1)
     else:
         upper = (q + r > 1)[..., None]
-        # the third corner lies at (0, 0) or, beyond the diagonal, at (1, 1)
+        # the third corner is (0, 0) or, beyond the diagonal, (1, 1)
         index = np.concatenate([corner + upper[..., None], corner + SQUARE[1:3]], axis=-2)
         lower = np.stack([1 - q - r, q, r], axis=-1)
         share = np.where(upper, np.stack([q + r - 1, 1 - r, 1 - q], axis=-1), lower)
@@ -79,7 +79,7 @@ def cells_between(kind: str, place: Array) -> Cells:
 
 
 def _numbered(index: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.int32]]:
-    """Return the different lenslets ``(n, 2)`` as they come first, and the number of each of ``index``."""
+    """Return the distinct lenslets ``(n, 2)`` in order of appearance, and the number of each of ``index``."""
     low = index.min((0, 1, 2))
     span = int(index[..., 1].max() - low[1]) + 1
     code = (index[..., 0] - low[0]) * span + (index[..., 1] - low[1])
@@ -92,9 +92,9 @@ def _numbered(index: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.int
 
 
 def cells_in_rows(rows: NDArray[np.intp], columns: Array, lean: float) -> Cells:
-    """Return the cells of samples at ``columns`` of lattice rows ``rows``, made of neighbours in their row.
+    """Return the contributions for samples at ``columns`` of lattice rows ``rows``, from neighbours in their row.
 
-    ``columns`` count pitches along the rows; lenslet (q, r) lies at ``q + lean r``.
+    ``columns`` are in pitches along the rows; lenslet (q, r) is at ``q + lean r``.
     """
     place = columns[None, :] - lean * rows[:, None]
     left = np.floor(place + SNAP)
@@ -114,37 +114,37 @@ def cells_in_rows(rows: NDArray[np.intp], columns: Array, lean: float) -> Cells:
 Box = tuple[int, int, int, int]
 
 AXES = ("frame", "lattice")
-"""Along what the rows and columns of a view run."""
+"""Directions of the rows and columns of a view."""
 
 EDGE_TOLERANCE_PX = 1e-6
-"""A lenslet this close to the limit is inside: whole-pixel lattices touch it exactly (pixels)."""
+"""Tolerance (pixels) for lenslets at the limit: those of whole-pixel lattices touch it exactly."""
 
 MIN_SHARE = 0.5 - 1e-9
-"""A sample is seen where the lenslets that are there have this share of it."""
+"""Smallest total share of existing lenslets for a sample to be seen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewGrid:
-    """The samples of a view: rows and columns at equal steps, each made of one to four lenslets.
+    """The samples of a view: rows and columns at equal steps; one to four lenslets contribute to each sample.
 
     Attributes
     ----------
     centres_px
-        ``(n, 2)``: centres (row, column) of the lenslets used, about in the order of the rows (pixels).
+        ``(n, 2)``: centres (row, column) of the lenslets used, approximately in the order of the rows (pixels).
     near
-        ``(rows, columns, k)``: the lenslets of each sample, by their number.
+        ``(rows, columns, k)``: numbers of the lenslets of each sample.
     share
-        ``(rows, columns, k)``: what they count for; their sum is 1, or 0 where nothing is seen.
+        ``(rows, columns, k)``: their shares, with sum 1, or 0 if nothing is seen.
     corner_px
-        Place (row, column) of sample (0, 0) on the frame, which need not hold a lenslet (pixels).
+        Place (row, column) of sample (0, 0) on the frame, which need not be a lenslet (pixels).
     step_px
         Distance of samples down and to the right in the view (pixels).
     rotation_rad
         Angle from the frame's +x axis to the rows of a view, positive downwards: 0 for axes of the frame (rad).
     field_shape
-        Rows and columns of the whole field: the smallest box about every lenslet whose micro-image is inside.
+        Rows and columns of the whole field: the smallest box about all lenslets whose micro-image is inside.
     kept
-        Share of the field's samples that this grid has.
+        Share of the field's samples that this grid contains.
     """
 
     centres_px: Array = field(repr=False)
@@ -163,11 +163,11 @@ class ViewGrid:
 
     @property
     def mask(self) -> NDArray[np.bool_]:
-        """Samples that some lenslet sees, ``(rows, columns)``."""
+        """Samples that a lenslet sees, ``(rows, columns)``."""
         return np.asarray((self.share > 0).any(-1), np.bool_)
 
     def described(self) -> str:
-        """Return the size in words, and what of the field is left out."""
+        """Return the size in words, and which part of the field is left out."""
         (rows, columns), (high, wide) = self.shape, self.field_shape
         return f"{rows} x {columns} of {high} x {wide} samples, {100 * self.kept:.1f} % of the field"
 
@@ -184,34 +184,36 @@ def view_grid(
 ) -> ViewGrid:
     """Return the grid of samples seen by lenslets that have ``margin`` pixels of frame about their centres.
 
-    A sample is seen where such lenslets have at least half a share in it; they take over what the others would have.
+    A sample is seen if such lenslets have at least half of the shares; they take over the shares of the others.
 
     Parameters
     ----------
     lattice
-        Where the micro-images lie.
+        Lattice of the micro-images.
     shape
         Rows and columns of the frame.
     margin
-        Least distance of a lenslet's centre from the frame's outermost pixel centres (pixels).
+        Smallest distance of a lenslet's centre from the frame's outermost pixel centres (pixels).
     axes
-        ``"frame"``: rows and columns run along the frame's, so that views look like the picture at any angle of the
-        lattice; a sample between lenslets is interpolated between the four (hexagonal: three) around it, in lattice
-        indices, so along a distorted lattice as well. ``"lattice"``: rows are lattice rows, turned with the lattice;
-        a square lattice's samples are its lenslets, those of a hexagonal one lie between two of their row.
+        ``"frame"``: rows and columns are parallel to those of the frame, so that views look like the picture at any
+        angle of the lattice. A sample between lenslets is interpolated from the four (hexagonal: three) around it in
+        lattice indices, also for a distorted lattice. ``"lattice"``: rows are lattice rows, rotated with the lattice.
+        The samples of a square lattice are its lenslets; those of a hexagonal one lie between two lenslets of their
+        row.
     full
-        False: the largest box of samples that are seen. True: the whole field, with every lenslet inside, and a mask
+        False: the largest box of seen samples. True: the whole field with all lenslets, and a mask
         of what is seen (`ViewGrid.mask`).
     missing
-        Lenslets (q, r) that show nothing. The box is not made smaller by them: their samples are masked.
+        Lenslets (q, r) that show nothing. They do not reduce the box; their samples are masked.
     raster
-        Lattice whose steps and place the samples along the frame's axes take, by default ``lattice`` itself: so the
-        views of single lens types lie on the same places. Samples along the lattice's axes are ``lattice``'s own.
+        Lattice that defines the samples along the frame's axes, by default ``lattice`` itself. With it, views of
+        single lens types have the same sample places. Samples along the lattice's axes are always those of
+        ``lattice``.
 
     Returns
     -------
     ViewGrid
-        Empty where no lenslet fits. One sample lies on the lenslet nearest to the frame's centre; steps are the row
+        Empty if no lenslet fits. One sample is on the lenslet nearest to the frame's centre; steps are the row
         pitch (hexagonal), or pitch and row pitch.
 
     Examples
@@ -260,7 +262,7 @@ Places = tuple[Cells, tuple[float, float], tuple[float, float], float]
 def _frame_places(
     lattice: MicroImageLattice, raster: MicroImageLattice, shape: tuple[int, int], margin: float
 ) -> Places:
-    """Return the cells about the samples of an upright raster, its corner, steps and angle."""
+    """Return the contributions to the samples of an upright raster, and its corner, steps and angle."""
     step = _steps(raster)
     middle = np.rint(raster.lenslet_at((shape[0] - 1) / 2, (shape[1] - 1) / 2))
     anchor = raster.centres_px(middle[0], middle[1])
@@ -277,24 +279,24 @@ def _frame_places(
 
 
 def _steps(lattice: MicroImageLattice) -> tuple[float, float]:
-    """Return the steps down and right of upright samples: square ones of the row pitch where hexagonal."""
+    """Return the steps down and right of upright samples; square ones of the row pitch for a hexagonal lattice."""
     if lattice.kind == "hexagonal":
         return lattice.row_pitch_px, lattice.row_pitch_px
-    # a square lattice's pitches may differ: rows that run nearer the frame's columns swap them
+    # a square lattice's pitches may differ: rows closer to the direction of the frame's columns swap them
     swapped = round(lattice.rotation_rad / (math.pi / 2)) % 2
     pair = (lattice.row_pitch_px, lattice.pitch_px)
     return pair[::-1] if swapped else pair
 
 
 def _lattice_places(lattice: MicroImageLattice, shape: tuple[int, int], margin: float) -> Places:
-    """Return the cells about the samples along the lattice's own rows, and their corner, steps and angle."""
+    """Return the contributions to samples along the lattice's rows, and their corner, steps and angle."""
     hexagonal = lattice.kind == "hexagonal"
     lean, step = (0.5, lattice.row_pitch_px / lattice.pitch_px) if hexagonal else (0.0, 1.0)
     distance = (lattice.row_pitch_px, step * lattice.pitch_px)
     high, wide = shape[0] - 1 - margin + EDGE_TOLERANCE_PX, shape[1] - 1 - margin + EDGE_TOLERANCE_PX
     if high < margin - EDGE_TOLERANCE_PX or wide < margin - EDGE_TOLERANCE_PX:
         return Cells.none(), (0.0, 0.0), distance, lattice.rotation_rad
-    # the frame's border bounds the indices, whatever the distortion; one to spare for what lies between these points
+    # the frame's border bounds the indices for any distortion, with a margin of one between these points
     y, x = (np.linspace(margin, end, 65) for end in (high, wide))
     ends = [lattice.lenslet_at(y, margin), lattice.lenslet_at(y, wide), lattice.lenslet_at(margin, x)]
     q, r = np.concatenate([*ends, lattice.lenslet_at(high, x)]).T
@@ -308,7 +310,7 @@ def _lattice_places(lattice: MicroImageLattice, shape: tuple[int, int], margin: 
 
 
 def _inside(centres: Array, shape: tuple[int, int], margin: float) -> NDArray[np.bool_]:
-    """Return which micro-images lie inside the frame, ``(n,)``."""
+    """Return which micro-images are inside the frame, ``(n,)``."""
     far = np.array(shape) - 1 - margin + EDGE_TOLERANCE_PX
     y, x = centres[..., 0], centres[..., 1]
     inside: NDArray[np.bool_] = (
@@ -329,7 +331,7 @@ def _among(lenslets: NDArray[np.intp], missing: Iterable[tuple[int, int]]) -> ND
 
 
 def _shares(cells: Cells, present: NDArray[np.bool_]) -> Array:
-    """Return the shares of the lenslets that are ``present``, their sum 1, or 0 where they are less than half."""
+    """Return the shares of the lenslets that are ``present``, with sum 1, or 0 if they are less than half."""
     share = cells.share * present[cells.near]
     total = share.sum(-1, keepdims=True)
     enough = total >= MIN_SHARE
@@ -338,7 +340,7 @@ def _shares(cells: Cells, present: NDArray[np.bool_]) -> Array:
 
 
 def _around(seen: NDArray[np.bool_]) -> Box:
-    """Return the smallest box about all true values."""
+    """Return the smallest box that contains all true values."""
     rows, columns = np.flatnonzero(seen.any(1)), np.flatnonzero(seen.any(0))
     if not rows.size:
         return 0, 0, 0, 0

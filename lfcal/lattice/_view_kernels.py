@@ -1,8 +1,8 @@
 """Compiled inner loops of views and rendering.
 
-A view takes the pixels under each lenslet of any lattice: measurement (v, u) of lenslet m is the frame at
-corner[m] + step * (v, u), between pixels by convolution with a kernel of 1, 2 or 4 taps: nearest, linear, or cubic
-(Keys 1981, a = -1/2). In rendering every lenslet adds what it sees to the places that it sees.
+A view takes the pixels under each lenslet of any lattice. Measurement (v, u) of lenslet m is the frame at corner[m] +
+step * (v, u), interpolated by convolution with a kernel of 1, 2 or 4 taps: nearest, linear, or cubic (Keys 1981, a =
+-1/2). In rendering, every lenslet adds its light to the places that it sees.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ __all__ = ["RefocusPlane", "Sites", "ViewReading", "largest_box", "render_rows",
 Float = NDArray[Any]
 
 BLOCK_ROWS = 8
-"""Rows of samples taken at a time."""
+"""Number of rows of samples processed at a time."""
 
 BLOCK_SAMPLES = 1 << 15
-"""Measurements that are kept at a time: they stay in the processor's cache."""
+"""Number of measurements kept at a time, so that they stay in the processor's cache."""
 
 
 class Sites(NamedTuple):
-    """Where lenslets begin, and what share each has in which sample."""
+    """First measurements of the lenslets, and their shares in the samples."""
 
     corner: Float  # (lenslets, 2): first measurement (row, column) of each lenslet (pixels)
     near: NDArray[np.int32]  # (rows, columns, k): lenslets of a sample, numbered about in the order of the rows
@@ -34,7 +34,7 @@ class Sites(NamedTuple):
 
 
 class ViewReading(NamedTuple):
-    """How a lenslet's measurements are read from the frame."""
+    """Sampling and interpolation of a lenslet's measurements."""
 
     step_y: float  # distance of measurements (pixels)
     step_x: float
@@ -45,7 +45,7 @@ class ViewReading(NamedTuple):
 def _along(strip: Float, weights: Float, line: Float) -> None:
     """Write the weighted sum of neighbours of ``strip`` to ``line``."""
     n = line.size
-    # weights in variables, not in memory: the loops over k then run in vectors
+    # weights in variables, not in memory, so that the loops over k are vectorized
     if weights.size == 4:
         a, b, c, d = weights[0], weights[1], weights[2], weights[3]
         for k in range(n):
@@ -61,7 +61,7 @@ def _along(strip: Float, weights: Float, line: Float) -> None:
 
 @njit()
 def _taps(place: float, taps: int, weights: Float) -> int:
-    """Fill the weights of the samples about ``place`` and return the sample at or before it."""
+    """Compute the weights of the samples about ``place``, and return the sample at or before it."""
     if taps == 1:
         weights[0] = 1
         return int(np.floor(place + 0.5))
@@ -81,10 +81,10 @@ def _taps(place: float, taps: int, weights: Float) -> int:
 
 @njit()
 def _by_pixel(frame: NDArray[Any], top: int, wy: Float, wx: Float, x0: NDArray[np.intp], line: Float) -> None:
-    """Read one row of a lenslet's measurements where they are not a pixel apart, or where the frame's border is near.
+    """Read one row of a lenslet's measurements that are not a pixel apart, or are near the frame's border.
 
-    Pixels outside the frame repeat its border. Of measurements a pixel apart only the first has weights ``wx``
-    (1, taps) and a first pixel ``x0`` (1,).
+    Pixels outside the frame repeat its border. For measurements a pixel apart, only the first has weights ``wx`` (1,
+    taps) and a first pixel ``x0`` (1,).
     """
     high, wide = frame.shape
     line[:] = 0
@@ -99,7 +99,7 @@ def _by_pixel(frame: NDArray[Any], top: int, wy: Float, wx: Float, x0: NDArray[n
 
 @njit()
 def _mix(lines: Float, near: NDArray[np.int32], share: Float, mixed: Float) -> None:
-    """Write to ``mixed`` ``(columns, across)`` the lines of each sample's one to four lenslets by their shares."""
+    """Write to ``mixed`` ``(columns, across)`` the rows of each sample's one to four lenslets, weighted by shares."""
     most, across = near.shape[1], mixed.shape[1]
     for c in range(near.shape[0]):
         row, one, a = mixed[c], lines[near[c, 0]], share[c, 0]
@@ -107,7 +107,7 @@ def _mix(lines: Float, near: NDArray[np.int32], share: Float, mixed: Float) -> N
             for u in range(across):
                 row[u] = a * one[u]
             continue
-        # all lenslets in one loop: it runs in vectors, and rows are short
+        # all lenslets in one loop, which is vectorized; rows are short
         two, b = lines[near[c, 1]], share[c, 1]
         if most == 2:
             for u in range(across):
@@ -121,7 +121,7 @@ def _mix(lines: Float, near: NDArray[np.int32], share: Float, mixed: Float) -> N
 
 @njit()
 def _used(near: NDArray[np.int32], share: Float, place: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return the numbers of the lenslets that have a share, each once and rising; fill each one's ``place`` there."""
+    """Return the numbers of the lenslets with a share, sorted and unique; fill in each one's ``place`` there."""
     low, high = 2**31 - 1, -1
     for r, c, k in np.ndindex(near.shape):
         if share[r, c, k] != 0:
@@ -146,7 +146,7 @@ def _read(frame: NDArray[Any], corner: Float, first: int, reading: ViewReading, 
     step_x, taps = reading.step_x, reading.taps
     (high, wide), across = frame.shape, lines.shape[2]
     reach = (taps - 1) // 2
-    even = step_x == 1.0  # measurements a pixel apart share their weights
+    even = step_x == 1.0  # measurements a pixel apart have the same weights
     places = 1 if even else across
     wy = np.empty(taps, lines.dtype)
     wx, x0 = np.empty((places, taps), lines.dtype), np.empty(places, np.intp)
@@ -160,7 +160,7 @@ def _read(frame: NDArray[Any], corner: Float, first: int, reading: ViewReading, 
             if not inside:
                 _by_pixel(frame, top, wy, wx, x0, lines[m, v])
                 continue
-            # down first, then along: both reuse what lies next to each other
+            # first down, then along: both reuse adjacent values
             for i in range(taps):
                 part = frame[top + i, x0[0] : x0[0] + strip.size]
                 w = wy[i]
@@ -173,17 +173,17 @@ def _read(frame: NDArray[Any], corner: Float, first: int, reading: ViewReading, 
 def sample_rows(frame: NDArray[Any], sites: Sites, reading: ViewReading, out: Float, start: int, stop: int) -> None:
     """Write rows ``start … stop`` of the samples to ``out`` ``(down, across, rows, columns)``.
 
-    A sample is the sum of its lenslets' measurements by their shares; lenslets without a share count for nothing.
-    Rows are taken some at a time: neighbouring ones need the same lenslets, each of which is read once.
+    A sample is the sum of its lenslets' measurements weighted by their shares. Rows are processed in groups, because
+    neighbouring rows need the same lenslets, each of which is then read once.
     """
-    # arrays out of their records before the loops: inside, each access would count references
+    # arrays are taken from their records before the loops, where each access would count references
     near, share = sites.near, sites.share
     (down, across), columns = out.shape[:2], out.shape[3]
     for first in range(start, stop, BLOCK_ROWS):
         last = min(first + BLOCK_ROWS, stop)
         place = np.empty(near[first:last].shape, np.int32)
         used = _used(near[first:last], share[first:last], place)
-        # one line at least: samples without lenslets take nothing of it
+        # at least one line, which samples without lenslets do not use
         corner, lenses = sites.corner[used], max(len(used), 1)
         group = min(down, max(1, BLOCK_SAMPLES // (lenses * across)))
         for v in range(0, down, group):
@@ -192,7 +192,7 @@ def sample_rows(frame: NDArray[Any], sites: Sites, reading: ViewReading, out: Fl
             _read(frame, corner, v, reading, lines)
             flat, mixed = lines.reshape(lenses, count * across), np.empty((columns, count * across), out.dtype)
             for r in range(first, last):
-                # a sample's lenslets are added along v and u, where memory is contiguous
+                # the lenslets of a sample are added along v and u, where memory is contiguous
                 _mix(flat, place[r - first], share[r], mixed)
                 for k in range(count * across):
                     target = out[v + k // across, k % across, r]
@@ -202,9 +202,9 @@ def sample_rows(frame: NDArray[Any], sites: Sites, reading: ViewReading, out: Fl
 
 @njit()
 def largest_box(good: NDArray[np.bool_]) -> tuple[int, int, int, int]:
-    """Return the largest box ``top, bottom, left, right`` of true values only, its ends excluded; zeros without one.
+    """Return the largest box ``top, bottom, left, right`` of only true values, ends excluded; zeros without one.
 
-    Row by row, the columns' heights of true values make a histogram; a stack holds those that may still widen.
+    For each row, the heights of true values in the columns form a histogram; a stack holds boxes that may still widen.
     """
     rows, columns = good.shape
     height, starts = np.zeros(columns, np.intp), np.empty(columns + 1, np.intp)
@@ -230,9 +230,9 @@ def largest_box(good: NDArray[np.bool_]) -> tuple[int, int, int, int]:
 
 
 class RefocusPlane(NamedTuple):
-    """A plane of the scene, and where the samples of its image lie on the sensor."""
+    """A plane of the scene, and the places of its image's samples on the sensor."""
 
-    slope: float  # (S - c) over the place below the lenslet; not 0
+    slope: float  # (S - c) divided by the place below the lenslet; not 0
     radius: float  # of the micro-images (pixels)
     corner_y: float  # place of sample (0, 0) (pixels)
     corner_x: float
@@ -246,8 +246,8 @@ def render_rows(
 ) -> None:
     """Add rows ``rows[0] … rows[1]`` of a plane's image to ``sums`` ``(4, rows, columns)``.
 
-    ``lenslets`` ``(n, 3)`` are row, column and weight s. The place S is seen by lenslet c at p = c + (S - c)/slope,
-    where there is light L(p) of a white frame's W(p) (bilinear): the sums are of s W, s L, s L^2 / W and (s W)^2.
+    ``lenslets`` ``(n, 3)`` are row, column and weight s. Lenslet c sees the place S at p = c + (S - c)/slope, where
+    the light is L(p), relative to a white frame's W(p) (bilinear). The sums are of s W, s L, s L^2 / W and (s W)^2.
     """
     reach = abs(plane.slope) * plane.radius
     columns, (high, wide) = sums.shape[2], frame.shape

@@ -1,4 +1,4 @@
-"""A camera's description held against a white image: what fits, what differs, and the camera as measured."""
+"""Comparison of a camera's description with a white image: agreement, differences, and the measured camera."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ __all__ = ["DIFFERS", "FITS", "FIT_PX", "UNKNOWN", "WRONG", "CameraCheck", "Chec
 FITS, DIFFERS, WRONG, UNKNOWN = "fits", "differs", "does not fit", "was assumed"
 
 FIT_PX = 0.3
-"""Displacement at the frame's edge up to which a value fits: positions off by more are reported as bad."""
+"""Largest displacement at the frame's edge for a value that fits; larger ones are reported as bad."""
 
 MEASURED = ("pitch_um", "row_pitch_um", "rotation_rad", "shear_rad", "offset_um", "distortion")
 
 
 @dataclass(frozen=True, slots=True)
 class CheckLine:
-    """One value of the camera beside what the white image shows.
+    """One value of the camera, compared with the white image.
 
     Attributes
     ----------
     label
-        What is compared.
+        Name of the value.
     expected, measured
-        Both with units; measured with its standard error where there is one.
+        Both with units; the measured one with its standard error, if known.
     edge_px
-        By how much a micro-image at the frame's edge is displaced by the difference (pixels); None where it is none.
+        Displacement of a micro-image at the frame's edge by the difference (pixels); None if there is none.
     verdict
-        `FITS`, `DIFFERS`, `WRONG`, or `UNKNOWN` where the expected value was only assumed.
+        `FITS`, `DIFFERS`, `WRONG`, or `UNKNOWN` if the expected value was only assumed.
     """
 
     label: str
@@ -49,7 +49,7 @@ class CheckLine:
 
 @dataclass(frozen=True, slots=True)
 class CameraCheck:
-    """The comparison, its fit and lens types, and the camera as measured (None where kind or shape are others)."""
+    """The comparison, the lattice fit and lens types, and the measured camera (None if kind or shape differ)."""
 
     data: ClassVar[str] = "camera"
 
@@ -60,13 +60,13 @@ class CameraCheck:
 
     @property
     def known(self) -> str:
-        """How many values fit, for a verdict."""
+        """Number of values that fit, in words."""
         fits = sum(line.verdict == FITS for line in self.lines)
-        return f"as the white image shows it in {fits} of {format_count(len(self.lines), 'value', 'values')}"
+        return f"confirmed by the white image in {fits} of {format_count(len(self.lines), 'value', 'values')}"
 
     @property
     def verdict(self) -> str:
-        """The worst verdict of all lines; what was assumed cannot be wrong."""
+        """The worst verdict of all lines; an assumed value cannot be wrong."""
         found = {line.verdict for line in self.lines}
         return next((verdict for verdict in (WRONG, DIFFERS) if verdict in found), FITS)
 
@@ -79,26 +79,26 @@ def check_camera(
     origin: tuple[int, int] | None = None,
     workers: int | None = None,
 ) -> CameraCheck:
-    """Hold ``camera`` against a white image.
+    """Compare ``camera`` with a white image.
 
-    The lattice is fitted without any knowledge of the camera, so that a wrong description cannot pull it.
+    The lattice is fitted independently of the camera, so that a wrong description cannot bias it.
 
     Parameters
     ----------
     camera
-        The description.
+        Camera description.
     white, dark
         White frame ``(rows, columns)`` and dark frame or level.
     origin
-        Row and column on the sensor of the first pixel of frames that are a part of it; None: they are whole. Places in
-        the comparison are then those of the part.
+        Row and column on the sensor of the first pixel of frames that show a part of it; None: whole frames. Places in
+        the comparison are then relative to the part.
     workers
         Threads; None takes every processor.
 
     Raises
     ------
     InputError
-        If the frame is no white image.
+        If the frame is not a white image.
     """
     frame = np.asarray(white)
     if origin is not None and frame.ndim == 2:
@@ -127,7 +127,7 @@ def check_camera(
 
 
 def _part(camera: Camera, shape: tuple[int, ...], origin: tuple[int, int]) -> tuple[Camera, tuple[float, float]]:
-    """Return the camera of a part of the sensor, and where its centre lies from that of the sensor (x, y; um)."""
+    """Return the camera of a part of the sensor, and the offset of its centre from that of the sensor (x, y; µm)."""
     sensor, lattice = camera.sensor, camera.lattice
     if any(o < 0 or o + n > size for o, n, size in zip(origin, shape, sensor.shape, strict=True)):
         raise InputError.expected(
@@ -137,7 +137,7 @@ def _part(camera: Camera, shape: tuple[int, ...], origin: tuple[int, int]) -> tu
             "correct it, or the camera's sensor",
         )
     x, y = camera.sensor_um([o + (n - 1) / 2 for o, n in zip(origin, shape, strict=True)]).tolist()
-    # the lenslet of type 0 that the part's own description starts from is one within it
+    # the part's description starts from a lenslet of type 0 within the part
     near = np.rint(lattice.lenslet_at((x, y))).astype(int)
     around = near + np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
     zero = around[lattice.type_of(around[:, 0], around[:, 1]) == 0]
@@ -148,7 +148,7 @@ def _part(camera: Camera, shape: tuple[int, ...], origin: tuple[int, int]) -> tu
 
 
 def _shifted(lattice: LensletLattice, by_um: tuple[float, float]) -> LensletLattice:
-    """Return the lattice as it is seen from a centre that lies by ``-by_um`` (x, y) away."""
+    """Return the lattice relative to a centre displaced by ``-by_um`` (x, y)."""
     x, y = (a + b for a, b in zip(lattice.offset_um, by_um, strict=True))
     bent = lattice.distortion
     return replace(lattice, offset_um=(x, y), distortion=None if bent is None else bent.scaled(1.0, by_um))
@@ -180,7 +180,7 @@ def _kind(camera: Camera, fit: LatticeFit) -> CheckLine:
 
 
 def _of_kind(camera: Camera, kind: str) -> Camera:
-    """Return ``camera`` with the kind of array that was measured; a square one has one type."""
+    """Return ``camera`` with the measured kind of array; a square one has one type."""
     lattice = camera.lattice
     if lattice.kind == kind:
         return camera
@@ -188,7 +188,7 @@ def _of_kind(camera: Camera, kind: str) -> Camera:
 
 
 def _lengths(camera: Camera, fit: LatticeFit) -> list[CheckLine]:
-    """Compare pitch and distance of rows: an error of one adds up from the centre to the edge."""
+    """Compare pitch and row distance; their errors add up from the centre to the edge."""
     lattice, pixel = camera.lattice, camera.sensor.pixel_um
     pairs = (
         ("pitch", lattice.pitch_um / pixel, fit.pitch_px, "lattice.pitch_um"),
@@ -197,7 +197,7 @@ def _lengths(camera: Camera, fit: LatticeFit) -> list[CheckLine]:
     found = []
     for label, expected, measured, path in pairs:
         edge = abs(measured - expected) / measured * _reach(fit)
-        # beyond half a pitch at the edge, micro-images there are taken for their neighbours
+        # with more than half a pitch at the edge, micro-images would be mistaken for their neighbours
         verdict = _judged(camera, path, edge, measured / 2)
         error = f" ± {fit.pitch_error_px:.4f}"
         found.append(CheckLine(label, f"{expected:.4f} px", f"{measured:.4f}{error} px", edge, verdict))
@@ -205,12 +205,12 @@ def _lengths(camera: Camera, fit: LatticeFit) -> list[CheckLine]:
 
 
 def _rotation(camera: Camera, fit: LatticeFit) -> CheckLine:
-    """Compare the rotation; a lattice looks the same again after 60 or 90 degrees."""
+    """Compare the rotation; a lattice is unchanged by rotations of 60 or 90 degrees."""
     turn = math.pi / 3 if fit.kind == "hexagonal" else math.pi / 2
     expected = camera.lattice.rotation_rad
     apart = (fit.rotation_rad - expected + turn / 2) % turn - turn / 2
     edge = abs(apart) * _reach(fit)
-    # a pitch wrong by its error at one end only turns the lattice by this much
+    # a pitch error at only one end turns the lattice by this angle
     error = math.degrees(fit.pitch_error_px / fit.pitch_px)
     verdict = _judged(camera, "lattice.rotation_rad", edge, fit.pitch_px / 2)
     shown = f"{math.degrees(expected + apart):+.4f} ± {error:.4f}°"
@@ -218,7 +218,7 @@ def _rotation(camera: Camera, fit: LatticeFit) -> CheckLine:
 
 
 def _offset(camera: Camera, fit: LatticeFit) -> CheckLine:
-    """Compare the stated place of a micro-image with the nearest one measured."""
+    """Compare the stated place of a micro-image with the nearest measured one."""
     row, column = camera.pixels(camera.lattice.offset_um)
     near = np.rint(fit.lenslet_at(row, column))
     place: NDArray[np.float64] = np.asarray(fit.centres_px(near[0], near[1]))
@@ -239,14 +239,14 @@ def _type_order(camera: Camera, fit: LatticeFit, types: LensTypes | None) -> Che
     step = camera.lattice.type_step
     expected = f"0, and {step} to its right"
     if types is None:
-        return CheckLine("lens type at the offset", expected, "not told apart", None, UNKNOWN)
+        return CheckLine("lens type at the offset", expected, "not distinguished", None, UNKNOWN)
     row, column = camera.pixels(camera.lattice.offset_um)
     q, r = np.rint(fit.lenslet_at(row, column)).astype(int)
     kind = int(types.type_of(q, r))
     shown = f"{kind}, and {types.type_step} to the right of 0 ({types.sigmas:.0f} σ)"
     same = kind == 0 and types.type_step == step
     certain = types.sigmas >= 5
-    # the types of an assumed place are unknown; a faint difference proves nothing
+    # the types at an assumed place are unknown; a small difference proves nothing
     unknown = camera.marks["lattice.offset_um"] == "assumed" or not certain
     return CheckLine(
         "lens type at the offset", expected, shown, None, FITS if same else UNKNOWN if unknown else DIFFERS
@@ -254,7 +254,7 @@ def _type_order(camera: Camera, fit: LatticeFit, types: LensTypes | None) -> Che
 
 
 def _distortion(camera: Camera, fit: LatticeFit) -> list[CheckLine]:
-    """Compare the largest displacement from straight rows, where there is any."""
+    """Compare the largest displacement from straight rows, if there is any."""
     described, found = camera.lattice.distortion, fit.distortion
     if described is None and found is None:
         return []

@@ -22,11 +22,11 @@ __all__ = ["LatticeFit", "check_cell", "fit_lattice", "fit_outwards", "mean_cell
 Array = NDArray[np.float64]
 
 MAX_RESIDUAL = 0.08
-"""Largest residual rms of an accepted lattice, in pitches."""
+"""Largest rms residual of an accepted lattice, in pitches."""
 
 ROUNDS = 4
 SETTLED_PX = 2e-3
-"""The lattice is settled when the lenslets move less than this from one round to the next (rms)."""
+"""Convergence limit: largest movement of the lenslets between two iterations (rms)."""
 
 
 def fit_lattice(
@@ -39,12 +39,12 @@ def fit_lattice(
 ) -> LatticeFit:
     """Fit the lattice of micro-images to a white image.
 
-    The spectrum gives a first lattice (`guess_lattice`), which is followed from the middle of the frame outwards
-    (`fit_outwards`). Then, in turns, the mean micro-image is made, each lenslet is placed by it to a fraction of a
-    pixel (least squares, Lucas and Kanade 1981), and a flexible lattice is fitted to the places with outliers weighed
-    down. The form is chosen that the places call for (`select_form`): straight, or with a distortion. At last the
-    lattice is moved to the middle of the iris, which micro-images of odd corners are not symmetric about
-    (`iris_centre`).
+    The spectrum gives a first lattice (`guess_lattice`), which is extended from the middle of the frame outwards
+    (`fit_outwards`). Three steps then alternate: the mean micro-image is computed, each lenslet is located with it to
+    a fraction of a pixel (least squares, Lucas and Kanade 1981), and a flexible lattice is fitted robustly to the
+    positions. `select_form` chooses the form of the lattice: straight, or with a distortion. Finally, the lattice is
+    shifted to the middle of the iris, because micro-images of an iris with an odd number of corners are not symmetric
+    about it (`iris_centre`).
 
     Parameters
     ----------
@@ -53,16 +53,16 @@ def fit_lattice(
     dark
         Dark frame or level to subtract.
     kind
-        ``"square"`` or ``"hexagonal"``; None finds out.
+        ``"square"`` or ``"hexagonal"``; None: detected.
     pitch_px
-        Nominal pitch along a row, right within 10 %; None finds out.
+        Nominal pitch along a row, accurate to 10 %; None: detected.
     workers
         Threads; None takes every processor.
 
     Raises
     ------
     InputError
-        If the frame is blank, textured, shows no such lattice, a checkerboard or a specimen; with the reason.
+        With the reason, if the frame is blank or textured, or shows no such lattice, a checkerboard or a specimen.
 
     Examples
     --------
@@ -88,7 +88,7 @@ def fit_lattice(
     sound = lenslets.sound
     chosen = select_form(model, lenslets.index[sound], lenslets.places[sound], frame)
     chosen, lenslets = _on_the_iris(flat, chosen, lenslets, workers)
-    # the light is that of the image as taken: evened out, it would show no vignetting
+    # the light of the uncorrected image: after flattening it would show no vignetting
     light = mean_light(image, chosen.fitted.model, lenslets.index, workers)
     if model.kind == "square":
         check_cell(mean_cell(image, chosen.fitted.model, lenslets.index[sound]))
@@ -98,8 +98,8 @@ def fit_lattice(
 def _settled(
     flat: NDArray[np.float32], model: LatticeModel, frame: DistortionFrame, workers: int | None
 ) -> tuple[LatticeModel, PlacedLenslets]:
-    """Return the lenslets placed about a lattice that does not move any more."""
-    # a better lattice makes a sharper mean micro-image, which places the lenslets better
+    """Return the lenslets located relative to a converged lattice."""
+    # a better lattice gives a sharper mean micro-image, which locates the lenslets better
     for _ in range(ROUNDS):
         lenslets = place_all(flat, model, workers)
         sound = lenslets.sound
@@ -119,14 +119,14 @@ def _settled(
 def _on_the_iris(
     flat: NDArray[np.float32], chosen: Selection, lenslets: PlacedLenslets, workers: int | None
 ) -> tuple[Selection, PlacedLenslets]:
-    """Return lattice and lenslets moved from where the micro-images are most symmetric to the middle of the iris."""
+    """Return lattice and lenslets shifted from the point of best symmetry to the middle of the iris."""
     model, sound = chosen.fitted.model, lenslets.sound
     centres = model.places(lenslets.index[sound])
     light = mean_light(flat, model, lenslets.index[sound], workers)
     middle = iris_centre(flat, model, centres, light, workers)
     if middle is None:
         return chosen, lenslets
-    # origin x and y are the first of the free numbers
+    # origin x and y are the first free parameters
     covariance = chosen.covariance.copy()
     covariance[:2, :2] += middle.covariance
     fitted = replace(chosen.fitted, model=model.moved(middle.shift))
@@ -140,7 +140,7 @@ def _described(shape: tuple[int, int], lenslets: PlacedLenslets, chosen: Selecti
     errors = LatticeErrors.of(fitted, chosen.covariance, frame)
     x, y = model.places(np.zeros((1, 2), np.intp))[0]
     measured = np.where(lenslets.dead[:, None], np.nan, lenslets.places)
-    # places on the rim of the lit field are off: they tell nothing of their neighbours either
+    # positions at the edge of the lit field are biased, so they must not correct their neighbours
     trusted = np.full_like(measured, np.nan)
     trusted[lenslets.sound] = measured[lenslets.sound]
     rms = _believable(fitted.residual, model.pitch)
@@ -169,7 +169,7 @@ def _described(shape: tuple[int, int], lenslets: PlacedLenslets, chosen: Selecti
 
 
 def _believable(residual: Array, pitch: float) -> float:
-    """Return the rms of residuals along one axis (pixels), or refuse: any texture has some lattice nearby."""
+    """Return the rms of residuals along one axis (pixels), or raise: any texture has some lattice nearby."""
     rms = math.sqrt(float((residual**2).mean()))
     if rms > MAX_RESIDUAL * pitch:
         raise InputError.expected(
@@ -186,16 +186,16 @@ START_SHARE = 0.33
 """Radius of the first region, as a share of half the frame's diagonal."""
 
 START_PX = 700.0
-"""Largest first region (pixels): there the spectrum's lattice is right to a fraction of a pitch."""
+"""Largest radius of the first region (pixels): there, the spectrum's lattice is accurate to a fraction of a pitch."""
 
 GROWTH = 1.6
-"""From one region to the next: a cubic runs ahead that far."""
+"""Growth factor between regions: a cubic form can extrapolate this far."""
 
 MIN_REGION = 60
-"""Lenslets of the first region, at least."""
+"""Smallest number of lenslets of the first region."""
 
 TRACKING_DEGREE = 3
-"""A higher order would run away from the measured region."""
+"""Largest order for extrapolation: higher orders diverge outside the measured region."""
 
 
 def start_reach(model: LatticeModel, frame: DistortionFrame) -> float:
@@ -205,7 +205,7 @@ def start_reach(model: LatticeModel, frame: DistortionFrame) -> float:
 
 
 def tracking_form(count: int) -> LatticeForm:
-    """Return the form that runs ahead of ``count`` lenslets."""
+    """Return the form that extrapolates from ``count`` lenslets."""
     form = flexible_form(count // 2)
     return form if form.degree <= TRACKING_DEGREE else flexible_form(100)
 
@@ -214,7 +214,7 @@ def fit_outwards(image: NDArray[np.float32], model: LatticeModel, workers: int |
     """Return the lattice fitted in growing regions, each predicted by the one before."""
     frame = DistortionFrame.of(image.shape)
     reach = start_reach(model, frame)
-    # the first region is placed twice: its start is the spectrum's alone
+    # the first region is processed twice, because it starts from the spectrum only
     reaches = [reach]
     while reaches[-1] < frame.scale:
         reaches.append(min(frame.scale, GROWTH * reaches[-1]))
@@ -230,17 +230,17 @@ def fit_outwards(image: NDArray[np.float32], model: LatticeModel, workers: int |
 
 
 CELL_SIDE = 12
-"""Samples along each side of a cell; even, so that half a cell is a whole number of them."""
+"""Number of samples along each side of a cell; even, so that half a cell is a whole number of them."""
 
 CELL_LENSLETS = 400
 
 INVERSE_CORRELATION = -0.99
-"""Correlation of a cell with itself half a diagonal away from which light and dark only change places. Measured:
+"""Correlation of a cell with itself half a diagonal away below which light and dark only exchange places. Measured:
 checkerboards -0.999 and below; sharp micro-images that fill 50 % to 100 % of the pitch -0.36 to -0.86."""
 
 SHARP_EDGES = 0.35
-"""Share of the cell between a quarter and three quarters of its contrast up to which its edges are sharp: blurred ones,
-0.42 and above where micro-images are not resolved, look alike whatever they are of."""
+"""Share of the cell between a quarter and three quarters of its contrast up to which its edges are sharp. Unresolved,
+blurred cells have 0.42 and above, and look alike for any object."""
 
 
 def mean_cell(image: NDArray[np.float32], model: LatticeModel, index: NDArray[np.intp]) -> Array:
@@ -258,10 +258,10 @@ def mean_cell(image: NDArray[np.float32], model: LatticeModel, index: NDArray[np
 
 
 def check_cell(cell: Array) -> None:
-    """Raise `InputError` where the mean cell is that of a checkerboard.
+    """Raise `InputError` if the mean cell is that of a checkerboard.
 
-    Its light and dark fields have one shape: half a diagonal away each is the negative of the other. Micro-images and
-    the gaps between them have two.
+    The light and dark fields of a checkerboard have the same shape: shifted by half a diagonal, each is the negative
+    of the other. Micro-images and the gaps between them have different shapes.
     """
     contrast = float(np.ptp(cell))
     if contrast <= 0:
@@ -273,7 +273,7 @@ def check_cell(cell: Array) -> None:
     if alike < INVERSE_CORRELATION and between < SHARP_EDGES:
         raise InputError.expected(
             "white image",
-            "micro-images with gaps of another shape between them",
-            "light and dark fields of one shape, as of a checkerboard",
+            "micro-images with gaps of a different shape",
+            "light and dark fields of the same shape, as in a checkerboard",
             "take an evenly lit image of the lenslets",
         )

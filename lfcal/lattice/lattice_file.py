@@ -1,4 +1,4 @@
-"""Files of a measured lattice: ``lattice.json``, which is read again, and its residuals as a table and a picture."""
+"""Files of a measured lattice: ``lattice.json``, which can be read again, and its residuals as table and picture."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ NAMES = (
     *("kind", "shape", "pitch_px", "row_pitch_px", "rotation_rad", "shear_rad", "origin_px", "pitch_error_px"),
     *("residual_rms_px", "form", "reason", "notes"),
 )
-"""Attributes of a fit that are written under their own names."""
+"""Attributes of a fit that are written under the same names."""
 
 REMEDY = "write it with lfcal white"
 MAX_SIDE_PX = 20_000
@@ -42,7 +42,7 @@ MAX_ANGLE_RAD = 4.0
 
 
 def lattice_files(folder: str | os.PathLike[str]) -> list[Path]:
-    """Return the files that `save_lattice` writes into a folder: lattice, residuals, and a map of these."""
+    """Return the files that `save_lattice` writes into a folder: lattice, residuals, and a map of the residuals."""
     return [Path(folder) / name for name in ("lattice.json", "residuals.csv", "residuals.png")]
 
 
@@ -66,7 +66,7 @@ def save_lattice(fit: LatticeFit, folder: str | os.PathLike[str]) -> list[Path]:
 
 
 def lattice_dict(fit: LatticeFit) -> dict[str, Any]:
-    """Return the lattice's numbers, their errors and the distortion as plain values."""
+    """Return the lattice's parameters, their errors and the distortion as plain values."""
     bend, errors = fit.distortion, {} if fit.errors is None else asdict(fit.errors)
     errors.pop("covariance", None)
     own = {name: getattr(fit, name) for name in NAMES}
@@ -86,7 +86,7 @@ def lattice_dict(fit: LatticeFit) -> dict[str, Any]:
 
 
 def _table(fit: LatticeFit) -> str:
-    """Return a line for each lenslet: indices, its best place, and its own residual (empty for dead ones)."""
+    """Return a line for each lenslet: indices, best estimate of its place, and its residual (empty for dead ones)."""
     lattice = fit.centres_px(fit.index[:, 0], fit.index[:, 1])
     places = lattice if fit.places_px is None else fit.places_px
     residual = fit.measured_px - lattice
@@ -114,12 +114,12 @@ def _draw(fit: LatticeFit, path: Path) -> None:
 
 
 def load_lattice(path: str | os.PathLike[str]) -> LatticeFit:
-    """Return the lattice of a ``lattice.json``; its lenslets are those of its frame, and only dead ones are known.
+    """Return the lattice in a ``lattice.json`` with all lenslets of its frame; only dead ones are marked.
 
     Raises
     ------
     FileFormatError
-        If the file is something else, or a number in it cannot be.
+        If the file has another content, or an impossible number.
 
     Examples
     --------
@@ -182,7 +182,7 @@ def _distortion(data: Any) -> Any:
 
 
 def _with_lenslets(bare: LatticeFit, dead: list[tuple[Any, ...]]) -> LatticeFit:
-    """Return the fit with every lenslet of its frame, nothing measured, and the dead ones marked."""
+    """Return the fit with all lenslets of its frame, without measurements, and with the dead ones marked."""
     index = bare.model.within(bare.shape, 0.5 * bare.pitch_px)
     gone = set(dead)
     nothing = np.full(index.shape, np.nan)

@@ -1,4 +1,4 @@
-"""What a white image tells of its lattice."""
+"""Result of fitting a lattice to a white image."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class LatticeErrors:
-    """Standard errors of a fitted lattice's numbers, under the weights of the fit.
+    """Standard errors of a fitted lattice's parameters, under the weights of the fit.
 
     Attributes
     ----------
     pitch_px, row_pitch_px, rotation_rad, shear_rad, origin_px
-        Of the numbers of the same name; 0 where a number is not free.
+        Errors of the parameters of the same name; 0 if a parameter is not free.
     terms, centre
-        Of the distortion's terms, in their order, and of its centre (column, row) (pixels).
+        Errors of the distortion's terms, in order, and of its centre (column, row) (pixels).
     covariance
-        Of all free numbers, in the order of `lfcal.lattice._forms.design`.
+        Covariance of all free parameters, in the order of `lfcal.lattice._forms.design`.
     """
 
     pitch_px: float
@@ -44,7 +44,7 @@ class LatticeErrors:
 
     @classmethod
     def of(cls, fitted: FittedForm, covariance: Array, frame: DistortionFrame) -> LatticeErrors:
-        """Return the errors of a fitted form from the covariance of its free numbers."""
+        """Return the errors of a fitted form from the covariance of its free parameters."""
         model, form = fitted.model, fitted.form
         unit = model.along / model.pitch
         rows = np.zeros((4, form.size))
@@ -67,9 +67,9 @@ class LatticeErrors:
 
 @dataclass(frozen=True, eq=False)
 class LatticeFit:
-    """A lattice of micro-images and how well it fits.
+    """A lattice of micro-images and the quality of its fit.
 
-    Image coordinates count rows downwards from the centre of the first pixel.
+    Image coordinates are relative to the centre of the first pixel; rows count downwards.
 
     Attributes
     ----------
@@ -86,29 +86,29 @@ class LatticeFit:
     pitch_error_px
         Standard error of the pitch (pixels).
     shear_rad
-        By how much the angle from a row to the next departs from the ideal one; 0 where the places call for none (rad).
+        Deviation of the angle from a row to the next from the ideal one; 0 if it is not significant (rad).
     residual_rms_px
-        Distance of the placed micro-images from the lattice, distortion included, rms along one axis (pixels).
+        Distance of the located micro-images from the lattice, distortion included, rms along one axis (pixels).
     index
         ``(n, 2)``: q along a row and r across, of every lenslet wholly in the frame.
     measured_px
-        ``(n, 2)``: placed centres (row, column); NaN for dead ones.
+        ``(n, 2)``: located centres (row, column); NaN for dead ones.
     light
         ``(n,)``: mean sample value within half a pitch.
     dead
-        ``(n,)``: lenslets that give too little light or cannot be placed.
+        ``(n,)``: lenslets that give too little light or cannot be located.
     distortion
         Displacement from the straight lattice (pixels, points (column, row)); None: straight. Pitch, row pitch,
         rotation and shear are the straight lattice's.
     errors
-        Standard errors of the numbers above.
+        Standard errors of the parameters above.
     form, reason
-        The form of lattice that was chosen, and why, in words.
+        The chosen form of the lattice, and the reason, in words.
     places_px
-        ``(n, 2)``: best estimate of every centre (row, column), dead ones too: the lattice, and what the neighbours
-        depart from it together.
+        ``(n, 2)``: best estimate of every centre (row, column), also of dead lenslets: the lattice, plus the common
+        deviation of the neighbours from it.
     notes
-        What makes the frame doubtful as a white image, one line each.
+        Doubts about the frame as a white image, one line each.
 
     Examples
     --------
@@ -140,7 +140,7 @@ class LatticeFit:
     notes: tuple[str, ...] = ()
 
     def basis_px(self) -> Array:
-        """Return the straight lattice's vectors as rows (x, y): along a row, and to the next row (pixels)."""
+        """Return the vectors of the straight lattice as rows (x, y): along a row, and to the next row (pixels)."""
         return self.model.basis()
 
     @cached_property
@@ -153,7 +153,7 @@ class LatticeFit:
         return LatticeModel(self.kind, origin, along, ratio, math.tan(self.shear_rad), self.distortion)
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
-        """Return the lattice's centres ``(..., 2)`` as (row, column) of lenslets q, r, as they are seen."""
+        """Return the centres ``(..., 2)`` as (row, column) of lenslets q, r, distortion included."""
         index = np.stack(np.broadcast_arrays(np.asarray(q, float), np.asarray(r, float)), axis=-1)
         return self.model.places(index)[..., ::-1]
 
@@ -165,7 +165,7 @@ class LatticeFit:
     def residual_map(self, size: int = 48) -> Array:
         """Return the mean residual ``(2, rows, columns)`` as (row, column) on a grid over the frame (pixels).
 
-        ``size`` cells along the longer side; NaN where no lenslet was placed.
+        ``size`` cells along the longer side; NaN if no lenslet was located there.
         """
         residual = self.measured_px - self.centres_px(self.index[:, 0], self.index[:, 1])
         return gridded(self.measured_px, residual, self.shape, size)
@@ -178,17 +178,17 @@ class LatticeFit:
     def to_lattice(
         self, camera: Camera, *, origin: tuple[int, int] | None = None, type_step: int | None = None
     ) -> LensletLattice:
-        """Return ``camera``'s lattice with what was measured: pitch, rows, rotation, offset and distortion.
+        """Return ``camera``'s lattice with the measured values: pitch, rows, rotation, offset and distortion.
 
         Parameters
         ----------
         camera
             The camera that took the frame; lens types and gap are kept.
         origin
-            Lenslet (q, r) at the lattice's offset, of type 0 where there are three types; by default the one
-            nearest to the offset stated so far.
+            Lenslet (q, r) at the lattice's offset, of type 0 if there are three types; by default the one nearest to
+            the present offset.
         type_step
-            Sense of the lens types along a row; by default as stated so far.
+            Direction of the lens types along a row; by default unchanged.
 
         Raises
         ------
@@ -230,17 +230,18 @@ class LatticeFit:
 
 
 REACH = 3
-"""Neighbours that are averaged, in lattice indices to each side."""
+"""Extent of the averaging over neighbours, in lattice indices on each side."""
 
 SPREAD = 1.5
-"""Standard deviation of their weights, in lattice indices."""
+"""Standard deviation of the neighbours' weights, in lattice indices."""
 
 
 def best_places(index: NDArray[np.intp], lattice: Array, measured: Array) -> Array:
     """Return best estimates ``(n, 2)`` of the lenslets' places.
 
-    The lattice's place, and of the weighted mean of what the neighbours depart from it the share that they have in
-    common: scatter alone would have it at sum(w²)/sum(w)² of a single one's variance (James and Stein 1961).
+    The estimate is the lattice's place plus a share of the weighted mean deviation of the neighbours. The share is the
+    part of this mean that is common to the neighbours: with scatter alone, its variance would be sum(w²)/sum(w)² times
+    that of a single one (James and Stein 1961).
 
     Parameters
     ----------
@@ -249,13 +250,13 @@ def best_places(index: NDArray[np.intp], lattice: Array, measured: Array) -> Arr
     lattice
         ``(n, 2)``: places by the lattice (pixels).
     measured
-        ``(n, 2)``: places measured; NaN where there is none.
+        ``(n, 2)``: places measured; NaN if there is none.
     """
     residual = measured - lattice
     known: NDArray[np.bool_] = np.asarray(np.isfinite(residual).all(1))
     if known.sum() < 3 * (2 * REACH + 1) ** 2:
         return lattice
-    # one wild lenslet is no common displacement
+    # one outlier is not a common displacement
     distance = np.hypot(*residual[known].T)
     limit = 4 * float(np.median(distance)) / 1.1774
     inliers = known.copy()
@@ -270,7 +271,7 @@ def best_places(index: NDArray[np.intp], lattice: Array, measured: Array) -> Arr
 
 
 def _means(index: NDArray[np.intp], values: Array, inliers: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Return weighted means ``(n, 2)`` over the neighbours, the lenslet itself left out, and their noise factors."""
+    """Return weighted means ``(n, 2)`` over the neighbours without the lenslet itself, and their noise factors."""
     from scipy import ndimage
 
     place = index - index.min(0)

@@ -1,4 +1,4 @@
-"""Which lenslet is of which type, from how sharp its micro-image is."""
+"""The type of each lenslet, from the sharpness of its micro-image."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ MIN_BLUR_STEP = 0.05
 """Types whose expected blurs differ by less than this share of the largest are not distinguished."""
 
 SMOOTHING = 0.04
-"""Blur before gradients are taken (pitches)."""
+"""Blur applied before gradients are computed (pitches)."""
 
 INNER = 0.4
 """Radius of a micro-image's inner part (pitches)."""
 
 LIT_SHARE = 0.1
-"""Share of the brightest lenslets' light from which on a lenslet counts as lit."""
+"""Smallest light of a lit lenslet, as a share of the brightest lenslets' light."""
 
 
 @dataclass(frozen=True, slots=True)
 class LensTypes:
-    """The colouring of a hexagonal lattice by three lens types.
+    """Assignment of three lens types to a hexagonal lattice.
 
     Attributes
     ----------
@@ -46,14 +46,14 @@ class LensTypes:
     phase
         ``(q - r) mod 3`` of the lenslets of type 0 in the lattice fit's indices.
     sharpness
-        Mean sharpness of types 0, 1 and 2 relative to their neighbours (log): light in the inner part of the
+        Mean sharpness of types 0, 1 and 2 relative to their neighbours (log): the light in the inner part of the
         micro-image, or gradient energy over squared light.
     agreement
-        Share of triangles of neighbours that single out this colouring on their own; 1/6 by chance.
+        Share of triangles of neighbours that select this assignment individually; 1/6 by chance.
     sigmas
-        How far this colouring lies before the next best, in standard errors.
+        Margin of this assignment over the next best, in standard errors.
     triangles
-        Triangles of three neighbours that were used.
+        Number of triangles of three neighbours that were used.
     """
 
     type_step: int
@@ -65,7 +65,7 @@ class LensTypes:
 
     @property
     def confidence(self) -> float:
-        """Probability that this colouring is the right one, by the margin alone and at most 1 - 1e-6."""
+        """Probability that this assignment is correct, from the margin alone and at most 1 - 1e-6."""
         return min(0.5 * math.erfc(-self.sigmas / math.sqrt(2)), 1 - 1e-6)
 
     def type_of(self, q: ArrayLike, r: ArrayLike) -> NDArray[np.intp]:
@@ -74,10 +74,10 @@ class LensTypes:
         return np.mod(self.type_step * (coset - self.phase), 3)
 
     def to_lattice(self, fit: LatticeFit, camera: Camera) -> LensletLattice:
-        """Return ``camera``'s lattice with fit and colouring: a lenslet of type 0 near the stated offset."""
+        """Return ``camera``'s lattice with fit and assignment: a lenslet of type 0 near the stated offset."""
         row, column = camera.pixels(camera.lattice.offset_um)
         near = np.rint(fit.lenslet_at(row, column)).astype(int)
-        # a lenslet of type 0 is never farther than two steps away
+        # the nearest lenslet of type 0 is at most two steps away
         steps = np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3)]) + near
         zero = steps[self.type_of(steps[:, 0], steps[:, 1]) == 0]
         distance = np.hypot(*(fit.centres_px(zero[:, 0], zero[:, 1]) - (row, column)).T)
@@ -88,7 +88,7 @@ class LensTypes:
 def expected_blur(camera: Camera, virtual_depth: float | None = None) -> tuple[float, ...]:
     """Return the blur ``|1/vf - 1/v|`` of each lens type, in lenslet diameters.
 
-    ``virtual_depth`` is that of the point in the frame; None is a white image, in which the lenslets image the
+    ``virtual_depth`` is that of the point in the frame; None means a white image, in which the lenslets image the
     main lens's pupil, v = -b/B.
 
     Examples
@@ -117,12 +117,13 @@ def classify_lens_types(
     dark: ArrayLike | float = 0.0,
     workers: int | None = None,
 ) -> LensTypes:
-    """Find the colouring by three lens types from a white image or a frame of a point.
+    """Assign the three lens types from a white image or a frame of a point.
 
-    Types alternate so that every triangle of neighbours holds one of each. In each such triangle the lenslets'
-    sharpness is compared, which is free of vignetting and of the scene's slow changes; of the six colourings the
-    one is taken whose expected blurs run most strictly against the sharpness measured. In a white image that is
-    the light in the inner part of the micro-images: types must pass light alike, as lenslets of one size do.
+    Types alternate so that every triangle of neighbours contains one of each. In each triangle, the sharpness of the
+    lenslets is compared, which is independent of vignetting and of slow changes of the scene. Of the six assignments,
+    the result is the one whose expected blurs are most strongly anticorrelated with the measured sharpness. In a white
+    image, sharpness is the light in the inner part of the micro-images. This requires that all types transmit the same
+    light, as lenslets of equal size do.
 
     Parameters
     ----------
@@ -142,7 +143,7 @@ def classify_lens_types(
     Raises
     ------
     InputError
-        If the lattice is not hexagonal, two types are expected to be alike, or the image does not decide.
+        If the lattice is not hexagonal, two types have the same expected blur, or the image does not decide.
 
     Examples
     --------
@@ -191,11 +192,11 @@ def _expected(fit: LatticeFit, blur: Sequence[float]) -> Array:
 
 
 def _sharpness(frame: NDArray[np.float32], fit: LatticeFit, content: str, workers: int | None) -> Array:
-    """Return the log of a measure that falls with blur for each lenslet; NaN where dead or dark.
+    """Return the log of a sharpness measure for each lenslet; NaN if dead or dark.
 
-    White image: mean light in the inner part of the micro-image, from which blur takes light away; edges do
-    not serve, as blurred micro-images overlap and lend each other theirs. Spots: gradient energy over squared
-    light. Noise has most of its gradients between neighbouring pixels; a slight blur takes it away.
+    White image: mean light in the inner part of the micro-image, which blur reduces. Edges are not used, because
+    blurred micro-images overlap. Spots: gradient energy divided by squared light. A slight blur beforehand removes
+    noise, whose gradients are mainly between neighbouring pixels.
     """
     import cv2
 
@@ -203,7 +204,7 @@ def _sharpness(frame: NDArray[np.float32], fit: LatticeFit, content: str, worker
     smooth = cv2.GaussianBlur(frame, (0, 0), SMOOTHING * fit.pitch_px)
     radius = (INNER if content == "white" else 0.5) * fit.pitch_px
     count, light, energy = light_of(smooth, centres, radius, workers).T
-    # logarithms turn the lenslets' common light into an offset that triangles cancel
+    # logarithms turn the common light of the lenslets into an offset that cancels in triangles
     good = ~fit.dead & (light > LIT_SHARE * np.percentile(light, 99)) & (light > 0) & (energy > 0)
     value = np.full(len(centres), np.nan)
     measure = light / np.maximum(count, 1) if content == "white" else energy * count / np.maximum(light, 1e-30) ** 2
@@ -212,7 +213,7 @@ def _sharpness(frame: NDArray[np.float32], fit: LatticeFit, content: str, worker
 
 
 def _triangles(index: NDArray[np.intp], value: Array) -> Array:
-    """Return values ``(n, 3)`` of lenslets (q, r), (q+1, r), (q, r+1) with (q - r) mod 3 = 0, less their mean.
+    """Return values ``(n, 3)`` of lenslets (q, r), (q+1, r), (q, r+1) with (q - r) mod 3 = 0, minus their mean.
 
     The columns are the cosets 0, 1 and 2 of ``(q - r) mod 3``; no lenslet is used twice.
     """
@@ -224,7 +225,7 @@ def _triangles(index: NDArray[np.intp], value: Array) -> Array:
     first = place[np.mod(index[:, 0] - index[:, 1], 3) == 0]
     q, r = first.T
     rows = np.stack([grid[q, r], grid[q + 1, r], grid[q, r + 1]], axis=-1)
-    # less their mean: vignetting and the scene's slow changes are alike for three neighbours
+    # minus their mean: vignetting and slow changes of the scene are equal for three neighbours
     rows = rows[np.isfinite(rows).all(1)]
     centred: Array = rows - rows.mean(1, keepdims=True)
     return centred
@@ -234,7 +235,7 @@ def _decide(triangles: Array, expected: Array) -> LensTypes:
     """Choose the assignment of types to cosets with the largest score; scores are linear in the sharpness."""
     wanted = -(expected - expected.mean()) / expected.std()
     choices = list(permutations(range(3)))
-    # far values are clipped: one dirty lenslet must not outvote the field
+    # extreme values are clipped: one dirty lenslet must not dominate the field
     spread = 1.4826 * np.median(np.abs(triangles - np.median(triangles, axis=0))) or 1.0
     scores = np.clip(triangles / spread, -20, 20) @ np.array([wanted[list(types)] for types in choices]).T
     mean = scores.mean(0)
@@ -249,7 +250,7 @@ def _decide(triangles: Array, expected: Array) -> LensTypes:
         got = f"{sigmas:.1f} standard errors, {100 * agreement:.0f} % of the places agreeing"
         raise InputError.expected(
             "lens types",
-            f"a colouring {MIN_SIGMAS:g} standard errors before the next, {100 * MIN_AGREEMENT:.0f} % agreeing",
+            f"an assignment {MIN_SIGMAS:g} standard errors better than the next, {100 * MIN_AGREEMENT:.0f} % agreeing",
             got,
             "use a sharper, brighter or differently focused frame",
         )

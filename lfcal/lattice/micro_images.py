@@ -1,4 +1,4 @@
-"""What views ask of a lattice of micro-images, and the lattices that answer: of a camera, cropped, of one lens type."""
+"""The lattice interface that views need, and its implementations: of a camera, cropped, of one lens type."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ TypeOf = Callable[[ArrayLike, ArrayLike], NDArray[np.intp]]
 """Lens types of lenslets q, r."""
 
 INVERSE_PX, INVERSE_ROUNDS = 1e-8, 25
-"""The index of a point is sought until its lenslet's centre lies this close to the point (pixels)."""
+"""Accuracy (pixels) of the lenslet centre when the index of a point is found iteratively."""
 
 
 class MicroImageLattice(Protocol):
-    """Where micro-images lie: all that is needed to cut views. `LatticeFit` is one, `CameraLattice` another."""
+    """Positions of micro-images, as needed for views. `LatticeFit` and `CameraLattice` implement it."""
 
     @property
     def kind(self) -> str:
@@ -113,7 +113,7 @@ class CameraLattice:
         points = np.stack(np.broadcast_arrays(np.asarray(row, float), np.asarray(column, float)), axis=-1)
         inverse = np.linalg.inv(self.basis_px())
         index: Array = (points - self.centres_px(0, 0))[..., ::-1] @ inverse
-        # a distorted lattice differs little from its basis: each round leaves a few per cent of the distance
+        # a distorted lattice differs little from its basis: each iteration leaves a few per cent of the distance
         for _ in range(INVERSE_ROUNDS):
             off = points - self.centres_px(index[..., 0], index[..., 1])
             index = index + off[..., ::-1] @ inverse
@@ -124,7 +124,7 @@ class CameraLattice:
 
 @dataclass(frozen=True, slots=True)
 class CroppedLattice:
-    """The lattice on frames that are a part of its sensor: ``origin`` is the sensor's pixel of their first."""
+    """The lattice on frames that show a part of its sensor: ``origin`` is the sensor pixel of their first pixel."""
 
     whole: FrameLattice
     shape: tuple[int, int]
@@ -166,9 +166,9 @@ class CroppedLattice:
 
 @dataclass(frozen=True, slots=True)
 class TypeLattice:
-    """The lenslets of one of three types: again a hexagonal lattice, sqrt(3) as wide and turned by -30 degrees.
+    """The lenslets of one of three types: a hexagonal lattice, sqrt(3) times as wide and rotated by -30 degrees.
 
-    Lenslet (Q, R) of it is ``(first + 2 Q + R, R - Q)`` of ``every``: a step of (2, -1) or (1, 1) keeps the type,
+    Its lenslet (Q, R) is ``(first + 2 Q + R, R - Q)`` of ``every``: a step of (2, -1) or (1, 1) keeps the type,
     which is that of ``(q - r) mod 3``.
 
     Examples
@@ -244,12 +244,12 @@ def lattice_of(
     shape
         Rows and columns of the frames; by default those of the sensor.
     origin
-        Row and column on the sensor of the frames' first pixel, where they are a part of it.
+        Row and column on the sensor of the frames' first pixel, if they show a part of it.
 
     Raises
     ------
     InputError
-        If the frames are of another shape and nothing is said of where they lie, or do not lie on the sensor.
+        If the frames have another shape without a given origin, or are not inside the sensor.
 
     Examples
     --------
@@ -264,12 +264,12 @@ def lattice_of(
 
 
 def cropped(lattice: FrameLattice, shape: Sequence[int], origin: tuple[int, int] | None = None) -> FrameLattice:
-    """Return ``lattice`` on frames of ``shape`` whose first pixel is the pixel ``origin`` (row, column) of its own.
+    """Return ``lattice`` on frames of ``shape`` whose first pixel is the lattice's pixel ``origin`` (row, column).
 
     Raises
     ------
     InputError
-        As `lattice_of`.
+        As in `lattice_of`.
 
     Examples
     --------
@@ -306,14 +306,14 @@ def _by(shape: Sequence[int]) -> str:
 
 
 def type_lattice(lattice: FrameLattice, type_of: TypeOf, lens_type: int) -> TypeLattice:
-    """Return the lenslets of one of three types as a lattice of their own.
+    """Return the lenslets of one of three types as a separate lattice.
 
-    ``type_of`` is that of `LensTypes` or of the camera's lattice.
+    ``type_of`` is the method of `LensTypes` or of the camera's lattice.
 
     Raises
     ------
     InputError
-        If the lattice has no three types.
+        If the lattice does not have three types.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""Images of the focused plenoptic camera: planes at their depths, lens types by their sharpness, all in focus.
+"""Rendering for the focused plenoptic camera: planes at depths, lens types weighted by sharpness, all in focus.
 
-Behind lenslets that are focused on the scene a micro-image is a small picture: places between the lenslets are seen
-at the resolution of the pixels, which views, whose samples are lenslets, do not have (Georgiev and Lumsdaine 2010).
+If lenslets are focused on the scene, a micro-image is a small picture. Rendering resolves places between lenslets at
+the resolution of the pixels, unlike views, whose samples are lenslets (Georgiev and Lumsdaine 2010).
 """
 
 from __future__ import annotations
@@ -27,30 +27,30 @@ Image = NDArray[np.float32]
 Array = NDArray[np.float64]
 
 MIN_SLOPE = 1.5
-"""Planes nearer to the lenslets have places that no lenslet sees; there views are refocused instead."""
+"""Smallest slope for rendering: nearer to the lenslets, some places are seen by no lenslet; refocus views instead."""
 
 FLOOR_PX = 1.0
-"""Blur of a lenslet in focus: a pixel, and the diffraction of a lenslet that is made for it (pixels)."""
+"""Blur of a lenslet in focus: a pixel, and the diffraction of a suitable lenslet (pixels)."""
 
 WINDOW = 0.5
-"""Standard deviation of the window in which the disagreement of lenslets is averaged (view samples)."""
+"""Standard deviation of the window over which the disagreement of lenslets is averaged (view samples)."""
 
 
 @dataclass(frozen=True, eq=False)
 class RenderedPlanes:
-    """The scene as it would look on planes at several depths.
+    """The scene rendered on planes at several depths.
 
     Attributes
     ----------
     images
-        ``(n, rows, columns)`` float32: light relative to the white frame's; 0 where no lenslet looks.
+        ``(n, rows, columns)`` float32: light relative to the white frame; 0 if no lenslet sees the place.
     disagreement
-        ``(n, rows, columns)`` float32: variance of what the lenslets say of each place: least where the scene lies
-        on the plane. Infinite where fewer than two look.
+        ``(n, rows, columns)`` float32: variance between lenslets at each place, smallest if the scene is on the plane.
+        Infinite if fewer than two lenslets see the place.
     slopes
-        The planes' slopes (`sensor_slope`).
+        Slopes of the planes (`sensor_slope`).
     grid
-        Views' samples, of which each side holds ``samples`` of the images'.
+        Samples of the views; each contains ``samples`` image samples per side.
     """
 
     images: Image = field(repr=False)
@@ -61,9 +61,9 @@ class RenderedPlanes:
 
 
 def sharpness_shares(camera: Camera, slope: float) -> tuple[float, ...]:
-    """Return what each lens type counts for at a slope: 1 for the sharpest, as one over the square of the blur.
+    """Return the weight of each lens type at a slope: proportional to 1 / blur², and 1 for the sharpest.
 
-    The blur on the sensor is ``d |1/v - 1/v_focus|`` of clear diameter d, and a pixel at least.
+    The blur on the sensor is ``d |1/v - 1/v_focus|`` for clear diameter d, and at least a pixel.
 
     Examples
     --------
@@ -91,21 +91,21 @@ def render(
     samples: int = 4,
     workers: int | None = None,
 ) -> RenderedPlanes:
-    """Return images of the planes at ``slopes``, each place the mean of what all lenslets that see it show.
+    """Return images of the planes at ``slopes``; each place is the mean over all lenslets that see it.
 
     A place S on the plane of slope w is seen below the lenslet whose micro-image is centred at c at c + (S - c)/w.
 
     Parameters
     ----------
     frame, lattice, white, dark, radius_px
-        As `extract_views`.
+        As in `extract_views`.
     slopes
         Slope of each plane, at least `MIN_SLOPE` or at most its negative.
     type_of, shares
-        Lens type of lenslets q, r, and for each plane what each type counts for: `sharpness_shares`, or 1 for one
-        type and 0 for the others. By default all count alike.
+        Function for the lens type of lenslets q, r, and the weight of each type for each plane: `sharpness_shares`, or
+        1 for one type and 0 for the others. By default all weights are equal.
     samples
-        Samples along each side of a view's sample.
+        Number of samples along each side of a view's sample.
     workers
         Threads.
 
@@ -150,7 +150,7 @@ def render(
 
 
 def check_slopes(slopes: Sequence[float]) -> None:
-    """Raise `InputError` unless every plane is one that `render` can make."""
+    """Raise `InputError` unless `render` supports every plane."""
     for slope in slopes:
         check_number("slope", slope, at_least=-1e3, at_most=1e3)
         if abs(slope) < MIN_SLOPE:
@@ -163,12 +163,12 @@ def check_slopes(slopes: Sequence[float]) -> None:
 
 
 def _lit(white: ArrayLike | None, dark: ArrayLike | float, lattice: FrameLattice) -> Image:
-    """Return the white light of every pixel, 1 at its brightest places and 0 where there is hardly any."""
+    """Return the white light of every pixel, 1 at its brightest places and 0 if there is hardly any."""
     if white is None:
         return np.ones(tuple(lattice.shape), np.float32)
     lit = subtract_dark(white, dark, lattice, "white frame")
     lit /= np.float32(max(float(np.percentile(lit, 99)), 1e-30))
-    # hardly lit pixels say nothing but noise
+    # hardly lit pixels contain only noise
     lit[lit < MIN_WEIGHT] = 0
     return lit
 
@@ -181,9 +181,9 @@ def _plane(slope: float, radius: float, grid: ViewGrid, samples: int) -> Refocus
 
 
 def _mean_and_variance(sums: Image) -> tuple[Image, Image]:
-    """Return the weighted mean, and the variance free of bias (infinite where fewer than two lenslets look)."""
+    """Return the weighted mean, and the unbiased variance (infinite if fewer than two lenslets see a place)."""
     weight, light, square, squared_weight = sums
-    # places that only blurred types see are shown, too
+    # places that only blurred types see are shown as well
     seen = weight > 0
     total = np.where(seen, weight, 1)
     mean = np.where(seen, light / total, 0).astype(np.float32)
@@ -195,10 +195,10 @@ def _mean_and_variance(sums: Image) -> tuple[Image, Image]:
 
 
 def total_focus(planes: RenderedPlanes) -> tuple[Image, Image]:
-    """Return the image that is in focus everywhere, and the slope of the plane taken at each place.
+    """Return the all-in-focus image, and the slope of the plane chosen at each place.
 
-    The plane is the one on which the lenslets disagree least, in a small window: where the scene has no texture it
-    means nothing, and the image is the same on all planes.
+    The chosen plane has the smallest disagreement between lenslets in a small window. Without texture in the scene it
+    is meaningless, but the image is then the same on all planes.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Views and focal stacks as files: stacks for ImageJ, pictures for people."""
+"""Files of views and focal stacks: stacks for ImageJ, and pictures."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ __all__ = ["TOTAL", "save_focal_stack", "save_total_focus", "save_views", "stack
 Array = NDArray[Any]
 
 LARGEST = 3 << 30
-"""Bytes of the largest stack in ImageJ's own form, which holds 4 GB at most."""
+"""Size (bytes) of the largest stack in ImageJ's own format, which is limited to 4 GB."""
 
 TOTAL = ("all_in_focus.tif", "all_in_focus.png", "slopes.tif")
-"""Files of `save_total_focus`."""
+"""Files written by `save_total_focus`."""
 
 
 def view_names(label: str) -> list[str]:
@@ -34,7 +34,7 @@ def stack_names(label: str, slopes: tuple[float, ...]) -> list[str]:
 
 
 def save_views(out: Path, label: str, colours: list[Views], times: int) -> None:
-    """Write all views as a stack ``(v, u, y, x)`` (ImageJ: t and z), next to each other, and the middle one."""
+    """Write all views as a stack ``(v, u, y, x)`` (ImageJ: t and z), as a mosaic, and the middle one."""
     stack, mosaic, central = (out / name for name in view_names(label))
     images = _joined([np.where(one.mask, one.images, np.float32(np.nan)) for one in colours], 2)
     _save_stack(stack, images, "TZCYX" if len(colours) > 1 else "TZYX")
@@ -54,7 +54,7 @@ def save_focal_stack(out: Path, label: str, colours: list[Array], slopes: tuple[
 
 
 def save_total_focus(out: Path, colours: list[tuple[Array, Array]]) -> None:
-    """Write the image that is in focus everywhere, also as a picture, and the slopes that it is focused at."""
+    """Write the all-in-focus image, also as a picture, and the slopes at which it is focused."""
     image, slopes = (_joined(list(of), 0) for of in zip(*colours, strict=True))
     for name, one in ((TOTAL[0], image), (TOTAL[2], slopes)):
         _save_stack(out / name, one, "CYX" if one.ndim == 3 else "YX")
@@ -62,7 +62,7 @@ def save_total_focus(out: Path, colours: list[tuple[Array, Array]]) -> None:
 
 
 def _joined(colours: list[Array], axis: int) -> Array:
-    """Return arrays of several colours as one; that of a single colour has no axis for it."""
+    """Return arrays of several colours as one array; a single colour has no axis for it."""
     return colours[0] if len(colours) == 1 else np.stack(colours, axis=axis)
 
 
@@ -71,7 +71,7 @@ def _save_stack(path: Path, stack: Array, axes: str, labels: list[str] | None = 
     metadata: dict[str, Any] = {"axes": axes}
     big = 4 * math.prod(stack.shape) > LARGEST
     if labels is not None and not big:
-        # one label a picture: all channels of a plane have the plane's
+        # one label per picture: all channels of a plane have the plane's label
         each = stack.shape[axes.index("C")] if "C" in axes else 1
         metadata["Labels"] = [label for label in labels for _ in range(each)]
     write_tiff(path, np.ascontiguousarray(stack, np.float32), imagej=not big, bigtiff=big, metadata=metadata)
@@ -80,8 +80,8 @@ def _save_stack(path: Path, stack: Array, axes: str, labels: list[str] | None = 
 def _save_picture(path: Path, image: Array, times: int = 1) -> None:
     """Write ``(rows, columns)`` or ``(colours, rows, columns)`` as PNG, each sample ``times`` as wide and high.
 
-    White is the 99.7th percentile, black the 0.5th: hot pixels and dead lenslets would otherwise decide. Red, green
-    and blue share the scale.
+    White is the 99.7th percentile, black the 0.5th, because hot pixels and dead lenslets would dominate otherwise.
+    Red, green and blue share the scale.
     """
     low, high = np.nanpercentile(image, (0.5, 99.7))
     grey = np.nan_to_num(np.clip((image - low) / max(high - low, 1e-30), 0, 1))

@@ -20,26 +20,26 @@ __all__ = ["RADIUS", "TAPS", "Views", "extract_views", "sample_views", "subtract
 Image = NDArray[np.float32]
 
 RADIUS = 0.45
-"""Radius of the micro-images where nobody states it (pitches)."""
+"""Default radius of the micro-images (pitches)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """The same scene seen through different parts of the aperture.
+    """The scene seen through different parts of the aperture.
 
     Attributes
     ----------
     images
-        ``(nv, nu, rows, columns)`` float32: view from below each lenslet's centre by `offsets` pixels in v (down)
-        and u (right); 0 where no lenslet sees a sample.
+        ``(nv, nu, rows, columns)`` float32: view from below each lenslet's centre, displaced by `offsets` pixels in v
+        (down) and u (right); 0 if no lenslet sees a sample.
     weights
-        The same of a white frame, or the aperture's mask: the weight of each sample.
+        Weight of each sample: the same views of a white frame, or of the aperture's mask.
     offsets
         Offsets of the views from the micro-images' centres, the same in v and u (pixels).
     radius_px
         Radius of the micro-images used (pixels).
     grid
-        Where the samples lie, and of which lenslets they are made.
+        Places of the samples, and contributing lenslets.
 
     Examples
     --------
@@ -71,12 +71,12 @@ class Views:
 
     @property
     def rotation_rad(self) -> float:
-        """Angle from the pixels' +x axis, along which `offsets` count, to the rows of a view (rad)."""
+        """Angle from the pixels' +x axis, the direction of `offsets`, to the rows of a view (rad)."""
         return self.grid.rotation_rad
 
     @property
     def mask(self) -> NDArray[np.bool_]:
-        """Samples that some lenslet sees, ``(rows, columns)``."""
+        """Samples that a lenslet sees, ``(rows, columns)``."""
         return self.grid.mask
 
     @property
@@ -87,7 +87,7 @@ class Views:
         return result
 
     def mosaic(self, every: int = 1) -> Image:
-        """Return the views side by side, as seen from above to below and left to right; every n-th about the middle."""
+        """Return the views side by side, from above to below and left to right; every n-th about the middle."""
         middle = len(self.offsets) // 2
         pick = np.arange(middle % every, len(self.offsets), every)
         chosen = self.images[np.ix_(pick, pick)]
@@ -111,25 +111,25 @@ def extract_views(
 ) -> Views:
     """Return the sub-aperture views of a light-field frame.
 
-    The pixel u to the right of a lenslet's centre sees the scene through one part of the main lens's aperture;
-    taken over all lenslets it makes a view. Samples between pixels are interpolated bilinearly, those between
-    lenslets as `view_grid` says.
+    The pixel u to the right of a lenslet's centre sees the scene through one part of the main lens's aperture. Taken
+    over all lenslets, these pixels form a view. Samples between pixels are interpolated bilinearly, those between
+    lenslets as described in `view_grid`.
 
     Parameters
     ----------
     frame
         Light-field frame ``(rows, columns)``.
     lattice
-        Where its micro-images lie: a `LatticeFit` from a white image of the same camera, or `lattice_of` a described
+        Lattice of its micro-images: a `LatticeFit` from a white image of the same camera, or `lattice_of` a described
         one.
     white
-        White frame: views are weighed by its light. Without it micro-images count evenly up to the radius.
+        White frame whose light weights the views. Without it, the weights are equal up to the radius.
     dark
         Dark frame or level subtracted from both.
     radius_px
         Radius of the micro-images (pixels); by default 0.45 pitches.
     axes, full, missing, raster
-        As `view_grid`: rows along the frame's or the lattice's, the largest box or the whole field with a mask,
+        As in `view_grid`: rows along the frame or the lattice, the largest box or the whole field with a mask,
         lenslets that show nothing, the samples of another lattice.
     workers
         Threads.
@@ -151,7 +151,7 @@ def extract_views(
     (9, 9, 7, 9) 0.90 of the light at the edge
     """
     light = subtract_dark(frame, dark, lattice, "light-field frame")
-    # the raster of a single lens type's views is the whole lattice's, and so is the size of the micro-images
+    # the views of a single lens type use the raster and the micro-image size of the whole lattice
     of = raster or lattice
     radius = RADIUS * min(of.pitch_px, of.row_pitch_px) if radius_px is None else radius_px
     check_number("radius of the micro-images (px)", radius, at_least=1, at_most=of.pitch_px)
@@ -180,12 +180,12 @@ def extract_views(
 
 
 def subtract_dark(frame: ArrayLike, dark: ArrayLike | float, lattice: FrameLattice, what: str) -> Image:
-    """Return a frame less its dark frame or level, float32, after checking that both fit the lattice.
+    """Return a frame minus its dark frame or level, float32, after checking that both fit the lattice.
 
     Raises
     ------
     InputError
-        If one does not; ``what`` names the frame.
+        If one does not fit; ``what`` names the frame.
     """
     image = as_sensor_frame(what, frame)
     if image.shape != tuple(lattice.shape):
@@ -199,7 +199,7 @@ def subtract_dark(frame: ArrayLike, dark: ArrayLike | float, lattice: FrameLatti
 
 
 TAPS = {"nearest": 1, "linear": 2, "cubic": 4}
-"""Pixels along each side that a filter takes."""
+"""Number of pixels along each side that a filter uses."""
 
 
 def sample_views(
@@ -214,8 +214,8 @@ def sample_views(
     """Fill ``out`` ``(nv, nu, rows, columns)`` with the views of a frame, and return it.
 
     View (v, u) is the frame at each lenslet's centre + ``step_px`` (v - (nv - 1)/2, u - (nu - 1)/2), down and right
-    along the pixels, between pixels by ``filter`` (`TAPS`); each sample is its lenslets' by their shares, 0 where none
-    sees it. float32 or float64.
+    along the pixels, interpolated by ``filter`` (`TAPS`). Each sample is the weighted sum of its lenslets by their
+    shares, 0 if none sees it. float32 or float64.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""How the field darkens: one gain per lenslet and a smooth surface through them."""
+"""Fall-off of light over the field: one gain per lenslet, and a smooth surface through them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Vignetting:
     surface
         The smooth surface through them.
     scatter
-        Lenslet to lenslet deviation from the surface, rms of the living ones (relative).
+        Rms deviation of working lenslets from the surface (relative).
     falloff
         Light at the dimmest place of the frame (relative).
     """
@@ -37,8 +37,8 @@ class Vignetting:
     def frame(self) -> NDArray[np.float32]:
         """Return the smooth light on every pixel, ``(rows, columns)`` float32: a white frame without lenslets.
 
-        ``White(vignetting.frame(), dark=0.0)`` evens out the field and leaves micro-images as they are, where
-        dividing by the white image itself would also multiply the noise in the gaps.
+        ``White(vignetting.frame(), dark=0.0)`` flattens the field and leaves micro-images unchanged. Dividing by the
+        white image itself would also multiply the noise in the gaps.
         """
         return self.surface.frame()
 
@@ -49,7 +49,7 @@ def vignetting_map(fit: LatticeFit, *, degree: int = 4) -> Vignetting:
     Parameters
     ----------
     fit
-        Lattice of a white image with its dark subtracted: a pedestal would hide part of the fall.
+        Lattice of a white image with its dark subtracted: a pedestal would hide part of the fall-off.
     degree
         Degree of the polynomial surface.
 

@@ -1,5 +1,5 @@
-"""The plug-in for napari: its manifest (``napari.yaml``) and what it reads. napari itself is never imported.
+"""napari plug-in: its manifest (``napari.yaml``) and its reader. napari itself is never imported.
 
 - ``reader``: H and HT, recorded sessions and volumes as layers; `read_layers`
-- ``_lazy``: arrays of which only what is looked at is read
+- ``_lazy``: arrays that load only the parts that are displayed
 """

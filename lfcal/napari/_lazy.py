@@ -1,4 +1,4 @@
-"""Arrays of which only what is looked at is read, as napari takes them."""
+"""Arrays for napari that load only the parts that are displayed."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ Index = tuple[int | slice, ...]
 
 
 class Lazy:
-    """Shape, type and slices of an array that stays where it is.
+    """An array that stays in its file: shape, type and slicing.
 
     Parameters
     ----------
     shape, dtype
-        Of the array.
+        Shape and type of the array.
     read
-        Returns the values of an index with an integer or a slice for every axis, by numpy's rules.
+        Function that returns the values at an index with an integer or a slice for every axis, as numpy does.
     holder
-        What must live, and keep its file open, as long as this does.
+        Object that must be kept alive, so that its file stays open.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class Lazy:
         return self.shape[0]
 
     def __getitem__(self, key: Any) -> NDArray[Any]:
-        """Return the part ``key``: integers, slices and an ellipsis."""
+        """Return the part at ``key``: integers, slices and an ellipsis."""
         parts = list(key) if isinstance(key, tuple) else [key]
         holes = [k for k, part in enumerate(parts) if part is Ellipsis]
         if len(parts) - len(holes) > self.ndim or len(holes) > 1:

@@ -1,4 +1,4 @@
-"""H, HT, recorded sessions and volumes as layers of napari: read as they are looked at, with sizes, units and axes."""
+"""napari reader: H, HT, recorded sessions and volumes as layers, loaded lazily, with sizes, units and axes."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ if TYPE_CHECKING:
 __all__ = ["Layer", "get_reader", "read_layers"]
 
 Layer = tuple[Any, dict[str, Any], str]
-"""Data, words of the layer, and its kind: what napari makes a layer of."""
+"""Data, keyword arguments and type of a napari layer."""
 
 H_AXES = ("z", "y", "x", "t", "s")
 MICROMETRE, PIXEL = "micrometer", "pixel"
 
 
 def get_reader(path: str | Sequence[str]) -> Callable[[str | Sequence[str]], list[Layer]] | None:
-    """Return what reads ``path``, or None where it is nothing of lfcal: the command of the manifest.
+    """Return the reader for ``path``, or None if it is no file of lfcal; the manifest's command.
 
     Parameters
     ----------
     path
-        A file or folder, or a list with one of them.
+        A file or folder, or a list that holds one.
     """
     paths = [path] if isinstance(path, str) else list(path)
     if len(paths) != 1:
@@ -52,14 +52,14 @@ def _read(path: str | Sequence[str]) -> list[Layer]:
 
 
 def read_layers(path: str | Path) -> list[Layer]:
-    """Return the layers of an H or HT file, a recorded session, or a volume; values are read when they are looked at.
+    """Return the layers of an H or HT file, a recorded session, or a volume; values are loaded when displayed.
 
-    H comes with HT as a layer that is hidden at first, a file of several regions of the field with a layer for each.
+    H also gets a layer for HT, hidden at first. A file with several regions of the field gets a layer for each.
 
     Raises
     ------
     FileFormatError
-        If it is nothing of lfcal.
+        If it is no file of lfcal.
     LfcalError
         If it is damaged or cannot be read.
     """
@@ -67,13 +67,16 @@ def read_layers(path: str | Path) -> list[Layer]:
     read = _kind_of(source)
     if read is None:
         raise FileFormatError.expected(
-            str(source), "H, HT, a recorded session or a volume of lfcal", "something else", "open it by another reader"
+            str(source),
+            "H, HT, a recorded session or a volume of lfcal",
+            "something else",
+            "open it with another reader",
         )
     return read(source)
 
 
 def _kind_of(source: Path) -> Callable[[Path], list[Layer]] | None:
-    """Return what reads a file or folder; None: it is nothing of lfcal."""
+    """Return the function that reads a file or folder; None if it is no file of lfcal."""
     if source.name == NAME and source.is_file():
         return lambda path: _session(path.parent)
     if (source / NAME).is_file():
@@ -116,7 +119,7 @@ def _matrix_layer(H: PSFMatrix, name: str, *, visible: bool) -> Layer:
         "scale": (known.step, *sides),
         "translate": (known.start, *(0.0,) * 4),
         "units": (known.unit, *(unit,) * 4),
-        # of one pattern: looking at all of H would read it
+        # from one pattern, as the range of all of H would load it
         "contrast_limits": _limits(np.asarray(H[middle[0], middle[1], middle[2]])),
         "visible": visible,
         "metadata": {"lfcal": facts},
@@ -128,7 +131,7 @@ def _matrix_layer(H: PSFMatrix, name: str, *, visible: bool) -> Layer:
 
 
 def _session(folder: Path) -> list[Layer]:
-    """Return the frames of a session by their positions; those that were not recorded are dark."""
+    """Return the frames of a session by position; positions that were not recorded are dark."""
     source = RecordingSource(folder, skip_damaged=True)
     plan = source.plan
     where = {tuple(source.info(k).position): k for k in range(len(source))}
@@ -163,7 +166,7 @@ def _session(folder: Path) -> list[Layer]:
 
 
 def _whole(source: RecordingSource, k: int) -> NDArray[Any]:
-    """Return a frame, dark where it is damaged."""
+    """Return a frame; a damaged one is dark."""
     try:
         return source.read(k)
     except FileFormatError:
@@ -212,7 +215,7 @@ def _piece(array: Any, index: Index) -> NDArray[Any]:
 def _volume_words(
     source: Path, ndim: int, depths: Any, sides: tuple[float, ...] | None, known: dict[str, Any]
 ) -> dict[str, Any]:
-    """Return the words of a layer of volumes: axes (t), z, y, x."""
+    """Return the keyword arguments of a layer of volumes with the axes (t), z, y, x."""
     along = _along_z(None if depths is None else np.asarray(depths, np.float64))
     time = ndim - 3
     return {
@@ -226,14 +229,14 @@ def _volume_words(
 
 
 class _AlongZ:
-    """What napari, which knows one distance for all planes, is told of where they lie."""
+    """Position and spacing of the planes for napari, which accepts a single spacing for all of them."""
 
     def __init__(self, step: float, start: float, unit: str) -> None:
         self.step, self.start, self.unit = step, start, unit
 
 
 def _along_z(depths: NDArray[np.float64] | None) -> _AlongZ:
-    """Return the mean distance of planes, and where the first lies if they are in order; all are in the metadata."""
+    """Return the mean spacing of the planes, and the position of the first if they are sorted; metadata has all."""
     if depths is None or not len(depths):
         return _AlongZ(1.0, 0.0, PIXEL)
     steps = np.diff(depths)
@@ -242,7 +245,7 @@ def _along_z(depths: NDArray[np.float64] | None) -> _AlongZ:
 
 
 def _limits(values: NDArray[Any]) -> tuple[float, float]:
-    """Return values between which a picture shows what is in it."""
+    """Return the display range that shows the contents of a picture."""
     finite = values[np.isfinite(values)]
     low, high = (0.0, 0.0) if not finite.size else (min(0.0, float(finite.min())), float(finite.max()))
     return low, high if high > low else low + 1.0

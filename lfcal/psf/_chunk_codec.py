@@ -1,8 +1,8 @@
-"""HDF5 chunks coded outside of HDF5, so that threads can compress and decompress at once.
+"""HDF5 chunks coded outside of HDF5, so that several threads can compress and decompress.
 
-HDF5 runs its filters on one thread. Here a chunk passes shuffle, deflate and fletcher32 in worker threads
-(libdeflate and the kernels release the GIL); what is written passes through h5py, from the caller's thread, as finished
-bytes, and what is read does not pass through it at all. The files are ordinary HDF5 files.
+HDF5 runs its filters on one thread. Here, shuffle, deflate and fletcher32 run in worker threads (libdeflate and the
+kernels release the GIL). Finished chunks are written through h5py, from the caller's thread; reading bypasses HDF5.
+The files are ordinary HDF5 files.
 """
 
 from __future__ import annotations
@@ -67,8 +67,8 @@ def parallel_write(
 ) -> int:
     """Write depth plane ``z`` of an H dataset, compressing in threads; return the bytes stored.
 
-    Datasets that `chunk_pipeline` does not know are written through HDF5. At most a few batches of half a
-    megabyte per worker are held besides the plane.
+    Datasets that `chunk_pipeline` does not know are written through HDF5. In addition to the plane, at most a few
+    batches of half a megabyte per worker are in memory.
 
     Parameters
     ----------
@@ -77,13 +77,14 @@ def parallel_write(
     z
         Depth plane.
     plane
-        Its values ``(ny, nx, nt, ns)``, of a dtype that the dataset's holds without loss.
+        Its values ``(ny, nx, nt, ns)``, in a dtype that converts to that of the dataset without loss.
     convert
-        Turns a pattern into what is stored, in the threads that compress; None stores it as it is.
+        Function that converts a pattern to its stored form, called in the compressing threads; None stores it
+        unchanged.
     checksums
         ``(ny, nx)``, filled with the CRC-32 of every stored pattern, little-endian.
     workers
-        Threads that compress; None takes every processor.
+        Number of compressing threads; None: all processors.
 
     Raises
     ------

@@ -73,23 +73,23 @@ def iter_write_npy(
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """What may be said of an export; None leaves it to the format.
+    """Options of an export; None leaves them to the format.
 
     Attributes
     ----------
     compress
-        ``.h5``, ``.mat``: compressed, or not.
+        ``.h5``, ``.mat``: whether to compress.
     dtype
         ``.h5``: stored type.
     include_transpose, rows_first, lens_centred, interpolation
         ``.mat``: as in `lfcal.psf._matlab.MatOptions`.
     position
-        TIFF: position (y, x) of which a stack over depth is written, instead of every position.
+        TIFF: write only the stack over depth of position (y, x), instead of all positions.
     allow_missing
-        ``.mat``, ``.npy``, ``.npz``, TIFF: write zeros where a position was never recorded, which these formats cannot
-        mark.
+        ``.mat``, ``.npy``, ``.npz``, TIFF: write zeros for positions that were never recorded, which these formats
+        cannot mark.
     code
-        Code that reads the file, one of `lfcal.psf.codes.CODES`; it states order, centring and names of variables.
+        Code that reads the file, one of `lfcal.psf.codes.CODES`; it sets order, centring and names of variables.
     quality
         ``.mat``, ``.npz``, TIFF: word for the quality of H, written into the file.
     """
@@ -248,20 +248,20 @@ def iter_export(
 ) -> Work[Path]:
     """Write ``matrix`` in the format of the suffix.
 
-    ``.h5`` H file, ``.mat`` MATLAB v7.3 (H, Ht, Nnum, CAindex, x3objspace, anchor, lensCentre), ``.npy``, ``.npz`` (H,
-    Ht), ``.tif`` hyperstacks. With ``code`` the file is what that code reads. For the options see `ExportOptions`; what
-    readers of the file take otherwise, `export_notes` says. With ``run``, a matrix that was opened from a file is
-    written in units of a plane, by whom and after which earlier run that says: planes that are done stay for the next
-    run. TIFF has no units.
+    The suffixes are ``.h5`` (H file), ``.mat`` (MATLAB v7.3 with H, Ht, Nnum, CAindex, x3objspace, anchor,
+    lensCentre), ``.npy``, ``.npz`` (H, Ht), and ``.tif`` (hyperstacks). With ``code``, the file has the form that this
+    code reads. See `ExportOptions` for the options, and `export_notes` for conventions that differ in other programs.
+    With ``run``, a matrix opened from a file is written in units of a plane, by the given executor, and finished planes
+    stay for the next run. TIFF has no units.
 
     Raises
     ------
     InputError
-        For an unknown suffix, or an option that its format does not use; for missing positions that its format cannot
-        mark, without ``allow_missing``; or for an H that ``code`` cannot use. With a ``run`` where the matrix has no
+        For an unknown suffix, for an option that its format does not use, for missing positions that its format cannot
+        mark (without ``allow_missing``), for an H that ``code`` cannot use, or for a ``run`` with a matrix that has no
         file.
     StorageError
-        If the file cannot be written; with a ``run`` as `lfcal.work.iter_made`.
+        If the file cannot be written; with a ``run``, as in `lfcal.work.iter_made`.
 
     Examples
     --------
@@ -342,7 +342,7 @@ PLANE, CROP = "plane", "crop"
 
 
 def _iter_units(matrix: PSFMatrix, target: Path, options: ExportOptions, run: RunChoice) -> Work[Path]:
-    """Write a ``.mat`` or ``.npy`` file of planes that are files of their own until all are there."""
+    """Write a ``.mat`` or ``.npy`` file from planes that are separate files until all are complete."""
     from lfcal.work import Unit, iter_made
 
     suffix = target.suffix.lower()
@@ -367,7 +367,7 @@ def _iter_units(matrix: PSFMatrix, target: Path, options: ExportOptions, run: Ru
 
 
 def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
-    """Write one plane into a file of its own, stored as it will be: the task of a unit."""
+    """Write one plane into a separate file, in its final form: the task of a unit."""
     z, suffix = int(arguments["z"]), arguments["suffix"]
     clock = Clock(f"export plane {z}", 1)
     yield clock.at(0)

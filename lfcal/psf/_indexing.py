@@ -36,7 +36,7 @@ def resolved(key: Any, shape: tuple[int, ...]) -> tuple[int | slice, ...]:
 def _axis_index(part: Any, axis: int, n: int) -> int | slice:
     if isinstance(part, slice):
         return part
-    # a bool has __index__ in Python, but numpy takes it for a mask
+    # a bool has __index__ in Python, but numpy treats it as a mask
     if isinstance(part, bool | np.bool_) or not hasattr(part, "__index__"):
         raise IndexError("a PSF matrix takes integers, slices and an ellipsis; read what you need, then use numpy")
     return in_range(cast(int, part), axis, n)

@@ -1,7 +1,7 @@
-"""The part of JSON Schema (draft 2020-12) that the schema of the H file is written in, and its two additions.
+"""The part of JSON Schema (draft 2020-12) used in the schema of the H file, with two additions.
 
-``dimensions`` names each axis of a dataset, or the length of a list; ``extents`` the numbers of a list. A name stands
-for one number throughout a matrix: the first dataset that has it says which.
+``dimensions`` names each axis of a dataset, or the length of a list; ``extents`` names the numbers of a list. A name
+represents the same number throughout a matrix: the first dataset that has it defines it.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class _Check:
     def look(self, value: Any, schema: Schema, place: Place, names: dict[str, int]) -> Iterator[Deviation]:
         """Yield the deviations of ``value`` at ``place``; ``names`` are the sizes known so far."""
         if "$ref" in schema:
-            # a definition is a matrix of its own: its names are those of no other
+            # a definition is a separate matrix with separate names
             yield from self.look(value, self._definition(schema["$ref"]), place, {})
             return
         wrong = [what for what in _own_faults(value, schema, names) if what]

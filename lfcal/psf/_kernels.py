@@ -4,9 +4,9 @@ The transpose of a periodic H is a permutation (Eberhart et al. 2020, equations 
 
     HT[z, y, x, t, s] = H[z, (y + t - ct) mod ny, (x + s - cs) mod nx, nt - 1 - t, ns - 1 - s],
 
-with ct = (nt - 1)/2, cs = (ns - 1)/2. Values are moved as they are, as unsigned integers of their size. What numba has
-no words for - sixteen lanes sheared in registers, prefetching, stores past the caches - is given as LLVM code, for any
-processor.
+with ct = (nt - 1)/2, cs = (ns - 1)/2. Values are moved unchanged, as unsigned integers of their size. Operations that
+numba cannot express (shearing sixteen lanes in registers, prefetching, stores that bypass the caches) are written as
+LLVM code for any processor.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Shape = tuple[int, int, int, int, int]
 Words = NDArray[Any]
 
 LANES = 16
-"""Neighbouring values that are moved at once."""
+"""Number of neighbouring values that are moved together."""
 
 LINE_BYTES = 64
 """A cache line; on processors with longer ones the last step is only slower."""
@@ -46,8 +46,8 @@ def _constants(kind: Any, values: list[int]) -> Any:
 def _shear(height: int) -> Any:
     """Make ``shear(source, base, rows, first, out, at, step)`` for blocks of ``height`` rows.
 
-    out[at + i * step + l] = source[base + rows[first + i + l] + 15 - l] for i < height and l < 16: lane l comes from
-    l rows further down, and the lanes are reversed. Four rounds of selections by the bits of l do it in registers.
+    out[at + i * step + l] = source[base + rows[first + i + l] + 15 - l] for i < height and l < 16: lane l comes from l
+    rows further down, and the lanes are reversed. Four rounds of selections by the bits of l do this in registers.
     """
 
     def implement(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -201,7 +201,7 @@ def transpose_rows(plane: Words, out: Words, start: int, stop: int) -> None:
 
 
 def batch_rows(shape: Shape, itemsize: int) -> int:
-    """Return how many cutout rows t `transpose_batches` handles at once."""
+    """Return the number of cutout rows t that `transpose_batches` processes together."""
     nx, nt, ns = shape[2:]
     most = _SCRATCH_BYTES // ((nx + 3) * ns * itemsize)
     return max(1, min(max(_LEAST_ROWS, -(-_RUN_BYTES // (ns * itemsize))), nt, most))
@@ -217,10 +217,10 @@ def source_rows(shape: Shape) -> NDArray[np.int64]:
 def transpose_batches(source: Words, out: Words, batches: Batches, start: int, stop: int) -> None:
     """Write batches ``start`` to ``stop`` of ``nz * ceil(nt / batch)`` of the transposed matrix.
 
-    ``source`` and ``out`` are flat. For one y and t the map takes the tile of all (x, s) to a tile: each column s
-    shifts cyclically along x by s - cs. A tile goes through registers into scratch memory, 16 x 16 values at a time,
-    while the next one is fetched; a batch of cutout rows then leaves as one run per x, in whole cache lines
-    that bypass the caches. Needs ns >= 16.
+    ``source`` and ``out`` are flat. For one y and t, the tile of all (x, s) maps to a tile: each column s is shifted
+    cyclically along x by s - cs. A tile goes through registers into scratch memory, 16 x 16 values at a time, while
+    the next one is fetched. A batch of cutout rows is then written as one run per x, in whole cache lines that bypass
+    the caches. Needs ns >= 16.
     """
     ny, nx, nt, ns = batches.shape[1:]
     batch = batches.batch

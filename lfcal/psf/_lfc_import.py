@@ -1,8 +1,8 @@
-"""H out of the calibration files (``.lfc``) of napari-LF, whose PSFs are sparse and one for each voxel of a lenslet.
+"""Import of H from calibration files (``.lfc``) of napari-LF, whose PSFs are sparse and one per voxel of a lenslet.
 
-A file is HDF5 with the groups ``optics``, ``geometry``, ``radiometry``, ``rayspread`` and ``psf``; ``psf/psf_db`` is a
-pickled table ``(x, y, z) -> ((u, v, s, t), coefficient)``: pixel (u, v) behind lenslet (s, t), counted from the voxel's
-own. Voxels are the n x n shares of a lenslet.
+A file is HDF5 with the groups ``optics``, ``geometry``, ``radiometry``, ``rayspread`` and ``psf``. ``psf/psf_db`` is a
+pickled table ``(x, y, z) -> ((u, v, s, t), coefficient)``: pixel (u, v) behind lenslet (s, t), relative to the lenslet
+of the voxel. Voxels are the n x n shares of a lenslet.
 """
 
 from __future__ import annotations

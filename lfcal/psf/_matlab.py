@@ -1,7 +1,7 @@
 """MATLAB v7.3 files as the published deconvolution codes use them (Prevedel 2014, Lu 2019, Stefanoiu 2019).
 
-A v7.3 file is HDF5 behind a 512-byte header, every variable with a ``MATLAB_class`` attribute and its axes
-reversed: the C-ordered ``H[z, y, x, t, s]`` is MATLAB's ``H(s, t, x, y, z)`` byte for byte.
+A v7.3 file is HDF5 behind a 512-byte header. Every variable has a ``MATLAB_class`` attribute and reversed axes: the
+C-ordered ``H[z, y, x, t, s]`` is MATLAB's ``H(s, t, x, y, z)`` byte for byte.
 """
 
 from __future__ import annotations
@@ -81,21 +81,21 @@ def crop_index(sums: NDArray[np.float64]) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class MatOptions:
-    """How a ``.mat`` file is written.
+    """Options for writing a ``.mat`` file.
 
     Attributes
     ----------
     include_transpose
-        Write ``Ht`` too (it doubles the file).
+        Also write ``Ht``, which doubles the file size.
     rows_first
         Store ``H(t, s, y, x, z)`` instead of ``H(s, t, x, y, z)``: for codes whose images are ``imread``
         arrays with rows first. With the default order such an image must be transposed first.
     compress
-        gzip, or contiguous data.
+        Whether to compress with gzip; otherwise data are contiguous.
     lens_centred
-        Roll the positions so that a micro-image centre falls on pixel ceil(Nnum/2) of the period.
+        Roll the positions so that a micro-image centre is on pixel ceil(Nnum/2) of the period.
     interpolation
-        With ``lens_centred``: how patterns are moved by what whole pixels leave; ``"nearest"`` leaves it.
+        With ``lens_centred``: interpolation for the remaining fraction of a pixel; ``"nearest"`` ignores it.
     cells
         Store ``H{y,x,z}(t, s)``, a cell array of patterns, as oLaF does.
     quality
@@ -121,9 +121,9 @@ def iter_write_mat(
     options: MatOptions | None = None,
     store: StoreMatPlane | None = None,
 ) -> Work[Path]:
-    """Write H and what the codes want to know of it to a MATLAB v7.3 file, streaming.
+    """Write H, with the variables that other codes need, to a MATLAB v7.3 file, streaming.
 
-    The file holds ``H``, ``Ht``, ``Nnum``, ``CAindex``, ``x3objspace`` (m), ``axisOrder``, ``cutout``, and, where H
+    The file contains ``H``, ``Ht``, ``Nnum``, ``CAindex``, ``x3objspace`` (m), ``axisOrder``, ``cutout``, and, if H
     knows them, ``anchor``, ``lensCentre`` and ``voxelSize`` (m); see ``docs/matlab.md``.
 
     Parameters
@@ -131,20 +131,20 @@ def iter_write_mat(
     matrix
         The PSF matrix.
     path
-        The file; it appears whole or not at all.
+        Path of the file, which is written atomically.
     options
-        How; None: the defaults.
+        Options; None: the defaults.
     store
-        Puts planes into the file that were made elsewhere; None: they are made here.
+        Function that inserts planes made elsewhere; None: they are made here.
 
     Raises
     ------
     InputError
-        If H is to be lens-centred and nothing says where its lenses are.
+        If H should be lens-centred, and the places of its lenses are unknown.
 
     Notes
     -----
-    ``Nnum`` is one number where nx = ny; else ``[nx ny]`` and the codes that take a square period cannot use it.
+    ``Nnum`` is one number if nx = ny; otherwise ``[nx ny]``, which codes for square periods cannot use.
     A cutout that is not square is padded with zeros: the codes crop rows and columns by the same ``CAindex``.
     """
     options = options or MatOptions()

@@ -1,8 +1,8 @@
-"""What lets HDF5 viewers that know NeXus (silx, h5web, NeXpy) open an H file with a plot of named axes.
+"""NeXus attributes, with which HDF5 viewers (silx, h5web, NeXpy) open an H file as a plot of named axes.
 
-``/@default`` leads to an NXentry, ``@default`` of that to an NXdata, whose ``@signal`` and ``@axes`` name datasets in
-the same group. They are hard links to those of the file: soft links are refused when the file is opened.
-https://manual.nexusformat.org/datarules.html
+``/@default`` leads to an NXentry, whose ``@default`` leads to an NXdata. Its ``@signal`` and ``@axes`` name datasets
+in the same group, which are hard links to those of the file, because soft links are refused when the file is opened.
+See https://manual.nexusformat.org/datarules.html
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ PIXELS = {
 
 
 def mark_default_plot(file: Any) -> None:
-    """Make the sums over all positions the default plot of an H file, with H beside them."""
+    """Make the sums over all positions the default plot of an H file, with H in the same group."""
     name = str(file.attrs["matrix"])
     nt, ns = file["H"].shape[3:]
     entry = file.create_group("entry")

@@ -13,15 +13,15 @@ __all__ = ["NoiseRule", "reduce_noise"]
 
 
 class NoiseRule(NamedTuple):
-    """How noise is reduced.
+    """Settings of the noise reduction.
 
     Attributes
     ----------
     reach
-        Positions on either side whose entries are compared.
+        Number of positions on either side whose entries are compared.
     certain
-        Standard errors that a mean must exceed: it is zero where it does not, for it has no light that could be
-        distinguished from noise.
+        Standard errors that a mean must exceed; otherwise it is set to zero, because its light cannot be distinguished
+        from noise.
     """
 
     reach: int
@@ -39,11 +39,12 @@ def reduce_noise(
 ) -> None:
     """Write ``rows`` (start, stop) of positions of ``plane`` ``(ny, nx, nt, ns)`` to ``out``, with less noise.
 
-    Each entry is drawn towards the mean of the entries of the same sensor pixel at the positions around, as far as
-    noise explains how these are scattered (Lee 1980; the linear estimate of least mean square error).
+    Each entry is moved towards the mean of the entries of the same sensor pixel at the surrounding positions, as far
+    as noise explains their scatter (Lee 1980; the linear estimate with least mean square error).
 
-    ``noise`` ``(ny, nx, 2)``: variance without light and per unit of signal; NaN: the pattern stays as it is, and does
-    not count for others. ``used``: entries that are measurements, of the shape of ``plane``; ``(1, 1, 1, 1)``: all are.
+    ``noise`` ``(ny, nx, 2)`` is the variance without light and per unit of signal; a pattern with NaN is unchanged,
+    and not used for others. ``used`` marks entries that are measurements, in the shape of ``plane``; ``(1, 1, 1, 1)``:
+    all are.
     """
     ny, nx, nt, ns = plane.shape
     some = used.size > 1

@@ -44,7 +44,7 @@ def pedestal_share(gatherer: Gatherer, indices: list[int]) -> tuple[float, float
         cuts.append(cut.values.astype(np.float64))
         if around is not None:
             level, error = _level(around)
-            # what noise may make of a frame's level is none
+            # a level within the noise of a frame is not a pedestal
             levels.append(level if abs(level) > CERTAIN * error else 0.0)
     if not cuts:
         return 0.0, 0.0, False

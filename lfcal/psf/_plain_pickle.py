@@ -1,7 +1,7 @@
-"""Numbers, arrays and tables out of a Python pickle, without running anything of what it asks for.
+"""Reading of numbers, arrays and tables from a Python pickle without running any code in it.
 
-A pickle is a program: it may call any function of this machine. Here it may name a few things only, and gets for each a
-stand-in that keeps what it is told; numpy's own are not called either.
+A pickle is a program that may call any function of this machine. Here it may name only a few objects, each replaced by
+a placeholder that stores its arguments; even numpy functions are not called.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ MAX_ITEMS = 1 << 31
 
 
 class Record:
-    """An object of a class that the reader was told of; ``values`` are its attributes."""
+    """Placeholder for an object of an allowed class; ``values`` are its attributes."""
 
     def __init__(self) -> None:
         self.values: dict[str, Any] = {}
@@ -115,7 +115,7 @@ class _Reader(pickle.Unpickler):
 
     def find_class(self, module: str, name: str) -> Any:
         """Return the stand-in of what a pickle names."""
-        # each is made anew: a pickle may set attributes of what it was given
+        # create a new one each time, because a pickle may set attributes of objects it receives
         if module.split(".")[0] == "numpy" and name == "ndarray":
             return type("Array", (), {})
         if name in self._classes:

@@ -17,8 +17,8 @@ def gather_slice(plane: NDArray[Any], shape: tuple[int, int, int, int], y: int, 
     """Write the slice HT[y, x] to ``out`` (flat, nt * ns) from the flat ``plane`` of ``shape`` (ny, nx, nt, ns).
 
     HT[y, x, t, s] = H[(y + t - ct) mod ny, (x + s - cs) mod nx, nt - 1 - t, ns - 1 - s], ct = (nt - 1)/2 and so on.
-    From s to s + 1 the place in memory moves on by one pattern less one value; where the column passes nx, by a row
-    of patterns less: additions take the place of a division per value.
+    From s to s + 1, the address grows by one pattern minus one value, and by a row of patterns less where the column
+    passes nx. Additions thus replace a division per value.
     """
     ny, nx, nt, ns = shape
     pattern = nt * ns
@@ -39,8 +39,8 @@ def gather_slice(plane: NDArray[Any], shape: tuple[int, int, int, int], y: int, 
 def add_patterns(patterns: NDArray[Any], out: NDArray[np.float64], start: int, stop: int) -> None:
     """Add pixels ``start`` to ``stop`` of all patterns ``(n, pixels)`` to ``out`` in float64, eight at a time.
 
-    Eight patterns are added among themselves before the sum is loaded and stored: an eighth of that traffic, and the
-    rounding of a tree, at most n 2^-53 of a sum of n non-negative values.
+    Eight patterns are added to each other before the sum is loaded and stored. This needs an eighth of the memory
+    traffic, and has the rounding error of a tree: at most n 2^-53 of a sum of n non-negative values.
     """
     n = patterns.shape[0]
     eights = n // 8 * 8  # what is left over is added one by one

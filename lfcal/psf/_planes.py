@@ -189,10 +189,10 @@ def _check_finite(values: NDArray[Any], where: str) -> None:
     """Raise `FileFormatError` where ``values`` ``(…, nt, ns)`` hold NaN, infinity, or what no camera counts."""
     if values.dtype.kind not in "fc":
         return
-    # extremes are NaN where a value is, and need no array of their own
+    # extremes are NaN if a value is, and need no additional array
     parts = (values.real, values.imag) if values.dtype.kind == "c" else (values,)
     ends = [end for part in parts for end in (part.max(axis=(-2, -1)), -part.min(axis=(-2, -1)))]
-    with np.errstate(invalid="ignore"):  # NaN of some kinds are told when they are converted
+    with np.errstate(invalid="ignore"):  # converting some kinds of NaN warns
         largest = np.maximum.reduce([end.astype(np.float64) for end in ends])
     good = largest <= MAX_SAMPLE
     if good.all():

@@ -20,8 +20,8 @@ Window = tuple[slice, slice]
 def placed(values: NDArray[Any], window: Window, cutout: tuple[int, int]) -> NDArray[Any]:
     """Return a window of patterns ``(…, t, s)`` in the middle of a ``cutout`` of zeros, as a new array.
 
-    The pixel in the middle of the new cutout is pixel ``L // 2`` of a window of L pixels: what MATLAB's
-    ``conv2(…, 'same')`` takes for the middle of a kernel, for even L too.
+    The middle pixel of the new cutout is pixel ``L // 2`` of a window of L pixels. MATLAB's ``conv2(…, 'same')`` uses
+    it as the middle of a kernel, also for even L.
     """
     part = values[(..., *window)]
     out = np.zeros((*values.shape[:-2], *cutout), values.dtype)
@@ -45,7 +45,7 @@ def padding_note(shape: tuple[int, int]) -> str:
 
 
 class PlacedPlanes:
-    """Patterns cut to a window each plane has of its own, or padded: see `placed`.
+    """Patterns cropped to a separate window for each plane, or padded: see `placed`.
 
     Parameters
     ----------
@@ -54,9 +54,10 @@ class PlacedPlanes:
     cutout
         Pixels ``(nt, ns)`` of the new patterns, odd.
     windows
-        Of each plane; None: all of it.
+        Window of each plane; None: the whole plane.
     swapped
-        Rows and columns of positions and of pixels change places: base is ``(nz, nx, ny, ns, nt)``, its windows too.
+        Whether rows and columns of positions and of pixels are exchanged: base is then ``(nz, nx, ny, ns, nt)``, as
+        are its windows.
     """
 
     def __init__(
@@ -90,7 +91,7 @@ class PlacedPlanes:
 
 
 class MirroredPlanes:
-    """A matrix of which a file holds the first half of the positions each way, for the others are mirror images.
+    """A matrix whose file contains the first half of the positions each way; the others are mirror images.
 
     ``H[z, ny - 1 - y, x, t, s] = H[z, y, x, nt - 1 - t, s]``, and the same for x and s; ny = 2 rows - 1.
     """

@@ -81,7 +81,7 @@ def _plain(values: dict[str, Any]) -> dict[str, Any]:
 def _line(found: Deviation) -> str:
     """Return a deviation with its place in words of HDF5."""
     place = "".join(_steps(found.place))
-    # what belongs to the file itself has no path of its own
+    # attributes of the file itself have no separate path
     place = place if place.startswith("/") else f"/{place}"
     return f"{place}: {found.what}"
 

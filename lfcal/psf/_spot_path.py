@@ -29,18 +29,18 @@ FAINT = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpotPath:
-    """Where the pattern was seen.
+    """Places of the pattern on the sensor.
 
     Attributes
     ----------
     indices
-        Frames in which light was found ``(n,)``.
+        Indices of frames in which light was found ``(n,)``.
     positions
         Their scan positions ``(n, 3)`` as (z, y, x).
     seen
-        Centroids of the pattern ``(n, 2)`` as (row, column) on the sensor, as the frames lie (pixels).
+        Centroids of the pattern ``(n, 2)`` as (row, column) on the sensor, in frames as delivered (pixels).
     looked
-        Frames looked at.
+        Number of frames examined.
     """
 
     indices: NDArray[np.intp]
@@ -74,17 +74,17 @@ def path_frames(infos: Sequence[FrameInfo], shape: tuple[int, int, int]) -> list
 def iter_spot_path(source: FrameSource, shape: tuple[int, int, int], cutout: tuple[int, int]) -> Work[SpotPath]:
     """Read about 20 frames and find the pattern in each.
 
-    What does not change from frame to frame (background, reflections, hot pixels) is taken off; the pattern is where
-    a window of the cutout's size holds most of the light that is left, and its place is the centroid in that window.
+    Static content (background, reflections, hot pixels) is subtracted. The pattern is where a window of the cutout's
+    size contains most of the remaining light; its place is the centroid in that window.
 
     Parameters
     ----------
     source
-        Frames as they lie, best corrected.
+        Frames as delivered, preferably corrected.
     shape
-        ``(nz, ny, nx)`` positions of the scan.
+        Number of positions ``(nz, ny, nx)`` of the scan.
     cutout
-        Pixels ``(nt, ns)`` that hold a pattern, about.
+        Approximate size of a pattern ``(nt, ns)`` (pixels).
     """
     infos = [source.info(k) for k in range(len(source))]
     chosen = path_frames(infos, shape)

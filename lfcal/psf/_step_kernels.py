@@ -56,8 +56,8 @@ def write_steps(
     Returns
     -------
     float, float, float, int
-        Sum of the sizes outside the window; of the errors of the values in it; of all sizes; and how many values need
-        more than ``most`` steps.
+        Sum of the magnitudes outside the window; sum of the errors inside it; sum of all magnitudes; and number of
+        values that need more than ``most`` steps.
     """
     outside, error, total, lost = 0.0, 0.0, 0.0, 0
     each = 1 / step

@@ -1,9 +1,9 @@
-"""Patterns in whole steps, each pattern with a step of its own: what an H file within a tolerance holds.
+"""Patterns in whole steps with a separate step for each pattern, as in an H file within a tolerance.
 
-What a pattern loses is the light beside its plane's window and what its values lack as whole steps. Both are measured
-on the values as they are read back, as shares (L1) of the pattern. Since an image is a sum of patterns,
-|(H - Hs) g|_1 is at most the largest share times the sum of g_v |H_v|_1 over all voxels v, for any g that is nowhere
-negative: the sense in which `lfcal.reconstruct.Projector` takes its tolerance.
+A pattern loses the light outside its plane's window, and the rounding of its values to whole steps. Both are measured
+on the values as read back, as shares (L1) of the pattern. Since an image is a sum of patterns, |(H - Hs) g|_1 is at
+most the largest share times the sum of g_v |H_v|_1 over all voxels v, for any non-negative g.
+`lfcal.reconstruct.Projector` defines its tolerance in the same way.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ MOST = 65535
 """Steps that a stored value has at most."""
 
 CUT = 0.1
-"""Share of the tolerance that is spent on light beside the window, where it spares rows or columns."""
+"""Share of the tolerance spent on light outside the window, if that saves rows or columns."""
 
 CLOSE = 0.97
-"""Share of what rounding may lack from which on no larger step is looked for."""
+"""Share of the allowed rounding error above which no larger step is searched for."""
 
 TRIALS = 24
 """Steps that are tried at most; five do nearly always."""
@@ -58,11 +58,11 @@ class SteppedPlane:
     values
         ``(ny, nx, nt, ns)``, float32, each a whole multiple of its pattern's step.
     step
-        ``(ny, nx)``, float32, of at most `DIGITS` binary digits, so that multiples have few and compress well.
+        ``(ny, nx)``, float32, with at most `DIGITS` binary digits, so that multiples have few digits and compress well.
     cut, rounding
-        ``(ny, nx)``: the error of each pattern outside the window and in it, as shares (L1) of the pattern.
+        ``(ny, nx)``: error of each pattern outside and inside the window, as shares (L1) of the pattern.
     error
-        The error of all patterns together, as a share of the plane.
+        Error of all patterns together, as a share of the plane.
     """
 
     values: NDArray[np.float32]

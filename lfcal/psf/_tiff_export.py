@@ -44,13 +44,13 @@ def iter_write_tiff(
 ) -> Work[Path]:
     """Write patterns as hyperstacks; a word for the ``quality`` of H goes into the file's description.
 
-    With ``position`` (y, x) a single stack over depth, ``ZYX``. Without, every position: one file ``TZYX`` (positions y
-    slow, x fast), or of an H above 1 GiB one ``TYX`` for each plane, ``NAME_z000.tif`` …
+    With ``position`` (y, x), write a single stack over depth, ``ZYX``. Without it, write every position: one file
+    ``TZYX`` (positions y slow, x fast), or for an H above 1 GiB one file ``TYX`` per plane, ``NAME_z000.tif`` …
 
     Raises
     ------
     InputError
-        If there is no such position, or H has numbers that no TIFF reader shows.
+        If there is no such position, or H has numbers that TIFF readers cannot show.
     """
     target = Path(path)
     if matrix.dtype.name not in OME_TYPES:

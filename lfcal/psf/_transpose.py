@@ -1,13 +1,13 @@
-"""The transposed matrix HT, one slice of it, and depth-plane sums, of plain arrays in memory.
+"""The transposed matrix HT, one slice of it, and depth-plane sums, for plain arrays in memory.
 
 HT is an index permutation of H, exact for every period (axes and centre rule in `lfcal.base.axes`)::
 
     HT[z, y, x, t, s] = H[z, (y + t - ct) mod ny, (x + s - cs) mod nx, nt-1-t, ns-1-s]
 
-``method="paper"`` gives what equations 4 to 9 of M. Eberhart, "Efficient algorithm for calculating transposed
-PSF matrices for 3D light field deconvolution" (arXiv:2003.09133, 2020) write: the same values, but only where
+``method="paper"`` implements equations 4 to 9 of M. Eberhart, "Efficient algorithm for calculating transposed PSF
+matrices for 3D light field deconvolution" (arXiv:2003.09133, 2020) as printed. They give the same values only where
 ``cx <= x + s < ns + cx`` and ``cy <= y + t < nt + cy`` with ``cx = (nx-1)/2``, ``cy = (ny-1)/2``; the others stay
-zero. Padding H by (nx-1)/2 and (ny-1)/2 zeros per side beforehand (``"paper-padded"``) makes it exact.
+zero. Padding H beforehand by (nx-1)/2 and (ny-1)/2 zeros per side (``"paper-padded"``) makes the result exact.
 """
 
 from __future__ import annotations
@@ -45,13 +45,13 @@ def transpose(
     out
         Array of H's shape and dtype to fill; it may not share memory with H.
     workers
-        Threads; None takes every processor.
+        Number of threads; None: all processors.
 
     Raises
     ------
     InputError
-        If the shape is not that of a PSF matrix, the dtype is not a number, ``out`` does not fit or overlaps
-        H, or the period is even where the method needs an odd one.
+        If the shape is not that of a PSF matrix, the dtype is not a number, ``out`` does not fit or overlaps H, or the
+        method needs an odd period and it is even.
 
     Examples
     --------
@@ -171,7 +171,7 @@ def _checked_out(out: NDArray[Any], source: Any, shape: tuple[int, ...]) -> NDAr
     if not out.flags.writeable:
         raise InputError.expected("out", "a writeable array", "a read-only one", "copy it or open it for writing")
     if _overlap(source, out):
-        raise InputError.expected("out", "memory of its own", "memory shared with H", "transpose into another array")
+        raise InputError.expected("out", "separate memory", "memory shared with H", "transpose into another array")
     return out
 
 

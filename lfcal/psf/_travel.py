@@ -32,23 +32,23 @@ def reduced(
     again: Callable[[], M] | None,
     transposed: bool,
 ) -> tuple[Callable[..., M], tuple[Any, ...]]:
-    """Return what pickle makes a matrix of in another process.
+    """Return the pickle state of a matrix for another process.
 
     Parameters
     ----------
     kind, state
-        The matrix's class and attributes.
+        Class and attributes of the matrix.
     planes
-        Those that hold its values.
+        Planes that provide its values.
     again
-        Opens it from its file; None where it was not opened so.
+        Function that opens it from its file; None if it was not opened that way.
     transposed
         Whether it is the view ``H.T``.
 
     Raises
     ------
     InputError
-        For a dataset or memory map that was opened by hand: it would travel by value, or not at all.
+        For a dataset or memory map opened by the caller, which would be sent by value or not at all.
     """
     if again is not None:
         return _turned, (again, transposed)
@@ -62,7 +62,7 @@ def reduced(
 
 
 def _fresh() -> dict[str, Any]:
-    """Return what each process has of its own: a lock, the other view, sums and irises that were computed."""
+    """Return the attributes that each process has separately: lock, other view, computed sums and irises."""
     return {"_lock": threading.Lock(), "_other": None, "_sums": {}, "_apertures": {}}
 
 

@@ -26,7 +26,7 @@ __all__ = ["DamagedPlane", "MatrixCheck", "iter_verify", "verify"]
 
 @dataclass(frozen=True, slots=True)
 class DamagedPlane:
-    """A plane that is not what was written.
+    """A plane that differs from what was written.
 
     Attributes
     ----------
@@ -35,11 +35,11 @@ class DamagedPlane:
     z
         Depth plane.
     what
-        ``"damaged"``: patterns cannot be decoded; ``"changed"``: all can, but their checksum is another;
+        ``"damaged"``: patterns cannot be decoded; ``"changed"``: all can, but their checksum differs;
         ``"not finite"``: there are NaN or infinite values; ``"depth sum changed"``: the stored sum over all positions
-        is not that of the patterns; ``"uncertainty damaged"``: stated standard deviations cannot be decoded.
+        differs from that of the patterns; ``"uncertainty damaged"``: stated standard deviations cannot be decoded.
     positions
-        The patterns (z, y, x) that are at fault; empty where only the plane is known.
+        The affected patterns (z, y, x); empty if only the plane is known.
     """
 
     region: str
@@ -50,22 +50,22 @@ class DamagedPlane:
 
 @dataclass(frozen=True, slots=True)
 class MatrixCheck:
-    """What a full check of an H file found.
+    """Result of a full check of an H file.
 
     Attributes
     ----------
     path
         The file.
     planes
-        Planes read, over all regions.
+        Number of planes read, over all regions.
     compared
-        Whether they could be compared with checksums; files of version 1 have none.
+        Whether planes could be compared with checksums; files of version 1 have none.
     damaged
-        Planes that are not what was written.
+        Planes that differ from what was written.
     missing
         Positions that were never recorded.
     deviations
-        Where the file is not as the specification of its format says, a line each; version 1 has none.
+        Deviations from the specification of the format, one line each; version 1 has no specification.
 
     Examples
     --------
@@ -108,19 +108,19 @@ class MatrixCheck:
 
 
 def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> Work[MatrixCheck]:
-    """Hold an H file against its specification, read every plane, all regions, and compare it with its checksum.
+    """Check an H file against its specification, read every plane of all regions, and compare it with its checksum.
 
     Parameters
     ----------
     path
         H file of lfcal (.h5).
     workers
-        Threads; None takes every processor.
+        Number of threads; None: all processors.
 
     Raises
     ------
     StorageError, FileFormatError, UnsafeFileError
-        If it is no H file, or damaged so far that it cannot be opened.
+        If it is not an H file, or too damaged to be opened.
 
     Examples
     --------
@@ -230,7 +230,7 @@ def _look(data: H5Data, z: int, stored: _Stored | None, region: str, workers: in
 
 
 def _unreadable(data: H5Data, z: int, workers: int | None) -> tuple[Position, ...]:
-    """Return the positions of plane ``z`` that cannot be decoded; each chunk has a checksum of its own."""
+    """Return the positions of plane ``z`` that cannot be decoded; each chunk has a separate checksum."""
     try:
         parallel_read(data, z, workers=workers)
     except (FileFormatError, StorageError):

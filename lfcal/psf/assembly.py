@@ -1,6 +1,6 @@
-"""Frames on their way to H: checked as a whole, then gathered plane by plane.
+"""Assembly of H from frames: the frames are checked first, then gathered plane by plane.
 
-`iter_assemble_plan` is the one call behind the command line, the window and scripts; `iter_assemble` needs no plan.
+`iter_assemble_plan` is used by the command line, the window and scripts; `iter_assemble` needs no plan.
 """
 
 from __future__ import annotations
@@ -61,14 +61,14 @@ QUICK_S = 2e-3
 
 @dataclass(frozen=True, slots=True)
 class AssemblyProgress(Progress):
-    """How far H is, and what is there of it: of all planes, for a record may be the last that somebody looks at.
+    """Progress of an assembly, with the content of H so far for all planes; each record is complete in itself.
 
     Attributes
     ----------
     plane
-        Number of the plane at work.
+        Number of the present plane.
     energy
-        ``(nz, ny, nx)`` sum of each pattern (counts); not-a-number where there is none yet.
+        ``(nz, ny, nx)`` sum of each pattern (counts); NaN if there is none yet.
     """
 
     plane: int = field(kw_only=True)
@@ -76,30 +76,30 @@ class AssemblyProgress(Progress):
 
 
 class Assembly:
-    """The frames of a scan in order of their positions, from which any plane of H can be made.
+    """The frames of a scan, sorted by position, from which any plane of H can be made.
 
     Parameters
     ----------
     source
-        The frames, in any order; their samples are taken as they are.
+        The frames, in any order; their samples are used unchanged.
     shape
-        ``(nz, ny, nx)`` positions of the plan.
+        Number of positions ``(nz, ny, nx)`` of the plan.
     cutout
         The shifting cutout.
     drift
-        ``(len(source), 2)`` how far the image of each frame is off its place (rows, columns; px); None asks
-        the source, whose manifest may say it.
+        ``(len(source), 2)`` displacement of each image from its place (rows, columns; px); None uses that of the
+        source, which may come from its manifest.
     strict
-        Missing and repeated positions are errors.
+        Treat missing and repeated positions as errors.
     noise
-        Noise of the samples, where the frames state none.
+        Noise of the samples, if the frames do not state it.
     measured
-        ``noise`` is what somebody measured: nothing is measured here.
+        ``noise`` was measured before, so it is not measured here.
 
     Raises
     ------
     InputError
-        If a frame lies outside the plan, or its cutout leaves the sensor (with the position).
+        If a frame is outside the plan, or its cutout leaves the sensor (with the position).
     """
 
     def __init__(
@@ -140,7 +140,7 @@ class Assembly:
 
     @property
     def recorded(self) -> int:
-        """Frames that were recorded: those of a half-cell scan stand for two positions each."""
+        """Number of recorded frames; those of a half-cell scan represent two positions each."""
         copied = self.source.metadata.half_cell
         return len(self.source) - (0 if copied is None else copied["frames"])
 
@@ -181,16 +181,16 @@ class Assembly:
         z
             Number of the plane.
         clock, before
-            Counts frames, ``before`` of which were those of other planes.
+            Clock that counts frames, and the number ``before`` of those in other planes.
         values
-            Zeros ``(ny, nx, nt, ns)`` that become its values.
+            Array of zeros ``(ny, nx, nt, ns)`` for its values.
         workers
-            Threads; None takes every processor.
+            Number of threads; None: all processors.
 
         Raises
         ------
         InputError
-            If a frame is not finite, or the plane holds no light.
+            If a frame is not finite, or the plane has no light.
         """
         recorded = self._counts[z]
         plane = _Gathered(recorded, values, self._energy[z])
@@ -232,13 +232,13 @@ class AssembledPlanes(PlaneSource):
     assembly
         The frames.
     header
-        What H is, besides its values.
+        Description of H, besides its values.
     fill
-        Fills missing positions, which stay marked as never recorded; None leaves them 0.
+        Source of missing positions, which stay marked as never recorded; None leaves them 0.
     reopening
         How other processes open the same frames; None: H cannot be made in units.
     close
-        Closes the frames, where they were opened for these planes.
+        Function that closes the frames, if they were opened for these planes.
     """
 
     title = "assemble"
@@ -406,14 +406,14 @@ def iter_assemble(
     run: RunChoice | None = None,
     reopening: Reopening | None = None,
 ) -> Work[AssemblyReport]:
-    """Assemble H from frames, streaming: one plane is in memory, the file appears whole or not.
+    """Assemble H from frames, streaming: one plane is in memory, and the file is written atomically.
 
     Parameters
     ----------
     source
-        The frames, in any order; their samples are taken as they are.
+        The frames, in any order; their samples are used unchanged.
     shape
-        ``(nz, ny, nx)`` positions of the plan.
+        Number of positions ``(nz, ny, nx)`` of the plan.
     cutout
         The shifting cutout.
     out
@@ -421,25 +421,25 @@ def iter_assemble(
     depths, camera, provenance
         Stored with H.
     drift
-        ``(len(source), 2)`` how far the image of each frame is off its place (rows, columns; px); None asks
-        the source, whose manifest may say it.
+        ``(len(source), 2)`` displacement of each image from its place (rows, columns; px); None uses that of the
+        source, which may come from its manifest.
     strict
-        Missing and repeated positions are errors instead of being recorded in the file.
+        Treat missing and repeated positions as errors, instead of recording them in the file.
     fill
-        Fills missing positions, which stay marked as never recorded; None leaves them 0.
+        Source of missing positions, which stay marked as never recorded; None leaves them 0.
     dtype, compression, workers, store_tolerance
         As in `PSFWriter`.
     run
-        Assemble into a file in units of a plane: by whom, and what becomes of an earlier run. Planes that are done stay
-        where it is stopped.
+        Assemble into a file in units of a plane, with this executor and treatment of an earlier run. Finished planes
+        stay if the run is stopped.
     reopening
-        With a ``run``: what distinguishes these frames from any others, and how other processes open them. Without an
-        opener only threads of this process assemble.
+        With a ``run``: the identity of these frames, and how other processes open them. Without an opener, only
+        threads of this process assemble.
 
     Raises
     ------
     InputError
-        If a frame lies outside the plan, is not finite, or its cutout leaves the sensor (with the position).
+        If a frame is outside the plan or not finite, or its cutout leaves the sensor (with the position).
 
     Examples
     --------
@@ -488,27 +488,27 @@ def iter_assemble_plan(
     reopening: Reopening | None = None,
     workers: int | None = None,
 ) -> Work[AssemblyReport]:
-    """Assemble H of ``plan`` from the frames of ``source``, which are taken as they come.
+    """Assemble H of ``plan`` from the frames of ``source``, which are used unchanged.
 
     Parameters
     ----------
     source
-        Frames, corrected: `lfcal.frames.corrected_view`.
+        Corrected frames: `lfcal.frames.corrected_view`.
     plan
         Positions, depths, anchor and cutout.
     out
         H file to write; None keeps H in memory as float32.
     settings
-        How; None: the defaults.
+        Settings; None: the defaults.
     provenance
-        Kept with H, besides plan, corrections and settings.
+        Stored with H, in addition to plan, corrections and settings.
     fill, run, reopening, workers
         As in `iter_assemble`.
 
     Raises
     ------
     InputError
-        As `lfcal.psf.iter_assemble`; and where a pedestal would stay in H.
+        As in `lfcal.psf.iter_assemble`; also if a pedestal would remain in H.
 
     Examples
     --------

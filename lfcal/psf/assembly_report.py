@@ -18,18 +18,18 @@ __all__ = ["AssemblyReport"]
 
 @dataclass(frozen=True)
 class AssemblyReport:
-    """What was assembled, and what is not there.
+    """Report on an assembled H: what was used, and what is missing.
 
     Attributes
     ----------
     matrix
         The assembled H, opened from the file, or in memory.
     frames
-        Frames read.
+        Number of frames read.
     missing, repeated
         Positions without a frame, and positions with several, which are averaged.
     saturated
-        Positions with saturated pixels in their pattern; None: unknown for all of them.
+        Positions with saturated pixels in their pattern; None: unknown for all.
     unknown_saturation
         Positions whose saturation is unknown.
     padded
@@ -39,7 +39,7 @@ class AssemblyReport:
     spread
         Median relative difference between repeated frames; None without repeats.
     left_out
-        Damaged frames, of positions and dark ones, that were left out.
+        Damaged frames of positions, and dark frames, that were left out.
     orientation
         How the frames were flipped or turned, one of `lfcal.frames.orientation.ORIENTATIONS`.
 
@@ -91,7 +91,7 @@ class AssemblyReport:
         padded: tuple[Position, ...],
         residual: tuple[float, float],
     ) -> AssemblyReport:
-        """Return the report of ``matrix``, whose facts tell of saturation and spread."""
+        """Return the report of ``matrix``, whose facts include saturation and spread."""
         there = matrix.recorded > 0
         counted = matrix.saturated
         unknown = int(there.sum()) if counted is None else int(((counted < 0) & there).sum())

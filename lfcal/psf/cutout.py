@@ -1,6 +1,6 @@
-"""Where a frame is cropped: the cutout that shifts along with the point (Eberhart, section 2.1, figure 4).
+"""The cutout that shifts along with the point (Eberhart, section 2.1, figure 4).
 
-`Cutout` says which pixels, `Gatherer` takes them from the frames of a position: cut out, moved, repeats averaged.
+`Cutout` defines the pixels; `Gatherer` reads them from the frames of a position, moves them, and averages repeats.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ class Cutout:
         ``(nt, ns)`` pixels, both odd.
     anchor
         Sensor position (row, column) of the image of source position y = x = 0 (pixels, pixel centres
-        at whole numbers); position (y, x) lies at ``anchor + (y, x)``.
+        at whole numbers); position (y, x) is at ``anchor + (y, x)``.
     interpolation
         One of `INTERPOLATIONS`.
     outside
         ``"error"``: a cutout that leaves the sensor is an error; ``"zero"``: it is padded with zeros.
     scale
-        Cutout pixels per sensor pixel (rows, columns): not 1 where the frames are resampled to make the
+        Cutout pixels per sensor pixel (rows, columns): not 1 if the frames are resampled to make the
         period of the array whole. Positions then step by cutout pixels; ``nearest`` cannot resample.
 
     Examples
@@ -197,15 +197,15 @@ def find_cutout(
     centres
         The paraxial image of the point in each of them, (row, column) in pixels.
     lost
-        Largest share of the energy outside the cutout; half of it is spent in each direction.
+        Largest share of the energy outside the cutout; each direction uses half of it.
     background
-        What is subtracted from every pixel first; None: the median of each image's border, which a
-        sum over many pixels is sensitive to.
+        Background subtracted from every pixel first; None: the median of each image's border, to which a sum over many
+        pixels is sensitive.
 
     Raises
     ------
     InputError
-        If an image holds no light, or ``lost`` is not in (0, 1).
+        If an image has no light, or ``lost`` is not in (0, 1).
 
     Examples
     --------
@@ -262,20 +262,20 @@ class Pattern(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Gatherer:
-    """Everything the frames of a scan need to become patterns; shared by the threads.
+    """Converts the frames of a scan to patterns; shared by the threads.
 
     Attributes
     ----------
     source
         The frames.
     infos
-        What is known of each of them.
+        Facts about each frame.
     cutout
         The shifting cutout.
     drift
-        ``(len(source), 2)`` how far each image is off its place (px), or None to ask the frames.
+        ``(len(source), 2)`` displacement of each image from its place (px), or None to use that of the frames.
     noise
-        Noise of samples of which the frames state none.
+        Noise of samples, if the frames do not state it.
     """
 
     source: FrameSource
@@ -349,7 +349,7 @@ class Gatherer:
         return clean
 
     def pattern(self, indices: NDArray[np.int64]) -> Pattern:
-        """Return the pattern of one position from its frames: their weighted mean, with what their spread tells."""
+        """Return the pattern of one position from its frames: their weighted mean, and facts from their spread."""
         if len(indices) == 1:
             one = self.cut(int(indices[0]))
             known = (np.nan, np.nan) if one.noise is None else (float(one.noise.constant), float(one.noise.slope))

@@ -35,23 +35,23 @@ class Facts:
     Attributes
     ----------
     recorded
-        Frames that each pattern is the mean of; 0: the position is missing.
+        Number of frames averaged in each pattern; 0: the position is missing.
     saturated
-        Saturated pixels in each pattern; -1: unknown.
+        Number of saturated pixels in each pattern; -1: unknown.
     noise
-        ``(…, 2)``: the variance of a sample of value v is ``noise[0] + noise[1] * max(v, 0)``; NaN where not known.
+        ``(…, 2)``: the variance of a sample of value v is ``noise[0] + noise[1] * max(v, 0)``; NaN if unknown.
     spread
-        Relative rms difference between repeated frames of a position; NaN where there is one only.
+        Relative rms difference between repeated frames of a position; NaN for a single frame.
     valid
-        ``(…, bytes)`` packed bits, one per pixel of the cutout in C order; 0 where a pixel carries no measurement.
+        ``(…, bytes)`` packed bits, one per pixel of the cutout in C order; 0 for a pixel without a measurement.
     error
         Stated relative error (sum of absolute errors over sum of absolute values) of each plane ``(nz,)``, or a
-        number for one plane; NaN where none is stated.
+        number for one plane; NaN if none is stated.
     origin
-        Where each pattern comes from, as numbers of `Origin`; None: all are measured.
+        Origin of each pattern, as numbers of `Origin`; None: all are measured.
     bound
-        ``(…, 3)``, per plane: the largest share (L1) of its own that any pattern lacks since H was stored within a
-        tolerance, by cutting, by rounding and by both (see `lfcal.psf._steps`); NaN where H was not.
+        ``(…, 3)``, per plane: the largest share (L1) that any pattern has lost because H was stored within a
+        tolerance, by cutting, by rounding and by both (see `lfcal.psf._steps`); NaN otherwise.
 
     Examples
     --------
@@ -99,7 +99,7 @@ class Facts:
         return Facts(**{name: value[z] for name, value in self.known().items()})
 
     def known(self) -> dict[str, NDArray[Any]]:
-        """Return the facts that somebody measured, by name."""
+        """Return the measured facts, by name."""
         found = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         return {name: value for name, value in found.items() if value is not None}
 
@@ -137,7 +137,7 @@ _UNKNOWN: dict[str, float] = {
     "valid": 255,
     "origin": 0,
 }
-"""What stands for a plane of which a fact is not known while it is of others."""
+"""Placeholder for a plane with an unknown fact that is known for other planes."""
 
 
 def stacked(planes: Sequence[Facts]) -> Facts:

@@ -1,4 +1,4 @@
-"""Missing positions of H, filled by somebody who knows what would be there while H is assembled."""
+"""Filling of missing positions of H during assembly, from a source that predicts them."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ __all__ = ["Fill", "Filled"]
 
 @dataclass(frozen=True, eq=False)
 class Filled:
-    """What is known of a plane whose missing positions were filled.
+    """Facts about a plane whose missing positions were filled.
 
     Attributes
     ----------
     facts
-        Of the positions, their origin among them.
+        Facts about the positions, including their origin.
     uncertainty
-        Standard deviation of every entry ``(ny, nx, nt, ns)``, 0 where none is stated beside the noise; or None.
+        Standard deviation of every entry ``(ny, nx, nt, ns)``, 0 if none is stated in addition to the noise; or None.
     """
 
     facts: Facts

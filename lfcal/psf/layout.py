@@ -105,18 +105,18 @@ class Stored:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Plane:
-    """One plane of a matrix, and what is known of it.
+    """One plane of a matrix, with facts about it.
 
     Attributes
     ----------
     values
         ``(ny, nx, nt, ns)``.
     facts
-        What is known of the positions.
+        Facts about the positions.
     uncertainty
-        Standard deviation of every entry, 0 where none is stated besides the noise; None: none is stated.
+        Standard deviation of every entry, 0 if none is stated besides the noise; None: none is stated.
     simulated
-        How the plane was simulated, as plain JSON types; None where it was not.
+        How the plane was simulated, as plain JSON types; None if it was not.
     """
 
     values: NDArray[Any]
@@ -127,7 +127,7 @@ class Plane:
 
 @dataclass(frozen=True, eq=False)
 class StoredPlane:
-    """The only plane of an H file, as it is stored.
+    """The single plane of an H file in its stored form.
 
     Attributes
     ----------
@@ -136,15 +136,15 @@ class StoredPlane:
     sums
         Depth-plane sum ``(nt, ns)``.
     used, checksum, error
-        As the file states them.
+        Values stated in the file.
     facts
-        Of its positions; the error is not among them.
+        Facts about its positions, without the error.
     uncertainty
-        Standard deviations of its entries; None: none are stated.
+        Standard deviations of its entries; None if not stated.
     step
-        Of which the values of each pattern are multiples ``(ny, nx)``; None: they are not rounded.
+        Step ``(ny, nx)`` that the values of each pattern are multiples of; None if they are not rounded.
     simulated
-        How it was simulated, as plain JSON types; None where it was not.
+        How it was simulated, as plain JSON types; None if it was not.
     """
 
     data: H5Data

@@ -1,8 +1,8 @@
-"""Where the centre of a micro-image lies in H, and H with it where other codes expect it.
+"""The centre of a micro-image among the positions of H, and H with it where other codes expect it.
 
-The codes after Prevedel et al. 2014 (LFDM, oLaF and their descendants) rectify an image so that the centre of a
-micro-image falls on pixel ceil(Nnum/2) of each period, counted from 1, and take position (aa, bb) of H for pixel
-(aa, bb) of a period. lfcal's position (0, 0) is wherever the scan began.
+The codes based on Prevedel et al. 2014 (LFDM, oLaF and their descendants) rectify an image so that the centre of a
+micro-image is on pixel ceil(Nnum/2) of each period, counted from 1. They use position (aa, bb) of H for pixel (aa, bb)
+of a period. Position (0, 0) of lfcal is where the scan began.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ class LensCentre:
     Attributes
     ----------
     position
-        Where it lies ``(row, column)``, counted from 0 and not whole as a rule: a point imaged there has the pattern of
-        the position of that number.
+        Place of the centre ``(row, column)``, counted from 0 and usually fractional: a point imaged there has the
+        pattern of the position with that number.
     period
-        Positions ``(ny, nx)`` in a period.
+        Number of positions ``(ny, nx)`` in a period.
     """
 
     position: Pair
@@ -127,7 +127,7 @@ def _pair(value: Any) -> Pair | None:
 def lens_centred(matrix: PSFMatrix, lens: LensCentre, interpolation: str = "nearest") -> PSFMatrix:
     """Return ``matrix`` with the micro-image centre ``lens`` on the position where other codes expect it, lazily.
 
-    Positions are rolled round the period by whole numbers: their patterns stay as they are, since the cutout belongs
+    Positions are rolled around the period by whole numbers. Their patterns are unchanged, because the cutout belongs
     to the source and only its number changes. ``f[p] = sum_v g[v] H[v mod n][p - v + c]`` then holds for images and
     volumes whose pixel 0 is that many pixels earlier.
 
@@ -136,10 +136,10 @@ def lens_centred(matrix: PSFMatrix, lens: LensCentre, interpolation: str = "near
     matrix
         H or HT.
     lens
-        Its `lens_centre_of`.
+        Result of `lens_centre_of`.
     interpolation
-        ``"nearest"`` leaves what whole positions leave (`LensCentre.rest`). Any other of
-        `lfcal.psf.cutout.INTERPOLATIONS` takes each pattern at pixels moved by it, as rectifying moves the image.
+        ``"nearest"`` ignores the fraction that whole positions leave (`LensCentre.rest`). Any other of
+        `lfcal.psf.cutout.INTERPOLATIONS` shifts each pattern by it, as rectifying shifts the image.
     """
     planes = _Centred(matrix, lens.shift, lens.rest, interpolation)
     facts = {} if matrix.is_transposed else _rolled(matrix.facts, lens.shift)

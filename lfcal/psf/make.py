@@ -49,21 +49,21 @@ Zeros = Callable[[], NDArray[np.float32]]
 
 @dataclass(frozen=True)
 class Reopening:
-    """How another process opens what makes a plane.
+    """How another process opens the source of a plane.
 
     Attributes
     ----------
     opener
         ``"package.module:function"``: called with ``values`` and a number of threads, it returns the `PlaneSource`.
-        Empty: only threads of this process can make the plane, of what it has open.
+        Empty: only threads of this process can make the plane, from objects that it has open.
     values
-        All that the values of the plane depend on besides its number, plain JSON types.
+        Everything that determines the plane besides its number, as plain JSON types.
     inputs
-        Files that are read.
+        Input files.
     held
-        The source is expensive to open: a process keeps it for the other planes of the run.
+        Whether a process keeps the source for other planes of the run, because opening it is expensive.
     concurrent_bytes
-        As of `lfcal.work.Unit`.
+        As in `lfcal.work.Unit`.
     """
 
     opener: str
@@ -90,11 +90,11 @@ class PlaneSource:
         z
             Number of the plane.
         zeros
-            Gives the memory to compute into, for sources without an array.
+            Function that returns the memory to compute into, for sources without an array.
         workers
-            Threads; None takes every processor.
+            Number of threads; None: all processors.
         alone
-            Progress is that of this plane, as a unit of a run needs it; else that of all planes.
+            Report the progress of this plane, as needed for a unit of a run; otherwise that of all planes.
         """
         raise NotImplementedError
 
@@ -149,28 +149,28 @@ def iter_write(
     keep: bool = False,
     workers: int | None = None,
 ) -> Work[Path]:
-    """Write a matrix to an H file, which appears whole or not at all; one plane of it is in memory at a time.
+    """Write a matrix to an H file atomically, with one plane in memory at a time.
 
     Parameters
     ----------
     source
-        Makes the planes.
+        Source of the planes.
     out
         File to write.
     stored
-        How its values are stored; None: as `PSFWriter` does by default.
+        How values are stored; None: the defaults of `PSFWriter`.
     run
-        Make it in units of a plane: by whom, and what becomes of an earlier run. Planes that are done stay for the next
-        run.
+        Make it in units of a plane, with this executor and treatment of an earlier run. Finished planes stay for the
+        next run.
     keep
-        With a ``run``, the files of its units stay, as in `lfcal.work.iter_made`.
+        With a ``run``, keep the files of its units, as in `lfcal.work.iter_made`.
     workers
-        Threads of this process, without a ``run``; None takes every processor.
+        Number of threads of this process, without a ``run``; None: all processors.
 
     Raises
     ------
     InputError, FileFormatError, StorageError
-        What the source, `PSFWriter` and `lfcal.work.iter_made` raise.
+        The errors of the source, of `PSFWriter` and of `lfcal.work.iter_made`.
     """
     target, stored = Path(out), stored or Stored()
     if run is not None:
@@ -259,7 +259,7 @@ def _iter_units(source: PlaneSource, out: Path, stored: Stored, run: RunChoice, 
     from lfcal.work import iter_made
 
     check_storable(source.header, stored)
-    # before any plane is made: each is a file of its own until all are there
+    # before any plane is made: planes are separate files until all are complete
     require_space(out.parent, stored_bytes(source.header.shape, stored), what=out.name)
     units = units_of(source, stored)
     writer = PSFWriter.of(out, source.header, stored, run.workers)
@@ -323,7 +323,7 @@ def _iter_joined(
 
 
 def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
-    """Make one plane into an H file of its own: the task of every unit."""
+    """Make one plane into a separate H file: the task of every unit."""
     z, stored = int(arguments["z"]), Stored(**arguments["stored"])
     with _opened(arguments, workers) as source:
         of = source.header

@@ -168,7 +168,7 @@ class _Reader:
 
     def _windows(self, nz: int, nt: int, ns: int) -> list[Window] | None:
         """Return the pixels of each plane that count, None where all do."""
-        if self._order:  # of its own files lfcal knows the cutout; CAindex leaves out zeros alone
+        if self._order:  # files of lfcal state the cutout; CAindex leaves out only zeros
             whole: Window = (slice(0, nt), slice(0, ns))
             return [whole] * nz if self._cutout((nt, ns)) not in (None, (nt, ns)) else None
         if "CAindex" not in self._file or nt != ns:

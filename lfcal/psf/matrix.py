@@ -26,8 +26,8 @@ class PSFMatrix:
     """The PSF matrix ``H[z, y, x, t, s]`` over an array, a memory map or an H file.
 
     Slicing follows numpy's basic rules (integers, slices, ellipsis) and reads only what it needs.
-    ``H.T`` is the transposed matrix as a view: each slice of it is computed from H when asked for, and
-    ``H.T.T`` is H. Values read must not be written to: they may be views of the original.
+    ``H.T`` is the transposed matrix as a view: each slice is computed from H on demand, and ``H.T.T`` is H. Values
+    read must not be modified, because they may be views of the original.
 
     Parameters
     ----------
@@ -46,15 +46,16 @@ class PSFMatrix:
     saturated
         Saturated pixels in each position's pattern ``(nz, ny, nx)``, -1 where unknown; None: not counted.
     facts
-        All that is known of the positions, in place of ``recorded`` and ``saturated``.
+        All facts about the positions, instead of ``recorded`` and ``saturated``.
     uncertainty
-        Stated standard deviation of every entry, of the same shape, 0 where none is stated beside the noise; or None.
+        Stated standard deviation of every entry, of the same shape, 0 if none is stated in addition to the noise; or
+        None.
     depth_sums
-        Depth-plane sums ``(nz, nt, ns)`` where they are known already.
+        Depth-plane sums ``(nz, nt, ns)``, if they are already known.
     region
-        Name of the region of the field, empty where there is one only.
+        Name of the region of the field, empty if there is only one.
     transposed
-        The values are those of HT.
+        Whether the values are those of HT.
     provenance
         Provenance of H, as plain JSON types.
 
@@ -306,7 +307,7 @@ class PSFMatrix:
         with self._lock:
             if self._other is None:
                 other = PSFMatrix.__new__(PSFMatrix)
-                # the transpose shares data and facts, but has sums, fits and a lock of its own
+                # the transpose shares data and facts, but has separate sums, fits and lock
                 other.__dict__.update(self.__dict__)
                 other._planes = self._planes.transposed()
                 # HT = H^T turns each pattern, so its depth-plane sums are those of H turned by 180 degrees; no plane
@@ -408,7 +409,7 @@ class PSFMatrix:
         self.close()
 
     def __repr__(self) -> str:
-        """Return shape, type and camera in a line."""
+        """Return shape, type and camera as one line."""
         name = "PSFMatrix.T" if self._is_transposed else "PSFMatrix"
         camera = f", camera {self._camera.name!r}" if self._camera is not None else ""
         return f"<{name} (z, y, x, t, s) = {self._shape}, {self.dtype}{camera}>"

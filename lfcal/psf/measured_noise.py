@@ -1,13 +1,13 @@
-"""The noise of frames, measured on the frames themselves where no file states it.
+"""Noise measured on the frames themselves, if no file states it.
 
-Repeated frames of a position, and the reference frames of a session, differ by their noise alone. Frames of
-neighbouring positions differ by signal as well. At a fixed pixel of the sensor, however, the signal is a smooth
-function of the position: from one position to the next the image moves by a pixel, and under its lenslet by a fraction
-of one. Fourth differences along both axes of a block of 5 x 5 positions cancel it and keep the noise. Where the signal
-is not smooth, at the edges of micro-images, differences along one axis alone show it first. They are orthogonal to the
-others, so leaving such pixels out biases nothing. What the light and its gradient explain of a difference is the lamp
-and the stage. What remains of the signal grows with its square: the variance is fitted as ``floor + slope m + q m²``,
-and the last term is dropped.
+Repeated frames of a position, and the reference frames of a session, differ only by their noise. Frames of
+neighbouring positions also differ by signal. At a fixed pixel of the sensor, however, the signal is a smooth function
+of the position: from one position to the next, the image moves by a pixel, and by a fraction of one under its lenslet.
+Fourth differences along both axes of a block of 5 x 5 positions cancel the signal and keep the noise. Where the signal
+is not smooth, at the edges of micro-images, differences along only one axis show it. They are orthogonal to the
+others, so leaving such pixels out causes no bias. The part of a difference explained by the light and its gradient is
+due to the lamp and the stage. The remaining signal grows with its square: the variance is fitted as ``floor + slope m
++ q m²``, and the last term is dropped.
 """
 
 from __future__ import annotations
@@ -61,11 +61,11 @@ ROUGH, TURNS = 2.5, 2
 
 
 class _Samples(NamedTuple):
-    """Means and differences of samples ``(n,)``; ``difference²`` has the variance of one sample as its mean.
+    """Means and differences of samples ``(n,)``; the mean of ``difference²`` is the variance of one sample.
 
-    ``around`` is light of about the same brightness, with other noise: of other weights, or of the neighbouring pixels.
-    ``roughness`` is what the signal adds to other differences of the same samples. ``own`` is the variance of the mean,
-    as a share of that of a sample.
+    ``around`` is light of about the same brightness with independent noise: from other weights, or from neighbouring
+    pixels. ``roughness`` is the contribution of the signal to other differences of the same samples. ``own`` is the
+    variance of the mean, as a share of that of a sample.
     """
 
     mean: F8

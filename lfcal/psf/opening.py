@@ -59,26 +59,26 @@ FOREIGN = (".npy", ".mat", ".lfc")
 def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = False, mat_order: str = "") -> PSFMatrix:
     """Open an H file, a file of another code, or an ``.npy`` file as a lazy `PSFMatrix`.
 
-    Of other codes MATLAB v7.3 files (``.mat``) and the calibrations of napari-LF (``.lfc``) are read.
+    Files of other codes are MATLAB v7.3 files (``.mat``) and calibrations of napari-LF (``.lfc``).
 
     Parameters
     ----------
     path
         The file.
     region
-        Region of the field, in a file of several; empty: the one the file opens with.
+        Region of the field, in a file with several; empty: the default one of the file.
     check
-        Read every plane and compare it with its checksum (files of lfcal from version 2 on).
+        Read every plane and compare it with its checksum (files of lfcal since version 2).
     mat_order
         Order of the axes of H in a ``.mat`` file that does not state it: ``"rows-first"``, ``H(t, s, y, x, z)``, or
-        ``"columns-first"``, ``H(s, t, x, y, z)``. Empty: as inferred from its variables; `opening_notes` says how.
+        ``"columns-first"``, ``H(s, t, x, y, z)``. Empty: inferred from its variables; `opening_notes` reports how.
 
     Raises
     ------
     StorageError
-        If there is no such file or it may not be read.
+        If the file does not exist or must not be read.
     FileFormatError, UnsafeFileError
-        If it is damaged, of another format, or asks for something unsafe.
+        If it is damaged, has another format, or is unsafe.
     InputError
         If it has no such region, or ``region``, ``check`` or ``mat_order`` do not apply to its format.
 
@@ -244,16 +244,16 @@ def _matrix_of(file: H5File, group: str) -> PSFMatrix:
 
 @dataclass(frozen=True, eq=False)
 class MatrixHead:
-    """What an H file says of its matrix.
+    """Facts that an H file states about its matrix.
 
     Attributes
     ----------
     shape
         ``(nz, ny, nx, nt, ns)``.
     depths
-        Of the planes (µm); not-a-number where none was stated.
+        Depths of the planes (µm); NaN if not stated.
     camera
-        The camera that H belongs to, None: not stated.
+        The camera of H; None if not stated.
     provenance
         How it was made, as plain JSON types.
     transposed
@@ -330,14 +330,14 @@ def scaling_of(file: H5File, data: H5Data) -> tuple[NDArray[np.float64], NDArray
 
 
 def steps_in(file: H5File, prefix: str, data: H5Data) -> tuple[NDArray[np.float32], NDArray[np.uint16]] | None:
-    """Return step and zero of every pattern ``(nz, ny, nx)`` of a file of version 3; None: it is of another.
+    """Return step and zero of every pattern ``(nz, ny, nx)`` in a file of version 3; None for other versions.
 
-    ``data`` are the values of H, in the group that ``prefix`` names.
+    ``data`` are the values of H, in the group named ``prefix``.
 
     Raises
     ------
     FileFormatError
-        If they are not there in a file that needs them, or give values that are not finite.
+        If they are missing in a file that needs them, or give values that are not finite.
     """
     shape = data.shape
     if _check_format(file) != STEPPED_VERSION:

@@ -61,26 +61,26 @@ def either_words(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class FoundOrientation:
-    """What the path of the pattern says of the frames.
+    """Orientation of the frames, derived from the path of the pattern.
 
     Attributes
     ----------
     name
-        What makes the frames upright, one of `lfcal.frames.orientation.ORIENTATIONS`; empty: it cannot be told.
+        Orientation of the frames, one of `lfcal.frames.orientation.ORIENTATIONS`; empty if undetermined.
     cause
-        ``"frames"``: they are flipped or turned; ``"scan"``: its axes ran otherwise than the plan says, in upright
-        frames; ``"either"``: both would look the same. Empty where the frames are upright or nothing can be told.
+        ``"frames"``: they are flipped or turned; ``"scan"``: its axes differ from those of the plan, in upright
+        frames; ``"either"``: both would look the same. Empty if the frames are upright or nothing can be determined.
     margin
-        How many times worse the second best orientation fits, 1 to 10.
+        Ratio of the misfit of the second best orientation to that of the best, 1 to 10.
     residual_px
-        What the path leaves under the best orientation (pixels); NaN where it cannot be told.
+        Residual of the path under the best orientation (pixels); NaN if undetermined.
     offset_px
-        How far the upright pattern lies from where the plan puts it, (rows, columns) in pixels. Where the orientation
-        cannot be told, but frames that are upright fit best, that of these; else NaN.
+        Displacement of the upright pattern from its planned place, (rows, columns) in pixels. If the orientation is
+        undetermined but upright frames fit best, the displacement for those; otherwise NaN.
     frames
-        Frames in which the pattern was found.
+        Number of frames in which the pattern was found.
     reason
-        Why it cannot be told, or empty.
+        Why it is undetermined, or empty.
     """
 
     name: str = ""
@@ -100,7 +100,7 @@ class FoundOrientation:
     def words(self) -> str:
         """What was found, for people."""
         if not self.name:
-            return f"which way the frames lie cannot be told: {self.reason}"
+            return f"the orientation of the frames cannot be determined: {self.reason}"
         if not self.wrong or self.cause == "frames":
             return f"the frames are {ORIENTATIONS[self.name].words}"
         return f"{SCAN[self.name]} against the plan" if self.cause == "scan" else either_words(self.name)
@@ -132,22 +132,22 @@ find_orientation = drained(iter_find_orientation)
 def orientation_of_path(
     path: SpotPath, expected: NDArray[np.float64], frame: tuple[int, int], plan: ScanPlan
 ) -> FoundOrientation:
-    """Return which way frames of shape ``frame`` lie that showed the pattern along ``path``.
+    """Return the orientation of frames of shape ``frame`` that showed the pattern along ``path``.
 
-    The direction of the motion is held against the plan's in each plane by itself, with the step, and where the path
-    lies, left free. Orientations that move alike are told apart by where the path lies, and so are turned frames and
-    a scan that ran otherwise in upright frames.
+    The direction of the motion is compared with that of the plan separately in each plane; step and offset are free.
+    Orientations with equal motion are distinguished by the place of the path. So are turned frames, and a scan along
+    other axes in upright frames.
 
     Parameters
     ----------
     path
-        Where the pattern was seen.
+        Observed places of the pattern.
     expected
-        Where the plan puts the image ``(n, 2)`` as (row, column) (sensor pixels).
+        Planned places of the image ``(n, 2)`` as (row, column) (sensor pixels).
     frame
         Rows and columns of the sensor as delivered.
     plan
-        Its sensor's shape and cutout.
+        Sensor shape and cutout of the plan.
     """
     if len(path.indices) < 3:
         reason = f"light in {len(path.indices)} of {path.looked} frames"
@@ -251,7 +251,7 @@ def _cause(
     *,
     slack: float,
 ) -> tuple[str, str]:
-    """Return whether frames or scan run otherwise than planned, and why that cannot be told, or empty."""
+    """Return whether frames or scan differ from the plan, and the reason if this is undetermined, or empty."""
     by_frames, by_scan = ORIENTATIONS[name].shape(frame) == sensor, frame == sensor
     if name == AS_IS:
         known = by_scan or not _some_turn_fits(frame, sensor)

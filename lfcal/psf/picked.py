@@ -51,23 +51,23 @@ class PickedPlanes:
 def iter_pick(
     source: FrameSource, plan: ScanPlan, positions: NDArray[np.intp], *, noise: FrameNoise | None = None
 ) -> Work[PSFMatrix]:
-    """Cut out the patterns of some positions; yields progress in positions.
+    """Cut out the patterns of selected positions; yields progress in positions.
 
     Parameters
     ----------
     source
-        The frames, which are taken as they come: hand over the corrected view. No other frames are read.
+        The frames, which are used unchanged: pass the corrected view. No other frames are read.
     plan
         Positions, depths, anchor and cutout. Pixels beyond the frame are marked as not valid.
     positions
         Positions ``(n, 3)`` as (z, y, x).
     noise
-        Noise of the samples, where the frames state none.
+        Noise of the samples, if the frames do not state it.
 
     Raises
     ------
     InputError
-        If a position has no frame, lies outside the plan, or its cutout beside the frame.
+        If a position has no frame, is outside the plan, or its cutout is outside the frame.
     """
     infos = tuple(source.info(k) for k in range(len(source)))
     order, starts = by_position(infos, plan.shape[:3])

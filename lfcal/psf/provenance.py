@@ -1,7 +1,7 @@
-"""What the provenance of H says of its frames, its simulation and its judgement, read with care.
+"""Facts from the provenance of H about its frames, its simulation and its quality, read defensively.
 
-Provenance comes from a file that anyone may have written, and files of older versions lack most of it: whatever is not
-of the expected form is unknown. ``docs/files.md`` lists the entries.
+Provenance comes from a file that anyone may have written, and older files lack most of it: entries without the
+expected form count as unknown. ``docs/files.md`` lists the entries.
 """
 
 from __future__ import annotations
@@ -56,11 +56,11 @@ class FrameNoise(NamedTuple):
     slope
         Growth of the variance per count of signal (counts).
     black
-        Value of no light (counts).
+        Value without light (counts).
     source
-        Where it is known from, in words.
+        Source of the values, in words.
     stated
-        Whether the frames themselves state it, sample by sample; H keeps the words of ``source`` alone.
+        Whether the frames state it for each sample; H stores only the words of ``source``.
     """
 
     floor: float

@@ -33,14 +33,14 @@ class MatrixPlanes(PlaneSource):
     matrix
         H, or the view ``H.T``.
     method
-        Empty: the planes of ``matrix``; ``"paper"`` or ``"paper-padded"``: those of its transpose, as of
+        Empty: the planes of ``matrix``; ``"paper"`` or ``"paper-padded"``: those of its transpose, as in
         `lfcal.psf.transpose`.
     title
-        As of `PlaneSource`.
+        As in `PlaneSource`.
     own
-        Close the matrix with the planes.
+        Whether to close the matrix together with the planes.
     provenance
-        Added to that of the matrix.
+        Entries added to the provenance of the matrix.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ def iter_save(
     Parameters
     ----------
     matrix
-        What to write.
+        Matrix to write.
     path
         The file.
     dtype
@@ -130,15 +130,15 @@ def iter_save(
     compression, workers, store_tolerance
         As in `PSFWriter`.
     provenance
-        Added to that of the matrix.
+        Entries added to the provenance of the matrix.
     run
-        Write it in units of a plane, for a matrix that was opened from a file: by whom, and what becomes of an earlier
+        Write it in units of a plane, for a matrix opened from a file, with this executor and treatment of an earlier
         run.
 
     Raises
     ------
     InputError, StorageError
-        As `PSFWriter`; with a ``run`` where the matrix has no file, and as `lfcal.work.iter_made`.
+        As in `PSFWriter`; with a ``run``, also if the matrix has no file, and as in `lfcal.work.iter_made`.
 
     Examples
     --------
@@ -181,7 +181,7 @@ def iter_transpose_file(
 ) -> Work[Path]:
     """Write the transpose of ``matrix`` to an H file; one plane of H and one of HT are in memory.
 
-    ``method`` is that of `lfcal.psf.transpose`; the others are as in `iter_save`.
+    ``method`` is as in `lfcal.psf.transpose`; the other arguments are as in `iter_save`.
     """
     check_other_file(matrix.path, out)
     exact = method == "exact"
@@ -198,19 +198,19 @@ def iter_save_regions(
     compression: str = "gzip",
     workers: int | None = None,
 ) -> Work[Path]:
-    """Write the matrices of several regions of the field, by name, to one H file; the first is what it opens with.
+    """Write the matrices of several regions of the field, by name, to one H file; the first is its default region.
 
-    ``dtype``, ``compression`` and ``workers`` are those of `PSFWriter`, by default each matrix's own type.
+    ``dtype``, ``compression`` and ``workers`` are as in `PSFWriter`, by default with each matrix's own type.
 
     Yields
     ------
     Progress
-        In planes of all regions; closing the generator leaves nothing half-written.
+        In planes of all regions; closing the generator leaves no incomplete file.
 
     Raises
     ------
     InputError
-        If there is none, or a name cannot be that of a group.
+        If there is no matrix, or a name cannot be that of a group.
 
     Examples
     --------

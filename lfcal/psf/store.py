@@ -167,7 +167,7 @@ class MatrixGroup:
         self._written[z] = True
 
     def note(self, provenance: Mapping[str, Any]) -> None:
-        """Keep more provenance beside the header's."""
+        """Store additional provenance entries."""
         self._provenance |= provenance
 
     def _write_uncertainty(self, z: int, plane: NDArray[np.floating[Any]]) -> None:
@@ -223,7 +223,7 @@ class MatrixGroup:
             known.pop("bound", None)
         stated = known.pop("error", None)
         errors = [e for e in (rounding, np.nan if stated is None else float(stated)) if np.isfinite(e)]
-        # an error that nobody knows is not that of the rounding alone, where there is none
+        # an unknown error must not be replaced by that of rounding alone
         if errors and (rounding > 0 or (stated is not None and np.isfinite(stated))):
             self._error[z] = sum(errors)
         known.setdefault("recorded", np.ones(self._header.shape[1:3], np.uint16))
@@ -296,9 +296,9 @@ class MatrixGroup:
 
 
 class PSFWriter:
-    """Write an H file plane by plane; the file takes its name only when every plane is in it.
+    """Write an H file plane by plane; it gets its name only when all planes are complete.
 
-    Used as a context manager. Chunks are one pattern each, ``(1, 1, 1, nt, ns)``, compressed by all
+    Used as a context manager. Each chunk is one pattern, ``(1, 1, 1, nt, ns)``, compressed by all
     processors, with checksums.
 
     Parameters
@@ -316,19 +316,19 @@ class PSFWriter:
     compression
         ``"gzip"`` (level 1 with shuffle), ``"zstd"`` or ``"none"``.
     transposed
-        The planes are those of HT.
+        Whether the planes are those of HT.
     workers
-        Threads that compress; None takes every processor.
+        Number of compressing threads; None: all processors.
     store_tolerance
-        In place of ``dtype``: the share (L1) that every pattern may lack; see `lfcal.psf._steps`. What each plane lacks
-        at most is stated as its ``bound``.
+        Instead of ``dtype``: the largest share (L1) that a pattern may lose; see `lfcal.psf._steps`. The largest loss
+        in each plane is stated as its ``bound``.
 
     Raises
     ------
     InputError
         If a plane does not fit, is not finite, or is written twice; at the end if one is missing.
     StorageError
-        If the disk is too small or may not be written to.
+        If the disk is too small or not writable.
 
     Examples
     --------
@@ -377,7 +377,7 @@ class PSFWriter:
         return self._header.shape
 
     def __enter__(self) -> Self:
-        """Create the scratch file beside the target."""
+        """Create the scratch file next to the target."""
         require_space(self.path.parent, stored_bytes(self.shape, self._stored), what=self.path.name)
         try:
             self._file = self._stack.enter_context(new_file(self.path))
@@ -401,8 +401,8 @@ class PSFWriter:
         """Write plane ``z``, ``(ny, nx, nt, ns)``.
 
         ``recorded`` and ``saturated`` are ``(ny, nx)`` counts per position (by default 1 and unknown); ``facts``
-        stands for both and all else that is known. ``uncertainty`` is the standard deviation of every entry, 0 where
-        none is stated besides the noise. ``simulated`` says how a plane was simulated, as plain JSON types.
+        replaces both and may contain more. ``uncertainty`` is the standard deviation of every entry, 0 if none is
+        stated besides the noise. ``simulated`` describes how a plane was simulated, as plain JSON types.
         """
         if facts is None:
             _, ny, nx, nt, ns = self.shape
@@ -474,7 +474,7 @@ def store_plane(data: Any, z: int, plane: NDArray[Any], *, workers: int | None =
 
 
 def stored_type(matrix: PSFMatrix) -> str:
-    """Return the type that the values of ``matrix`` are stored as where nobody says another."""
+    """Return the default stored type for the values of ``matrix``."""
     return matrix.dtype.name if matrix.dtype.name in STORED_TYPES else "float32"
 
 

@@ -1,4 +1,4 @@
-"""What makes frames upright, held against the plan's path before anything is made of them."""
+"""Orientation of frames, checked against the plan's path before the frames are used."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ __all__ = ["AUTO", "CHECK", "check_found", "check_place", "iter_upright"]
 
 
 def iter_upright(view: FrameSource, plan: ScanPlan, choice: str = CHECK) -> Work[tuple[Orientation, dict[str, Any]]]:
-    """Return what is to be done to the frames, for `lfcal.frames.oriented`, and what H's provenance keeps of it.
+    """Return the orientation for `lfcal.frames.oriented`, and its entry in the provenance of H.
 
     Parameters
     ----------
     view
         Corrected frames, as delivered.
     plan
-        Where the image should be at each position.
+        Plan with the expected place of the image at each position.
     choice
-        Name of what makes them upright; ``"auto"``: find it; ``"check"``: take them as they are, if that is not
-        certainly wrong.
+        Name of the orientation; ``"auto"``: find it; ``"check"``: leave the frames unchanged unless that is certainly
+        wrong.
 
     Raises
     ------
     InputError
-        If the frames are a part of the sensor and it is not known which (their metadata or the light say so).
-        With ``"check"``, if the frames certainly do not lie as the plan says; with ``"auto"``, if it cannot be told
-        how they lie, or the scan and not the frames is turned.
+        If the frames show an unknown part of the sensor (by their metadata or their light). With ``"check"``, if the
+        frames are certainly not as planned; with ``"auto"``, if their orientation is undetermined, or the scan and not
+        the frames is turned.
     """
     check_stated(view, plan.camera)
     if choice not in (CHECK, AUTO):
@@ -63,18 +63,18 @@ def iter_upright(view: FrameSource, plan: ScanPlan, choice: str = CHECK) -> Work
 def check_place(
     found: FoundOrientation | None, view: FrameSource, plan: ScanPlan, turn: Orientation = ORIENTATIONS[AS_IS]
 ) -> None:
-    """Raise `InputError` where frames are smaller than the sensor, and another part of it than was stated, or none was.
+    """Raise `InputError` if frames smaller than the sensor show another part of it than stated, or none is stated.
 
     Parameters
     ----------
     found
-        How the path of the light lies; None: it was not looked for.
+        Orientation from the path of the light; None if it was not determined.
     view
-        The frames, as delivered.
+        Frames as delivered.
     plan
-        Where the image should be, on the whole sensor.
+        Plan with the expected place of the image on the whole sensor.
     turn
-        What makes the frames upright, where it was not looked for.
+        Given orientation of the frames, if it was not determined.
     """
     sensor, known = plan.camera.sensor.shape, view.metadata
     # channels have pixels of another size; a session, and who gives cutouts, knows their places
@@ -109,7 +109,7 @@ def check_found(found: FoundOrientation, choice: str) -> None:
     keep = "--orientation as-is takes them as they are"
     if not found.name and choice == AUTO:
         raise InputError.expected(
-            "frames", "a path of the pattern that tells how they lie", found.reason, "name their --orientation"
+            "frames", "a path of the pattern that shows their orientation", found.reason, "name their --orientation"
         )
     if not found.wrong or (choice == AUTO and found.cause != "scan"):
         return

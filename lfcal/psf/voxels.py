@@ -1,4 +1,4 @@
-"""Sides of H's pixels and of the voxels that its positions stand for."""
+"""Sides of H's pixels and of the voxels that its positions represent."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Settings that people give, each field declared once with its help, unit, range and choices.
+"""Settings that users give. Each field is declared once with its help, unit, range and choices.
 
-- ``option``: how a field is declared, read, checked and stored
-- ``reading``: what texts of values mean, the same for every command, form and job file
-- ``corrections``: which corrections are made of frames
+- ``option``: declaring, reading, checking and storing a field
+- ``reading``: parsing of values from text, the same for every command, form and job file
+- ``corrections``: the corrections applied to frames
 - ``assembly``: how frames become H, and how H is stored
 - ``solvers``: settings of each solver of volumes
 - ``light_fields``: how frames are brought onto H, projected, and written as voxels
@@ -19,5 +19,5 @@ lazy_face(__name__)
 
 
 def _before_others() -> None:
-    """Make mypy check `record`, a decorator, before the modules that use it; never called."""
+    """Make mypy check `record`, a decorator, before the modules that use it; it is never called."""
     from lfcal.records.option import record  # noqa: F401

@@ -1,4 +1,4 @@
-"""How frames become H, and how H is stored."""
+"""Settings for assembling H from frames and storing it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ INTERPOLATIONS: tuple[str, ...] = ("nearest", "linear", "cubic", "fourier")
 
 @record
 class AssemblySettings:
-    """How frames become H.
+    """Settings for assembling H from frames and storing it.
 
     Examples
     --------
@@ -55,7 +55,7 @@ class AssemblySettings:
     )
     interpolation: str = opt(
         "",
-        "How values between pixels are found.",
+        "Interpolation between pixels.",
         choices=INTERPOLATIONS,
         empty="nearest; cubic if the plan resamples",
         more=True,
@@ -75,11 +75,11 @@ class AssemblySettings:
     compression: str = opt("gzip", "Compression of the file.", choices=COMPRESSIONS, more=True)
     store_tolerance: float | None = opt(
         None,
-        "Share (L1) of its light that each pattern may lose in the file, as when H is reduced.",
+        "Largest share (L1) of its light that a pattern may lose when the file is compressed, as in lfcal reduce.",
         label="Loss in the file",
         above=0,
         below=1,
-        empty="as the stored type",
+        empty="set by the stored type",
         read=read_share,
         needs=("dtype", "rounded"),
         more=True,

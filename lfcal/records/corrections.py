@@ -1,4 +1,4 @@
-"""Which corrections are made."""
+"""Settings for the corrections applied to frames."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ __all__ = ["CorrectionRecipe"]
 
 @record
 class CorrectionRecipe:
-    """Which corrections are made, with which calibration frames.
+    """Corrections applied to frames, and the calibration frames they use.
 
-    Two fields follow from the frames: ``channel``, the colour channel of a mosaic, e.g. ``"G1"`` (empty: the frames as
-    they are), and ``shift``, the number of bits by which left-aligned samples are moved down.
+    Two fields depend on the frames. ``channel`` is the colour channel of a mosaic, e.g. ``"G1"``; empty uses the
+    frames unchanged. ``shift`` is the number of bits by which left-aligned samples are moved down.
 
     Examples
     --------
@@ -34,7 +34,7 @@ class CorrectionRecipe:
     )
     black_level: float | None = opt(
         None,
-        "Sample value without light (of shifted samples), if there is no dark frame.",
+        "Sample value without light, after the bit shift; used if there is no dark frame.",
         unit="counts",
         empty="as file or plan state",
     )
@@ -43,7 +43,8 @@ class CorrectionRecipe:
     )
     white_mode: str = opt(
         "field",
-        "field: divide by the smooth fall of light over the field. pixels: divide by the white image, pixel by pixel.",
+        "field: divide by the smooth fall-off of light over the field. pixels: divide by the white image, pixel by "
+        "pixel.",
         choices=("field", "pixels"),
         needs=("white", ""),
         more=True,
@@ -51,21 +52,26 @@ class CorrectionRecipe:
     white_floor: float = opt(
         0.05, "Smallest relative brightness to divide by.", above=0, at_most=1, needs=("white", ""), more=True
     )
-    defects: bool = opt(False, "Find defect pixels over the frames, and repair them.", label="Defect pixels")
+    defects: bool = opt(
+        False, "Find defective pixels from all frames, and repair them.", label="Repair defective pixels"
+    )
     background: str = opt(
-        "none", "none, border, plane, or a number of counts.", unit="counts", examples=("none", "border", "plane")
+        "none",
+        "Background to subtract: none, border, plane, or a number of counts.",
+        unit="counts",
+        examples=("none", "border", "plane"),
     )
     exposure: str = opt(
         "auto",
-        "auto: scale frames to one exposure if their exposures are known and differ. none: leave them. "
-        "Or the exposure to scale to.",
+        "auto: scale frames to a common exposure if their exposures are known and differ. none: do not scale. "
+        "Or give the exposure to scale to.",
         unit="s",
         examples=("auto", "none"),
         more=True,
     )
     saturation: float | None = opt(
         None,
-        "Sample value of saturation (of shifted samples).",
+        "Sample value at which pixels saturate, after the bit shift.",
         unit="counts",
         empty="as file or plan state",
         more=True,

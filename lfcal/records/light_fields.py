@@ -1,4 +1,4 @@
-"""How frames are brought onto H, projected, and written as voxels.
+"""Settings for resampling frames to H, projecting them, and placing voxels.
 
 Examples
 --------
@@ -22,12 +22,12 @@ PROJECTIONS = ("auto", "polyphase", "direct", "sparse", "reduced", "fft")
 RESAMPLING = ("auto", "always", "never")
 
 MOST_MEMORY = 1e6
-"""Largest memory (GB) that can be asked for: more than any machine has."""
+"""Largest memory limit (GB) that is accepted: more than any machine has."""
 
 
 @record
 class LightFieldSettings:
-    """What is done to each frame before it is reconstructed."""
+    """Corrections applied to each frame before reconstruction."""
 
     dark: str | os.PathLike[str] = opt(
         "", "Dark frame, or a folder of dark frames to average.", label="Dark frame", file="in", empty="none"
@@ -57,17 +57,17 @@ class LightFieldSettings:
 
     @property
     def asked(self) -> bool | None:
-        """Whether to resample frames; None: where the lattice drifts."""
+        """Whether to resample frames; None: only if the lattice drifts."""
         return {"always": True, "never": False}.get(self.resample, True if self.lattice else None)
 
 
 @record
 class VoxelGrid:
-    """Where voxels are."""
+    """Size and position of voxels."""
 
     voxel: float | str | None = opt(
         None,
-        "Side of the voxels of all planes. auto: the smallest one. Behind a main lens each plane has its own.",
+        "Voxel side in all planes. Behind a main lens each plane has a different one; auto uses the smallest.",
         label="Voxel size",
         unit="µm",
         empty="pixel by pixel",
@@ -101,19 +101,20 @@ class VoxelGrid:
 
 @record
 class ProjectionSettings:
-    """How H is applied to volumes."""
+    """Settings for projecting volumes through H."""
 
     method: str = opt(
-        "auto", "Way to project. auto: the fastest that fits into memory.", label="Projection", examples=PROJECTIONS
+        "auto", "Projection method. auto: the fastest that fits into memory.", label="Projection", examples=PROJECTIONS
     )
     device: str = opt(
         "auto",
-        "Where projections are computed: cpu; cuda or cuda:1, with PyTorch or CuPy. auto: on an accelerator, if any.",
+        "Where projections are computed: cpu; cuda or cuda:1, with PyTorch or CuPy. auto: an accelerator, if there "
+        "is one.",
         examples=("auto", "cpu", "cuda"),
     )
     threshold: float = opt(
         0.0,
-        "Entries of H below this share of the peak of their plane count as 0.",
+        "Treat entries of H below this share of the peak of their plane as 0.",
         label="Ignore H below",
         at_least=0,
         below=1,
@@ -122,7 +123,7 @@ class ProjectionSettings:
     )
     within: float = opt(
         0.0,
-        "Share of the light that projections may miss. 0.005 is several times faster; 0 is exact.",
+        "Largest share of the light that projections may omit. 0.005 is several times faster; 0 is exact.",
         label="Light missed",
         at_least=0,
         below=1,
@@ -131,7 +132,7 @@ class ProjectionSettings:
     double: bool = opt(False, "Compute in double precision.", label="Double precision", more=True)
     memory: float | None = opt(
         None,
-        "Largest memory of the reconstruction.",
+        "Largest amount of memory that the reconstruction may use.",
         unit="GB",
         above=0,
         at_most=MOST_MEMORY,

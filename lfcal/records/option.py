@@ -1,8 +1,8 @@
-"""Fields that people set, declared once: command line, form, job file, script and provenance are made of them.
+"""Fields that users set, declared once. Command line, form, job file, script and provenance are generated from them.
 
-A field is an attribute of a frozen dataclass that is declared by `opt`, or by `required` where it has no default.
-`panel` declares a record within a record, and `one_of` one of several kinds, each with other fields. `rows` gives
-the fields of a record and of those within it, in order.
+A field is an attribute of a frozen dataclass, declared by `opt`, or by `required` if it has no default. `panel`
+declares a record within a record. `one_of` declares a record that is one of several kinds, each with different fields.
+`rows` returns the fields of a record and of its nested records, in order.
 """
 
 from __future__ import annotations
@@ -51,47 +51,47 @@ WORDS: dict[type, str] = {
     Path: "a path",
     bool: "true or false",
 }
-"""What values of a plain type are called in messages."""
+"""Names of the plain types in messages."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Opt:
-    """What people should know of a field besides its name, type and default.
+    """Attributes of a field besides its name, type and default.
 
     Attributes
     ----------
     help
-        One or two sentences, for the command line, the form and the reference.
+        One or two sentences for the command line, the form and the reference.
     label
-        Name in forms and tables; by default made of the field's name.
+        Name in forms and tables; by default derived from the field's name.
     unit
         Unit of the value; empty: none.
     choices
-        Names that it may have, or a function that returns them; empty: any.
+        Allowed names, or a function that returns them; empty: any.
     examples
-        Values that a shell offers, and a form, where others are possible as well.
+        Values that a shell or a form suggests; others are possible as well.
     above, below, at_least, at_most
         Range of a number.
     flag, short
         Option of the command line (by default ``--`` and the name), and its one-letter form.
     argument
-        Whether the command takes it by its place, without an option.
+        Whether the command takes it as a positional argument.
     more
-        Whether it is rarely needed: it comes last in ``--help`` and is folded in forms.
+        Whether it is advanced: it comes last in ``--help`` and is folded in forms.
     empty
-        What applies if it is not set, in words.
+        Description of what applies if it is not set.
     read, show
-        Of a value that is none of the plain types: what a text means, and the text of a value. Of a tuple without
-        ``show`` each value is given separately, and read.
+        Functions for a value that is none of the plain types: ``read`` parses a text, and ``show`` returns the text of
+        a value. The values of a tuple without ``show`` are given and parsed separately.
     chooses
-        Whether giving it chooses the kind of a task. A flag of this sort is True in the kinds that have it.
+        Whether giving it chooses the kind of a task. Such a flag is True in the kinds that have it.
     file
         Of a path: ``"in"`` or ``"out"``.
     is_path
-        Of a text that may be a path, such as a preset or a camera file: whether it is one.
+        Function that decides whether a text is a path: a camera, for example, is a preset or a file.
     needs
-        Another field of the same record without which it has no effect, and the value that this must have; an empty
-        value: any that is set. Or an empty name and a suffix, which the name of an input file must have.
+        Another field of the same record that must be set for this one to have an effect, and the value it must have;
+        an empty value: any. An empty name with a suffix: the input file must have that suffix.
     """
 
     help: str
@@ -117,7 +117,7 @@ class Opt:
 
     @property
     def bounds(self) -> dict[str, Any]:
-        """The range, by the parameters of `lfcal.base.check_number`."""
+        """The range as keyword arguments of `lfcal.base.check_number`."""
         names = ("above", "below", "at_least", "at_most")
         return {name: bound for name in names if (bound := getattr(self, name)) is not None}
 
@@ -135,36 +135,36 @@ class Opt:
 
 
 def opt(default: T, help: str, **more: Any) -> T:
-    """Declare a field with its default; ``more`` are attributes of `Opt`."""
+    """Declare a field with its default; ``more`` are further attributes of `Opt`."""
     return dataclasses.field(default=default, metadata={"opt": Opt(help=help, **more)})
 
 
 def required(help: str, **more: Any) -> Any:
-    """Declare a field that must be given; ``more`` are attributes of `Opt`."""
+    """Declare a field that must be given; ``more`` are further attributes of `Opt`."""
     return dataclasses.field(metadata={"opt": Opt(help=help, **more)})
 
 
 def panel(default: T, title: str, without: tuple[str, ...] = ()) -> T:
-    """Declare a record within a record: the heading of its fields, and those that are not asked for here."""
+    """Declare a record within a record: the heading of its fields, and the fields to leave out."""
     return dataclasses.field(default=default, metadata={"panel": (title, without)})
 
 
 @dataclass(frozen=True)
 class Variants:
-    """Kinds of a record within a record, of which the value of one field decides.
+    """Alternatives for a record within a record. The value of one field selects the kind.
 
-    A field that several kinds have is declared alike in all of them.
+    A field that several kinds share is declared identically in all of them.
 
     Attributes
     ----------
     kinds
-        Those whose fields are known beforehand, the default first.
+        Kinds whose fields are known in advance, the default first.
     by
-        The field that names the kind; every kind has it, with its own name as the default.
+        The field that names the kind. Every kind has it; its default is the name of that kind.
     find
-        Returns the kind of a name, which may be none of ``kinds``; raises `InputError` where there is none.
+        Function from a name to its kind, which need not be in ``kinds``; raises `InputError` for an unknown name.
     names
-        Returns the names of all kinds.
+        Function that returns the names of all kinds.
     """
 
     kinds: tuple[type, ...]
@@ -178,13 +178,13 @@ class Variants:
 
 
 def one_of(default: T, title: str, variants: Variants) -> T:
-    """Declare a record within a record that is one of several kinds: the heading of their fields, and the kinds."""
+    """Declare a nested record that is one of several kinds: the heading of the fields, and the kinds."""
     return dataclasses.field(default=default, metadata={"panel": (title, ()), "variants": variants})
 
 
 @typing.dataclass_transform(frozen_default=True, kw_only_default=True)
 def record(kind: type[T]) -> type[T]:
-    """Make a frozen dataclass of fields by name, whose docstring lists them with their help."""
+    """Make a frozen dataclass whose fields are passed by name and listed with their help in its docstring."""
     made = dataclass(frozen=True, kw_only=True)(kind)
     said, mark, examples = inspect.cleandoc(made.__doc__ or "").partition("\nExamples\n")
     lines = ["", "Attributes", "----------"]
@@ -206,24 +206,24 @@ def _indented(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class FieldRow:
-    """A field as it is reached from the outermost record.
+    """A field with its path from the outermost record.
 
     Attributes
     ----------
     path
-        Names that lead to it.
+        Field names from the outermost record to this field.
     kind
-        Type of its values, a plain one; of those that only ``opt.read`` understands ``str``.
+        Plain type of its values; ``str`` for values that only ``opt.read`` can parse.
     optional, many
-        Whether None is a value, and whether a value is a tuple of ``kind``.
+        Whether None is allowed, and whether the value is a tuple of ``kind``.
     default
-        `dataclasses.MISSING`: it has none.
+        `dataclasses.MISSING`: there is none.
     opt
-        What people should know of it.
+        Its help, label, unit, range and choices.
     panel
-        Heading that it is under; empty: that of the outermost record.
+        Heading above it in forms; empty: that of the outermost record.
     variants, only
-        Of a record that is one of several kinds: these kinds, and the names of those that have the field; no names:
+        For a record that is one of several kinds: all kinds, and the names of the kinds that have the field; no names:
         all of them.
     """
 
@@ -239,36 +239,36 @@ class FieldRow:
 
     @property
     def name(self) -> str:
-        """Its own name, which no other field of the whole record has."""
+        """The name of the field itself, which is unique within the whole record."""
         return self.path[-1]
 
     @property
     def flag(self) -> str:
-        """Its option of the command line; of what is on by default the one that turns it off."""
+        """Its command-line option. For a flag that is on by default, the option that turns it off."""
         return self.opt.flag or f"--{'no-' * self.turns_off}{self.name.replace('_', '-')}"
 
     @property
     def turns_off(self) -> bool:
-        """Whether its option turns off what is on by default."""
+        """Whether the option turns off a flag that is on by default."""
         return self.default is True and not self.opt.chooses
 
     @property
     def off(self) -> str:
-        """Its second option, which turns off what is neither on nor off by default; else empty."""
+        """Second option, which turns off a flag that is neither on nor off by default; else empty."""
         return f"--no-{self.name.replace('_', '-')}" if self.kind is bool and self.optional else ""
 
     @property
     def called(self) -> str:
-        """What the command line calls it."""
+        """Its name on the command line."""
         return self.name.upper() if self.opt.argument else self.flag
 
     def paths_of(self, value: Any) -> tuple[Path, ...]:
-        """Return the paths in a value."""
+        """Return the paths contained in a value."""
         every = value if isinstance(value, tuple) else (value,)
         return tuple(Path(one) for one in every if self.opt.file and one and self.opt.is_path(str(one)))
 
     def placed(self, value: Any, place: Callable[[Path], Any]) -> Any:
-        """Return a value with each of its paths where ``place`` says it is."""
+        """Return the value with each of its paths replaced by ``place(path)``."""
         if isinstance(value, tuple):
             return tuple(self.placed(one, place) for one in value)
         return self.kind(place(Path(value))) if self.paths_of(value) else value
@@ -280,24 +280,24 @@ class FieldRow:
 
     @property
     def described(self) -> str:
-        """Its help, with unit, range, choices and default."""
+        """Its help with unit, range, choices and default."""
         shown = self.default is not MISSING and self.kind is not bool
         return self.opt.described(self.opt.empty or self.text(self.default) if shown else "")
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """Names that it may have; empty: any."""
+        """Allowed names; empty: any."""
         return self.opt.choices() if callable(self.opt.choices) else self.opt.choices
 
     @property
     def offered(self) -> tuple[str, ...]:
-        """Values to offer where one is typed."""
+        """Values to suggest where the user types one."""
         examples = self.opt.examples() if callable(self.opt.examples) else self.opt.examples
         return examples or self.choices
 
     @property
     def empty(self) -> Any:
-        """The value of a field that is left empty."""
+        """The value of the field if it is left empty."""
         return None if self.optional else self.default
 
     def text(self, value: Any) -> str:
@@ -308,12 +308,12 @@ class FieldRow:
         return text.removesuffix(".0") if isinstance(value, float) else text
 
     def value(self, given: Any, called: str) -> Any:
-        """Return what a text, or a value of a file, means; ``called`` names it in messages.
+        """Return the value that a text, or an entry of a file, means; ``called`` names it in messages.
 
         Raises
         ------
         InputError
-            If it means nothing, or nothing that is allowed.
+            If it cannot be parsed, or is not allowed.
         """
         found = self._value(given, called)
         self.check(found, called)
@@ -331,7 +331,7 @@ class FieldRow:
 
     def _one(self, given: Any, called: str) -> Any:
         if self.opt.read is not None and self.opt.show is not None and isinstance(given, list | tuple):
-            given = self.opt.show(tuple(given))  # what a text cannot mean, a list cannot either
+            given = self.opt.show(tuple(given))  # a list may hold no value that a text could not express
         if self.opt.read is not None and isinstance(given, str):
             return read_as(called, self.opt.read, given)
         if isinstance(given, list):
@@ -348,7 +348,7 @@ class FieldRow:
             try:
                 return int(given) if kind is int else float(given)
             except ValueError:
-                self.check(given, called)  # a number within a range is what is expected
+                self.check(given, called)  # for a number with a range, the message names the range
                 raise InputError.expected(called, WORDS[kind], repr(given), "correct this value") from None
         kinds = (int, float) if kind is float else (kind,)
         if not isinstance(given, kinds) or isinstance(given, bool) is not (kind is bool):
@@ -370,8 +370,8 @@ _KNOWN: dict[type, tuple[FieldRow, ...]] = {}
 
 
 def rows(kind: type) -> tuple[FieldRow, ...]:
-    """Return the fields of a record and of those within it, in order."""
-    if kind not in _KNOWN:  # functools.cache would want a type that mypy knows is hashable
+    """Return the fields of a record and of its nested records, in order."""
+    if kind not in _KNOWN:  # mypy does not know that the type is hashable, so functools.cache fails
         _KNOWN[kind] = tuple(_rows(kind, (), "", ()))
     return _KNOWN[kind]
 
@@ -408,7 +408,7 @@ def _rows_of_kinds(variants: Variants, path: tuple[str, ...], heading: str) -> I
 
 
 def described_by(kind: type) -> Callable[[F], F]:
-    """Return what adds the fields of a record to the docstring of a function that has them as parameters."""
+    """Return a decorator that appends a record's fields to the docstring of a function with these parameters."""
 
     def add(function: F) -> F:
         said, mark, more = inspect.cleandoc(function.__doc__ or "").partition("Parameters\n----------\n")
@@ -425,7 +425,7 @@ def described_by(kind: type) -> Callable[[F], F]:
 
 
 def rows_of(whole: Any) -> tuple[FieldRow, ...]:
-    """Return the fields that a record has: of one within it that is one of several kinds, those of its kind."""
+    """Return the fields that a record has; for a nested record of several kinds, those of its present kind."""
     return tuple(row for row in rows(type(whole)) if row.variants is None or _has(whole, row))
 
 
@@ -440,7 +440,7 @@ def _defaults(kind: type) -> dict[str, Any]:
 
 
 def _kind(hint: Any) -> tuple[type, bool, bool]:
-    """Return the plain type, whether None is allowed, and whether there are many."""
+    """Return the plain type, whether None is allowed, and whether there are several values."""
     parts = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
     kinds = [part for part in parts if part is not type(None)]
     many = get_origin(kinds[0]) is tuple and get_args(kinds[0])[-1] is Ellipsis
@@ -471,10 +471,10 @@ def check_record(whole: Any) -> None:
 
 
 def check_needs(known: tuple[FieldRow, ...], values: Mapping[str, Any], called: Callable[[FieldRow], str]) -> None:
-    """Raise `InputError` for the first value that has no effect without a value of another field.
+    """Raise `InputError` for the first value that has no effect because another field is not set.
 
-    ``values`` by the names of fields; one that is at its default counts as not given, unless its kind of record
-    does not have the field.
+    ``values`` are by field name. A value at its default counts as not given, unless its kind of record does not have
+    the field.
     """
     paths = {row.path: row for row in known}
     for row in known:
@@ -503,7 +503,7 @@ def _check_suffix(called: str, known: tuple[FieldRow, ...], values: Mapping[str,
 
 
 def _check_kind(row: FieldRow, by: FieldRow, values: Mapping[str, Any], called: Callable[[FieldRow], str]) -> None:
-    """Raise `InputError` where the kind of record that the value of ``by`` names does not have a field."""
+    """Raise `InputError` if the kind of record named by the value of ``by`` does not have a field."""
     assert row.variants is not None
     name = values.get(by.name, by.default)
     if row.name not in _defaults(row.variants.find(name)):
@@ -512,7 +512,7 @@ def _check_kind(row: FieldRow, by: FieldRow, values: Mapping[str, Any], called: 
 
 
 def to_dict(whole: Any) -> dict[str, Any]:
-    """Return a record as plain JSON types, every field of it, with records within it as objects."""
+    """Return a record as plain JSON types with all fields; nested records become objects."""
     found: dict[str, Any] = {}
     for row in rows_of(whole):
         place = found
@@ -529,20 +529,20 @@ def _plain(value: Any) -> Any:
 
 
 def from_dict(kind: type[T], data: Mapping[str, Any], what: str = "") -> T:
-    """Return the record that `to_dict`, or a hand, wrote.
+    """Return the record in a dictionary, written by `to_dict` or by hand.
 
     Raises
     ------
     InputError
-        For an entry that the record does not have, or a value that it cannot have.
+        For an unknown entry or a value that is not allowed.
     """
     return from_flat(kind, flat(rows(kind), data, what or kind.__name__))
 
 
 def flat(known: tuple[FieldRow, ...], data: Mapping[str, Any], what: str, fields: str = "its fields") -> dict[str, Any]:
-    """Return the values in nested objects by the names of their fields; errors name ``what`` and its ``fields``.
+    """Return the values in nested objects by field name; errors name ``what`` and its ``fields``.
 
-    What must be given and is null, and a flag that would choose the kind of a task and is off, are left out.
+    Required fields that are null, and kind-choosing flags that are off, are left out.
     """
     found: dict[str, Any] = {}
     paths = {row.path: row for row in known}
@@ -563,7 +563,7 @@ def flat(known: tuple[FieldRow, ...], data: Mapping[str, Any], what: str, fields
 
 
 def from_flat(kind: type[T], values: Mapping[str, Any]) -> T:
-    """Return the record of values by the names of fields, those within records among them."""
+    """Return the record made of values by field name, including those of nested records."""
     given: dict[str, Any] = {}
     inner: dict[str, dict[str, Any]] = {}
     for row in rows(kind):
@@ -581,7 +581,7 @@ def from_flat(kind: type[T], values: Mapping[str, Any]) -> T:
 
 
 def _part(field: Any, own: Mapping[str, Any]) -> Any:
-    """Return the record within a record that has the values ``own``."""
+    """Return the nested record that has the values ``own``."""
     default, variants = field.default, field.metadata.get("variants")
     if variants is not None:
         chosen = variants.find(own.get(variants.by, getattr(default, variants.by)))

@@ -1,4 +1,4 @@
-"""What texts of values mean: one reading for each kind of value, in every command, form and job file."""
+"""Parsing of values from text: one parser for each kind of value, used by every command, form and job file."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ __all__ = [
 T = TypeVar("T")
 
 UNITS = {"": 1.0, "um": 1.0, "µm": 1.0, "mm": 1e3, "nm": 1e-3}
-"""Micrometres of a unit of length."""
+"""Micrometres in each unit of length."""
 
 MAX_PLANES = 10_000
 NUMBER = r"[-+−]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
@@ -50,7 +50,7 @@ def _number(text: str) -> float:
 
 
 def read_as(called: str, read: Callable[[str], T], text: str) -> T:
-    """Return the value that ``read`` gives for a text; errors name it ``called``, as its user does."""
+    """Return the value that ``read`` returns for a text; errors call it ``called``, as the user does."""
     try:
         return read(text)
     except InputError as error:
@@ -66,7 +66,7 @@ def read_pair(text: str) -> tuple[float, float]:
 
 
 def read_cutout(text: str) -> tuple[int, int] | None:
-    """Return the cutout ``"41"``, ``"41x61"`` or ``"41,61"`` (rows, columns; px); None of an empty text."""
+    """Return the cutout in ``"41"``, ``"41x61"`` or ``"41,61"`` (rows, columns; px); None for an empty text."""
     if not text.strip():
         return None
     rows, columns = read_pair(text)
@@ -89,12 +89,12 @@ def read_position(text: str) -> tuple[int, int]:
 
 
 def show_pair(value: Any) -> str:
-    """Return the text that `read_pair` and `read_cutout` read."""
+    """Return the text that `read_pair` and `read_cutout` parse."""
     return value if isinstance(value, str) else show_planes(value)
 
 
 def read_share(text: str) -> float:
-    """Return a share of 1 that is written as ``"0.03"`` or ``"3%"``."""
+    """Return a share of 1 written as ``"0.03"`` or ``"3%"``."""
     found = re.fullmatch(rf"({NUMBER})\s*(%)?", text.strip())
     if found is None:
         raise InputError.expected("share", "a number, or percent", repr(text), "for example 0.03 or 3%")
@@ -102,7 +102,7 @@ def read_share(text: str) -> float:
 
 
 def show_share(value: float) -> str:
-    """Return a share in per cent, as a text that `read_share` reads as the same number."""
+    """Return a share in per cent, as a text that `read_share` parses to the same number."""
     percent = f"{show_planes((_times_ten(repr(float(value)), 2),))} %"
     return percent if read_share(percent) == value else repr(value)
 
@@ -114,7 +114,7 @@ def _times_ten(number: str, power: int) -> float:
 
 
 def read_length_um(text: str) -> float:
-    """Return a length in µm that is written with its unit, or as a bare number of µm."""
+    """Return a length in µm, written with its unit or as a bare number of µm."""
     found = re.fullmatch(rf"({NUMBER})\s*(nm|um|µm|mm)?", text.strip())
     if found is None:
         raise InputError.expected("length", "a number with nm, um or mm", repr(text), "for example 250 um or 1.5 mm")
@@ -122,7 +122,7 @@ def read_length_um(text: str) -> float:
 
 
 def read_planes(text: str, *, lengths: bool) -> tuple[float, ...]:
-    """Return the planes of ``"a,b,c"`` or ``"start:stop:step"``; ``lengths`` are in µm, or have a unit."""
+    """Return the planes in ``"a,b,c"`` or ``"start:stop:step"``; with ``lengths`` in µm or with a unit."""
     fields = re.split("[,:]", text)
     values = [_plane(field, lengths) for field in fields]
     if ":" not in text:
@@ -139,22 +139,22 @@ def read_planes(text: str, *, lengths: bool) -> tuple[float, ...]:
 
 
 def read_depths(text: str) -> tuple[float, ...]:
-    """Return depths in µm, as of `read_planes`; none of an empty text."""
+    """Return depths in µm, written as for `read_planes`; none for an empty text."""
     return read_planes(text, lengths=True) if text.strip() else ()
 
 
 def read_virtual_depths(text: str) -> tuple[float, ...]:
-    """Return virtual depths, as of `read_planes`; none of an empty text."""
+    """Return virtual depths, written as for `read_planes`; none for an empty text."""
     return read_planes(text, lengths=False) if text.strip() else ()
 
 
 def show_planes(values: Iterable[Any]) -> str:
-    """Return the text that `read_planes` reads, with every digit."""
+    """Return the text that `read_planes` parses, with all digits."""
     return ",".join(repr(float(v)).removesuffix(".0") if isinstance(v, Real) else str(v) for v in values)
 
 
 def check_planes(depths: object, virtual_depths: object) -> None:
-    """Raise `InputError` unless planes are given as depths or as virtual depths, and not as both."""
+    """Raise `InputError` unless planes are given either as depths or as virtual depths."""
     if bool(depths) == bool(virtual_depths):
         raise InputError("planes: give --depths (µm) or --virtual-depths, for example --virtual-depths 2:5.5:0.5")
 
@@ -172,7 +172,7 @@ def _plane(field: str, lengths: bool) -> float:
 
 
 def read_effect(text: str) -> str:
-    """Return what is said of an effect: ``"NAME=VALUE"``, or the path of a JSON file of effects."""
+    """Return the setting of an effect: ``"NAME=VALUE"``, or the path of a JSON file of effects."""
     name, sign, value = (part.strip() for part in text.partition("="))
     if name and value:
         return f"{name}={value}"
@@ -183,12 +183,12 @@ def read_effect(text: str) -> str:
 
 
 def read_orientation(text: str) -> str:
-    """Return the name of an orientation as options have it: ``"mirror x"`` is ``"mirror-x"``."""
+    """Return the name of an orientation in the spelling of the options: ``"mirror x"`` becomes ``"mirror-x"``."""
     return "-".join(text.split())
 
 
 def read_pixel(text: str) -> tuple[float, float]:
-    """Return the pixel ``"12,7"`` (row, column), which may be between pixels."""
+    """Return the pixel in ``"12,7"`` (row, column), which may lie between pixels."""
     fields = [field.strip() for field in text.split(",")]
     if len(fields) != 2 or not all(re.fullmatch(NUMBER, field) for field in fields):
         raise InputError.expected("pixel", "ROW,COLUMN", repr(text), "for example 12,7")
@@ -196,7 +196,7 @@ def read_pixel(text: str) -> tuple[float, float]:
 
 
 def read_count(text: str, at_least: int, words: tuple[str, ...]) -> int | str:
-    """Return a whole number that is not below ``at_least``, or one of ``words``."""
+    """Return a whole number of at least ``at_least``, or one of ``words``."""
     value = int(text) if re.fullmatch(r"\s*[-+]?\d+\s*", text) else text.strip()
     check_count("number", value, at_least, *words)
     return value
@@ -229,10 +229,10 @@ def check_voxel(name: str, value: object) -> None:
 
 
 def read_names(text: str) -> tuple[str, ...]:
-    """Return the names of ``"A,B,C"``, each of them once."""
+    """Return the names in ``"A,B,C"``, each of them once."""
     return tuple(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
 
 
 def show_names(value: tuple[str, ...]) -> str:
-    """Return the text that `read_names` reads."""
+    """Return the text that `read_names` parses."""
     return ",".join(value)

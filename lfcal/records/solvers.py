@@ -1,6 +1,6 @@
-"""Settings of each solver of volumes: a solver has the fields that it uses, and no others.
+"""Settings of the solvers for volumes. Each solver has only the fields that it uses.
 
-`solver_kind` returns the record of a solver of another distribution, by the options that it uses.
+`solver_kind` returns the record of a solver from another distribution by the options that it uses.
 
 Examples
 --------
@@ -36,7 +36,7 @@ __all__ = [
 ]
 
 SOLVER_ENDS = {"auto": "left-out", "auto:discrepancy": "discrepancy"}
-"""What may be given in place of a number of iterations, and by what such a run ends."""
+"""Texts accepted in place of a number of iterations, with the stopping rule of each."""
 
 
 def _named(name: str) -> str:
@@ -45,7 +45,7 @@ def _named(name: str) -> str:
 
 @record
 class SolverFields:
-    """What every solver has."""
+    """Fields that every solver has."""
 
     name: str = _named("")
     iterations: int | str = opt(
@@ -58,7 +58,8 @@ class SolverFields:
     )
     goal: str = opt(
         "view",
-        "With iterations auto. view: a volume to look at. measure: sums over regions, with more iterations.",
+        "Purpose that sets where iterations auto stops. view: a volume to look at. measure: sums over regions, which "
+        "need more iterations.",
         choices=("view", "measure"),
         needs=("iterations", "auto"),
         more=True,
@@ -83,14 +84,14 @@ class SolverFields:
 
 @record
 class _Background:
-    background: float = opt(0.0, "Expected value of a pixel without any source.", unit="counts", at_least=0)
+    background: float = opt(0.0, "Expected value of a pixel that no source illuminates.", unit="counts", at_least=0)
 
 
 @record
 class _Saturation:
     saturation: float | None = opt(
         None,
-        "Leave out pixels at or above this value.",
+        "Sample value at which pixels saturate; pixels at or above it are left out.",
         unit="counts",
         above=0,
         empty="none",
@@ -99,7 +100,9 @@ class _Saturation:
 
 @record
 class _Tolerance:
-    tolerance: float = opt(0.0, "Stop when the relative change of the volume falls below.", at_least=0, more=True)
+    tolerance: float = opt(
+        0.0, "Stop when the relative change of the volume falls below this value.", at_least=0, more=True
+    )
 
 
 @record
@@ -136,17 +139,17 @@ FIELDS: dict[str, type] = {
     "subsets": _Subsets,
     "tolerance": _Tolerance,
 }
-"""Records of a single field, by the option of a solver that it is."""
+"""Records with a single field, by the solver option that the field is."""
 
 
 @record
 class _Common(_Tolerance, _Saturation, _Background, SolverFields):
-    """What every solver of lfcal has."""
+    """Fields of every built-in solver."""
 
 
 @record
 class _Em(_ReadNoise, _Common):
-    """What every variant of Richardson-Lucy has."""
+    """Fields of every variant of Richardson-Lucy."""
 
 
 @record
@@ -200,14 +203,14 @@ class OsemSolver(_Subsets, _Em):
 
 @record
 class PhaseSpaceSolver(_Subsets, _Em):
-    """View by view, brightest first."""
+    """One view after the other, brightest first."""
 
     name: str = _named("phase-space")
 
 
 @record
 class IsraSolver(_Common):
-    """Least squares without negative values."""
+    """Non-negative least squares."""
 
     name: str = _named("isra")
 
@@ -228,7 +231,7 @@ OWN_SOLVERS: tuple[type[SolverFields], ...] = (
 
 @cache
 def solver_kind(name: str, options: frozenset[str]) -> type[SolverFields]:
-    """Return the record of a solver that uses ``options``, names of `FIELDS` among others."""
+    """Return the record of a solver that uses ``options``, which may include names of `FIELDS`."""
     bases = tuple(one for option, one in reversed(FIELDS.items()) if option in options)
     own: dict[str, Any] = {"__annotations__": {"name": "str"}, "name": _named(name), "__module__": __name__}
     own["__doc__"] = f"Settings of solver {name}."

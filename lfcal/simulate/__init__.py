@@ -1,11 +1,11 @@
-"""What a described camera does to the light of a point: only the effects a scene calls for.
+"""Simulation of the light of a point through a described camera, with only the effects that a scene needs.
 
-- ``scene``: one depth plane as an engine needs it, with its pupil and specimen
-- ``engines``: from rays to the coherent reference, their sampling, and the energy they account for
+- ``scene``: description of one depth plane for an engine, with pupil and specimen
+- ``engines``: engines from rays to the coherent reference, their sampling, and their energy balance
 - ``effects``: physical effects as objects with their a-priori estimates, found by registry
-- ``accuracy``: what a simulation costs, which effects to simulate, how finely to compute, the ladder of levels
-- ``staging``, ``response``: effects put to work on one plane
-- ``plane_task``: one plane of H, and all that decides its values
+- ``accuracy``: cost of a simulation, choice of effects and sampling, the ladder of levels
+- ``staging``, ``response``: effects applied to one plane
+- ``plane_task``: one plane of H with all settings that determine its values
 - ``simulate``: H, in memory, in a file or in units; ``progressive``: in passes
 - ``sensor``: sensor frames of a simulated session; ``noise_forecast``: the noise that a scan leaves in H
 - ``assumed_values``: what hangs on values that are only assumed

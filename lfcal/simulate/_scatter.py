@@ -13,7 +13,7 @@ __all__ = ["Row", "scatter"]
 
 
 class Row(NamedTuple):
-    """The responses of one source row of the period, and the rows of the volume it stands for."""
+    """Responses of one source row of the period, and the rows of the volume that use them."""
 
     responses: NDArray[np.float32]  # (n, nt, ns)
     slot: NDArray[np.intp]  # (nx,): position x of the period uses responses[slot[x]]
@@ -21,10 +21,10 @@ class Row(NamedTuple):
     step: int  # rows from one to the next
 
 
-# no fast maths: the sum over voxels is to be the same for any number of threads, term by term
+# no fast math: the sum over voxels must be identical for any number of threads
 @njit(fastmath=False)
 def _add(image: NDArray[np.float64], lit: NDArray[np.float32], row: Row, top: int, bottom: int) -> None:
-    """Add f[p] = sum_v g[v] H[v mod n][p - v + c] to rows ``top`` to ``bottom`` of the image, one source row's part.
+    """Add f[p] = sum_v g[v] H[v mod n][p - v + c] to rows ``top`` to ``bottom`` of the image, for one source row.
 
     ``image`` begins c = (nt - 1)/2, (ns - 1)/2 pixels before the volume, so that a response starts at its voxel;
     ``lit`` are voxels g ``(k, columns)``.
@@ -54,9 +54,9 @@ def scatter(image: NDArray[np.float64], lit: NDArray[np.float32], row: Row, work
     lit
         Voxels ``(k, columns)`` at rows ``first + k step``.
     row
-        Their responses.
+        Responses of these voxels.
     workers
-        Threads; each owns some rows of the image, so the sum does not depend on their number.
+        Number of threads; each owns some rows of the image, so the sum does not depend on it.
     """
     parts = chunks(image.shape[0], workers)
     lit = np.ascontiguousarray(lit)

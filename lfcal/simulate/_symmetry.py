@@ -16,10 +16,10 @@ EXACT = 1e-6
 
 
 def folded(axis: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return the different distances from 0 along an axis, and which of them each of its places has.
+    """Return the different distances from 0 along an axis, and the index of the distance of each place.
 
-    What is even along both axes of a grid has ``values[np.ix_(places, places)]`` of the distances' alone: about a
-    quarter of the work, and the same to the last bit.
+    A quantity that is even along both axes is ``values[np.ix_(places, places)]`` of the values at the distances: about
+    a quarter of the work, with identical results.
     """
     distances, places = np.unique(np.abs(axis), return_inverse=True)
     return distances, places

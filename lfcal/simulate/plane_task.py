@@ -32,16 +32,16 @@ EffectsLike: TypeAlias = Iterable[Effect] | EffectSelection | str
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """How a tolerance is split at each depth.
+    """Distribution of a tolerance over effects at each depth.
 
     Attributes
     ----------
     effects
-        All that are on at any depth.
+        All effects that are on at any depth.
     tolerance
-        Relative L1 error allowed in all.
+        Total allowed relative L1 error.
     selection
-        Which are on at which depth and what they leave out; None: the same effects everywhere, nothing left out.
+        Effects that are on at each depth, and the omitted error; None: the same effects everywhere, nothing omitted.
     """
 
     effects: tuple[Effect, ...]
@@ -106,20 +106,20 @@ class Computed(NamedTuple):
 
 @dataclass(frozen=True)
 class PlaneTask:
-    """One plane of an H, and all that decides its values.
+    """One plane of an H, with all settings that determine its values.
 
     Attributes
     ----------
     plan, z
         The plan and the number of the plane.
     effects
-        Those that are on at this plane.
+        Effects that are on at this plane.
     level, sampling
         As in `simulate_psf`.
     tolerance
-        Relative L1 error that the computation may have.
+        Relative L1 error allowed for the computation.
     left_out
-        The error of effects that are left out, as estimated.
+        Estimated error of omitted effects.
     """
 
     plan: ScanPlan

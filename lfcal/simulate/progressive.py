@@ -83,8 +83,8 @@ def iter_refine_psf(
 ) -> Work[PSFMatrix]:
     """Simulate H into a file in passes; yields progress in rows.
 
-    After each pass the file holds a whole H, each plane labelled with the error that it reached; it takes the place of
-    the one before at once. Closing the generator stops: what the last whole pass wrote stays.
+    After each pass, the file contains a complete H, which replaces the previous one atomically; each plane is labelled
+    with the error that it reached. Closing the generator stops, and keeps the result of the last complete pass.
 
     Parameters
     ----------
@@ -95,20 +95,20 @@ def iter_refine_psf(
     out
         H file to write.
     on_pass
-        Called with the H of each pass, opened from the file; it is closed when the next pass has its own.
+        Function called with the H of each pass, opened from the file; it is closed when the next pass is complete.
     run
-        Do each pass in units of a plane: those that are done stay where it is stopped, and the next run goes on with
-        them. Effects are those of the catalogue then. None: what was begun after a whole pass is dropped.
+        Do each pass in units of a plane: finished units stay if it is stopped, and the next run continues from them.
+        Effects must then be those of the catalogue. None: work begun after a complete pass is discarded.
 
     Returns
     -------
     PSFMatrix
-        The last pass's, opened from ``out``.
+        H of the last pass, opened from ``out``.
 
     Raises
     ------
     InputError, EnergyError, StorageError
-        As `simulate_psf`; what earlier passes wrote stays.
+        As in `simulate_psf`; results of earlier passes are kept.
 
     Examples
     --------

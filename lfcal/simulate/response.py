@@ -26,33 +26,33 @@ __all__ = ["PlaneResponse"]
 class PlaneResponse:
     """Responses of one depth plane of a plan under a tuple of effects.
 
-    Engines are made when they are needed: one per wavelength, and for `rows` one per displaced source point,
-    which is freed before the next is made.
+    Engines are made on demand: one per wavelength, and for `rows` one per displaced source point, which is released
+    before the next is made.
 
     Parameters
     ----------
     plan, z
         The plan and the number of the plane.
     effects
-        Those on scene, light and response; others are ignored here.
+        Effects on scene, light and response; others are ignored here.
     level, tolerance, sampling
-        Level and sampling as in `simulate_psf`; ``tolerance`` is the computation's share of it. A sampling that is
-        given is taken as it is. Else the first engine is settled by a probe (`lfcal.simulate.accuracy.probe`), and
-        refined further until the energy balances, at any position and at any time: what was computed by then keeps
-        its own, coarser sampling.
+        Level and sampling as in `simulate_psf`; ``tolerance`` is the share for the computation. A given sampling is
+        used unchanged. Otherwise a probe (`lfcal.simulate.accuracy.probe`) sets that of the first engine. It is
+        refined further until the energy balances, at any position and at any time; earlier results keep their coarser
+        sampling.
     cutout
-        Pixels ``(nt, ns)`` where they are not the plan's.
+        Pixels ``(nt, ns)``, if they differ from those of the plan.
     depth_error_um
-        How much farther away the plane is than planned (µm).
+        Displacement of the plane away from the camera, relative to the plan (µm).
     on_sensor
-        Compute on the sensor's pixels where the plan resamples its frames: what `point` needs. Positions of `rows`
-        are then a sensor pixel apart, not a resampled one.
+        Compute on the sensor's pixels if the plan resamples its frames, as `point` needs. Positions of `rows` are then
+        one sensor pixel apart, not a resampled one.
 
     Attributes
     ----------
     reached
-        Relative L1 error of the computation by the probe, of the reference the one expected; NaN before the first
-        engine is made, and where the sampling was given.
+        Relative L1 error of the computation by the probe, for the reference the expected one; NaN before the first
+        engine is made, and if the sampling was given.
     """
 
     def __init__(

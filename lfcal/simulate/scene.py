@@ -1,11 +1,11 @@
-"""One depth plane as an engine needs it: all lengths, flags and windows, its pupil and its specimen.
+"""One depth plane as an engine needs it: all lengths, flags and windows, with pupil and specimen.
 
 Coordinates
 -----------
-The sensor's origin is the chief ray of source position (0, 0), which is the centre of a pixel; x to the
-right, y downwards (µm). Position (iy, ix) has its chief ray ``iy, ix`` pixels away. The exit pupil lies a
-distance b before the lenslet array (inf: telecentric). Writing s = 1 + B/b, a chief ray that meets the
-sensor at x_s met the array at x_s / s, and Fresnel optics with finite b is exactly the telecentric one with
+The sensor's origin is the chief ray of source position (0, 0), which is the centre of a pixel; x to the right, y
+downwards (µm). The chief ray of position (iy, ix) is ``iy, ix`` pixels away. The exit pupil is a distance b in front
+of the lenslet array (inf: telecentric). With s = 1 + B/b, a chief ray that meets the sensor at x_s met the array at
+x_s / s, and Fresnel optics with finite b is exactly the telecentric one with
 
     B' = B/s,   pixel' = pixel/s,   1/a' = 1/a + 1/b
 
@@ -47,19 +47,19 @@ Wavefront = tuple[tuple[int, int, float], ...]
 
 @dataclass(frozen=True, slots=True)
 class PupilIris:
-    """The main lens's iris, in units of the radius of the disc f/(2 N): its area is that disc's, pi.
+    """The main lens's iris, in units of the radius of the disc f/(2 N); its area is that of the disc, pi.
 
     Attributes
     ----------
     blades
         Number of blades; 0 is a circle.
     curvature
-        Apothem over blade radius: 0 straight edges, 1 a circle.
+        Ratio of apothem to blade radius: 0 for straight edges, 1 for a circle.
     rotation_rad
         Angle of the first vertex from +x towards +y.
     stop
-        A second, circular stop ``(x, y, radius)`` that cuts the pupil seen from off axis (mechanical
-        vignetting), or None. It takes light away: what is left has less than the unit energy.
+        A second, circular stop ``(x, y, radius)`` that clips the pupil seen from off axis (mechanical vignetting), or
+        None. It removes light: the rest has less than unit energy.
     """
 
     blades: int = 0
@@ -154,15 +154,15 @@ class Crossing(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Specimen:
-    """What the light crosses on its way from a microscope's source to the immersion medium.
+    """Media between a microscope's source and its immersion medium.
 
     Attributes
     ----------
     index
         Refractive index of the specimen.
     depth_um
-        Depth of the nominal focal plane below the interface: a source at z lies ``depth_um + z`` deep, and one that
-        lies before the interface in the immersion medium.
+        Depth of the nominal focal plane below the interface. A source at z is ``depth_um + z`` deep; a negative depth
+        is in the immersion medium.
     """
 
     index: float
@@ -183,11 +183,11 @@ class Specimen:
         return z_um if deep < 0 else medium_index * deep / self.index - self.depth_um
 
     def crossing(self, medium_index: float, theta: F8) -> Crossing:
-        """Return what the interface does to waves at angles ``theta`` in the medium, per solid angle of the medium.
+        """Return the effect of the interface on waves at angles ``theta`` in the medium, per solid angle there.
 
         With n2 sin t2 = n1 sin t: s = 2 n1 cos t / (n1 cos t + n2 cos t2), p = 2 n1 cos t / (n2 cos t + n1 cos t2).
-        They are the coefficients of a wave on its way in: those of the way out times n1 cos t / (n2 cos t2), which
-        turns plane waves of the specimen into amplitudes per solid angle of the medium (reciprocity).
+        These are the coefficients of an incoming wave: those of the outgoing one times n1 cos t / (n2 cos t2), which
+        converts plane waves of the specimen into amplitudes per solid angle of the medium (reciprocity).
         """
         n1, n2 = medium_index, self.index
         across, first = n1 * np.sin(theta), n1 * np.cos(theta)
@@ -233,12 +233,12 @@ ImageMap = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """Everything an engine needs to know of one depth plane; lengths in µm.
+    """All inputs of an engine for one depth plane; lengths in µm.
 
     Attributes
     ----------
     wavelength_um, pixel_um
-        Light in air; pixel pitch.
+        Wavelength in air; pixel pitch.
     image_um
         Distance a of the source's image behind the lenslet array, signed; 0 is the native plane.
     lattice
@@ -261,45 +261,46 @@ class Scene:
     main_diffraction, lenslet_diffraction
         Whether the fringes of the iris and the lenslets' diffraction are computed.
     exact_defocus
-        The main lens's defocus as a(1 - cos theta) instead of a theta^2 / 2.
+        Whether the main lens's defocus is a(1 - cos theta) instead of a theta^2 / 2.
     lens_law
         q of u/(2 Nw) = sin theta / (1 - q sin² theta)^1/2, the height u in the pupil of the ray at theta: 0 is the sine
         condition, 1 the tangent law. It needs exact angles; light is even over the pupil's area.
     exact_rays
-        Rays between lenslet and sensor by tan theta instead of sin theta. The wave level follows them ray by ray,
-        away from the native plane; with `exact_defocus`, chief rays are straight again: the two belong together. A
-        microscope's field is exact up to the array as it is; of its levels the grid and the reference follow them.
+        Whether rays between lenslet and sensor follow tan theta instead of sin theta. The wave level follows them ray
+        by ray, away from the native plane. With `exact_defocus`, chief rays are straight again: the two belong
+        together. A microscope's field is always exact up to the array; of its levels, the grid and the reference
+        follow these rays.
     pixel_fill
         Light-sensitive share of a pixel's side, in (0, 1].
     objective, z_um
         The microscope and its defocus in object space, for the Debye path; None for a main lens.
     pixel_aspect
-        Height of a pixel over its width ``pixel_um``: not 1 where frames are resampled by unequal factors.
+        Ratio of a pixel's height to its width ``pixel_um``: not 1 if frames are resampled by unequal factors.
     vectorial
-        Whether a microscope's source is a dipole of any orientation, seen by its whole vector field, or a scalar point.
+        Whether a microscope's source is a dipole of any orientation with its vector field, instead of a scalar point.
     specimen
-        What lies between a microscope's source and its immersion medium; None: nothing.
+        Media between a microscope's source and its immersion medium; None: nothing.
     offsets_um
         Displacement ``(ny, nx, 2)`` as (dy, dx) of each source position on the sensor's scale, or None. The
-        pixels stay where they are.
+        pixels do not move.
     image_map
-        Displacement of every image from the paraxial place, by where that place is on the sensor; offsets come first.
+        Displacement of every image from its paraxial place, as a function of that place on the sensor, after offsets.
     tilt
         Growth (y, x) of the gap over the array, per µm from the middle of the period: the array is tilted.
     defects
-        Lenslets that pass less light, by their place in ``lattice`` (rows r, columns q).
+        Lenslets with lower transmission, by their place in ``lattice`` (rows r, columns q).
     lenslet_waves
         Spherical aberration W040 of the lenslets (waves), at the rim of the clear diameter.
     type_waves
-        What each lens type has beyond that (waves); empty: nothing.
+        Additional aberration of each lens type (waves); empty: none.
     glass
-        Thickness (µm) and index of a plate between lenslets and sensor: its aberration at exact angles. The gap is
-        that in air to which lenslets and plate come, B - t (1 - 1/n).
+        Thickness (µm) and index of a plate between lenslets and sensor: its aberration at exact angles. The gap is the
+        equivalent one in air, B - t (1 - 1/n).
     accept
         Power n of the pixels' response cos^n to the angle of light, 0 for none, and the slope (y, x) of the chief ray.
     colour_rate, dispersion_um2
-        How light of another wavelength is imaged (see `lfcal.simulate.response.at_wavelength`): shift of the image per
-        wavelength, and b in f / (1 + b (1/lambda² - 1/wavelength_um²)) of the lenslets.
+        Imaging at another wavelength (see `lfcal.simulate.response.at_wavelength`): shift of the image per wavelength,
+        and b in f / (1 + b (1/lambda² - 1/wavelength_um²)) of the lenslets.
     """
 
     wavelength_um: float
@@ -529,10 +530,10 @@ class Scene:
         return share
 
     def tilted(self, centres_um: NDArray[np.float64], kinds: NDArray[np.intp]) -> tuple[NDArray[np.float64], ...]:
-        """Return what the tilt changes for lenslets ``(n, 2)`` as (x, y): the share of X0 - c their light moves, sigma.
+        """Return the effect of the tilt on lenslets ``(n, 2)`` as (x, y): the factor of X0 - c, and sigma.
 
-        A ray through the centre of a lenslet that is d farther from the sensor lands at c + (B + d)/(a + d) (X0 - c),
-        and sigma is 1 - (B + d)/(a + d) - (B + d)/f: both to first order in d.
+        A ray through the centre of a lenslet that is d farther from the sensor meets it at c + (B + d)/(a + d) (X0 -
+        c), and sigma is 1 - (B + d)/(a + d) - (B + d)/f: both to first order in d.
         """
         a, none = self.reduced_image_um, np.zeros(len(centres_um))
         # near the native plane the lenslets lit lie next to each other, and 1/a' means nothing

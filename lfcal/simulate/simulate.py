@@ -168,46 +168,46 @@ def iter_simulate_psf(
 ) -> Work[PSFMatrix]:
     """Return H of a scan plan by simulation of its camera.
 
-    Values are shares of the light that passes the iris towards the lenslets: the sum over an infinite cutout is
-    what the lenslets let through. Effects on the motion and on the sensor frame do not enter H: they belong to
-    the frames (`SimulatedCamera`), from which assembly makes an H that equals this one up to its noise.
+    Values are shares of the light through the iris towards the lenslets: the sum over an infinite cutout is the light
+    that the lenslets transmit. Effects on the motion and on the sensor frame are not part of H. They belong to the
+    frames (`SimulatedCamera`), from which assembly makes an H that equals this one up to noise.
 
     Parameters
     ----------
     plan
-        Camera, period, cutout, depths and anchor: H has shape ``plan.shape``, axes (z, y, x, t, s). Where the plan
+        Camera, period, cutout, depths and anchor: H has shape ``plan.shape``, axes (z, y, x, t, s). If the plan
         resamples its frames, pixels of H are those of the resampled frames: light is integrated over their area.
     effects
-        A tuple of effects, ``()`` for the ideal camera; an `EffectSelection`; or ``"auto"``: what `plan_effects`
-        finds necessary for ``tolerance``.
+        A tuple of effects, ``()`` for the ideal camera; an `EffectSelection`; or ``"auto"``: the effects that
+        `plan_effects` finds necessary for ``tolerance``.
     level
-        ``"geometric"``, ``"wave"``, ``"grid"``, ``"microscope"``, ``"reference"``, or ``"auto"``: rays unless an effect
-        calls for waves.
+        ``"geometric"``, ``"wave"``, ``"grid"``, ``"microscope"``, ``"reference"``, or ``"auto"``: rays unless an
+        effect needs waves.
     tolerance
-        Relative L1 error allowed, of what is left out and of the computation together; None: that of the selection
-        of effects, else `USUAL_TOLERANCE`. What each plane reached, by a probe of a few positions, is stated in its
-        facts.
+        Allowed relative L1 error, from omitted effects and computation together; None: that of the selection of
+        effects, else `USUAL_TOLERANCE`. The facts of each plane state the error that it reached, measured by a probe
+        of a few positions.
     sampling
-        How finely to compute; None: what the tolerance needs.
+        Sampling of the computation; None: as the tolerance requires.
     out
-        H file to write, streamed plane by plane; None keeps H in memory.
+        H file to write, plane by plane; None keeps H in memory.
     dtype, compression
         As in `PSFWriter`.
     workers
-        Threads over source rows; None takes all processors.
+        Number of threads over source rows; None: all processors.
     provenance
-        Further provenance to keep in the file; plain JSON types.
+        Further provenance to store in the file; plain JSON types.
     store_tolerance
-        In a file, in place of ``dtype``: the share (L1) that each pattern may lack beside what was computed; see
+        For a file, instead of ``dtype``: the share (L1) that each pattern may lose relative to the computed one; see
         `PSFWriter`.
     run
-        Compute into a file in units of a plane, with effects of the catalogue: by whom, and what becomes of an earlier
-        run. Planes that are done stay for the next run.
+        Compute into a file in units of a plane, with effects of the catalogue, with this executor and treatment of an
+        earlier run. Finished planes stay for the next run.
 
     Yields
     ------
     Progress
-        In rows; closing the generator leaves nothing half-written.
+        In rows; closing the generator leaves no incomplete file.
 
     Returns
     -------
@@ -219,7 +219,7 @@ def iter_simulate_psf(
     InputError
         If plan and effects do not fit, or H is too large for memory.
     EnergyError
-        If more light came out of a response than went in: the sampling is too coarse.
+        If a response has more light than its input, because the sampling is too coarse.
     StorageError
         If the file cannot be written.
 

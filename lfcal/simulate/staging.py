@@ -46,13 +46,13 @@ def scene_of(
     Parameters
     ----------
     z_um, virtual_depth
-        The plane, one of the two; neither is the native plane.
+        The plane, given by one of the two; none means the native plane.
     cutout, period
         Pixels ``(nt, ns)`` of a response, and source positions ``(ny, nx)``; None: the camera's period, rounded.
     anchor_px
         Source position (0, 0) as (y, x) pixels from the centre of a type-0 micro-image.
     gap_um
-        Distance from lenslets to sensor where it is not the camera's; the image stays where it is.
+        Distance from lenslets to sensor, if it differs from the camera's; the image does not move.
     overrides
         Fields of `Scene` to set, for example ``pupil_um=math.inf`` for a telecentric model.
 
@@ -179,7 +179,7 @@ def ideal_scene(plan: ScanPlan, outlook: Outlook, *, halo: int = 0, on_sensor: b
         lenslet_diffraction=False,
         offsets_um=offsets,
     )
-    # the sharpest type for all lenslets: lens types are an effect of their own
+    # the sharpest type for all lenslets: lens types are a separate effect
     types = (camera.lattice.types[sharpest],) * len(camera.lattice.types)
     return replace(scene, lattice=replace(scene.lattice, types=types))
 
@@ -205,7 +205,7 @@ def scene_for(
 
 
 def resolve_level(scene: Scene, level: str = "auto") -> tuple[Scene, str]:
-    """Return the scene and the engine's level: ``auto`` follows rays unless an effect calls for waves.
+    """Return the scene and the engine's level: ``auto`` uses rays unless an effect needs waves.
 
     A named wave level always computes lenslet diffraction; ``microscope`` is the Debye path.
     """

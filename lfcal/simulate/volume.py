@@ -183,16 +183,16 @@ def points(shape: tuple[int, int, int], count: int, rng: np.random.Generator, ma
 def vesicle(
     shape: tuple[int, int, int], radius: float, wall: float = 1.5, plane_step: float | None = None
 ) -> NDArray[np.float32]:
-    """Return a hollow sphere in the middle of the volume: a Gaussian wall of rms ``wall``, peak 1.
+    """Return a hollow sphere in the middle of the volume: a Gaussian wall of rms ``wall``, with peak 1.
 
     Parameters
     ----------
     shape
         ``(nz, rows, columns)``.
     radius, wall
-        In voxels of a plane.
+        Radius and wall in voxels of a plane.
     plane_step
-        Distance of neighbouring planes in voxels of a plane; None: the sphere just fills the planes.
+        Distance of neighbouring planes in voxels of a plane; None: such that the sphere just fills the planes.
 
     Examples
     --------

@@ -1,8 +1,8 @@
-"""Tasks: what can be asked for, each one record of which command, form, script and job file are made.
+"""Tasks: one record for each operation, from which command, form, script and job file are generated.
 
 - ``task``: the base of all tasks, and how a task is run
-- ``sets``: every task by the name of its command
-- ``text``: tasks as commands, Python and job files
+- ``sets``: all tasks by the names of their commands
+- ``text``: conversion of tasks to commands, Python and job files
 - ``assembly``: frames to H
 - ``transpose``, ``reduce``, ``export``, ``inspect``: H to HT, to a smaller file, to other programs, and its quality
 - ``reconstruct``: light-field frames to volumes
@@ -10,7 +10,7 @@
 - ``target_frames``, ``cameras``, ``matrices``: inputs as tasks open them
 - ``acquire``: recordings of scans, regions and targets, and until H is good enough
 - ``plan``, ``plan_fit``, ``plan_target``: scans, positions for a fit, frames of a target
-- ``outputs``: what may be written where
+- ``outputs``: rules for output files
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""One colour of the frames, or an H file of each."""
+"""H of one colour of the frames, or one H file for each colour."""
 
 from __future__ import annotations
 
@@ -20,9 +20,8 @@ __all__ = ["ChannelPart", "open_colour", "parts_of"]
 class ChannelPart:
     """One H file to make.
 
-    ``name`` is the colour that was asked for, empty for the frames as they are. ``plan`` is the plan that H is made by;
-    frames are described by the scan's own. ``channel`` is that of a mosaic, empty where the frames are one colour
-    already.
+    ``name`` is the requested colour, empty for the frames unchanged. ``plan`` is the plan of this H, which the scan's
+    own plan may differ from. ``channel`` is the channel of a mosaic, empty if the frames already have one colour.
     """
 
     source: Frames
@@ -33,7 +32,7 @@ class ChannelPart:
 
 
 def open_colour(opened: Callable[..., tuple[Frames, ScanPlan]], channel: str) -> tuple[Frames, ScanPlan]:
-    """Return frames and plan; of colour images the component that ``channel`` names, green for ``"each"``."""
+    """Return frames and plan; for colour images those of the component ``channel``, green for ``"each"``."""
     from lfcal.frames import open_component
 
     try:
@@ -46,7 +45,7 @@ def open_colour(opened: Callable[..., tuple[Frames, ScanPlan]], channel: str) ->
 def parts_of(
     channel: str, source: Frames, plan: ScanPlan, out: Path, reopen: Callable[[str], Frames], *, quiet: bool = False
 ) -> list[ChannelPart]:
-    """Return what is to be made of the frames.
+    """Return the H files to make from the frames.
 
     Parameters
     ----------
@@ -55,11 +54,11 @@ def parts_of(
     source, plan
         The frames, opened with the component ``channel`` (green for ``"each"``), and the plan of their scan.
     out
-        H file; with ``"each"`` the colour's name is put to its end: ``H_R.h5``.
+        H file; with ``"each"`` the colour's name is appended: ``H_R.h5``.
     reopen
-        Opens the frames with another component.
+        Function that opens the frames with another component.
     quiet
-        Say nothing of what a colour has of the scan.
+        Do not report how much of the scan each colour contains.
     """
     from lfcal.frames import COMPONENTS, ThinnedSource, colour_scan, colours_of
 

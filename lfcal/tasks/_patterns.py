@@ -1,4 +1,4 @@
-"""Patterns to fit or to predict: those of an H file, or of frames, of which only the chosen positions are cut out."""
+"""Patterns to fit or predict, from an H file or from frames of which only the chosen positions are cut out."""
 
 from __future__ import annotations
 
@@ -44,14 +44,14 @@ __all__ = [
 ]
 
 SOME = 40
-"""Positions that are taken of a source that has more."""
+"""Number of positions used from a source that has more."""
 
 NO_PLACE = ", (z, y, x) = (0, 0, 0)"
-"""What errors say of the position of a frame that has none."""
+"""Words by which errors name a frame's position."""
 
 
 def _read_noise(text: str) -> tuple[float, float] | None:
-    """Return constant and slope of a variance written as ``64,1``; None for empty."""
+    """Return constant and slope of a variance written as ``64,1``; None for an empty text."""
     if not text.strip():
         return None
     try:
@@ -69,8 +69,8 @@ def _read_noise(text: str) -> tuple[float, float] | None:
 
 
 def noise_field(empty: str = "as the source states") -> tuple[float, float] | None:
-    """Declare the field ``noise`` of a task; ``empty``: what applies if it is not set."""
-    words = "CONSTANT,SLOPE: a sample of value v has the variance constant + slope v."
+    """Declare the field ``noise`` of a task; ``empty`` says what applies if it is not set."""
+    words = "Variance of a sample as CONSTANT,SLOPE: a sample of value v has the variance constant + slope v."
     return opt(None, words, empty=empty, read=_read_noise, show=lambda value: f"{value[0]!r},{value[1]!r}")
 
 
@@ -81,35 +81,35 @@ def positions_field(help: str) -> int | None:
 
 def orientation_field() -> str:
     """Declare the field ``orientation`` of a task that reads frames."""
-    words = "What turns the frames upright, as when H is assembled."
+    words = "How to turn the frames upright, as in lfcal assemble."
     return opt("check", words, choices=orientations, read=read_orientation)
 
 
 def most_taken(asked: int | None, aside: Sequence[object]) -> int:
-    """Return how many positions are taken, 0 for all: by default 40, or all of a session that chose them."""
+    """Return the number of positions to use, 0 for all; by default 40, or all in a session of chosen positions."""
     return (0 if aside else SOME) if asked is None else asked
 
 
 @dataclass(frozen=True)
 class PatternReading:
-    """How patterns are read.
+    """Settings for reading patterns.
 
     Attributes
     ----------
     camera
         The camera as described; None takes that of H or of the plan.
     most
-        Positions that are taken, spread evenly; 0: all; None: 40, or all of a session of chosen positions.
+        Number of positions to use, spread evenly; 0: all; None: 40, or all of a session of chosen positions.
     noise
-        Constant and slope of a sample's variance; None takes what the source states.
+        Constant and slope of a sample's variance; None uses what the source states.
     plan
-        Scan plan of frames, and of an H that has no camera.
+        Scan plan of frames, or of an H that has no camera.
     recipe
         Corrections of frames; None: the sources are H.
     orientation
-        What makes frames upright.
+        Operation that turns the frames upright.
     fit
-        A fit whose positions are not taken, where the source is of the scan that was fitted.
+        A fit whose positions are left out if the source is the scan that was fitted.
     """
 
     camera: Camera | None = None
@@ -121,7 +121,7 @@ class PatternReading:
     fit: StoredFit | None = None
 
     def described(self, matrix: PSFMatrix, source: Path) -> PSFMatrix:
-        """Return H with a camera: of one that has none the plan says camera, depths and anchor."""
+        """Return H with a camera; without its own, camera, depths and anchor come from the plan."""
         from lfcal.camera import ScanPlan
         from lfcal.psf import PSFMatrix
 
@@ -141,7 +141,7 @@ class PatternReading:
 
 
 def names_of(sources: Sequence[Path]) -> list[str]:
-    """Return what the regions are called, as their files or folders are; raises `InputError` if two have one name."""
+    """Return the names of the regions, from their files or folders; raises `InputError` if two are equal."""
     from lfcal.fit import REPORT
 
     names = [path.stem if path.suffix else path.name for path in sources]
@@ -154,7 +154,7 @@ def names_of(sources: Sequence[Path]) -> list[str]:
 
 
 def is_matrix(path: Path) -> bool:
-    """Return whether a file holds H; an HDF5 file of any other kind is taken for frames."""
+    """Return whether a file holds H; any other HDF5 file is treated as frames."""
     suffix = path.suffix.lower()
     if path.is_dir() or suffix not in (".h5", ".hdf5", ".npy", ".mat", ".lfc"):
         return False
@@ -169,7 +169,7 @@ def is_matrix(path: Path) -> bool:
 
 @contextmanager
 def own_words(without: str = "") -> Iterator[None]:
-    """Let errors name no option that this command lacks, nor ``without``, a position that nobody gave."""
+    """Remove from errors options that this command lacks, those in ``without``, and positions not given."""
     try:
         yield
     except LfcalError as error:
@@ -183,13 +183,13 @@ def own_words(without: str = "") -> Iterator[None]:
 
 
 def open_upright(path: Path, *, quiet: bool = False) -> PSFMatrix:
-    """Return the H of a file, which may hold HT."""
+    """Return the H of a file, which may also hold HT."""
     matrix = open_matrix(path, quiet=quiet)
     return matrix.T if matrix.is_transposed else matrix
 
 
 def iter_patterns(source: Path, how: PatternReading) -> Work[tuple[Measured, dict[str, Any]]]:
-    """Return the patterns of a source, and what is known of it for the provenance of what is made of them."""
+    """Return the patterns of a source, and what the provenance of results should say about it."""
     import numpy as np
 
     from lfcal.camera import ScanPlan
@@ -226,7 +226,7 @@ def iter_patterns(source: Path, how: PatternReading) -> Work[tuple[Measured, dic
 def _left(
     source: Path, index: NDArray[np.intp], how: PatternReading, plan: ScanPlan, aside: Sequence[object] = ()
 ) -> NDArray[np.intp]:
-    """Return positions that were not fitted, spread evenly, no more than are asked for."""
+    """Return positions that were not fitted, spread evenly, at most the number requested."""
     from lfcal.fit import spread_out
 
     most, fit = most_taken(how.most, aside), how.fit
@@ -241,12 +241,12 @@ def _left(
 def _noise_of(
     matrix: PSFMatrix, source: Path, given: tuple[float, float] | None
 ) -> tuple[tuple[float, float] | None, str]:
-    """Return the noise to give for H, None where it states a variance, and in words where that is known from.
+    """Return the noise to use, None if H states a variance, and a description of its source if it was derived.
 
     Raises
     ------
     InputError
-        If the noise is not known, or H states that of samples above a black level.
+        If the noise is unknown, or H states it for samples above a black level.
     """
     import numpy as np
 
@@ -260,7 +260,7 @@ def _noise_of(
     known = matrix.facts.noise
     stated = None if known is None else known[matrix.recorded > 0]
     if stated is not None and np.isfinite(stated).all():
-        # of samples above a black level the variance begins there, and at 0 it would be below nothing
+        # the variance of samples above a black level starts at that level; at 0 it would be negative
         if (stated[:, 0] < 0).any():
             wanted, remedy = "without their black level", "name --dark, or --black-level"
             raise InputError.expected(f"{source}, samples", wanted, "with it", remedy)
@@ -280,13 +280,13 @@ LISTED = ("--order", "--manifest", "--pattern")
 
 
 def assembled_first(source: Path, plan: Path | None, *options: str) -> str:
-    """Return the remedy: assemble H of ``source`` with options, and fit that H."""
+    """Return the remedy: assemble H of ``source`` with the given options, then fit that H."""
     words = ["lfcal", "assemble", str(source), *(["--plan", str(plan)] if plan else []), *options, "-o", "H.h5"]
     return f"type {shlex.join(words)}, then lfcal fit H.h5"
 
 
 def of_one_channel(source: Path, plan: Path | None, colours: Sequence[str]) -> str:
-    """Return the remedy where frames are of several ``colours``: green, which has the most light, or the first."""
+    """Return the remedy for frames of several ``colours``: green, which has the most light, or the first."""
     green = [name for name in ("G", "G1") if name in colours]
     return assembled_first(source, plan, "--channel", [*green, *colours][0])
 
@@ -294,10 +294,10 @@ def of_one_channel(source: Path, plan: Path | None, colours: Sequence[str]) -> s
 def without_positions(
     error: InputError, source: Path, plan: Path | None, recipe: CorrectionRecipe | None, matrix: Path | None = None
 ) -> InputError:
-    """Return ``error`` with the command to type, where it is about positions that ``source`` does not state.
+    """Return ``error`` with the command to type, if it is about positions that ``source`` does not state.
 
-    ``plan`` and ``recipe`` are those that were given; frames that lie in one folder below are named. ``matrix``: the H
-    that is checked by the frames, in which positions can be found.
+    ``plan`` and ``recipe`` are those that were given. If all frames are in one subfolder, the message names it.
+    ``matrix`` is the H to check with the frames; positions can be found in it.
     """
     said, _, remedy = str(error).partition("; ")
     if not any(option in remedy for option in LISTED):
@@ -338,7 +338,7 @@ def _below(source: Path, plan: Path | None) -> Path | None:
 
 
 def check_colours(source: Path, frames: FrameSource, plan: ScanPlan, remedy: Callable[[Sequence[str]], str]) -> None:
-    """Raise `InputError` where frames are of several colours; ``remedy`` says of these what to do."""
+    """Raise `InputError` if frames have several colours; ``remedy`` returns what to do about them."""
     from lfcal.frames import colours_of
 
     if colours := colours_of(frames, plan):
@@ -351,7 +351,7 @@ def iter_upright_scan(
 ) -> Work[tuple[FrameSource, ScanPlan, dict[str, Any]]]:
     """Return the frames of a scan, corrected and upright, their plan, and how they were turned.
 
-    ``remedy`` as of `check_colours`.
+    ``remedy`` is as in `check_colours`.
     """
     from lfcal.frames import corrected_view, oriented
     from lfcal.psf import iter_upright
@@ -369,9 +369,9 @@ def iter_upright_scan(
 def _iter_picked(
     source: Path, how: PatternReading, stack: ExitStack
 ) -> Work[tuple[PSFMatrix, dict[str, Any], list[list[int]]]]:
-    """Return patterns of positions of a folder of frames or a session, corrected and cut out, and which to keep aside.
+    """Return patterns of a folder of frames or a session, corrected and cut out, and which to hold out.
 
-    Of a session of positions chosen for a fit all are taken, unless their number is given.
+    All positions of a session chosen for a fit are used, unless their number is given.
     """
     import numpy as np
 
@@ -383,7 +383,7 @@ def _iter_picked(
             source, how, stack, lambda colours: of_one_channel(source, how.plan, colours)
         )
     except FileFormatError as error:
-        # the library's word for it is not an option here
+        # the library's argument is not an option of this command
         one = of_one_channel(source, how.plan, "RGB")
         raise FileFormatError(str(error).replace(' (colour="G")', f": {one}")) from None
     except InputError as error:
@@ -399,7 +399,7 @@ def _iter_picked(
         noise = scan_noise(view, plan) if how.noise is None else None
         matrix = yield from iter_pick(view, plan, taken, noise=noise)
     known: dict[str, Any] = {"source": source.name, "corrections": view.metadata.corrections, **lie}
-    # when other frames were recorded is not known: the times of their files are those of a copy
+    # the recording time of other frames is unknown: their file times may be those of a copy
     if (source / NAME).is_file() and (runs := SessionFile.read(source).runs):
         known = {"recorded": runs[-1].ended or runs[-1].started} | known
     return matrix, known, aside if len(taken) == len(index) else []

@@ -1,4 +1,4 @@
-"""How a recording is watched, stopped and finished, whatever its plan is."""
+"""Supervising, stopping and finishing a recording, for every kind of plan."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SUSPECTS = "suspects.json"
 
 
 def pairs(options: tuple[str, ...]) -> dict[str, str]:
-    """Return the options of a backend, written as NAME=VALUE."""
+    """Return a backend's options, written as NAME=VALUE."""
     found = {}
     for text in options:
         key, sign, value = text.partition("=")
@@ -37,10 +37,10 @@ def pairs(options: tuple[str, ...]) -> dict[str, str]:
 
 
 def check_ready(plan: ScanPlan, rig: Rig, options: Options, *, resumed: bool, begun: bool) -> None:
-    """Raise for a camera that changes samples automatically, or dark frames without a switched light.
+    """Raise for a camera with automatic changes of samples, or for dark frames without a switchable light.
 
-    What is allowed to stay automatic is reported. A session that is ``resumed`` is compared with its own camera
-    settings first, which gives the clearer message; one that was ``begun`` has its dark frames.
+    What is allowed to stay automatic is reported. A ``resumed`` session is first compared with its stored camera
+    settings, which gives the clearer message. A session that has ``begun`` already has its dark frames.
     """
     from lfcal.acquire import check_devices, check_fixed, check_light
 
@@ -54,23 +54,23 @@ def check_ready(plan: ScanPlan, rig: Rig, options: Options, *, resumed: bool, be
 
 
 class Cover:
-    """A person who covers the lens, in place of a light that can be switched."""
+    """A person who covers the lens, instead of a switchable light."""
 
     waits = False  # no driver: a person may take any time
 
     def switch(self, on: bool) -> None:
-        """Ask for it and wait for the Enter key."""
+        """Ask the person, and wait for the Enter key."""
         from lfcal.devices import DeviceError
 
         tell(f"{'uncover' if on else 'cover'} the lens, then press Enter")
-        # end of input: without a person, the frames would be taken of a lens that is not covered.
+        # end of input: nobody can cover the lens, so the dark frames would be wrong.
         if not sys.stdin.readline():
             raise DeviceError("lens cover: no answer; run in a terminal, or record without darks (--darks 0)")
 
 
 @contextmanager
 def stoppable(control: Control) -> Iterator[list[int]]:
-    """Let Ctrl-C, a hang-up and the request to terminate stop in order, a second one abort; yield those that came."""
+    """Stop in order at Ctrl-C, hang-up or a request to end, abort at a second one; yield the signals."""
     came: list[int] = []
 
     def asked(number: int, _: object) -> None:
@@ -79,7 +79,7 @@ def stoppable(control: Control) -> Iterator[list[int]]:
             control.abort()
         else:
             control.stop()
-            tell("stopping after this position; Ctrl-C again stops at once")
+            tell("stopping after this position; Ctrl-C again stops immediately")
 
     before = {}
     if threading.current_thread() is threading.main_thread():
@@ -94,14 +94,14 @@ def stoppable(control: Control) -> Iterator[list[int]]:
 
 
 def followed(work: Work[R], control: Control, alarms: Callable[[], tuple[Finding, ...]]) -> Work[R]:
-    """Pass on a recording; report each alarm once, each hold and its end, and what of the stage was not checked."""
+    """Pass on a recording; report alarms once, holds and their ends, and stage checks that were not done."""
     from lfcal.acquire.setup import STAGE
 
     held, reported, look = "", set[str](), time.monotonic() + ALARM_EVERY_S
     try:
         while True:
             record = next(work)
-            # the words before the figures stay while a wait counts down
+            # the words before the numbers stay the same while a wait counts down
             if control.held.partition(":")[0] != held.partition(":")[0]:
                 tell(f"on hold: {control.held}" if control.held else "recording again")
                 held = control.held
@@ -122,13 +122,13 @@ def followed(work: Work[R], control: Control, alarms: Callable[[], tuple[Finding
 
 
 def list_suspects(out: Path, outcome: Outcome) -> dict[str, Any]:
-    """Write the list of suspect positions into the session's folder; return it, and where it is, if there are any."""
+    """Write the list of suspect positions into the session's folder, if any; return it and its path."""
     from lfcal.acquire import read_suspects
 
     path = out / SUSPECTS
     found = read_suspects(out) if outcome.acknowledged else None
     if found is None or not found.positions:
-        path.unlink(missing_ok=True)  # of an earlier run: recorded again since
+        path.unlink(missing_ok=True)  # from an earlier run: these positions have been recorded again
         return {}
     found.write(path)
     return {"suspects": found, "redo": path}

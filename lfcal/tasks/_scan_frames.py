@@ -1,4 +1,4 @@
-"""Frames of a scan together with the plan that they were recorded by, as several commands are given them."""
+"""Frames of a scan together with their plan, as several commands receive them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["ScanFrames", "find_plan", "no_plan", "orientations", "origin_field",
 
 
 def orientations() -> tuple[str, ...]:
-    """Return what may turn frames upright, by the names of options."""
+    """Return the orientations that can turn frames upright, by the names of options."""
     from lfcal.frames import ORIENTATIONS
     from lfcal.psf import AUTO, CHECK
 
@@ -28,13 +28,13 @@ def orientations() -> tuple[str, ...]:
 
 def origin_field(empty: str) -> str:
     """Declare the field ``origin`` of a task that reads frames."""
-    words = "Sensor row and column of the first pixel (ROW,COLUMN), of frames that are a part of the sensor."
+    words = "Sensor row and column of the first pixel (ROW,COLUMN), for frames that show a part of the sensor."
     return opt("", words, unit="px", empty=empty, more=True)
 
 
 @dataclass(frozen=True)
 class ScanFrames:
-    """Where frames and their plan lie, and how they are told apart: options of ``lfcal assemble``, by its words."""
+    """Location of frames and plan, and how frames are assigned to positions, as options of ``lfcal assemble``."""
 
     frames: Path
     plan: Path | None = None
@@ -50,18 +50,18 @@ class ScanFrames:
 
     @property
     def beside(self) -> Path | None:
-        """The folder of the frames that a list names."""
+        """Folder of the frames that a list names."""
         from lfcal.frames import TABLES
 
         return self.frames.parent if self.frames.suffix.lower() in TABLES else None
 
     def open(self, colour: str = "") -> tuple[Frames, ScanPlan]:
-        """Return the frames and the plan they were recorded by: the one named, their own, or the one that lies there.
+        """Return the frames and their plan: the one named, their own, or the one found next to them.
 
         Raises
         ------
         InputError
-            If there is no plan, or the one named is not of the scan that the frames belong to.
+            If there is no plan, or the one named belongs to another scan.
         """
         from lfcal.frames import open_frames
 
@@ -97,7 +97,7 @@ class ScanFrames:
         return source, found
 
     def files(self, source: Frames) -> list[str]:
-        """Return the files that the frames of ``source``, opened by this, are read from, with lists and plan."""
+        """Return all files that the frames of ``source`` are read from, with lists and plan."""
         from lfcal.frames import FolderSource, files_of
 
         named = [*files_of(self.frames), *_plans(self.frames, self.plan), *files_of(self.manifest)]
@@ -107,7 +107,7 @@ class ScanFrames:
 
 
 def find_plan(frames: Path, plan: Path | None) -> ScanPlan | None:
-    """Return the plan of a file, or of ``plan.json`` in or above the folder of the frames; None without one."""
+    """Return the plan in a file, or in ``plan.json`` in or above the folder of the frames; None without one."""
     from lfcal.camera import ScanPlan
 
     places = _plans(frames, plan)
@@ -117,7 +117,7 @@ def find_plan(frames: Path, plan: Path | None) -> ScanPlan | None:
 
 
 def _plans(frames: Path, plan: Path | None) -> list[Path]:
-    """Return where a plan lies: beside the frames, or one folder above, where lfcal simulate puts it."""
+    """Return the path of a plan: next to the frames, or one folder above, where lfcal simulate writes it."""
     folder = _folder(frames)
     return [plan] if plan else [p for p in (folder / "plan.json", folder.parent / "plan.json") if p.is_file()]
 
@@ -137,7 +137,7 @@ def no_plan(folder: Path) -> InputError:
 
 
 def tell_size(shape: tuple[int, int], camera: Camera, *, folder: str = "the frames", channel: str = "") -> None:
-    """Warn where frames are no whole pictures of the camera's sensor, upright, turned or one colour of a mosaic."""
+    """Warn if frames are not whole pictures of the camera's sensor, upright, turned or one colour of a mosaic."""
     from lfcal.frames import binned
 
     sizes = {shape, shape[::-1]}

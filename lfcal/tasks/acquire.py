@@ -1,4 +1,4 @@
-"""Recording: a scan, regions of the field, frames of a target, or positions until H is good enough."""
+"""Record a scan, regions of the field, frames of a target, or positions until H is accurate enough."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = ["ACQUIRE", "Acquire", "AcquireRegions", "AcquireTarget", "AcquireUnti
 TARGET, SESSION = "lfcal-target-plan", "session.json"
 
 NAMES = {"margin": "margin_px", "steady": "steady_s", "tolerance": "tolerance_um", "overshoot": "overshoot_um"}
-"""Options of a session whose names say their unit, by the names of the fields."""
+"""Units of options in a session whose names include the unit, by field name."""
 
 
 def _numbers(text: str) -> tuple[float, ...]:
@@ -39,7 +39,7 @@ def _numbers(text: str) -> tuple[float, ...]:
 
 
 NUMBERS: dict[str, Any] = {"read": _numbers, "show": show_planes, "more": True}
-"""How fields of several numbers are read."""
+"""Attributes of fields that hold several numbers."""
 
 
 def _groups() -> tuple[str, ...]:
@@ -68,9 +68,9 @@ def read_plan(path: Path) -> ScanPlan | TargetPlan | RegionPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedSession(TaskResult):
-    """What a recording into the folder ``out`` would cost; nothing was moved or written.
+    """Forecast cost of a recording into the folder ``out``; nothing was moved or written.
 
-    ``assumed`` names what of the camera is assumed, and ``optics`` how the simulator computes frames.
+    ``assumed`` names the assumed values of the camera, and ``optics`` how the simulator computes frames.
     """
 
     out: Path
@@ -89,8 +89,8 @@ class PlannedSession(TaskResult):
 class RecordedSession(TaskResult):
     """A session that was recorded, or stopped by the signal ``ended_by``.
 
-    The ``facts`` are what was seen and made, by name. A session that ends by the error of H states in ``adapted`` how
-    it ended. An ``error`` is one that came after the last frame; the recording is whole.
+    ``facts`` holds observations and products by name. A session that ends at a target error of H states in ``adapted``
+    how it ended. ``error`` is one that occurred after the last frame; the recording is complete.
     """
 
     out: Path
@@ -102,9 +102,9 @@ class RecordedSession(TaskResult):
     error: LfcalError | None
 
     def exit_code(self) -> int:
-        """Return 128 and the signal of a session that was stopped: scripts must be able to see it.
+        """Return 128 plus the signal number of a session that was stopped, so that scripts can detect it.
 
-        Raises what went wrong after the last frame.
+        Raises the error that occurred after the last frame, if any.
         """
         if self.error is not None:
             tell(f"the recording is complete; lfcal assemble {self.out} makes H of it")
@@ -119,7 +119,7 @@ class RecordedSession(TaskResult):
 
 @record
 class _Acquire(Task):
-    """What all kinds have."""
+    """Fields of all kinds of recordings."""
 
     name: ClassVar[str] = "acquire"
     resumes: ClassVar[bool] = True
@@ -131,9 +131,15 @@ class _Acquire(Task):
     )
     out: Path = required("Session folder.", label="Session folder", short="-o", file="out")
     backend: str = opt("sim", "Devices; lfcal doctor lists them.", label="Devices", short="-b")
-    stage: str = opt("", "Devices of the stage, if they are others.", label="Stage", empty="as the camera", more=True)
+    stage: str = opt(
+        "",
+        "Devices of the stage, if they differ from those of the camera.",
+        label="Stage",
+        empty="as the camera",
+        more=True,
+    )
     option: tuple[str, ...] = opt(
-        (), "Option of the devices, NAME=VALUE.", label="Options of the devices", empty="none"
+        (), "Option of the devices, NAME=VALUE. May be repeated.", label="Options of the devices", empty="none"
     )
     bracket: str | tuple[float, ...] | None = opt(
         None,
@@ -143,7 +149,11 @@ class _Acquire(Task):
         **NUMBERS,
     )
     darks: int | None = opt(
-        None, "Number of frames averaged into each dark frame; 0: none.", label="Dark frames", at_least=0, empty="8"
+        None,
+        "Number of frames averaged into each dark frame; 0: no dark frames.",
+        label="Dark frames",
+        at_least=0,
+        empty="8",
     )
     dark_every: int | None = opt(
         None,
@@ -158,7 +168,7 @@ class _Acquire(Task):
     )
     reference_every: int | None = opt(
         None,
-        "Take a frame that shows the drift of the lamp after this number of positions; 0: none.",
+        "Record a reference frame, which shows the drift of the lamp, after this number of positions; 0: never.",
         label="Reference frame every",
         at_least=0,
         empty="100",
@@ -169,7 +179,7 @@ class _Acquire(Task):
     )
     on_suspect: str | None = opt(
         None,
-        "What to do with frames whose content stays suspicious: stop, or flag the position.",
+        "What to do if the content of a frame stays suspicious: stop, or flag the position.",
         label="Suspicious frames",
         choices=("stop", "flag"),
         empty="stop",
@@ -177,20 +187,20 @@ class _Acquire(Task):
     )
     allow_automatic: bool = opt(
         False,
-        "Record although the exposure, gain or black level of the camera stays automatic, or its gamma on.",
+        "Record although the exposure, gain or black level of the camera stays automatic, or its gamma stays on.",
         label="Allow automatic",
         more=True,
     )
     suspend: tuple[str, ...] = opt(
         (),
-        "Hold while a gauge, or the last number of a file, is out of bounds: GAUGE=LOW:HIGH.",
+        "Hold the recording while a gauge, or the last number in a file, is out of bounds: GAUGE=LOW:HIGH.",
         label="Hold by gauges",
         empty="none",
         more=True,
     )
     steady: float | None = opt(
         None,
-        "Time that all gauges must be within bounds before a hold ends.",
+        "Time for which all gauges must be within bounds before a hold ends.",
         label="Steady for",
         unit="s",
         at_least=0,
@@ -213,7 +223,7 @@ class _Acquire(Task):
         **NUMBERS,
     )
     keep_free: float | None = opt(
-        None, "Disk space that stays free.", unit="GB", at_least=0, empty="a tenth of the recording", more=True
+        None, "Disk space to keep free.", unit="GB", at_least=0, empty="a tenth of the recording", more=True
     )
     origin: str | tuple[float, ...] | None = opt(
         None, "Stage coordinates X,Y,Z of the sensor's centre.", unit="µm", empty="as planned", **NUMBERS
@@ -227,7 +237,7 @@ class _Acquire(Task):
     )
     check_origin: bool = opt(
         True,
-        "Do not compare the last position with its frame where a session continues.",
+        "Do not compare the last position with its frame when a session continues.",
         label="Check the origin",
         more=True,
     )
@@ -238,7 +248,7 @@ class _Acquire(Task):
     dry_run: bool = opt(False, "Check everything and show the cost; move nothing.", label="Only check")
     frame_rate: float | None = opt(
         None,
-        "Largest frame rate of the camera, for the time of a dry run.",
+        "Largest frame rate of the camera, for the forecast time of a dry run.",
         unit="frames/s",
         above=0,
         empty="readout is not counted",
@@ -247,7 +257,7 @@ class _Acquire(Task):
     )
 
     def __post_init__(self) -> None:
-        """Check every value, and those that would have no effect."""
+        """Check every value, and reject values that would have no effect."""
         super().__post_init__()
         for name, given in (("--dark-every", self.dark_every is not None), ("--cover", self.cover)):
             if self.darks == 0 and given:
@@ -256,13 +266,13 @@ class _Acquire(Task):
             raise InputError.expected("--origin", "X,Y,Z in µm", show_planes(self.origin), "give three numbers")
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return its files: the session's folder is made, or continued, by the recording itself."""
+        """Return the files of the task; the recording itself makes or continues the session's folder."""
         if way == "out":
             return () if self.assemble is None else (self.assemble,)
         return (*super().files("in"), self.out)
 
     def options(self, session: Path | None = None) -> Options:
-        """Return the options that ``session`` began with, or else the defaults, changed by what is given."""
+        """Return the options that ``session`` began with, or the defaults, changed by those given."""
         from lfcal.acquire import Options, SessionFile
 
         values = {NAMES.get(row.name, row.name): (value_at(self, row), row.default) for row in rows_of(self)}
@@ -275,7 +285,7 @@ class _Acquire(Task):
         return replace(base, **{one.name: given[one.name] for one in fields(Options) if one.name in given})
 
     def iter_session(self, plan: Any, rig: Rig, options: Options, **how: Any) -> Any:
-        """Record with devices that are open; arguments as of `lfcal.acquire.iter_record`, whose work is returned."""
+        """Record with open devices; takes the arguments of `lfcal.acquire.iter_record`, and returns its generator."""
         from lfcal.acquire import RedoList, iter_record
 
         again, only = self._listed("redo"), self._listed("positions")
@@ -293,22 +303,22 @@ class _Acquire(Task):
 
     @property
     def _kept(self) -> dict[str, Any]:
-        """What the session keeps of the task."""
+        """The task's entries in the session."""
         return self.to_dict(absolute=True, outputs=False)
 
     def _listed(self, name: str) -> RedoList | None:
-        """Return the positions in the file that a field names; None: it names none."""
+        """Return the positions in the file that a field names; None if it names none."""
         from lfcal.acquire import RedoList
 
         path = self._given(name)
         return None if path is None else RedoList.read(path)
 
     def _given(self, name: str) -> Any:
-        """Return the value of a field; None where this kind has no such field."""
+        """Return the value of a field; None if this kind has no such field."""
         return next((value_at(self, row) for row in rows_of(self) if row.name == name), None)
 
     def _plan(self) -> Any:
-        """Return the plan, with the stage where it is given."""
+        """Return the plan, with the stage origin and axes if they are given."""
         found: Any = read_plan(self.plan)
         if self.origin is None:
             return found
@@ -320,11 +330,11 @@ class _Acquire(Task):
         return pairs(self.option)
 
     def _begun(self, run: RunSettings) -> Path | None:
-        """Return the session whose options apply: the one that is continued; None: a new one."""
+        """Return the session whose options apply: the one to continue; None for a new one."""
         return self.out if run.resume or self._given("redo") is not None else None
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[TaskResult, ...]]:
-        """Record until the end or a signal, and assemble H where asked."""
+        """Record until the end or a signal, then assemble H if requested."""
         from lfcal.acquire import Control, optics_of
         from lfcal.devices import open_rig
 
@@ -337,7 +347,7 @@ class _Acquire(Task):
         assumed = tuple(scan.camera.marks.paths("assumed"))
         with open_rig(scan, self.backend, devices, stage=self.stage) as rig:
             optics = optics_of(rig)
-            # a light that can be switched makes it unnecessary to cover the lens.
+            # with a switchable light, the lens need not be covered.
             if self.cover and rig.light is None:
                 rig = replace(rig, light=Cover())
             if self.dry_run:
@@ -355,7 +365,7 @@ class _Acquire(Task):
         return ((yield from self._iter_ended(found, facts, next(iter(asked), signal.SIGINT), run)),)
 
     def _watching(self, plan: Any, options: Options, begun: Path | None) -> tuple[Any, Callable[[], dict[str, Any]]]:
-        """Return the observers of a recording, and what returns the facts that they have seen."""
+        """Return the observers of a recording, and a function that returns the facts they collected."""
         from lfcal.acquire import LiveQuality, window_shape
 
         quality = LiveQuality(plan, window_shape(plan, options))
@@ -373,7 +383,7 @@ class _Acquire(Task):
             try:
                 facts |= {} if self.assemble is None else (yield from self._iter_assembled(self.assemble, run))
                 facts |= (yield from self._iter_packed()) if self.pack else {}
-            except LfcalError as caught:  # the frames are safe whatever became of H
+            except LfcalError as caught:  # the frames are safe even if H failed
                 error = caught
         known: dict[str, Any] = {"facts": facts, "alarms": alarms, "adapted": adapted, "error": error}
         return RecordedSession(out=self.out, outcome=outcome, ended_by=ended_by, **known)
@@ -393,7 +403,7 @@ class _Acquire(Task):
         from lfcal.records import AssemblySettings
         from lfcal.tasks.assembly import Assemble
 
-        # a complete session has every position once: a gap would be a defect, and is not to be filled quietly.
+        # a complete session has every position once: a gap would be a defect, which must not be filled silently.
         settings = AssemblySettings(strict=not SessionFile.read(self.out).redo[0])
         return Assemble(frames=self.out, out=out, settings=settings)
 
@@ -401,7 +411,7 @@ class _Acquire(Task):
         return (self.out,)
 
     def _iter_packed(self) -> Work[dict[str, Any]]:
-        """Compress the recordings; return the bytes gained."""
+        """Compress the recordings; return the number of bytes saved."""
         from lfcal.acquire import iter_finish
 
         gained = 0
@@ -418,7 +428,7 @@ class _Acquire(Task):
         return forecast(plan, rig, options, self.out, only=self._places(plan), frames_per_s=self.frame_rate)
 
     def _places(self, plan: Any) -> tuple[Position, ...]:
-        """Return the positions that are counted in a forecast; empty: all."""
+        """Return the positions that a forecast counts; empty: all."""
         only = self._listed("positions")
         return () if only is None else only.positions
 
@@ -426,7 +436,7 @@ class _Acquire(Task):
 def _again() -> Path | None:
     return opt(
         None,
-        "Record the positions of this list again, or further ones (from lfcal inspect or lfcal plan fit).",
+        "List of positions to record again or in addition (from lfcal inspect or lfcal plan fit).",
         label="Positions to record again",
         file="in",
         empty="none",
@@ -442,7 +452,7 @@ class AcquireTarget(_Acquire):
     redo: Path | None = _again()
 
     def _devices(self, plan: Any) -> dict[str, str]:
-        """Return the options of the devices, with the planned target before the simulator unless another is named."""
+        """Return the options of the devices; the simulator gets the planned target unless another is named."""
         if plan.lit is not None and self.backend != "sim":
             remedy = "show its pictures (lfcal plan target --patterns), and assemble the folder of frames"
             raise InputError.expected(str(self.plan), "a target that a stage moves", "frames of a display", remedy)
@@ -463,26 +473,31 @@ class AcquireTarget(_Acquire):
     def _assembly(self, out: Path) -> Assemble | AssembleTarget:
         from lfcal.tasks.assembly import AssembleTarget
 
-        # holes that are missing, or displaced, leave positions that nothing showed: not strict
+        # missing or displaced holes leave positions without a point: not strict
         return AssembleTarget(frames=self.out, out=out)
 
 
 @record
 class _AcquireScan(_Acquire):
-    """What recordings of single points have."""
+    """Fields of recordings of single points."""
 
     order: str | None = opt(
         None,
-        "plan: as planned. coarse: a first look at all planes, then finer.",
+        "Order of the positions. plan: as planned. coarse: all planes coarsely first, then finer.",
         choices=("plan", "coarse"),
         empty="plan",
     )
     margin: int | None = opt(
-        None, "Pixels kept around the cutout.", unit="px", at_least=0, empty="0, or 12 between pixels", more=True
+        None,
+        "Margin of pixels kept around the cutout.",
+        unit="px",
+        at_least=0,
+        empty="0, or 12 between pixels",
+        more=True,
     )
     controls: int | None = opt(
         None,
-        "Number of control frames for each plane and direction.",
+        "Number of control frames for each plane and direction of travel.",
         label="Control frames",
         at_least=0,
         empty="0",
@@ -499,11 +514,11 @@ class AcquireRegions(_AcquireScan):
     def _begun(self, run: RunSettings) -> Path | None:
         from lfcal.campaign import first_begun, is_regions
 
-        # what is no session of regions, the recording refuses
+        # the recording refuses anything but a session of regions
         return first_begun(self.out) if run.resume and is_regions(self.out) else None
 
     def iter_session(self, plan: Any, rig: Rig, options: Options, **how: Any) -> Any:
-        """Record every region; arguments as of `lfcal.campaign.iter_record_regions`."""
+        """Record every region; arguments are those of `lfcal.campaign.iter_record_regions`."""
         from lfcal.campaign import iter_record_regions
 
         return iter_record_regions(self.out, plan, rig, options, task=self._kept, **how)
@@ -547,7 +562,7 @@ class AcquireRegions(_AcquireScan):
 
 @record
 class AcquireUntil(_AcquireScan):
-    """Record positions of a scan, fit, and choose the next ones, until H is good enough.
+    """Record positions of a scan, fit, and choose the next ones, until H is accurate enough.
 
     Examples
     --------
@@ -576,14 +591,14 @@ class AcquireUntil(_AcquireScan):
 
     @property
     def goal(self) -> Goal:
-        """When it ends, and what is fitted."""
+        """Stopping rule, and what is fitted."""
         from lfcal.campaign import Goal
 
         groups: Any = "auto" if self.unknowns in ((), ("auto",)) else self.unknowns
         return Goal(self.until_error, most=self.most or None, unknowns=groups)
 
     def iter_session(self, plan: Any, rig: Rig, options: Options, **how: Any) -> Any:
-        """Record until the goal is reached; arguments as of `lfcal.campaign.iter_adaptive`."""
+        """Record until the goal is reached; arguments are those of `lfcal.campaign.iter_adaptive`."""
         from lfcal.campaign import iter_adaptive
 
         how = {"seen": lambda step: tell(str(step)), **how}
@@ -599,7 +614,7 @@ class AcquireUntil(_AcquireScan):
 
 @record
 class Acquire(_AcquireScan):
-    """Record a frame at each position of a plan, safe against any crash.
+    """Record a frame at each position of a plan; a crash loses no completed frame.
 
     Dark frames are taken first, with the light switched off. Ctrl-C ends after the current position, a second one
     immediately; `--resume` continues.
@@ -619,14 +634,14 @@ class Acquire(_AcquireScan):
     redo: Path | None = _again()
     positions: Path | None = opt(
         None,
-        "Record the positions of this list and no others (from lfcal plan fit).",
+        "Record only the positions of this list (from lfcal plan fit).",
         label="Positions",
         file="in",
         empty="all of the plan",
     )
 
     def __post_init__(self) -> None:
-        """Check every value, and that a list of positions is of a new session."""
+        """Check every value, and that a list of positions goes with a new session."""
         super().__post_init__()
         self._begun(RunSettings())
 
@@ -639,7 +654,7 @@ class Acquire(_AcquireScan):
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return which kind of recording the plan asks for."""
+    """Return the kind of recording that the plan needs."""
     from lfcal.camera import RegionPlan, ScanPlan
 
     plan = read_plan(Path(given["plan"]))

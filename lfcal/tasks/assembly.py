@@ -1,4 +1,4 @@
-"""Frames to H: of a scan, of several regions of the field, or of a target."""
+"""Assemble H from frames of a scan, of several regions of the field, or of a target."""
 
 from __future__ import annotations
 
@@ -51,15 +51,16 @@ __all__ = [
 ]
 
 RATE = 100e6
-"""Bytes of frames that are read, corrected and cropped in a second of processor time, about."""
+"""Approximate number of bytes of frames read, corrected and cropped per second of processor time."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Assembled(TaskResult):
-    """One H that was assembled.
+    """One assembled H.
 
-    ``name`` is that of its region or colour. ``out`` is the file of all regions; the matrix of a region is closed. Of a
-    target there are plan, points and ``facts`` of its frames; ``unused`` is the number of points that show no position.
+    ``name`` is that of its region or colour. ``out`` is the file of all regions; the matrix of a region is closed. For
+    a target there are the plan, the points and the ``facts`` of its frames, and ``unused``, the number of points that
+    show no position.
     """
 
     name: str = ""
@@ -105,7 +106,7 @@ class Assembled(TaskResult):
 
 @dataclass(frozen=True)
 class AssemblyRun:
-    """By whom one H is assembled, and how other processes open its frames."""
+    """Executor that assembles one H, and how other processes open its frames."""
 
     choice: RunChoice | None = None
     reopening: Reopening | None = None
@@ -114,7 +115,7 @@ class AssemblyRun:
 
 @record
 class _Assemble(Task):
-    """What all kinds have."""
+    """Fields of all kinds of assembly."""
 
     name: ClassVar[str] = "assemble"
 
@@ -127,7 +128,7 @@ class _Assemble(Task):
     out: Path = required("H file to write (.h5).", label="H file", short="-o", file="out")
     skip_damaged: bool = opt(
         False,
-        "Leave out frames that cannot be read, and list them. Every frame is read twice.",
+        "Leave out frames that cannot be read, and list them. To find them, every frame is read twice.",
         label="Leave out damaged frames",
         more=True,
     )
@@ -172,8 +173,8 @@ class AssembleRegions(_Assemble):
 
     orientation: str = opt(
         "check",
-        "What turns the frames upright: as-is, rot90, rot180, rot270 (anticlockwise), mirror-x (left to right), "
-        "mirror-y, transpose, anti-transpose. auto: find it. check: as-is, but stop if that is certainly wrong.",
+        "How to turn the frames upright: as-is, rot90, rot180, rot270 (anticlockwise), mirror-x (left to right), "
+        "mirror-y, transpose, anti-transpose. auto: find it. check: as-is, but stop if that is clearly wrong.",
         choices=orientations,
         read=read_orientation,
     )
@@ -188,7 +189,7 @@ class AssembleRegions(_Assemble):
     )
     half_cell: bool = opt(
         False,
-        "In a half-cell scan, use the pattern half a period away for a position that was not recorded.",
+        "In a half-cell scan, replace each unrecorded position by the pattern half a period away.",
         label="Half cell",
         more=True,
     )
@@ -196,7 +197,7 @@ class AssembleRegions(_Assemble):
     settings: AssemblySettings = panel(AssemblySettings(), "Cutout and storage", without=("store_tolerance",))
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Assembled, ...]]:
-        """Make H of each region, and one file of all."""
+        """Make H of each region, and one file with all of them."""
         from lfcal.campaign import read_regions, save_parts, temporary_parts
 
         known = {one.name: getattr(self, one.name) for one in fields(self)}
@@ -243,7 +244,7 @@ class Assemble(AssembleRegions):
     )
     columns: str = opt(
         "",
-        "What the columns of a list hold: file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp.",
+        "Contents of the columns of a list: file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp.",
         empty="by their names",
         more=True,
     )
@@ -278,7 +279,7 @@ class Assemble(AssembleRegions):
 
     @property
     def source(self) -> ScanFrames:
-        """How the frames are opened."""
+        """How to open the frames."""
         from lfcal.frames import parse_origin
 
         names = (
@@ -296,14 +297,14 @@ class Assemble(AssembleRegions):
         return ScanFrames(**{name: getattr(self, name) for name in names}, origin=parse_origin(self.origin))
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return its files; the frames of a manifest are in its folder, and each colour has its own H."""
+        """Return the files of the task; frames of a manifest are in its folder, and each colour has a separate H."""
         files, beside = super().files(way), self.source.beside
         if way == "out":
             return () if self.channel == "each" else files
         return (*files, beside) if beside else files
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Assembled, ...]]:
-        """Open, correct, crop and assemble one H, or one of each colour."""
+        """Open, correct, crop and assemble one H, or one for each colour."""
         from lfcal.frames import chosen_shift, is_part_of_sensor
 
         run, source = run or RunSettings(), self.source
@@ -311,7 +312,7 @@ class Assemble(AssembleRegions):
             frames, scan = open_colour(source.open, self.channel)
             stack.enter_context(frames)
             tell_assumed(scan.camera, "plan")
-            # a session knows which part of the sensor it recorded; of other frames the place has to be stated
+            # a session knows which part of the sensor it recorded; for other frames this must be stated
             placed = frames.metadata.plan is not None or bool(self.origin)
             if not (placed or is_part_of_sensor(frames.shape, scan.camera)):
                 tell_size(frames.shape, scan.camera, folder=str(self.frames), channel=self.channel)
@@ -336,7 +337,7 @@ class Assemble(AssembleRegions):
     def _iter_colour(
         self, part: ChannelPart, scan: ScanPlan, recipe: CorrectionRecipe, choice: RunChoice | None, workers: int | None
     ) -> Work[Assembled]:
-        """Make one H of frames that are open: leave out what is damaged, and correct the rest."""
+        """Make one H from open frames: leave out damaged ones, and correct the rest."""
         from lfcal.frames import SelectedSource, corrected_view
         from lfcal.psf import Reopening
 
@@ -346,7 +347,7 @@ class Assemble(AssembleRegions):
         left_out = sorted(set(range(len(part.source))) - set(chosen))
         reopening: Reopening | None = None
         if choice is not None:
-            # what H is made of, whatever is written where
+            # the inputs of H, independent of the output path
             found = {"channel": part.name, "left_out": left_out, "recipe": asdict(recipe)}
             task = self.to_dict(absolute=True, outputs=False)
             values = {"task": task, "found": found, "stamp": self._stamp(part.source)}
@@ -374,18 +375,18 @@ class Assemble(AssembleRegions):
     def iter_part(
         self, part: ChannelPart, scan: ScanPlan, recipe: CorrectionRecipe, view: CorrectedSource, how: AssemblyRun
     ) -> Work[Assembled]:
-        """Make one H of frames that are open and corrected.
+        """Make one H from open, corrected frames.
 
         Parameters
         ----------
         part
-            The frames as they are read, the plan that H is made by, and the file to write.
+            The frames as read, the plan of this H, and the file to write.
         scan
-            The plan of the whole scan, of which a colour has only a part.
+            The plan of the whole scan; a colour of a mosaic has only a part of it.
         recipe, view
             Their corrections, and the corrected frames.
         how
-            By whom.
+            The executor.
         """
         from lfcal.frames import check_turned_colours, oriented, with_partners
         from lfcal.psf import iter_assemble_plan, iter_upright
@@ -419,7 +420,7 @@ class Assemble(AssembleRegions):
         return Assembled(out=part.out, report=report, seconds=time.perf_counter() - start)
 
     def _stamp(self, frames: Frames) -> str:
-        """Return what changes where a file that H is made of changes."""
+        """Return a fingerprint that changes if an input file of H changes."""
         from lfcal.frames import files_of
         from lfcal.work import stamp_of
 
@@ -436,16 +437,16 @@ class Assemble(AssembleRegions):
 
 
 def open_planes(values: Mapping[str, Any], workers: int) -> AssembledPlanes:
-    """Return the planes of an H as another process makes them: of the task, and what was found of its frames.
+    """Return the planes of an H as another process makes them, from the task and from facts found in its frames.
 
-    Defect pixels are searched for again in each process.
+    Each process searches for defective pixels again.
     """
     import numpy as np
 
     from lfcal.frames import SelectedSource, corrected_view, named_orientation, oriented, with_partners
     from lfcal.psf import planes_of_frames
 
-    # where H is written is not what it is made of
+    # the output path is not an input of H
     said = {key: value for key, value in values["task"].items() if key != "task"} | {"out": "."}
     task, found = from_dict(Assemble, said), values["found"]
     raw, scan = open_colour(task.source.open, found["channel"])
@@ -468,7 +469,7 @@ def _no_other(colour: str) -> Frames:
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return which kind of assembly the frames ask for."""
+    """Return the kind of assembly that the frames need."""
     from lfcal.campaign import is_regions
     from lfcal.tasks.target_frames import wanted_target
 
@@ -528,19 +529,20 @@ def assemble(
 ) -> tuple[Assembled, ...]:
     """Assemble H from point-source frames in files, as ``lfcal assemble`` does.
 
-    The frames are of a scan, of a session of several regions of the field, or of a target. A setting that does not
-    apply to them is refused. `lfcal.psf.assemble` takes frames as arrays.
+    The frames show a scan, a session of several regions of the field, or a target. A setting that does not apply to
+    them
+    apply to them raises an error. `lfcal.psf.assemble` takes frames as arrays.
 
     Parameters
     ----------
     run
-        Number of threads or processes; whether an earlier run is continued.
+        Number of threads or processes, and whether to continue an earlier run.
 
     Returns
     -------
     tuple of Assembled
-        One for each H: of each region, of each colour of ``channel="each"``, else a single one. Its ``report.matrix``
-        is H.
+        One for each H: for each region, for each colour of ``channel="each"``, otherwise a single one. Its
+        ``report.matrix`` is H.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Cameras that commands are given: presets and files, with what is assumed of them said once."""
+"""Cameras of commands: presets and files; their assumed values are reported once."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def is_camera_file(name: str) -> bool:
 
 
 def load_camera(name: str) -> Camera:
-    """Return the camera of a preset or of a file in any known format; say what of it is assumed or hardly meant."""
+    """Return the camera of a preset or a file in any known format; report assumed and implausible values."""
     from lfcal.camera import PRESETS, preset
 
     if name in PRESETS:
@@ -39,7 +39,7 @@ def load_camera(name: str) -> Camera:
 
 
 def load_file(name: str, options: ImportOptions | None = None) -> tuple[Camera, tuple[str, ...]]:
-    """Return the camera of a file, and what its reader has to say of it."""
+    """Return the camera of a file, and the remarks of its reader."""
     from lfcal.camera import CAMERA_FORMATS, PRESETS, import_camera
 
     path = Path(name)
@@ -53,7 +53,7 @@ def load_file(name: str, options: ImportOptions | None = None) -> tuple[Camera, 
 
 
 def tell(camera: Camera, path: Path, notes: tuple[str, ...] = ()) -> None:
-    """Say what is assumed of ``camera``, what its reader noted, and what can hardly be meant."""
+    """Report the assumed values of ``camera``, remarks of its reader, and implausible values."""
     from lfcal.camera import doubts
 
     if camera.marks.paths("assumed"):
@@ -65,7 +65,7 @@ def tell(camera: Camera, path: Path, notes: tuple[str, ...] = ()) -> None:
 
 
 def tell_assumed(camera: Camera | None, where: str, *, quiet: bool = False) -> None:
-    """Say what is assumed of the camera that came in the plan or H ``where``."""
+    """Report the assumed values of the camera stored in the plan or H ``where``."""
     if camera is not None and not quiet and camera.marks.paths("assumed"):
         note(f"{where}: assumed of the camera: {assumed_in_words(camera)}")
 
@@ -78,7 +78,7 @@ def _assumed(camera: Camera) -> list[Quantity]:
 
 
 def _remedy(camera: Camera, path: Path) -> str:
-    """Return the commands that state or measure what is assumed."""
+    """Return the commands that state or measure the assumed values."""
     found = _assumed(camera)
     options = dict.fromkeys(q.option for q in found if q.option and not q.light)
     seen = {"lattice.rotation_rad", "lattice.offset_um"} & {q.path for q in found}
@@ -92,7 +92,7 @@ def _remedy(camera: Camera, path: Path) -> str:
 
 
 def assumed_in_words(camera: Camera) -> str:
-    """Return the assumed values of ``camera`` on one line, those of light and noise as their number; or nothing."""
+    """Return the assumed values of ``camera`` as one line, counting those of light and noise; or an empty text."""
     from lfcal.camera import value_at
 
     found = _assumed(camera)

@@ -1,4 +1,4 @@
-"""H for other programs: a kind of task for each format."""
+"""Export of H for other programs: one kind of task for each format."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ __all__ = ["EXPORT", "ExportFor", "ExportH5", "ExportMat", "ExportNpy", "ExportT
 
 @dataclass(frozen=True, kw_only=True)
 class ExportedFiles(TaskResult):
-    """The files that were written for ``out``: a large H as TIFF has one for each plane.
+    """Files written for ``out``: a large H as TIFF has one for each plane.
 
-    Planes without light are in ``dark``. The ``notes`` are for readers of the files.
+    ``dark`` lists the planes without light. The ``notes`` are for users of the files.
     """
 
     out: Path
@@ -65,7 +65,7 @@ class ExportedFiles(TaskResult):
 
 @record
 class _Export(CopyTask):
-    """What all formats have."""
+    """Fields of all formats."""
 
     name: ClassVar[str] = "export"
     suffixes: ClassVar[tuple[str, ...]]
@@ -84,7 +84,7 @@ class _Export(CopyTask):
             raise InputError.expected("out", self.input_words, self.out.name, "name the file so")
 
     def options(self) -> ExportOptions:
-        """Return what differs from what the format does anyway."""
+        """Return the settings that differ from the defaults of the format."""
         from lfcal.psf import ExportOptions
 
         given = {row.name: value for row in rows_of(self) if (value := value_at(self, row)) != row.default}
@@ -96,7 +96,7 @@ class _Export(CopyTask):
         return ExportOptions(**known)
 
     def exported(self, H: PSFMatrix) -> PSFMatrix:
-        """Return what is written: H, or a view of it."""
+        """Return the matrix to write: H, or a view of it."""
         return H
 
     def _iter_write(self, matrix: PSFMatrix, workers: int | None, run: RunChoice | None) -> Work[Path]:
@@ -109,10 +109,10 @@ class _Export(CopyTask):
         from lfcal.psf import export_files, export_notes, opening_notes
 
         start, run, options = time.perf_counter(), run or RunSettings(), self.options()
-        # how the file was read is among the notes of the result
+        # the notes of the result say how the file was read
         with self.opened(quiet=True) as H:
             matrix = self.exported(H)
-            # long exports are done in units only where that is asked for: they need twice the space
+            # long exports are done in units only on request: they need twice the space
             choice = run.choice(self.out) if self.in_units else None
             work = self._iter_write(matrix, run.workers, choice)  # refuses what the format cannot hold
             dark = report_dark(matrix)
@@ -130,7 +130,7 @@ class _Export(CopyTask):
 
 @record
 class _ExportView(_Export):
-    """What formats have that hold one matrix."""
+    """Fields of formats that hold one matrix."""
 
     transposed: bool = opt(False, "Export HT instead of H.", label="HT instead of H")
 
@@ -140,7 +140,7 @@ class _ExportView(_Export):
 
 
 def _missing() -> bool:
-    """Declare the field of formats that hold nothing but values."""
+    """Declare the field of formats that hold only values."""
     return opt(
         False,
         "Write zeros for positions that were never recorded, which this format cannot mark.",
@@ -150,8 +150,8 @@ def _missing() -> bool:
 
 
 def _uncompressed() -> bool:
-    """Declare the field of formats that are compressed."""
-    return opt(False, "Do not compress the file, which makes it larger and faster to read.", more=True)
+    """Declare the field of compressed formats."""
+    return opt(False, "Do not compress the file; it becomes larger, and faster to read.", more=True)
 
 
 @record
@@ -162,16 +162,16 @@ class ExportMat(_Export):
     in_units: ClassVar[bool] = True
     suffixes: ClassVar[tuple[str, ...]] = (".mat",)
 
-    no_ht: bool = opt(False, "Leave out Ht, which halves the file.", label="Without Ht")
+    no_ht: bool = opt(False, "Leave out Ht, which halves the file size.", label="Without Ht")
     rows_first: bool = opt(False, "Store H(t,s,y,x,z), for codes whose images have rows first.")
     lens_centred: bool = opt(
         False,
-        "Put the centre of a lens on pixel ceil(Nnum/2), as codes based on Prevedel's expect.",
+        "Put the centre of a lens on pixel ceil(Nnum/2), as codes based on that of Prevedel et al. expect.",
         label="Lens centred",
     )
     interpolation: str = opt(
         "",
-        "How patterns are moved by the fraction of a pixel that remains when a lens is centred.",
+        "Interpolation for the fraction of a pixel that remains when a lens is centred.",
         choices=INTERPOLATIONS,
         empty="nearest: not moved",
         needs=("lens_centred", ""),
@@ -242,7 +242,7 @@ class ExportTiff(_ExportView):
 
     position: tuple[int, int] | None = opt(
         None,
-        "One position (Y,X), whose stack over depth is written.",
+        "Write only the stack over depth of this position (Y,X).",
         empty="all positions",
         read=read_position,
         show=show_pair,
@@ -250,7 +250,7 @@ class ExportTiff(_ExportView):
     allow_missing: bool = _missing()
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return its files; the size of H decides how many are written."""
+        """Return the files of the task; the size of H decides how many are written."""
         if way != "out":
             return super().files(way)
         from lfcal.psf import export_files
@@ -300,7 +300,7 @@ KINDS: tuple[type[_Export], ...] = (ExportMat, ExportH5, ExportNpy, ExportTiff, 
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return the format that the name of the file asks for."""
+    """Return the format that the suffix of the file selects."""
     suffix = Path(given["out"]).suffix.lower()
     if given.get("code"):
         return ExportFor

@@ -1,4 +1,4 @@
-"""The camera that explains measured patterns, from H, frames of a scan or several, or frames of a target."""
+"""Fit the camera that explains measured patterns, from H, from frames of one or more scans, or from a target."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ FOLDER = Path("fit")
 
 @dataclass(frozen=True, kw_only=True)
 class FitOutcome(TaskResult):
-    """One camera that was fitted.
+    """One fitted camera.
 
     ``field`` is the fit of several regions or parts of the field; then ``fit`` and ``source`` are those of the first.
-    ``hybrids`` says by the name of a region what its hybrid H has beyond the model; the name is empty if there is one.
-    ``points`` and ``holes`` are of a target: the points in its frames, and what was found of the size of its holes.
+    ``hybrids`` describes, by the name of a region, what its hybrid H adds to the model; the name is empty for a single
+    region. For a target, ``points`` are the points in its frames, and ``holes`` the result for the size of its holes.
     """
 
     fit: Fit
@@ -73,7 +73,7 @@ class FitOutcome(TaskResult):
 
 
 class FittedPatterns(NamedTuple):
-    """Patterns of one region, what is known of their source, and what was fitted to them."""
+    """Patterns of one region, facts about their source, and the fit to them."""
 
     measured: Measured
     known: Mapping[str, Any]
@@ -81,7 +81,7 @@ class FittedPatterns(NamedTuple):
 
 
 def read_unknowns(text: str) -> str:
-    """Return the groups of unknowns that a text names, separated by commas; ``auto`` and nothing as they are."""
+    """Return the groups of unknowns named in a text, separated by commas; ``auto`` and nothing stay unchanged."""
     from lfcal.fit import GROUPS
 
     if text == "auto":
@@ -97,12 +97,12 @@ def read_unknowns(text: str) -> str:
 
 @record
 class _Fit(Task):
-    """What all kinds have."""
+    """Fields of all kinds of fits."""
 
     name: ClassVar[str] = "fit"
 
     sources: tuple[Path, ...] = required(
-        "H file, of which only recorded positions are used; recorded session; folder of frames; or a file of many "
+        "H file (only recorded positions are used); recorded session; folder of frames; or a file of many "
         "frames. Several are regions of the field of one camera.",
         argument=True,
         file="in",
@@ -113,13 +113,13 @@ class _Fit(Task):
     )
     unknowns: str = opt(
         "auto",
-        "Groups of unknowns: A,B,C. auto: those that lower the error of patterns left out.",
+        "Groups of unknowns to fit: A,B,C. auto: those that lower the error of held-out patterns.",
         examples=("auto",),
         read=read_unknowns,
     )
     effects: tuple[str, ...] = opt(
         (),
-        "NAME=on|off|VALUE, or a JSON file: what the simulation begins with besides the effects that the camera "
+        "NAME=on|off|VALUE, or a JSON file: effects to simulate besides those that the camera "
         "describes, for example index_mismatch=1.38,depth:20um.",
         flag="--effect",
         file="in",
@@ -127,23 +127,21 @@ class _Fit(Task):
         empty="none",
         more=True,
     )
-    positions: int | None = positions_field("Number of positions that are used, spread evenly; 0 uses all.")
-    write_h: bool = opt(
-        True, "Whether H of the fitted camera is computed and written.", label="Compute H", flag="--no-h"
-    )
+    positions: int | None = positions_field("Number of positions to fit, spread evenly; 0 uses all.")
+    write_h: bool = opt(True, "Compute and write H of the fitted camera.", label="Compute H", flag="--no-h")
 
     @property
     def groups(self) -> str | tuple[str, ...]:
-        """What is asked of the library: auto, or the names of the groups."""
+        """Requested unknowns: auto, or the names of groups."""
         return self.unknowns if self.unknowns == "auto" else tuple(self.unknowns.split(","))
 
     @property
     def told(self) -> dict[str, Any]:
-        """What the provenance of all that it writes says of it."""
+        """The task's entries in the provenance of all that it writes."""
         return {"task": self.to_dict(absolute=True, outputs=False)}
 
     def starting(self, plan: ScanPlan) -> tuple[Effect, ...] | None:
-        """Return the effects that the simulation begins with, None: those that the camera describes."""
+        """Return the effects at the start of the fit; None: those that the camera describes."""
         from lfcal.fit import starting_effects, with_given
         from lfcal.simulate.effects import parse_effects
 
@@ -152,16 +150,16 @@ class _Fit(Task):
 
 @record
 class FitTarget(_Fit):
-    """Fit one camera to the points of a target, each where it is on the sensor."""
+    """Fit one camera to the points of a target, each at its place on the sensor."""
 
     input_words: ClassVar[str] = "frames of a target"
 
     plan: Path | None = opt(None, "Plan of the target (.json).", short="-p", file="in", empty="with the frames")
-    regions: str = opt("", "Write H of several regions to one file, ROWSxCOLUMNS, e.g. 3x3.", empty="one region")
+    regions: str = opt("", "Write H of ROWSxCOLUMNS regions to one file, e.g. 3x3.", empty="one region")
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return its files, those in the folder of the fit too."""
+        """Return the files of the task, including those in the folder of the fit."""
         from lfcal.campaign import point_outputs
 
         return tuple(point_outputs(self.out)) if way == "out" else super().files(way)
@@ -215,19 +213,19 @@ class FitMatrix(_Fit):
     noise: tuple[float, float] | None = noise_field()
     hybrid: bool = opt(
         False,
-        "Write H with what recorded patterns show beyond the model, and with its uncertainty.",
+        "Write a hybrid H: the model plus what recorded patterns show beyond it, with its uncertainty.",
         label="Hybrid H",
         more=True,
     )
 
     def __post_init__(self) -> None:
-        """Check every field, and those that exclude each other."""
+        """Check every field and the combinations that exclude each other."""
         super().__post_init__()
         if self.hybrid and not self.write_h:
             raise InputError.expected("--hybrid", "an H to write", "--no-h", "leave one of them out")
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return its files, those in the folder of the fit too, of which H is the first."""
+        """Return the files of the task, including those in the folder of the fit; H is the first."""
         from lfcal.fit import field_outputs, fit_outputs
 
         if way == "in":
@@ -235,7 +233,7 @@ class FitMatrix(_Fit):
         return tuple(fit_outputs(self.out) if len(self.sources) == 1 else field_outputs(self.out, self._names))
 
     def unit_outputs(self) -> tuple[Path, ...]:
-        """Return each H that is made in units; of several those that were begun, where some were."""
+        """Return each H that is made in units; if some of several were begun, only those."""
         from lfcal.work import parts_folder
 
         if self.hybrid or not self.write_h:
@@ -244,7 +242,7 @@ class FitMatrix(_Fit):
 
     @property
     def _places(self) -> tuple[Path, ...]:
-        """Where H is written, or that of each region."""
+        """Path of H, or of the H of each region."""
         from lfcal.fit import MODEL
 
         return (self.out / MODEL,) if len(self.sources) == 1 else tuple(self.out / one / MODEL for one in self._names)
@@ -258,7 +256,7 @@ class FitMatrix(_Fit):
         return PatternReading(camera, self.positions, self.noise, self.plan)
 
     def _choice(self, run: RunSettings) -> RunChoice | None:
-        """Return how H is made in units; the first of several answers for all."""
+        """Return how H is made in units; the choice for the first of several applies to all."""
         if self.hybrid or not self.write_h:
             if run.executor or run.scheduler or run.resume:
                 got = "--hybrid" if self.hybrid else "--no-h"
@@ -268,7 +266,7 @@ class FitMatrix(_Fit):
         return next((one for one in [run.choice(place) for place in self._places] if one is not None), None)
 
     def _check_folder(self) -> None:
-        """Raise where H of another fit would stay in the folder of this camera."""
+        """Raise `InputError` if an H of another fit would remain in the folder of this camera."""
         from lfcal.fit import MODEL, NUMBERS
 
         matrix = self.out / MODEL
@@ -293,7 +291,7 @@ class FitMatrix(_Fit):
         return ((yield from self.iter_write(found, run.workers, choice)),)
 
     def iter_fit(self, workers: int | None = None) -> Work[FittedPatterns]:
-        """Fit the camera to the patterns of its only source, and write nothing."""
+        """Fit the camera to the patterns of a single source, and write nothing."""
         from lfcal.fit import iter_fit_camera
 
         measured, known = yield from iter_patterns(self.sources[0], self._reading())
@@ -304,7 +302,7 @@ class FitMatrix(_Fit):
     def iter_write(
         self, found: FittedPatterns, workers: int | None = None, choice: RunChoice | None = None
     ) -> Work[FitOutcome]:
-        """Write what `iter_fit` found into its folder; ``choice`` says how H is made in units."""
+        """Write the result of `iter_fit` into its folder; ``choice`` says how H is made in units."""
         from lfcal.fit import iter_write_fit
 
         self._check_folder()
@@ -337,7 +335,7 @@ class FitMatrix(_Fit):
         return FitOutcome(fit=first, source=source, out=self.out, files=tuple(files), field=fit, hybrids=hybrids)
 
     def _recorded(self, source: Path, measured: Measured, stack: ExitStack) -> PSFMatrix | Measured:
-        """Return what a hybrid is made of: of an H every recorded pattern, not only those that were fitted."""
+        """Return the patterns for a hybrid; from an H all recorded patterns, not only the fitted ones."""
         if not is_matrix(source):
             return measured
         return self._reading().described(stack.enter_context(open_upright(source, quiet=True)), source)
@@ -347,10 +345,10 @@ class FitMatrix(_Fit):
 class FitFrames(FitMatrix):
     """Find the camera that explains measured patterns, and H of it without noise.
 
-    Gap, focal lengths, iris and aberrations are found. Writes camera.json, effects.json, H.h5, fit.json and report/
-    into a folder. Several sources are regions of the field of one camera: how its wavefront changes over the field is
-    found too, and each region has its own folder.
-    Points of a target are fitted where they are on the sensor.
+    The fit retrieves gap, focal lengths, iris and aberrations. It writes camera.json, effects.json, H.h5, fit.json and
+    report/ into a folder. Several sources are regions of the field of one camera: the fit also finds how the wavefront
+    changes over the field, and each region has a separate folder.
+    Points of a target are fitted at their places on the sensor.
 
     Examples
     --------
@@ -372,7 +370,7 @@ class FitFrames(FitMatrix):
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return which kind of fit the sources ask for."""
+    """Return the kind of fit that the sources need."""
     sources = [Path(one) for one in given["sources"]]
     if len(sources) == 1 and wanted_target(sources[0], given.get("plan")) is not None:
         return FitTarget

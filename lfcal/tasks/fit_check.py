@@ -1,4 +1,4 @@
-"""Whether an old H still holds, from new frames."""
+"""Check with new frames whether an old H is still valid."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ ONE_COLOUR = "take one colour out of them, and the H of that colour"
 
 @dataclass(frozen=True, kw_only=True)
 class CheckedMatrix(TaskResult):
-    """What new frames show of an old H."""
+    """Result of checking an old H with new frames."""
 
     check: Check
     matrix: Path
@@ -46,7 +46,7 @@ class CheckedMatrix(TaskResult):
 
     @property
     def failed(self) -> bool:
-        """Whether H does not hold, or the frames do not decide it."""
+        """Whether H is no longer valid, or the frames cannot decide."""
         return self.check.holds is not True
 
     def to_dict(self) -> dict[str, Any]:
@@ -56,9 +56,9 @@ class CheckedMatrix(TaskResult):
 
 @record
 class CheckMatrix(Task):
-    """Check whether an old H still holds for new frames of a point source.
+    """Check whether an old H is still valid, with new frames of a point source.
 
-    Nothing is fitted or written. Exit code 1: H does not hold, or the frames do not decide it.
+    Nothing is fitted or written. Exit code 1: H is no longer valid, or the frames cannot decide.
 
     Examples
     --------
@@ -76,8 +76,10 @@ class CheckMatrix(Task):
     frames: tuple[Path, ...] = required(
         "New frames of a point source: files, folders of frames, or recorded sessions.", argument=True, file="in"
     )
-    limit: float = opt(0.02, "Largest error (relative L2) of an H that holds.", above=0, below=1, read=read_share)
-    positions: int = opt(SOME, "Number of frames to take of each input, spread evenly; 0 takes all.", at_least=0)
+    limit: float = opt(
+        0.02, "Largest error (relative L2) at which H is still valid.", above=0, below=1, read=read_share
+    )
+    positions: int = opt(SOME, "Number of frames to use from each input, spread evenly; 0 uses all.", at_least=0)
     noise: tuple[float, float] | None = noise_field("as the frames or H state")
     orientation: str = orientation_field()
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
@@ -96,7 +98,7 @@ class CheckMatrix(Task):
 
 @record
 class CheckMatrixByScan(CheckMatrix):
-    """Check an old H by the frames of a scan."""
+    """Check an old H with the frames of a scan."""
 
     input_words: ClassVar[str] = "a folder of frames"
 
@@ -104,7 +106,7 @@ class CheckMatrixByScan(CheckMatrix):
 
 
 def _iter_frames(H: PSFMatrix, source: Path, task: CheckMatrix, stack: ExitStack) -> Work[list[NewFrame]]:
-    """Return the frames of a file, a folder or a session, with what is known of where their sources are."""
+    """Return the frames of a file, a folder or a session, with what is known about their source positions."""
     from lfcal.acquire import NAME
     from lfcal.frames import corrected_view, named_orientation, open_unplaced, oriented
     from lfcal.judge import new_frames, plan_of
@@ -132,7 +134,7 @@ def _iter_frames(H: PSFMatrix, source: Path, task: CheckMatrix, stack: ExitStack
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return which kind of frames H is checked by."""
+    """Return the kind of check that the frames need."""
     return CheckMatrixByScan if any(Path(one).is_dir() for one in given["frames"]) else CheckMatrix
 
 

@@ -1,4 +1,4 @@
-"""The frame of a known object, predicted by H of a fit."""
+"""Predict the frame of a known object with the H of a fit."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ class PredictedObject(TaskResult):
 
 @record
 class PredictObject(Task):
-    """Predict the frame of a known object by H of a fit.
+    """Predict the frame of a known object with the H of a fit.
 
-    The error of the prediction shows how well H holds. Nothing is written.
+    The error of the prediction shows how accurate H is. Nothing is written.
 
     Examples
     --------
@@ -56,7 +56,7 @@ class PredictObject(Task):
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[PredictedObject, ...]]:
-        """Project the object by H, and compare the frame with it."""
+        """Project the object through H, and compare the frame with the prediction."""
         from lfcal.fit import read_fits
         from lfcal.judge import ObjectPlace, object_error
 

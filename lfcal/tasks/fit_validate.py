@@ -1,4 +1,4 @@
-"""Recorded points that were not fitted, predicted by a fit in its folder."""
+"""Predict recorded points that were not fitted, with a fit in its folder."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = ["FIT_VALIDATE", "ValidateFit", "ValidateFitByFrames", "Validated"]
 class Validated(TaskResult):
     """How well a fit predicts points that were not fitted.
 
-    ``name`` is that of the region, or of the other recording; empty: the fit is of one region.
+    ``name`` is that of the region, or of the other recording; empty for a fit of one region.
     """
 
     name: str
@@ -53,20 +53,20 @@ class ValidateFit(Task):
 
     fit: Path = required("Folder of a fit.", argument=True, file="in")
     sources: tuple[Path, ...] = required(
-        "What was fitted: H, recorded session, or frames. Positions that were fitted are left out.",
+        "Source of the fit: H, recorded session, or frames. Fitted positions are left out.",
         argument=True,
         file="in",
     )
     other: bool = opt(
         False,
-        "The source is another recording, of the same places or others: all its points are predicted.",
+        "The source is another recording: predict all its points.",
         label="Another recording",
     )
     positions: int | None = positions_field("Number of positions to predict, spread evenly; 0 predicts all.")
     noise: tuple[float, float] | None = noise_field()
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return its files: those of the fit are in its folder, and so are those that are written."""
+        """Return the files of the task; inputs and outputs are in the folder of the fit."""
         from lfcal.fit import numbers_file, validation_outputs
 
         if way == "out":
@@ -74,11 +74,11 @@ class ValidateFit(Task):
         return (*self.sources, *((one,) if (one := numbers_file(self.fit)) else ()))
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Validated, ...]]:
-        """Predict the points of each region in turn, and write numbers and picture into its folder."""
+        """Predict the points of each region in turn, and write numbers and a picture into its folder."""
         from lfcal.fit import iter_write_validation, validation_outputs
 
         made, patterns, parts = [], [], self._parts()
-        # what cannot be read ends this before anything is written
+        # unreadable input must raise before anything is written
         for source, (_, _, stored) in zip(self.sources, parts, strict=True):
             patterns.append((yield from iter_patterns(source, self._reading(None if self.other else stored)))[0])
         for source, measured, (name, folder, stored) in zip(self.sources, patterns, parts, strict=True):
@@ -90,7 +90,7 @@ class ValidateFit(Task):
         return PatternReading(most=self.positions, noise=self.noise, fit=stored)
 
     def _parts(self) -> list[tuple[str, Path, StoredFit]]:
-        """Return for each source its name, the folder to write into, and the fit of its place."""
+        """Return for each source its name, the folder to write into, and the fit at its place."""
         from lfcal.fit import read_fits
 
         fits, names = read_fits(self.fit), names_of(self.sources)
@@ -100,7 +100,7 @@ class ValidateFit(Task):
             first = next(iter(fits.values()))
             if "" in fits:
                 return [("", self.fit, first)]
-            # anywhere else in the field the camera is that of all regions, without the displacement of one of them
+            # elsewhere in the field, use the camera shared by all regions, without the displacement of any one of them
             there = replace(first, setup=replace(first.setup, aside_px=(0.0, 0.0)), stage_scale=0.0)
             return [(names[0], self.fit, there)]
         wrong = next((name for name in names if name not in fits), None)
@@ -114,8 +114,8 @@ class ValidateFit(Task):
 class ValidateFitByFrames(ValidateFit):
     """Predict recorded points that were not fitted.
 
-    The error of each is written into the folder of the fit. Of a fit of several regions give their sources, which have
-    the names of the regions.
+    The error of each point is written into the folder of the fit. For a fit of several regions, give their sources,
+    which have the names of the regions.
 
     Examples
     --------
@@ -138,7 +138,7 @@ class ValidateFitByFrames(ValidateFit):
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return which kind of source is predicted."""
+    """Return the kind of source to predict."""
     return ValidateFit if all(map(is_matrix, map(Path, given["sources"]))) else ValidateFitByFrames
 
 

@@ -1,4 +1,4 @@
-"""How good an H is."""
+"""Inspect the quality of an H."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ REGIONS_PICTURE = "regions.png"
 """The map of several regions of the field, in the report's folder."""
 
 RATE = 200e6
-"""Bytes of H that are read and measured in a second of processor time, about."""
+"""Approximate number of bytes of H read and measured per second of processor time."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class InspectedMatrix(TaskResult):
-    """The quality of an H, whose file is closed.
+    """Quality of an H, whose file is closed.
 
-    ``loss`` is what is lost between the regions of an H of several; ``page`` is the report.
+    ``loss`` is the loss between the regions of an H of several; ``page`` is the path of the report.
     """
 
     task: Inspect
@@ -44,7 +44,7 @@ class InspectedMatrix(TaskResult):
 
     @property
     def failed(self) -> bool:
-        """Whether H has to be good, and is not."""
+        """Whether H is required to be good, and is not."""
         return self.task.strict and self.found.merit not in ("good", "fair")
 
     def to_dict(self) -> dict[str, Any]:
@@ -59,9 +59,9 @@ class InspectedMatrix(TaskResult):
 
 @record
 class Inspect(MatrixTask):
-    """Measure the quality of H: every metric with its merit, the aperture of each plane, what to do.
+    """Measure the quality of H: every metric with its rating, the aperture of each plane, and what to do.
 
-    Where its camera is known, patterns are compared with what it should give. Faults are named by what differs.
+    If the camera of H is known, patterns are compared with its prediction, and faults are named by their causes.
 
     Examples
     --------
@@ -88,10 +88,10 @@ class Inspect(MatrixTask):
     )
     fit: Path | None = opt(
         None,
-        "Folder of a fit of this scan (lfcal fit). Patterns are compared with the camera as found.",
+        "Folder of a fit of this scan (lfcal fit). Patterns are compared with the fitted camera.",
         label="Camera of a fit",
         file="in",
-        empty="the camera as H describes it",
+        empty="the camera described in H",
         needs=("seconds", ""),
     )
     seconds: float = opt(
@@ -114,13 +114,13 @@ class Inspect(MatrixTask):
     )
     strict: bool = opt(
         False,
-        "End with exit code 1 unless H is shown to be good, or usable after a look at it.",
+        "Exit with code 1 unless the verdict is “good” or “usable after a look”.",
         label="Fail unless good",
         more=True,
     )
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return its files; a report consists of several."""
+        """Return the files of the task; a report consists of several."""
         if way != "out" or self.report is None:
             return super().files(way)
         from lfcal.judge.report import report_files
@@ -128,7 +128,7 @@ class Inspect(MatrixTask):
         return (*report_files(self.report), self.report / REGIONS_PICTURE)
 
     def unit_outputs(self) -> tuple[Path, ...]:
-        """Return the folder of the report, next to which planes are kept."""
+        """Return the folder of the report, next to which planes of a stopped run are kept."""
         return () if self.report is None else (self.report,)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[InspectedMatrix, ...]]:
@@ -186,7 +186,7 @@ class Inspect(MatrixTask):
         return (yield from iter_report(H, self.report, **how))
 
     def _iter_loss(self, workers: int | None) -> Work[RegionLoss | None]:
-        """Compare the regions of the field, where the file has several."""
+        """Compare the regions of the field, if the file has several."""
         from lfcal.psf import regions_of
 
         if len(regions_of(self.source)) < 2:

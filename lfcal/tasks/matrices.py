@@ -1,4 +1,4 @@
-"""H as tasks open it, and what they say of it."""
+"""Open H for tasks, and report facts about it."""
 
 from __future__ import annotations
 
@@ -25,14 +25,15 @@ __all__ = [
 ]
 
 EARLIER = "earlier_tasks"
-"""Key of provenance: the tasks that made what the last one read, the first of them first."""
+"""Provenance key for the tasks that made the inputs of the last task, earliest first."""
 
 
 def mat_order_field(**more: Any) -> str:
     """Declare the field ``mat_order`` of a task that reads H; ``more`` as of `lfcal.records.opt`."""
     return opt(
         "",
-        "Axes of H in a .mat file that does not state them. rows-first: H(t,s,y,x,z). columns-first: H(s,t,x,y,z).",
+        "Order of the axes of H in a .mat file that does not state it. rows-first: H(t,s,y,x,z). columns-first: "
+        "H(s,t,x,y,z).",
         label="Axes in a .mat file",
         choices=("rows-first", "columns-first"),
         empty="inferred from its variables",
@@ -43,7 +44,7 @@ def mat_order_field(**more: Any) -> str:
 
 @record
 class MatrixTask(Task):
-    """What tasks that read one H have."""
+    """Fields of tasks that read one H."""
 
     source: Path = required(
         "H file (.h5), another code's file (.mat v7.3, .lfc of napari-LF), or .npy array.",
@@ -54,20 +55,20 @@ class MatrixTask(Task):
     mat_order: str = mat_order_field(needs=("", ".mat"))
 
     def opened(self) -> PSFMatrix:
-        """Open H, and say how a file of another code was read."""
+        """Open H, and report how a file of another code was read."""
         return open_matrix(self.source, mat_order=self.mat_order)
 
 
 @record
 class CopyTask(MatrixTask):
-    """What tasks have that write one H again in another form."""
+    """Fields of tasks that rewrite one H in another form."""
 
     region: str = opt(
         "", "Region of the field, by its name, of an H file with several.", empty="the only one", more=True
     )
 
     def opened(self, *, quiet: bool = False) -> PSFMatrix:
-        """Open H of the region; raises `InputError` where there are several and none is chosen."""
+        """Open H of the region; raises `InputError` if there are several and none is chosen."""
         from lfcal.psf import regions_of
 
         if not self.region and len(names := regions_of(self.source)) > 1:
@@ -76,7 +77,7 @@ class CopyTask(MatrixTask):
 
 
 def with_task(task: Task, *matrices: PSFMatrix) -> dict[str, Any]:
-    """Return what provenance says of a task that reads ``matrices``: the task, and those that made them."""
+    """Return the provenance of a task that reads ``matrices``: the task, and those that made the matrices."""
     earlier: list[Any] = []
     for matrix in matrices:
         known = matrix.provenance
@@ -88,16 +89,17 @@ def with_task(task: Task, *matrices: PSFMatrix) -> dict[str, Any]:
 
 
 def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: bool = False) -> PSFMatrix:
-    """Open an H file, and say how a file of another code was read.
+    """Open an H file, and report how a file of another code was read.
 
     Parameters
     ----------
     path, region
         As in `lfcal.psf.open_psf`.
     mat_order
-        As there, but for ``.mat`` files alone: a command with several files gives it for all; see `check_mat_files`.
+        As in `lfcal.psf.open_psf`, but for ``.mat`` files only: a command with several files passes it for all; see
+        `check_mat_files`.
     quiet
-        Say nothing: in a worker, where the command has said it.
+        Report nothing; for workers, whose command has already reported it.
     """
     from lfcal.psf import open_psf
 
@@ -108,7 +110,7 @@ def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: boo
 
 
 def tell_opened(matrix: PSFMatrix) -> None:
-    """Say how the file of H was read, where it is of another code."""
+    """Report how the file of H was read if another code wrote it."""
     from lfcal.psf import opening_notes
 
     for one in opening_notes(matrix):
@@ -116,7 +118,7 @@ def tell_opened(matrix: PSFMatrix) -> None:
 
 
 def report_missing(matrix: PSFMatrix) -> int:
-    """Return how many positions of H were neither recorded nor filled, and say so where there are any."""
+    """Return the number of positions of H that were neither recorded nor filled, and report it if it is not 0."""
     from lfcal.psf import empty_positions, empty_words
 
     if words := empty_words(matrix):
@@ -125,7 +127,7 @@ def report_missing(matrix: PSFMatrix) -> int:
 
 
 def report_dark(matrix: PSFMatrix) -> tuple[int, ...]:
-    """Return the planes of ``matrix`` without light, and say which they are."""
+    """Return the planes of ``matrix`` without light, and report them."""
     from lfcal.psf import dark_planes
 
     dark = dark_planes(matrix)
@@ -136,7 +138,7 @@ def report_dark(matrix: PSFMatrix) -> tuple[int, ...]:
 
 
 def check_mat_files(mat_order: str, *paths: Path | None) -> None:
-    """Raise `InputError` where ``--mat-order`` is unknown, or none of the files is a ``.mat`` file."""
+    """Raise `InputError` if ``--mat-order`` is unknown, or none of the files is a ``.mat`` file."""
     from lfcal.psf import check_mat_order
 
     check_mat_order(mat_order)

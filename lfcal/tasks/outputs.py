@@ -1,7 +1,7 @@
-"""What may be written where: the same rules for every command, checked before its work begins.
+"""Rules for output files, the same for every command, checked before its work begins.
 
-An input is never replaced. What exists is replaced only with ``--force``. The decision is made once, at the start: a
-file that appears while the command works is replaced, too, unless another program is still writing it
+An input is never replaced. An existing file is replaced only with ``--force``. This is decided once, at the start: a
+file that appears while the command works is replaced as well, unless another program is still writing it
 (`lfcal.base.files.replace_whole`).
 """
 
@@ -18,9 +18,9 @@ __all__ = ["check_output", "check_outputs"]
 
 
 def check_output(out: Path | None, *inputs: Path | str | None, force: bool) -> None:
-    """Raise unless ``out`` can be written, is none of ``inputs``, and does not exist (or ``force``).
+    """Raise unless ``out`` can be written, is none of ``inputs``, and does not exist (or ``force`` is set).
 
-    ``inputs`` are files, folders of frames, sessions, or names that are no paths (presets). None is no output.
+    ``inputs`` are files, folders of frames, sessions, or names that are not paths (presets). None means no output.
 
     Raises
     ------
@@ -33,12 +33,12 @@ def check_output(out: Path | None, *inputs: Path | str | None, force: bool) -> N
 
 
 def check_outputs(outs: Iterable[Path | None], *inputs: Path | str | None, force: bool) -> None:
-    """Check several outputs as `check_output` does; other files of their folders are left alone."""
+    """Check several outputs like `check_output`; other files in their folders are not touched."""
     files = [out for out in outs if out is not None]
     if len({out.absolute() for out in files}) < len(files):
-        raise InputError.expected("outputs", "each under a name of its own", str(files[-1]), "choose other names")
+        raise InputError.expected("outputs", "a different name for each", str(files[-1]), "choose other names")
     taken: set[tuple[int, int]] = set()
-    # only a file that is there can be an input.
+    # only an existing file can be an input.
     if any(out.exists() for out in files):
         from lfcal.frames import files_of
 
@@ -52,7 +52,7 @@ def check_outputs(outs: Iterable[Path | None], *inputs: Path | str | None, force
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
-    """Return what two names of one file have in common, links followed; None where there is no file."""
+    """Return a key that two names of the same file share, following links; None if there is no file."""
     with suppress(OSError):
         found = os.stat(path)
         return found.st_dev, found.st_ino

@@ -1,4 +1,4 @@
-"""Scan plans: of one region, of several regions of the field, or of a scan that was recorded."""
+"""Scan plans for one region, for several regions of the field, or for a scan that was recorded."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def _show(values: float | tuple[float, ...]) -> str:
 
 @record
 class _Plan(PlanTask):
-    """What all kinds have."""
+    """Fields of all kinds of plans."""
 
     name: ClassVar[str] = "plan"
 
@@ -78,7 +78,7 @@ class _Plan(PlanTask):
     )
     cutout: str | tuple[int, int] | None = opt(
         None,
-        "Odd number of pixels, or ROWS,COLUMNS.",
+        "Size of the cutout: an odd number of pixels, or ROWS,COLUMNS.",
         unit="px",
         empty="as large as the pattern, by geometry",
         read=read_cutout,
@@ -86,38 +86,36 @@ class _Plan(PlanTask):
     )
     anchor: str | tuple[float, float] | None = opt(
         None,
-        "Sensor ROW,COLUMN of the image of position y = x = 0.",
+        "Sensor ROW,COLUMN on which position y = x = 0 is imaged.",
         unit="px",
         empty="centred",
         read=read_pair,
         show=_show,
     )
-    resample: bool = opt(
-        False, "Scale the frames so that the period is a whole number of pixels.", label="Resample frames"
-    )
+    resample: bool = opt(False, "Scale frames so that the period is a whole number of pixels.", label="Resample frames")
     order: str = opt("serpentine", "Order of the positions.", choices=("serpentine", "raster"), more=True)
     stage: str = opt(
         "+x,+y,+z",
-        "Stage axes that move the image right and down, and the source away.",
+        "Stage axes that move the image right and down, and the source away from the camera.",
         label="Stage axes",
         more=True,
     )
     exposure: float | tuple[float, ...] | str = opt(
-        0.02, "Exposure, or one for each plane.", unit="s", above=0, read=_exposures, show=_show
+        0.02, "Exposure time, or one for each plane.", unit="s", above=0, read=_exposures, show=_show
     )
-    settle: float = opt(0.05, "Wait after each move.", label="Settling time", unit="s", at_least=0)
+    settle: float = opt(0.05, "Waiting time after each move.", label="Settling time", unit="s", at_least=0)
     out: Path | None = opt(
         None, "Plan to write (.json).", label="Plan file", short="-o", file="out", empty="only shown"
     )
 
     def __post_init__(self) -> None:
-        """Check every value, and that planes are given in one way."""
+        """Check every value, and that planes are given in one way only."""
         super().__post_init__()
         if self.depths or self.virtual_depths or not isinstance(self, PlanRecorded):
             check_planes(self.depths, self.virtual_depths)
 
     def settings(self) -> dict[str, Any]:
-        """Return the values of a `ScanPlan`, by its names; what is left to the camera is None."""
+        """Return the arguments of a `ScanPlan`; None leaves a value to the camera."""
         from lfcal.camera import StageAxes
 
         return {
@@ -131,8 +129,8 @@ class _Plan(PlanTask):
         }
 
     def _planned(self, plan: ScanPlan, positions: NDArray[np.intp] | None = None) -> Planned:
-        """Write the plan where asked, and return it with what it costs; ``positions`` are those of a half cell."""
-        # what cannot be forecast leaves no file behind
+        """Write the plan if requested, and return it with its cost; ``positions`` are those of a half cell."""
+        # a plan that cannot be forecast must leave no file behind
         forecast = self.forecast(plan, positions)
         write_plan(plan, self.out)
         facts = {
@@ -157,12 +155,12 @@ class _Plan(PlanTask):
 
 @record
 class _PlanOfCamera(_Plan):
-    """What kinds have that make a plan of a camera."""
+    """Fields of plans made for a camera."""
 
     average: int = opt(1, "Number of frames averaged at each position.", label="Frames averaged", at_least=1)
 
     def settings(self) -> dict[str, Any]:
-        """Return the values of a `ScanPlan`, by its names; what is left to the camera is None."""
+        """Return the arguments of a `ScanPlan`; None leaves a value to the camera."""
         planes = {"depths_um": self.depths or None, "virtual_depths": self.virtual_depths or None}
         return {**super().settings(), **planes, "frames_averaged": self.average}
 
@@ -188,11 +186,11 @@ class PlanRegions(_PlanOfCamera):
     input_words: ClassVar[str] = "a scan of several regions (--regions)"
 
     regions: str = required(
-        "Several regions of the field, ROWSxCOLUMNS over the sensor; 3x3: centre, edges and corners.",
+        "Number of regions of the field, ROWSxCOLUMNS over the sensor; 3x3: centre, edges and corners.",
     )
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Planned, ...]]:
-        """Plan the scan, and spread it over the field."""
+        """Plan the scan, and distribute it over the field."""
         from lfcal.camera import RegionPlan, parse_regions
 
         yield from ()
@@ -215,7 +213,7 @@ class PlanRegions(_PlanOfCamera):
 
 @record
 class PlanRecorded(_Plan):
-    """Make the plan of a scan that was recorded, from the list of its stage coordinates.
+    """Make the plan of a recorded scan from the list of its stage coordinates.
 
     Examples
     --------
@@ -227,26 +225,24 @@ class PlanRecorded(_Plan):
 
     input_words: ClassVar[str] = "a recorded scan (--positions)"
 
-    positions: Path = required(
-        "List of the stage coordinates of a scan that was recorded, whose plan is made.", file="in"
-    )
+    positions: Path = required("List of the stage coordinates of the recorded scan.", file="in")
     frames: Path | None = opt(None, "Folder of the frames that are listed.", file="in", empty="next to the list")
     columns: str = opt(
         "",
-        "What the columns of the list hold: file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp.",
+        "Contents of the columns of the list: file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp.",
         empty="by their names",
         more=True,
     )
     origin: str = origin_field("the whole sensor")
     orientation: str = opt(
         "as-is",
-        "What turns the frames upright, as in lfcal assemble.",
+        "How to turn the frames upright, as in lfcal assemble.",
         read=read_orientation,
         more=True,
     )
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Planned, ...]]:
-        """Read the list, and see in the frames, where they are found, how the light moves."""
+        """Read the list, and find from the frames, if they exist, how the light moves."""
         from lfcal.frames import named_orientation, parse_origin
         from lfcal.frames.lists import Part, any_listing, located, plan_of_list, reader, sample_of
 
@@ -278,14 +274,14 @@ class PlanRecorded(_Plan):
 
 
 def _tell_turned(listing: Listing, plan: ScanPlan, read: Callable[[int], NDArray[Any]]) -> None:
-    """Report frames that are flipped or turned against the camera, which the path of their light cannot show."""
+    """Report frames that are flipped or turned relative to the camera, which the path of their light cannot show."""
     from lfcal.campaign import find_turned_frames, seen_patterns
     from lfcal.frames.lists import place
 
     try:
         seen = seen_patterns(read, place(listing, plan).positions, plan)
     except (FileFormatError, StorageError):
-        return  # damaged frames are refused, or left out, where all frames are read
+        return  # damaged frames are refused or left out later, when all frames are read
     found = find_turned_frames(seen, plan)
     if found is not None:
         warn(f"the frames are {found.words}; make the plan again with {found.options}, and assemble with it")
@@ -298,7 +294,7 @@ def _check_size(
     origin: tuple[int, int] | None,
     folder: str,
 ) -> None:
-    """Raise `InputError` for frames smaller than a sensor of known size if their place on it is not known."""
+    """Raise `InputError` for frames smaller than a sensor of known size if their place on it is unknown."""
     from lfcal.frames import check_inside, is_part_of_sensor, part_refusal, stated_origin
 
     if origin is not None:
@@ -339,7 +335,7 @@ class PlanScan(_PlanOfCamera):
     )
     list_file: Path | None = opt(
         None,
-        "List of the positions of a half-cell scan to write (.json), for lfcal acquire.",
+        "File for the list of the positions of a half-cell scan (.json), for lfcal acquire.",
         label="List of positions",
         flag="--list",
         file="out",
@@ -377,7 +373,7 @@ class PlanScan(_PlanOfCamera):
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return which kind of plan is asked for."""
+    """Return the kind of plan that the values need."""
     if given.get("positions"):
         return PlanRecorded
     return PlanRegions if given.get("regions") else PlanScan

@@ -1,4 +1,4 @@
-"""Few positions of a scan for a fit of the optics, and the error to expect."""
+"""Choose a few positions of a scan for a fit of the optics, and predict the error of H."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["PLAN_FIT", "PlanFit", "PositionsPlanned"]
 
 POSITION_ERROR = 0.05
-"""Rms of the error of source positions where no fit states it (px)."""
+"""Error of source positions (px rms) if no fit states it."""
 
 CHOSEN, HELD_OUT = "chosen to fit the optics", "held out to check the fit"
 """Reasons in the list of positions."""
@@ -31,7 +31,7 @@ def _groups() -> tuple[str, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class PositionsPlanned(Planned):
-    """Positions that were chosen for a fit, after those of an earlier one, with the expected error of H."""
+    """Positions chosen for a fit, possibly in addition to those of an earlier one, with the expected error of H."""
 
     plan: PositionDesign
     earlier: Earlier | None
@@ -53,14 +53,14 @@ class PlanFit(PlanTask):
 
     plan: Path = required("Scan plan (.json), made by lfcal plan.", argument=True, file="in")
     count: int = required(
-        "Number of positions to choose; a fifth of them is held out to check the fit.",
+        "Number of positions to choose. A fifth of them is held out to check the fit.",
         label="Positions",
         short="-n",
         at_least=1,
     )
     out: Path | None = opt(
         None,
-        "List of the positions to write (.json), for lfcal acquire.",
+        "File for the list of positions (.json), for lfcal acquire.",
         label="List of positions",
         short="-o",
         file="out",
@@ -68,7 +68,7 @@ class PlanFit(PlanTask):
     )
     earlier: Path | None = opt(
         None,
-        "Continue from the fit in this folder (lfcal fit): choose the positions to add.",
+        "Folder of an earlier fit (lfcal fit): choose positions to add to it.",
         label="Earlier fit",
         flag="--from",
         file="in",
@@ -76,7 +76,7 @@ class PlanFit(PlanTask):
     )
     unknowns: str | tuple[str, ...] = opt(
         (),
-        "Groups of unknowns of the fit, A,B,C.",
+        "Groups of unknowns to fit, A,B,C.",
         choices=_groups,
         read=read_names,
         show=show_names,
@@ -93,11 +93,11 @@ class PlanFit(PlanTask):
     )
     position_error: float | None = opt(
         None,
-        "Error of the source positions (rms).",
+        "Source position error (rms).",
         unit="px",
         at_least=0,
         at_most=5,
-        empty="of the earlier fit, or 0.05",
+        empty="that of the earlier fit, or 0.05",
         more=True,
     )
     candidates: int = opt(
@@ -105,7 +105,7 @@ class PlanFit(PlanTask):
     )
     draw: Path | None = opt(
         None,
-        "Picture of the expected error to write (.png).",
+        "File for a picture of the expected error (.png).",
         label="Picture",
         file="out",
         empty="not drawn",
@@ -120,7 +120,7 @@ class PlanFit(PlanTask):
         scan = scan_of(self.plan)
         earlier = None if self.earlier is None else read_earlier(self.earlier)
         whole = self.forecast(scan)
-        # what an earlier fit found, or else what is usual
+        # from the earlier fit, or else the usual value
         spread = Spread(POSITION_ERROR) if earlier is None else earlier.spread
         if self.position_error is not None:
             spread = replace(spread, stage_px=self.position_error)

@@ -1,4 +1,4 @@
-"""Frames of a target of many points that show the positions of a scan, compared with a single point."""
+"""Plan frames of a target of many points for the positions of a scan, and compare them with a single point."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 DISPLAY = "display"
-"""Beginning of the source that is a display."""
+"""Prefix of a source that is a display."""
 
 
 def _is_file(source: str) -> bool:
@@ -36,7 +36,7 @@ def _is_file(source: str) -> bool:
 class TargetPlanned(Planned):
     """The plan of a target, compared with the scan of a single point.
 
-    ``verdict``: whether showing several frames together pays; None: there are too few of them.
+    ``verdict`` says whether coding several frames together reduces noise; None: there are too few of them.
     """
 
     plan: TargetPlan
@@ -45,7 +45,7 @@ class TargetPlanned(Planned):
 
 @record
 class _PlanTarget(PlanTask):
-    """What all kinds have."""
+    """Fields of all kinds of targets."""
 
     name: ClassVar[str] = "plan target"
 
@@ -68,21 +68,19 @@ class _PlanTarget(PlanTask):
     )
     crosstalk: float = opt(
         0.005,
-        "Largest share of the light of neighbours in a cutout, relative to the light of its own point.",
+        "Largest light of neighbours in a cutout, relative to the light of the point at its centre.",
         at_least=1e-6,
         below=1,
         read=read_share,
     )
     most_frames: int | None = opt(
         None,
-        "Largest number of frames of a plane; the share of phases that they show is printed.",
+        "Largest number of frames for each plane; the command prints the share of phases that they show.",
         label="Frames, at most",
         at_least=1,
         empty="as many as all phases need",
     )
-    regions: str = opt(
-        "", "Regions of the field that the frames serve, ROWSxCOLUMNS over the sensor, e.g. 3x3.", empty="one"
-    )
+    regions: str = opt("", "Regions of the field to cover, ROWSxCOLUMNS over the sensor, e.g. 3x3.", empty="one")
     signal: float | None = opt(
         None,
         "Electrons in the brightest pixel of a point. They decide whether coded frames, each the sum of several, have "
@@ -93,11 +91,11 @@ class _PlanTarget(PlanTask):
         more=True,
     )
     out: Path | None = opt(
-        None, "Plan of the target to write (.json).", label="Plan file", short="-o", file="out", empty="only shown"
+        None, "File for the plan of the target (.json).", label="Plan file", short="-o", file="out", empty="only shown"
     )
 
     def __post_init__(self) -> None:
-        """Check every value, and that the regions are some."""
+        """Check every value, and the form of the regions."""
         from lfcal.camera import parse_regions
 
         super().__post_init__()
@@ -106,7 +104,7 @@ class _PlanTarget(PlanTask):
 
     @property
     def wishes(self) -> Wishes:
-        """What the plan must keep."""
+        """Limits that the plan must keep."""
         from lfcal.targets import Wishes
 
         return Wishes(self.tolerance, self.crosstalk, self.most_frames)
@@ -120,7 +118,7 @@ class _PlanTarget(PlanTask):
         raise NotImplementedError
 
     def field(self, scan: ScanPlan) -> RegionPlan | None:
-        """Return the regions that the frames serve; None: one.
+        """Return the regions that the frames cover; None for a single one.
 
         Raises
         ------
@@ -141,19 +139,19 @@ class _PlanTarget(PlanTask):
         """Plan the target for a scan, without reading or writing its files."""
         from lfcal.targets import coding_verdict, planned_for_display
 
-        self.field(scan)  # refused before the frames are chosen
+        self.field(scan)  # raise before the frames are chosen
         plan = yield from self._iter_plan(scan)
         verdict = coding_verdict(plan, signal_e=self.signal)
         if verdict is None and self.signal is not None:
             raise InputError.expected(
-                "--signal", "several points and frames to show at once", "too few", "leave it out"
+                "--signal", "several points, and frames to show together", "too few", "leave it out"
             )
         if self.display is not None:
             plan = planned_for_display(plan, self.display, verdict)
         return self.planned(plan, verdict)
 
     def planned(self, plan: TargetPlan, verdict: CodingVerdict | None) -> TargetPlanned:
-        """Return a plan with what its frames show and cost."""
+        """Return a plan with the positions that its frames show, and its cost."""
         from lfcal.targets import facts_of_plan
 
         single, field = self.forecast(plan.scan), self.field(plan.scan)
@@ -179,13 +177,13 @@ class PlanTarget(_PlanTarget):
 
     pose: str = opt(
         "",
-        "How the target lies: rotation=1,tilt_right=2,tilt_down=0 (degrees), right=0.3mm,down=0,away=0.",
+        "Pose of the target: rotation=1,tilt_right=2,tilt_down=0 (degrees), right=0.3mm,down=0,away=0.",
         empty="straight, or as in its file",
     )
     pose_within: str = opt("", "Bounds of the error of the pose, in the same words.", empty="known", more=True)
 
     def __post_init__(self) -> None:
-        """Check every value, and that target and pose can be read."""
+        """Check every value, and that target and pose can be parsed."""
         from lfcal.targets import Pose, parse_target, proposed_hole
 
         super().__post_init__()
@@ -212,7 +210,7 @@ class PlanTarget(_PlanTarget):
 
 @record
 class PlanDisplay(_PlanTarget):
-    """Plan what a display shows instead of the positions of a scan."""
+    """Plan what a display shows to replace the positions of a scan."""
 
     input_words: ClassVar[str] = "a display"
 
@@ -225,7 +223,7 @@ class PlanDisplay(_PlanTarget):
     )
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return its files; in a folder of pictures, those of an earlier plan are replaced."""
+        """Return the files of the task; in a folder of pictures, those of an earlier plan are replaced."""
         from lfcal.targets import pictures_in
 
         files, folder = super().files(way), self.patterns
@@ -260,7 +258,7 @@ class PlanDisplay(_PlanTarget):
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return which kind of target to plan."""
+    """Return the kind of target to plan."""
     return PlanDisplay if str(given["source"]).strip().startswith(DISPLAY) else PlanTarget
 
 

@@ -1,4 +1,4 @@
-"""Scan plans as tasks make, read, write and forecast them."""
+"""Make, read, write and forecast scan plans for tasks."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ __all__ = [
 ]
 
 WITHOUT_READOUT = "without readout (--frame-rate)"
-"""Of a time that counts no readout."""
+"""Remark on a time that does not count readout."""
 
 
 @record
 class PlanTask(Task):
-    """What tasks have that forecast a scan by its plan."""
+    """Fields of tasks that forecast the time of a scan."""
 
     speed: float = opt(1000.0, "Speed of the stage.", unit="µm/s", above=0, more=True)
     frame_rate: float | None = opt(
@@ -48,16 +48,16 @@ class PlanTask(Task):
 
     @property
     def rates(self) -> dict[str, Any]:
-        """Speed of the stage and frame rate of the camera, as forecasts have them."""
+        """Speed of the stage and frame rate of the camera, as arguments of forecasts."""
         return {"stage_um_per_s": self.speed, "frames_per_s": self.frame_rate}
 
     @property
     def unread(self) -> str:
-        """What follows a time in messages, after a blank; empty where readout is counted."""
+        """Remark after a time in messages, with a leading blank; empty if readout is counted."""
         return f" {WITHOUT_READOUT}" if self.frame_rate is None else ""
 
     def forecast(self, plan: ScanPlan, positions: NDArray[np.intp] | None = None) -> Forecast:
-        """Return what the scan costs, or what some ``positions`` of it cost."""
+        """Return the cost of the scan, or of some of its ``positions``."""
         from lfcal.camera import Forecast
 
         return Forecast.of(plan, **self.rates, positions=positions)
@@ -65,9 +65,9 @@ class PlanTask(Task):
 
 @dataclass(frozen=True, kw_only=True)
 class Planned(TaskResult):
-    """A plan of any kind, and what it costs.
+    """A plan of any kind, with its cost.
 
-    ``forecast`` is that of one region by a single point; ``facts`` is all of it.
+    ``forecast`` is that of one region with a single point; ``facts`` describes the whole plan.
     """
 
     task: Any
@@ -86,14 +86,14 @@ def planned_scan(
     virtual_depths: tuple[float, ...] = (),
     cutout: tuple[int, int] | None = None,
 ) -> ScanPlan:
-    """Return the plan in a JSON file, or that of a camera (preset or file) with planes.
+    """Return the plan in a JSON file, or the plan for a camera (preset or file) with planes.
 
-    Of a plan of several regions it is the plan that all of them share.
+    For a plan of several regions, this is the plan that they share.
 
     Raises
     ------
     InputError
-        If planes and cutout are given besides a plan, or no planes besides a camera.
+        If planes or a cutout are given together with a plan, or a camera without planes.
     """
     from lfcal.camera import ScanPlan
 
@@ -113,7 +113,7 @@ def planned_scan(
 
 
 def scan_of(path: Path) -> ScanPlan:
-    """Return the scan plan in a file; raises `InputError` if it is a camera, or another file."""
+    """Return the scan plan in a file; raises `InputError` if it is a camera or another kind of file."""
     from lfcal.camera import ScanPlan
 
     named = not is_camera_file(str(path))
@@ -125,7 +125,7 @@ def scan_of(path: Path) -> ScanPlan:
 
 
 def ready_regions(path: str) -> RegionPlan | None:
-    """Return the plan of several regions in a JSON file, or None where it is something else."""
+    """Return the plan of several regions in a JSON file, or None for another file."""
     from lfcal.camera import RegionPlan
 
     found = _ready(path)
@@ -133,7 +133,7 @@ def ready_regions(path: str) -> RegionPlan | None:
 
 
 def _ready(path: str) -> ScanPlan | RegionPlan | None:
-    """Return the plan in a JSON file, or None where it is something else, such as a camera."""
+    """Return the plan in a JSON file, or None for another file, such as a camera."""
     from lfcal.base import parse_json
     from lfcal.camera import RegionPlan, ScanPlan
 
@@ -145,6 +145,6 @@ def _ready(path: str) -> ScanPlan | RegionPlan | None:
 
 
 def write_plan(plan: ScanPlan | RegionPlan | TargetPlan, out: Path | None) -> None:
-    """Write a plan where a file is named."""
+    """Write a plan if a file is named."""
     if out is not None:
         write_text(out, plan.to_json())

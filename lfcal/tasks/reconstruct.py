@@ -1,4 +1,4 @@
-"""Light-field frames to volumes: one frame, a series, or a forecast of what they take."""
+"""Reconstruct volumes from light-field frames: one frame, a series, or a forecast of the cost."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ FORMATS = (".tif", ".ome.tif", ".ome.zarr", ".h5", ".npy")
 
 
 def _find(name: str) -> type[SolverFields]:
-    """Return the record of a solver, of those of other distributions, too."""
+    """Return the record of a solver, including those from other distributions."""
     own = {SOLVER_KINDS.name_of(kind): kind for kind in OWN_SOLVERS}
     if name in own:
         return own[name]
@@ -67,12 +67,12 @@ SOLVER_KINDS = Variants(OWN_SOLVERS, "name", _find, _names)
 
 
 def solver_settings(name: str, **values: Any) -> SolverFields:
-    """Return settings of a solver by its name, which may be one of another distribution.
+    """Return the settings of a solver by its name, including those from other distributions.
 
     Parameters
     ----------
     name
-        Of the solver.
+        Name of the solver.
     **values
         Fields of its record.
 
@@ -97,7 +97,7 @@ def solver_settings(name: str, **values: Any) -> SolverFields:
 
 @dataclass(frozen=True, kw_only=True)
 class Reconstructed(TaskResult):
-    """Volumes that were reconstructed, with the file of each by the name of its frame."""
+    """Reconstructed volumes, with the file of each by the name of its frame."""
 
     method: str
     forecast: str
@@ -119,7 +119,7 @@ class Reconstructed(TaskResult):
 
 @dataclass(frozen=True)
 class ReconstructionForecast(TaskResult):
-    """What a reconstruction, ``run``, will cost."""
+    """Forecast cost of a reconstruction, ``run``."""
 
     run: FrameRun
 
@@ -139,7 +139,7 @@ def _warm() -> bool:
 
 @record
 class _Reconstruct(Task):
-    """What all kinds have."""
+    """Fields of all kinds of reconstructions."""
 
     name: ClassVar[str] = "reconstruct"
 
@@ -153,8 +153,9 @@ class _Reconstruct(Task):
     )
     regions: tuple[str, ...] = opt(
         (),
-        "H of another region of the field: a file, a region of the H file by name, or all. May be repeated. Each voxel "
-        "is seen through H of the regions around it.",
+        "H of another region of the field: a file, the name of a region in the H file, or all. May be repeated. Each "
+        "voxel "
+        "is projected with H of the regions around it.",
         flag="--region",
         empty="none",
         more=True,
@@ -167,28 +168,28 @@ class _Reconstruct(Task):
     projection: ProjectionSettings = panel(ProjectionSettings(), "Projection")
 
     def __post_init__(self) -> None:
-        """Check every field, and what excludes each other."""
+        """Check every field and the combinations that exclude each other."""
         super().__post_init__()
         if self.regions and self.light_field.asked:
             given = "--lattice" if self.light_field.lattice else "--resample"
             raise InputError.expected(given, "H of one region", "--region", "leave one of them out")
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return its files, those of other regions among them."""
+        """Return the files of the task, including those of other regions."""
         from lfcal.reconstruct import files_of_regions
 
         others = files_of_regions(self.psf, self.regions) if way == "in" else ()
         return (*super().files(way), *others)
 
     def _prepare(self, stack: ExitStack, workers: int | None, *, warm: bool = False) -> FrameRun:
-        """Open H, look at the first frame, and choose how to project."""
+        """Open H, read the first frame, and choose how to project."""
         from lfcal.frames import split_dataset
         from lfcal.psf import regions_of
         from lfcal.reconstruct import FrameRun, SharedOptics, SolverChoice, files_of_regions
 
         if not split_dataset(self.frames)[0].exists():
             raise StorageError(f"{self.frames}: no such file or folder; check the path")
-        choice = SolverChoice.of(self.solver)  # wrong settings are found before anything is read
+        choice = SolverChoice.of(self.solver)  # raise for wrong settings before anything is read
         check_mat_files(self.mat_order, self.psf, *files_of_regions(self.psf, self.regions))
         optics = SharedOptics(self.psf, self.regions, self.mat_order, self.light_field, self.projection)
         matrices = optics.open(stack)
@@ -204,11 +205,11 @@ class _Reconstruct(Task):
 
 @record
 class ReconstructForecast(_Reconstruct):
-    """Predict time and memory of a reconstruction."""
+    """Predict the time and memory of a reconstruction."""
 
     input_words: ClassVar[str] = "a forecast"
 
-    forecast: bool = opt(False, "Only predict time and memory of each way to project.", more=True)
+    forecast: bool = opt(False, "Only predict the time and memory of each projection method.", more=True)
     warm: bool = _warm()
     light_field: LightFieldSettings = panel(LightFieldSettings(), "Frames", without=("dark",))
     grid: VoxelGrid = panel(VoxelGrid(), "Voxels", without=("voxel",))
@@ -216,10 +217,10 @@ class ReconstructForecast(_Reconstruct):
     def __post_init__(self) -> None:
         """Check every field."""
         super().__post_init__()
-        object.__setattr__(self, "forecast", True)  # what makes a command line one of this kind
+        object.__setattr__(self, "forecast", True)  # the flag that selects this kind on a command line
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[ReconstructionForecast, ...]]:
-        """Prepare the reconstruction, and predict what it takes."""
+        """Prepare the reconstruction, and predict its cost."""
         yield from ()
         with ExitStack() as stack:
             return (ReconstructionForecast(self._prepare(stack, run.workers if run else None, warm=self.warm)),)
@@ -229,7 +230,7 @@ class ReconstructForecast(_Reconstruct):
 class Reconstruct(_Reconstruct):
     """Reconstruct the volume behind a light-field frame, or those of a series, with H.
 
-    Exit code 0: each frame has its volume; 1: a frame of several is damaged or shows no light, and has none.
+    Exit code 0: every frame has a volume. Exit code 1: of several frames, at least one is damaged or shows no light.
 
     Examples
     --------
@@ -250,7 +251,8 @@ class Reconstruct(_Reconstruct):
     in_units: ClassVar[bool] = True
 
     out: Path = required(
-        "Volume to write: .tif, .ome.tif, .ome.zarr, .h5 or .npy. Of several frames a folder, or such a file for all.",
+        "Volume to write: .tif, .ome.tif, .ome.zarr, .h5 or .npy. For several frames: a folder, or one such file for "
+        "all.",
         label="Volume",
         short="-o",
         file="out",
@@ -290,7 +292,7 @@ class ReconstructSeries(Reconstruct):
     input_words: ClassVar[str] = "a series of frames"
 
     format: str = opt(
-        ".tif", "Of the files in a folder of volumes.", label="Format of the files", choices=FORMATS, more=True
+        ".tif", "Format of the files in a folder of volumes.", label="Format of the files", choices=FORMATS, more=True
     )
     warm: bool = _warm()
 
@@ -301,7 +303,7 @@ class ReconstructSeries(Reconstruct):
         return self.out.suffix.lower() in SUFFIXES
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return its files; those in a folder of volumes are known when the frames are."""
+        """Return the files of the task; those in a folder of volumes depend on the frames."""
         return () if way == "out" and not self._whole() else super().files(way)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Reconstructed, ...]]:
@@ -312,7 +314,7 @@ class ReconstructSeries(Reconstruct):
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return which kind of reconstruction is asked for."""
+    """Return the kind of reconstruction that the values need."""
     if given.get("forecast"):
         return ReconstructForecast
     from lfcal.reconstruct import is_series

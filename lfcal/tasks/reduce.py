@@ -1,4 +1,4 @@
-"""H to a smaller file, within a tolerance."""
+"""Reduce H to a smaller file within a tolerance."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 __all__ = ["REDUCE", "Reduce", "ReducedFile"]
 
 RATE = 50e6
-"""Bytes of H that are read, rounded and written in a second of processor time, about."""
+"""Approximate number of bytes of H read, rounded and written per second of processor time."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReducedFile(TaskResult):
-    """The smaller file ``out`` that was written; ``matrix`` is H in it, open."""
+    """The smaller file ``out`` that was written; ``matrix`` is its H, still open."""
 
     out: Path
     matrix: PSFMatrix
@@ -33,7 +33,7 @@ class ReducedFile(TaskResult):
 
     @property
     def bound(self) -> Any:
-        """The largest share of its light that a pattern lacks, by plane: by cut, by rounding, and by both."""
+        """Largest share of its light that a pattern loses, by plane: by truncation, by rounding, and by both."""
         return self.matrix.facts.known()["bound"]
 
     @property
@@ -60,7 +60,7 @@ class ReducedFile(TaskResult):
 
 @record
 class Reduce(CopyTask):
-    """Store H in a fraction of its bytes, each pattern within a tolerance that the file states.
+    """Store H in a fraction of its bytes; each pattern stays within a tolerance that the file states.
 
     Examples
     --------
@@ -78,7 +78,7 @@ class Reduce(CopyTask):
     out: Path = required("H file to write (.h5).", label="H file", short="-o", file="out")
     tolerance: float = opt(
         0.005,
-        "Largest share (L1) of its light that each pattern may lose.",
+        "Largest share (L1) of its light that a pattern may lose.",
         above=0,
         below=1,
         read=read_share,
@@ -86,7 +86,7 @@ class Reduce(CopyTask):
     compression: str = opt("gzip", "Compression of the file.", choices=COMPRESSIONS, more=True)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[ReducedFile, ...]]:
-        """Write H with as few steps as the tolerance allows."""
+        """Write H with the fewest quantization steps that the tolerance allows."""
         from lfcal.psf import iter_save, open_psf
 
         start, run = time.perf_counter(), run or RunSettings()

@@ -1,4 +1,4 @@
-"""Every task by the name of its command."""
+"""All tasks by the names of their commands."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ TASKS = {
     "fit validate": "lfcal.tasks.fit_validate:FIT_VALIDATE",
     "simulate": "lfcal.tasks.simulate:SIMULATE",
 }
-"""Where the kinds of each task are, by the name of the command; a module is imported when its task is asked for."""
+"""Location of each task's kinds, by the name of the command; a module is imported when its task is requested."""
 
 
 def task_set(name: str) -> TaskSet:
-    """Return the kinds of the task that a command is called by; raises `InputError` where there is none."""
+    """Return the kinds of a command's task; raises `InputError` for an unknown name."""
     if name not in TASKS:
         raise InputError.expected("task", " or ".join(TASKS), repr(name), choose(name, TASKS))
     module, _, attribute = TASKS[name].partition(":")

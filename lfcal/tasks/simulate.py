@@ -1,4 +1,4 @@
-"""Simulation: H, H in passes or of several regions, the frames of a session, or a forecast alone."""
+"""Simulate H, H in passes or for several regions, the frames of a session, or only a forecast."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ __all__ = [
 LEVELS = ("auto", "geometric", "wave", "grid", "microscope", "reference")
 
 LEAST_LIGHT = 0.9
-"""Share of a plane's light below which the cutout is reported as too small."""
+"""Share of a plane's light in the cutout below which the cutout is reported as too small."""
 
 MOST_DRIFT = 0.5
 """Drift of the lattice against H's period over the sensor (px) above which it is reported."""
@@ -54,14 +54,14 @@ MOST_DRIFT = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationForecast(TaskResult):
-    """Which effects matter for a plan, why, and what they cost."""
+    """Effects that matter for a plan, why they matter, and their cost."""
 
     plan: ScanPlan
     effects: EffectSelection
 
     @property
     def reached(self) -> tuple[str, ...]:
-        """What the planes of H reached, a line each."""
+        """Accuracy that the planes of H reached, one line each."""
         return ()
 
     def to_dict(self) -> dict[str, Any]:
@@ -69,7 +69,7 @@ class SimulationForecast(TaskResult):
         return {**self.effects.to_dict(), "assumed": self.plan.camera.marks.paths("assumed")}
 
     def written(self, path: Path, what: str, **more: Any) -> dict[str, Any]:
-        """Return what is said of a file or folder that was written."""
+        """Return a description of a file or folder that was written."""
         names = [effect.name for effect in self.effects.effects]
         assumed = self.plan.camera.marks.paths("assumed")
         return {"path": path, "what": what, **more, "effects": names, "assumed": assumed}
@@ -77,10 +77,10 @@ class SimulationForecast(TaskResult):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedH(SimulationForecast):
-    """One H that was simulated; the matrix of a region is closed.
+    """One simulated H; the matrix of a region is closed.
 
-    Writing the file may add a relative L1 error of ``stored`` to each pattern. The cutout has the share
-    ``light`` of each plane's light.
+    Writing the file may add a relative L1 error of ``stored`` to each pattern. ``light`` is the share of each plane's
+    light in the cutout.
     """
 
     out: Path
@@ -90,24 +90,24 @@ class SimulatedH(SimulationForecast):
 
     @property
     def errors(self) -> tuple[float, ...]:
-        """Relative L1 error of each plane: of what is left out, of the computation, and of storage."""
+        """Relative L1 error of each plane: omitted effects, computation, and storage."""
         return tuple(float(error) for error in self.matrix.facts.known()["error"])
 
     @property
     def planes(self) -> tuple[dict[str, Any] | None, ...]:
-        """Engine, sampling and seconds of each plane; None where they are not known."""
+        """Engine, sampling and seconds of each plane; None if unknown."""
         from lfcal.psf import simulated_planes
 
         return tuple(simulated_planes(self.matrix.provenance, len(self.plan.depths_um)))
 
     @property
     def limit(self) -> float:
-        """What the errors were asked to stay below."""
+        """Limits that the errors had to stay below."""
         return self.effects.tolerance + (self.stored or 0)
 
     @property
     def reached(self) -> tuple[str, ...]:
-        """What the planes reached: what is left out as estimated, the computation by some positions."""
+        """Accuracy of the planes: omitted effects by estimate, the computation by checking some positions."""
         lowest, highest = 100 * min(self.errors), 100 * max(self.errors)
         error = f"{highest:.2g} %" if highest < 1.1 * lowest else f"{lowest:.2g} to {highest:.2g} %"
         what = "with that of storage" if self.stored is not None else "of what is left out and of the computation"
@@ -142,14 +142,14 @@ class SimulatedH(SimulationForecast):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedRegions(TaskResult):
-    """H of several regions of the field, in one file; the matrices are closed."""
+    """H of several regions of the field in one file; the matrices are closed."""
 
     out: Path
     regions: Mapping[str, SimulatedH]
 
     @property
     def reached(self) -> tuple[str, ...]:
-        """What the planes of each region reached, a line each."""
+        """Accuracy that the planes of each region reached, one line each."""
         return tuple(words for one in self.regions.values() for words in one.reached)
 
     def to_dict(self) -> dict[str, Any]:
@@ -159,7 +159,7 @@ class SimulatedRegions(TaskResult):
             "path": self.out,
             "what": f"H of {len(told)} regions",
             "out": self.out,
-            # the file of a region is gone when all are one
+            # the file of a region is removed once all are merged
             "regions": {name: {k: v for k, v in one.items() if k != "path"} for name, one in told.items()},
             "file_bytes": self.out.stat().st_size,
             "assumed": next(iter(told.values()))["assumed"],
@@ -168,7 +168,7 @@ class SimulatedRegions(TaskResult):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedFrames(SimulationForecast):
-    """Frames of a session that were simulated; ``count`` is their number without dark and white frames."""
+    """Simulated frames of a session; ``count`` excludes dark and white frames."""
 
     folder: Path
     count: int
@@ -180,7 +180,7 @@ class SimulatedFrames(SimulationForecast):
 
 @record
 class _Simulate(Task):
-    """What all kinds have."""
+    """Fields of all kinds of simulations."""
 
     name: ClassVar[str] = "simulate"
 
@@ -193,26 +193,27 @@ class _Simulate(Task):
     )
     effects: tuple[str, ...] = opt(
         (),
-        "NAME=on, off, auto or a magnitude (coma=0.3@40deg, lenslet_gap=5um), or a JSON file of effects. "
+        "Effect to switch or set: NAME=on, off, auto or a magnitude (coma=0.3@40deg, lenslet_gap=5um), or a JSON "
+        "file of effects. "
         "May be given several times.",
         flag="--effect",
         read=read_effect,
         file="in",
         is_path=lambda text: "=" not in text,
-        empty="what matters for the tolerance",
+        empty="the effects that matter for the tolerance",
     )
     tolerance: float = opt(
-        0.03, "Relative L1 error allowed for what is left out.", above=0, at_most=4, read=read_share, unit="share"
+        0.03, "Relative L1 error allowed for omitted effects.", above=0, at_most=4, read=read_share, unit="share"
     )
     level: str = opt(
         "auto",
-        "How light is computed, from fast to accurate: rays (geometric), waves of each lenslet (wave) or of all "
+        "How light is propagated, from fast to accurate: rays (geometric), waves of each lenslet (wave) or of all "
         "together (grid, microscope), or the reference. auto: as the effects need.",
         choices=LEVELS,
     )
 
     def selection(self, plan: ScanPlan, tolerance: float | None = None, **more: Any) -> EffectSelection:
-        """Return the effects that matter for a plan; ``more`` as in `lfcal.simulate.plan_effects`."""
+        """Return the effects that matter for a plan; ``more`` is passed to `lfcal.simulate.plan_effects`."""
         from lfcal.simulate import plan_effects
         from lfcal.simulate.effects import parse_effects
 
@@ -220,14 +221,14 @@ class _Simulate(Task):
         return plan_effects(plan, tolerance or self.tolerance, settings, effects=given, **more)
 
     def timed(self, plan: ScanPlan, found: EffectSelection) -> EffectSelection:
-        """Return a selection with the level that is asked for, and the processor time of H by a short run."""
+        """Return a selection at the requested level, and the processor time of H estimated by a short run."""
         from lfcal.simulate import predict_seconds
 
         seconds = predict_seconds(plan, found, self.level, tolerance=self.tolerance)
         return replace(found, level=found.level if self.level == "auto" else self.level, seconds=seconds)
 
     def known(self, plan: ScanPlan, found: EffectSelection) -> dict[str, Any]:
-        """Return the provenance: plan, task, and how magnitudes are known that were given."""
+        """Return the provenance: plan, task, and the origin of the given magnitudes."""
         from lfcal.simulate.effects import effect_entries
 
         names = {effect.name for effect in found.effects}
@@ -247,16 +248,16 @@ class _Simulate(Task):
         stored: float | None = None,
         on_pass: Callable[[PSFMatrix], None] | None = None,
     ) -> Work[SimulatedH]:
-        """Choose the effects and compute H into ``out``, in units where this kind has them.
+        """Choose the effects and compute H into ``out``, in units if this kind supports them.
 
         Parameters
         ----------
         plan, out, run
-            What is simulated, where to, and by whom.
+            The plan to simulate, the file to write, and the executor.
         stored
             As in `SimulatedH`.
         on_pass
-            Compute it in passes, and call this with the H of each.
+            Compute H in passes, and call this function with the H of each.
         """
         from lfcal.simulate import iter_refine_psf, iter_simulate_psf, light_in_cutout, predict_bytes
 
@@ -281,7 +282,7 @@ class _Simulate(Task):
 
 @record
 class _OfOnePlan(_Simulate):
-    """What is simulated of one plan, or of a camera with planes."""
+    """Fields of simulations of one plan, or of a camera with planes."""
 
     depths: tuple[float, ...] = opt(
         (),
@@ -300,7 +301,7 @@ class _OfOnePlan(_Simulate):
     )
     cutout: tuple[int, int] | None = opt(
         None,
-        "Odd number of pixels kept around each point's image, one or ROWS,COLUMNS.",
+        "Size of the cutout around each point's image: an odd number of pixels, or ROWS,COLUMNS.",
         unit="px",
         read=read_cutout,
         show=show_pair,
@@ -308,13 +309,13 @@ class _OfOnePlan(_Simulate):
     )
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Any, ...]]:
-        """Simulate it, or say what that takes."""
+        """Simulate, or report the expected cost."""
         plan = planned_scan(self.camera, self.depths, self.virtual_depths, self.cutout)
         made = yield from self.work_on(plan, run or RunSettings())
         return (made,)
 
     def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[Any]:
-        """Do it for a plan that is in memory, in place of that of ``camera``."""
+        """Simulate a plan in memory, instead of that of ``camera``."""
         raise NotImplementedError
 
 
@@ -325,7 +326,7 @@ PEAK: dict[str, Any] = {"label": "Brightest pixel", "unit": "share of the full w
 
 @record
 class SimulateH(_OfOnePlan):
-    """Simulate the PSF matrix of a camera, with the effects that matter for it and no others.
+    """Simulate the PSF matrix of a camera with the effects that matter for it.
 
     Examples
     --------
@@ -345,7 +346,7 @@ class SimulateH(_OfOnePlan):
     out: Path = required("H file to write (.h5).", **OUT)
     store_tolerance: float | None = opt(
         None,
-        "Share (L1) of its light that each pattern may lose in the file, as in lfcal reduce.",
+        "Largest share (L1) of its light that a pattern may lose when the file is compressed, as in lfcal reduce.",
         label="Loss in the file",
         above=0,
         below=1,
@@ -361,7 +362,7 @@ class SimulateH(_OfOnePlan):
 
 @record
 class SimulatePasses(_OfOnePlan):
-    """Simulate H in passes: it is whole after the first and better after each."""
+    """Simulate H in passes: it is complete after the first, and more accurate after each."""
 
     input_words: ClassVar[str] = "H in passes"
     in_units: ClassVar[bool] = True
@@ -369,13 +370,14 @@ class SimulatePasses(_OfOnePlan):
     out: Path = required("H file to write (.h5).", **OUT)
     progressive: bool = opt(
         True,
-        "Simulate H in passes: it is whole after the first and better after each. Ctrl-C keeps the last one.",
+        "Simulate H in passes: it is complete after the first, and more accurate after each. Ctrl-C keeps the last "
+        "one.",
         label="In passes",
         chooses=True,
     )
 
     def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[SimulatedH]:
-        """Compute H by rays, then better."""
+        """Compute H by rays, then more accurately."""
         whole: list[str] = []
 
         def tell(matrix: PSFMatrix) -> None:
@@ -393,14 +395,14 @@ class SimulatePasses(_OfOnePlan):
 
 @record
 class SimulateRegions(_Simulate):
-    """Simulate H of each region of a plan of several, at its place of the field, into one file."""
+    """Simulate H of each region of a plan of several, at its place in the field, into one file."""
 
     input_words: ClassVar[str] = "H of several regions"
 
     out: Path = required("H file to write (.h5).", **OUT)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[SimulatedRegions, ...]]:
-        """Compute H of each region, and write all to one file."""
+        """Compute H of each region, and write all of them to one file."""
         from lfcal.campaign import save_parts, temporary_parts
 
         run, several, made = run or RunSettings(), ready_regions(self.camera), {}
@@ -422,15 +424,15 @@ class SimulateFrames(_OfOnePlan):
     input_words: ClassVar[str] = "frames"
 
     frames: Path = required("New or empty folder for the frames of a simulated session.", file="out", **FRAMES)
-    seed: int = opt(0, "Seed of noise and stage errors in frames.", at_least=0, more=True)
-    peak: float = opt(0.8, "Brightness that the brightest pixel reaches in frames.", more=True, **PEAK)
+    seed: int = opt(0, "Random seed for noise and stage errors in frames.", at_least=0, more=True)
+    peak: float = opt(0.8, "Brightness of the brightest pixel in frames.", more=True, **PEAK)
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return its files; the folder is none, and never replaced."""
+        """Return the files of the task; the folder of frames is not among them, and is never replaced."""
         return () if way == "out" else super().files(way)
 
     def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[SimulatedFrames]:
-        """Write them."""
+        """Write the frames."""
         from lfcal.simulate import SimulatedCamera, iter_write_session
         from lfcal.simulate.sensor import check_session_folder
 
@@ -458,14 +460,10 @@ class SimulateForecast(_OfOnePlan):
 
     input_words: ClassVar[str] = "a forecast"
 
-    plan_only: bool = opt(
-        True, "Only show which effects matter and what they cost.", label="Forecast only", chooses=True
-    )
-    out: Path | None = opt(None, "H file that would be written; it is not.", **OUT | {"file": ""})
-    frames: Path | None = opt(None, "Folder of frames that would be written; it is not.", **FRAMES)
-    peak: float = opt(
-        0.8, "Brightness that the brightest pixel reaches in frames.", needs=("frames", ""), more=True, **PEAK
-    )
+    plan_only: bool = opt(True, "Only show which effects matter and their cost.", label="Forecast only", chooses=True)
+    out: Path | None = opt(None, "H file that would be written; nothing is written.", **OUT | {"file": ""})
+    frames: Path | None = opt(None, "Folder of frames that would be written; nothing is written.", **FRAMES)
+    peak: float = opt(0.8, "Brightness of the brightest pixel in frames.", needs=("frames", ""), more=True, **PEAK)
 
     def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[SimulationForecast]:
         """Choose the effects."""
@@ -474,12 +472,12 @@ class SimulateForecast(_OfOnePlan):
         _tell(plan)
         for target in filter(None, (self.out, self.frames)):
             note(f"{target} is not written: --plan-only")
-        # what the effects need is estimated without a run
+        # the cost of the effects is estimated without a run
         return SimulationForecast(plan=plan, effects=found if self.level == "auto" else self.timed(plan, found))
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return what to simulate: the output decides, and whether the plan is one of several regions."""
+    """Return the kind of simulation, by the output and by whether the plan has several regions."""
     if given.get("plan_only"):
         return SimulateForecast
     if bool(given.get("out")) == bool(given.get("frames")):
@@ -500,7 +498,7 @@ SIMULATE = TaskSet(
 
 
 def _tell(plan: ScanPlan, found: EffectSelection | None = None) -> None:
-    """Say which effects are left out that were asked for, and where the period of H does not fit the lattice."""
+    """Report requested effects that are left out, and a period of H that does not fit the lattice."""
     from lfcal.simulate.effects import CATALOGUE
 
     for reason in CATALOGUE.failures().values():
@@ -508,18 +506,19 @@ def _tell(plan: ScanPlan, found: EffectSelection | None = None) -> None:
     for row in () if found is None else found.rows:
         if row.setting == "on" and not row.on:
             note(f"{row.name}: {row.reason}")
-    # a plan of fewer positions than a period has no period to keep step with
+    # a plan with fewer positions than a period cannot drift against the lattice
     if not plan.resample and plan.drift_px > MOST_DRIFT and max(map(abs, plan.period_residual_px)) <= 0.5:
         (py, px), (ny, nx) = plan.camera.period_px, plan.period
         own = f"{py * plan.cells[0]:.5g} x {px * plan.cells[1]:.5g} px"
         note(
-            f"H's period of {ny} x {nx} px does not fit the lattice's {own}: {plan.drift_px:.3g} px of drift over the "
+            f"the period of H, {ny} x {nx} px, does not fit that of the lattice, {own}: {plan.drift_px:.3g} px of "
+            "drift over the "
             "sensor; `lfcal plan --resample` removes it, and `lfcal reconstruct` resamples frames to H's period"
         )
 
 
 def _warn(made: SimulatedH, *, finest: bool) -> None:
-    """Warn of planes that miss what was asked for, at the ``finest`` level or not, or whose cutout lacks light."""
+    """Warn of planes that miss the requested accuracy, at the ``finest`` level or not, or lack light in the cutout."""
     depths, errors, light = made.plan.depths_um, made.errors, made.light
     over = [z for z, error in enumerate(errors) if error > made.limit]
     if over:

@@ -1,4 +1,4 @@
-"""Frames of a target as several commands are given them: a session, or a folder with the target's plan."""
+"""Frames of a target as several commands receive them: a session, or a folder with the target's plan."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["left_words", "opened_target", "wanted_target"]
 
 
 def wanted_target(source: Path, plan: Path | None) -> TargetPlan | None:
-    """Return the plan of the target that frames show, theirs or the one named; None where they are of a scan."""
+    """Return the plan of the target in the frames, their own or the one named; None for frames of a scan."""
     from lfcal.acquire import NAME
     from lfcal.targets import read_target_plan
 
@@ -59,4 +59,4 @@ def left_words(left: int, count: int, plan: TargetPlan) -> str:
     from lfcal.targets import resampling_words
 
     far = f"{left} of {count} points are farther than {plan.tolerance_px:g} px from every position"
-    return f"{far}; {resampling_words(plan.scan)}: lfcal fit takes them where they are"
+    return f"{far}; {resampling_words(plan.scan)}: lfcal fit uses them at their actual places"

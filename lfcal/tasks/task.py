@@ -1,4 +1,4 @@
-"""Tasks: frozen records of what to do, from which command, form, job file, script and units are made."""
+"""Tasks: frozen records of work to do, from which command, form, job file, script and units are generated."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["RunSettings", "Task", "TaskResult", "TaskSet", "may_replace"]
 
 UNITS = ("executor", "scheduler", "resume")
-"""Fields of `RunSettings` that apply to work that is done in units."""
+"""Fields of `RunSettings` that apply to work done in units."""
 
 LONG = 60.0
 """Work that takes more seconds of processor time is always done in units: a kill loses one of them."""
@@ -31,7 +31,7 @@ def _executors() -> tuple[str, ...]:
 
 @record
 class RunSettings:
-    """By whom a task is done, and what becomes of what is there: nothing of it changes the result.
+    """How a task is run, and what happens to existing files; nothing here changes the result.
 
     Examples
     --------
@@ -45,31 +45,32 @@ class RunSettings:
     )
     executor: str = opt(
         "",
-        "What does the work: threads of this process, processes, or dask. Any of them does long work in units.",
+        "Executor: threads of this process, processes, or dask. All of them do long work in units.",
         examples=_executors,
         empty="threads",
         more=True,
     )
-    scheduler: str = opt("", "Address of a running scheduler, for the executor dask.", empty="a local one", more=True)
-    resume: bool = opt(False, "Continue what an earlier run left after it was stopped or killed.")
+    scheduler: str = opt("", "Address of a running dask scheduler.", empty="a local one", more=True)
+    resume: bool = opt(False, "Continue an earlier run that was stopped or killed.")
     force: bool = opt(False, "Replace existing files.")
 
     def choice(self, out: Path, seconds: float = 0.0, units: str = "plane by plane") -> RunChoice | None:
-        """Return how ``out`` is made in units, or None if the work is short and units were not asked for.
+        """Return how ``out`` is made in units, or None if the work is short and units were not requested.
 
         Parameters
         ----------
         out
-            What the work makes.
+            File that the work makes.
         seconds
-            That it takes by forecast (processor time).
+            Forecast processor time.
         units
-            What the units are, for people.
+            Name of the units in messages.
 
         Raises
         ------
         InputError
-            If these do not go together, or an earlier run left something and nothing says what becomes of it.
+            If the settings exclude each other, or an earlier run left units and neither ``resume`` nor ``force`` is
+            set.
         """
         from lfcal.work import RunChoice, check_begun, parts_folder
 
@@ -87,22 +88,22 @@ class RunSettings:
 
 
 def may_replace(out: Path, run: RunSettings) -> bool:
-    """Return whether what is at ``out`` may be replaced: by ``force``, or as an earlier run began to write it."""
+    """Return whether an existing ``out`` may be replaced: by ``force``, or as an earlier run began to write it."""
     from lfcal.work import was_joining
 
     return run.force or (run.resume and was_joining(out))
 
 
 class TaskResult:
-    """Base of what tasks make."""
+    """Base class of the results of tasks."""
 
     @property
     def failed(self) -> bool:
-        """Whether it answers the question of the task with no; a command then ends with exit code 1."""
+        """Whether the answer of the task is no; a command then ends with exit code 1."""
         return False
 
     def exit_code(self) -> int:
-        """Return the exit code of a command that has shown it; raises what ended the work after that."""
+        """Return the exit code of a command that has shown the result; raise the error that occurred later."""
         return int(self.failed)
 
     def to_dict(self) -> dict[str, Any]:
@@ -115,18 +116,18 @@ class TaskResult:
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """Base of all tasks: the fields of a task are all that decides what comes of it.
+    """Base class of all tasks: the result depends only on a task's fields.
 
     Attributes
     ----------
     name
-        Of the command.
+        Name of the command.
     input_words
-        What its input is, or what it makes, where other kinds of the same command have others.
+        Its input or output in words, if the kinds of the command differ in it.
     in_units
-        Whether other processes can do parts of it, and a run that was stopped continues.
+        Whether other processes can do parts of the task, and a stopped run can continue.
     resumes
-        Whether a run that was stopped continues, although it is not done in units.
+        Whether a stopped run can continue although it is not done in units.
     """
 
     name: ClassVar[str]
@@ -135,22 +136,22 @@ class Task:
     resumes: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        """Check every field, and those of the records within; a text is taken as a path."""
+        """Check every field, including those of nested records; a text is converted to a path."""
         for row in rows(type(self)):
             if len(row.path) == 1:
                 object.__setattr__(self, row.name, row.value(value_at(self, row), row.name))
         check_record(self)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[TaskResult, ...]]:
-        """Do it; yields progress, and returns what was made."""
+        """Do the task: yield progress, and return its result."""
         raise NotImplementedError
 
     def run(self, run: RunSettings | None = None) -> Any:
-        """Do it, and return what was made."""
+        """Do the task, and return its result."""
         return drain(self.work(run))
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return its files: ``"in"`` or ``"out"``."""
+        """Return the files of the task, each marked ``"in"`` or ``"out"``."""
         given = [(row, value_at(self, row)) for row in rows_of(self) if row.opt.file == way]
         return tuple(path for row, value in given for path in row.paths_of(value))
 
@@ -164,14 +165,14 @@ class Task:
         return self.files("out") if self.in_units else ()
 
     def to_dict(self, *, absolute: bool = False, outputs: bool = True) -> dict[str, Any]:
-        """Return it as plain JSON types, every field of it: a job, provenance, or what travels to another process.
+        """Return the task as plain JSON types with all fields, for a job, for provenance, or for another process.
 
         Parameters
         ----------
         absolute
             Make all paths absolute.
         outputs
-            Name the files to write, too.
+            Include the files to write.
         """
         found = {"task": self.name, **to_dict(self)}
         for row in rows_of(self):
@@ -188,20 +189,20 @@ class Task:
 
 @dataclass(frozen=True)
 class TaskSet:
-    """The kinds of a task, of which the input decides.
+    """The kinds of a task; the input decides between them.
 
     Attributes
     ----------
     name
-        Of the command.
+        Name of the command.
     kinds
-        A class for each kind of input.
+        One class for each kind of input.
     choose
-        Returns the kind of values by name; it may look at files.
+        Function that returns the kind for values by name; it may read files.
     example
         A command line, for the help.
     help
-        What the command does; empty: what the first kind says.
+        What the command does; empty: the docstring of the first kind.
     """
 
     name: str
@@ -211,15 +212,15 @@ class TaskSet:
     help: str = ""
 
     def make(self, given: Mapping[str, Any], called: Callable[[str], str]) -> Task:
-        """Return the task of ``given`` values by the names of their fields; ``called`` names a field in messages.
+        """Return the task with the ``given`` values by field name; ``called`` names a field in messages.
 
         Raises
         ------
         InputError
-            For a value of a field that this kind of task does not have, or that it must have.
+            For a field that this kind of task does not have, or a required field without a value.
         """
         for row in rows(self.kinds[0]):
-            # of these the choice may depend
+            # the choice may depend on these
             everywhere = all(row.name in {one.name for one in rows(kind)} for kind in self.kinds)
             if row.default is MISSING and everywhere and row.name not in given:
                 raise InputError.expected(row.called, "a value", "none", "give it")

@@ -1,4 +1,4 @@
-"""Tasks as text: a command, Python, a job file; and jobs as they are read."""
+"""Tasks as text: commands, Python and job files; and reading of jobs."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ FACES = {
     **dict.fromkeys(("LightFieldSettings", "ProjectionSettings", "VoxelGrid"), "lfcal.reconstruct"),
     **{kind.__name__: "lfcal.reconstruct" for kind in OWN_SOLVERS},
 }
-"""Packages that records are imported from."""
+"""Packages from which records are imported."""
 
 
 def words_of(task: Task, run: RunSettings | None = None) -> tuple[str, ...]:
-    """Return the words of a command line behind ``lfcal``: what differs from the defaults."""
+    """Return the words of a command line after ``lfcal``: the values that differ from the defaults."""
     inputs, options = [], []
     for row, value in [(row, value_at(one, row)) for one in (task, run) if one for row in rows_of(one)]:
         if row.opt.argument:
@@ -45,7 +45,7 @@ def words_of(task: Task, run: RunSettings | None = None) -> tuple[str, ...]:
 
 
 def command_of(task: Task, run: RunSettings | None = None) -> str:
-    """Return the command line that does the same.
+    """Return the equivalent command line.
 
     Examples
     --------
@@ -58,7 +58,7 @@ def command_of(task: Task, run: RunSettings | None = None) -> str:
 
 
 def python_of(task: Task, run: RunSettings | None = None, imported: Collection[str] = ()) -> str:
-    """Return the Python that does the same; ``imported`` are modules whose names a script has already.
+    """Return the equivalent Python; ``imported`` are modules whose names a script already has.
 
     Examples
     --------
@@ -85,7 +85,7 @@ def python_of(task: Task, run: RunSettings | None = None, imported: Collection[s
 
 
 def _told(run: RunSettings | None) -> dict[str, Any]:
-    """Return what differs from the defaults of how a task is run."""
+    """Return the run settings that differ from the defaults."""
     every = dataclasses.fields(run) if run else ()
     return {one.name: value for one in every if (value := getattr(run, one.name)) != one.default}
 
@@ -117,7 +117,7 @@ def _literal(value: Any, names: set[tuple[str, str]]) -> str:
 
 
 def job_of(task: Task, run: RunSettings | None = None) -> str:
-    """Return the text of a job file (TOML), every value of it; `read_job` reads it back.
+    """Return the text of a job file (TOML) with all values; `read_job` reads it back.
 
     Examples
     --------
@@ -138,27 +138,27 @@ def job_of(task: Task, run: RunSettings | None = None) -> str:
 
 
 def _toml(value: Any) -> str:
-    return json.dumps(value, ensure_ascii=False)  # its numbers, texts, lists and booleans are those of TOML
+    return json.dumps(value, ensure_ascii=False)  # JSON and TOML share numbers, texts, lists and booleans
 
 
 def read_job(data: Mapping[str, Any], what: str, root: Path = Path()) -> tuple[Task, RunSettings]:
-    """Return the task of a job, or of an H file's provenance, whose paths are relative to ``root``.
+    """Return the task of a job, or of an H file's provenance; its paths are relative to ``root``.
 
     Raises
     ------
     InputError, FileFormatError
-        If it names no task, or has entries or values that the task cannot have.
+        If it names no task, or has entries or values that the task does not allow.
     """
     given = dict(data)
     if not isinstance(given.get("task"), str):
         raise FileFormatError.expected(what, 'a job, task = "assemble" …', "no task", "name one")
     tasks, told = task_set(given.pop("task")), given.pop("run", {})
-    # of a field of several kinds the first one says what it is, as for the command
+    # for a field that several kinds have, the first kind defines it, as for the command
     known = {row.path: row for kind in reversed(tasks.kinds) for row in rows(kind)}
     fields, values = {row.name: row for row in known.values()}, {}
     for name, value in flat(tuple(known.values()), given, "job", "fields of its task").items():
         placed = fields[name].placed(value, lambda path: root / path)
-        # a value of every field is kept with H: what is at its default is as good as not given
+        # H stores a value for every field: a default counts as not given
         if fields[name].opt.chooses or placed not in (None, fields[name].default):
             values[name] = placed
     run = from_flat(RunSettings, flat(rows(RunSettings), told, "run"))
@@ -166,7 +166,7 @@ def read_job(data: Mapping[str, Any], what: str, root: Path = Path()) -> tuple[T
 
 
 def _made_by(path: Path) -> Any:
-    """Return what an H or volume file says of the task that made it; None: nothing."""
+    """Return what an H or volume file states about the task that made it; None: nothing."""
     from lfcal.base.h5 import H5File
     from lfcal.psf import open_psf
     from lfcal.reconstruct import VOLUME_FORMAT
@@ -185,7 +185,7 @@ def load_job(path: Path, more: Mapping[str, Any] = MappingProxyType({})) -> tupl
     Raises
     ------
     InputError, FileFormatError, StorageError
-        If there is no such file, or no job in it.
+        If there is no such file, or it contains no job.
     """
     if path.suffix.lower() in (".h5", ".hdf5"):
         made = _made_by(path)

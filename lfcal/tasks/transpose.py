@@ -1,4 +1,4 @@
-"""H to HT."""
+"""Transpose H into HT."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lfcal.tasks.task import RunSettings, TaskResult, TaskSet
 __all__ = ["TRANSPOSE", "Transpose", "TransposedFile"]
 
 RATE = 150e6
-"""Bytes of H that are read, transposed and written in a second of processor time, about."""
+"""Approximate number of bytes of H read, transposed and written per second of processor time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,7 +23,7 @@ class TransposedFile(TaskResult):
     """The transpose that was written.
 
     ``bytes`` is the size of H in memory, ``missing`` the number of positions that were neither recorded nor filled.
-    ``made`` is ``"HT"``, or ``"H"`` where the source was HT.
+    ``made`` is ``"HT"``, or ``"H"`` if the source was HT.
     """
 
     out: Path
@@ -42,7 +42,7 @@ class TransposedFile(TaskResult):
 
 @record
 class Transpose(CopyTask):
-    """Transpose H into HT, file to file, with one plane of each in memory.
+    """Transpose H into HT, from file to file, with one plane of each in memory.
 
     Examples
     --------
@@ -61,7 +61,7 @@ class Transpose(CopyTask):
     out: Path = required("HT file to write (.h5).", label="HT file", short="-o", file="out")
     method: str = opt(
         "exact",
-        "exact, or paper: the published loop, which leaves a border of zeros. paper-padded: that loop on H with a "
+        "Algorithm. paper: the published loop, which leaves a border of zeros. paper-padded: that loop on H with a "
         "border of zeros, which makes it exact.",
         choices=("exact", "paper", "paper-padded"),
         more=True,

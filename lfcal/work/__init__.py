@@ -1,11 +1,11 @@
-"""Long work in units that survive a kill: each writes one file, and is done when that file is there.
+"""Long work in units that survive a kill: each unit writes one file, and is done when that file exists.
 
-- ``unit``: what is to be done, from which files, and the fingerprint that tells a result of these from any other
-- ``runs``: units through an executor, those that are done left out, and their files joined meanwhile; `iter_run`
-- ``choice``: by whom, and what becomes of an earlier run; `iter_made` joins the units' files
-- ``records``: what units found that is no plane or volume
+- ``unit``: the work of one unit, its input files, and the fingerprint that identifies its result
+- ``runs``: run units on an executor, skip those that are done, and join their files meanwhile; `iter_run`
+- ``choice``: the executor, and what happens to an earlier run; `iter_made` joins the units' files
+- ``records``: results of units other than planes and volumes
 - ``executors``: threads of this process, processes, workers of dask.distributed
-- ``journal``: what a run did and does, as `lfcal status` and the window show it
+- ``journal``: events and state of a run, as shown by `lfcal status` and the window
 """
 
 from typing import TYPE_CHECKING

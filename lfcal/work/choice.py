@@ -1,4 +1,4 @@
-"""How a long piece of work is run: by whom, and what becomes of an earlier run of it."""
+"""Settings of long work: the executor, and what happens to an earlier run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BEGUN = ("refuse", "resume", "discard")
 
 @dataclass(frozen=True)
 class RunChoice:
-    """By whom units are done, and what becomes of those that an earlier run left.
+    """Executor of units, and what happens to units that an earlier run left.
 
     Attributes
     ----------
@@ -28,9 +28,9 @@ class RunChoice:
     workers
         Threads or processes; None: every processor this process may use.
     address
-        Of a scheduler that runs already (``tcp://host:8786``); empty: a local one is started.
+        Address of a running scheduler (``tcp://host:8786``); empty: a local one is started.
     begun
-        Where an earlier run left something: ``"refuse"``, ``"resume"`` or ``"discard"``.
+        What to do if an earlier run left units: ``"refuse"``, ``"resume"`` or ``"discard"``.
 
     Raises
     ------
@@ -51,7 +51,7 @@ class RunChoice:
     begun: str = "refuse"
 
     def __post_init__(self) -> None:
-        """Check that these go together."""
+        """Check that the settings go together."""
         check_choice("an earlier run", self.begun, BEGUN)
         if not EXECUTORS.get(self.executor).addressed and self.address:
             able = " or ".join(kind.name for kind in EXECUTORS if kind.addressed)
@@ -73,7 +73,7 @@ def iter_begun(
 ) -> Work[tuple[Path, ...]]:
     """Do the units of ``out``; their files stay in `parts_folder` until the caller discards it.
 
-    Raises as `iter_made`.
+    Raises the errors of `iter_made`.
 
     Examples
     --------
@@ -109,31 +109,32 @@ def iter_made(
 ) -> Work[None]:
     """Do units and join their files to ``out``; yields progress over both.
 
-    Until ``out`` is whole the units' files lie in `parts_folder`; a run that was stopped or killed goes on from them.
+    Until ``out`` is complete, the files of the units are in `parts_folder`. A run that was stopped or killed continues
+    from them.
 
     Parameters
     ----------
     units, title
         As in `iter_run`.
     out
-        What is made of them.
+        The file to make from them.
     run
-        By whom, and what becomes of an earlier run.
+        Executor, and what happens to an earlier run.
     join
-        Makes ``out`` of the units' files, in order, whole or not at all.
+        Function that makes ``out`` atomically from the units' files, in order.
     keep
-        Leave the units' files when ``out`` is there: more belongs to it, and who writes that discards them.
+        Keep the units' files when ``out`` exists, because the caller adds to it and discards them afterwards.
     in_order
-        ``join`` takes a file with each step, after a first step that takes none: it begins while others are made.
+        ``join`` takes one file with each step, after a first step that takes none. Joining then begins while units run.
     joined
-        As in `iter_run`: not where ``out`` may be much smaller than the files.
+        As in `iter_run`; false if ``out`` may be much smaller than the files.
 
     Raises
     ------
     InputError
-        If an earlier run left something and ``run`` does not say what becomes of it.
+        If an earlier run left units and ``run.begun`` is ``"refuse"``.
     LfcalError
-        As `iter_run`, and what ``join`` raises.
+        The errors of `iter_run` and of ``join``.
 
     Examples
     --------
@@ -163,7 +164,7 @@ def iter_made(
     try:
         early = following if in_order else None
         parts = yield from iter_begun(units, out, run, title=title, following=early, joined=joined)
-        # not before: until now nothing of this run has the name of ``out``
+        # not earlier: until now, no file of this run has the name of ``out``
         note_joining(parts_folder(out))
         yield from following.rest(parts)
     finally:

@@ -1,6 +1,6 @@
-"""What a run did and does: one line of JSON for each thing that happens, read by `lfcal status` and the window.
+"""Journal of a run: one line of JSON for each event, read by `lfcal status` and the window.
 
-What is done is shown by the units' files, not by the journal: it is for people, and may end in half a line.
+The units' files decide what is done. The journal is only for display, and its last line may be incomplete.
 """
 
 from __future__ import annotations
@@ -47,17 +47,17 @@ __all__ = [
 JOURNAL = "run.jsonl"
 
 SETTLED = "settled"
-"""What it says of how units are computed: with the fingerprints of those that were begun so."""
+"""Event that records how units are computed, with the fingerprints of the units that were begun in this way."""
 
 MAX_UNIT_S = 1e10
-"""Seconds of a unit that are believed; 300 years."""
+"""Largest duration of a unit that is accepted (s): 300 years."""
 
 PASS = "pass"
-"""What it says when a run of several passes has written one of them whole."""
+"""Event written when a run of several passes has completed one of them."""
 
 
 class Journal:
-    """Append what happens to the journal of a run."""
+    """Appends events to the journal of a run."""
 
     def __init__(self, file: TextIO) -> None:
         self._file = file
@@ -65,11 +65,11 @@ class Journal:
     @classmethod
     @contextmanager
     def open(cls, folder: Path) -> Iterator[Journal]:
-        """Give the journal of a folder, made where there is none."""
+        """Open the journal of a folder; it is created if it does not exist."""
         path = folder / JOURNAL
         with storage_errors(path), path.open("a", encoding="utf-8") as file:
             if file.tell() and not path.read_bytes().endswith(b"\n"):
-                file.write("\n")  # the last writer was killed in the middle of a line
+                file.write("\n")  # the last writer was killed within a line
             yield cls(file)
 
     def note(self, event: str, **values: Any) -> None:
@@ -78,38 +78,38 @@ class Journal:
         self._file.flush()
 
     def settle(self, values: Mapping[str, Any], fingerprints: Iterable[str]) -> None:
-        """Write how units are computed, for a run that goes on with them."""
+        """Record how units are computed, for a run that continues with them."""
         self.note(SETTLED, values=dict(values), units=list(fingerprints))
 
     def begin(self, title: str, units: Iterable[str], executor: str, workers: int, place: str) -> None:
-        """Write what is to be done, and by whom."""
+        """Record the units to do, and the executor."""
         here = {"process": os.getpid(), "host": socket.gethostname()}
         self.note("begin", title=title, units=list(units), executor=executor, workers=workers, place=place, **here)
 
 
 def read_settled(folder: Path) -> dict[str, dict[str, Any]]:
-    """Return what runs in ``folder`` settled about their units when they were begun, by fingerprint."""
+    """Return the settings that runs in ``folder`` fixed for their units at the start, by fingerprint."""
     return {name: dict(note["values"]) for note in read_notes(folder, SETTLED) for name in note["units"]}
 
 
 @dataclass(frozen=True)
 class UnitState:
-    """Where one unit stands.
+    """State of one unit.
 
     Attributes
     ----------
     name
-        The unit's.
+        Name of the unit.
     state
         ``"waiting"``, ``"under way"``, ``"done"`` or ``"failed"``.
     attempts
-        How often it was begun in this run.
+        Number of times it was begun in this run.
     seconds
-        It took, or takes so far; NaN where it was not begun, or done by an earlier run.
+        Time it took or has taken so far; NaN if it was not begun, or done by an earlier run.
     worker
-        Who does it or did it.
+        Worker that does it or did it.
     reason
-        Why it failed, or had to be begun again.
+        Why it failed or was begun again.
     """
 
     name: str
@@ -122,18 +122,18 @@ class UnitState:
 
 @dataclass(frozen=True)
 class RunState:
-    """Where a run stands.
+    """State of a run.
 
     Attributes
     ----------
     title
-        What it makes.
+        Description of its output.
     units
-        Of the run, in order.
+        Units of the run, in order.
     executor, workers, place
-        Who works, how many, and where they can be watched.
+        Name of the executor, number of workers, and address of their dashboard.
     running
-        Whether its process is alive, as far as this machine can tell.
+        Whether its process is alive, as far as this machine can find out.
 
     Examples
     --------
@@ -154,7 +154,7 @@ class RunState:
     running: bool
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain values; seconds that are not known are None."""
+        """Return the state as plain values; unknown times are None."""
         units = [asdict(unit) | {"seconds": None if math.isnan(unit.seconds) else unit.seconds} for unit in self.units]
         return {
             **{key: value for key, value in vars(self).items() if key != "units"},
@@ -171,19 +171,19 @@ class RunState:
 
     @property
     def eta_seconds(self) -> float | None:
-        """Seconds to the end by what units took, or None while there is nothing to go by."""
+        """Estimated seconds to the end, from the durations of units so far; None without any."""
         left = sum(u.state in ("waiting", "under way") for u in self.units)
         pace = self.per_hour
         return None if pace is None else 3600 * left / pace
 
     @property
     def per_hour(self) -> float | None:
-        """Units that are done in an hour by what units took, or None while there is nothing to go by."""
+        """Units done per hour, from the durations of units so far; None without any."""
         took = [u.seconds for u in self.units if u.state == "done" and u.seconds == u.seconds]
         if not took:
             return None
         at_a_time = self.workers
-        if self.executor == "threads":  # each of those that work beside each other has a name
+        if self.executor == "threads":  # each concurrent thread has a name
             at_a_time = min(self.workers, len({u.worker for u in self.units if u.state == "done" and u.worker})) or 1
         return 3600 * at_a_time * len(took) / max(sum(took), 1e-6)
 
@@ -198,19 +198,19 @@ def read_seals(folder: Path) -> dict[str, str]:
 
 
 def read_events(folder: Path) -> list[str]:
-    """Return what has happened in ``folder``, one word for each line of its journal; nothing where there is none."""
+    """Return the names of the events in the journal of ``folder``, in order; empty if there is no journal."""
     path = folder / JOURNAL
     return [str(r["event"]) for r in _records(read_text(path).splitlines())] if path.exists() else []
 
 
 def read_notes(folder: Path, event: str) -> list[dict[str, Any]]:
-    """Return all that the journal in ``folder`` says of an event, in order; nothing where there is no journal."""
+    """Return all entries of an event in the journal of ``folder``, in order; empty if there is no journal."""
     path = folder / JOURNAL
     return [r for r in _records(read_text(path).splitlines()) if r["event"] == event] if path.exists() else []
 
 
 def read_run(folder: Path, now: float | None = None) -> RunState:
-    """Return where the run in ``folder`` stands.
+    """Return the state of the run in ``folder``.
 
     Raises
     ------
@@ -237,7 +237,9 @@ def read_run(folder: Path, now: float | None = None) -> RunState:
     try:
         lines = read_text(folder / JOURNAL).splitlines()
     except LfcalError as error:
-        raise InputError.expected(str(folder), "the folder of a run", "none", "name the file it makes") from error
+        raise InputError.expected(
+            str(folder), "the folder of a run", "none", "name the output file of the run"
+        ) from error
     begun: dict[str, Any] | None = None
     states: dict[str, UnitState] = {}
     starts: dict[str, float] = {}
@@ -251,12 +253,14 @@ def read_run(folder: Path, now: float | None = None) -> RunState:
         elif isinstance(name := record.get("unit"), str) and name in states:
             states[name] = _after(states[name], record, starts)
     if begun is None:
-        raise InputError.expected(str(folder), "the folder of a run", "one without a beginning", "begin it again")
+        raise InputError.expected(
+            str(folder), "the folder of a run", "one without a start entry", "start the run again"
+        )
     running = not ended and begun["host"] == socket.gethostname() and is_alive(begun["process"])
     for name, state in states.items():
         if state.state == "under way":
-            # nobody is at it any longer where the run has ended
-            # a clock that was set back makes no time negative
+            # no worker is active after the run has ended
+            # a clock that was set back must not give negative times
             took = max(0.0, now - starts[name])
             states[name] = replace(state, seconds=took) if running else replace(state, state="waiting")
     fields = (begun["executor"], begun["workers"], begun["place"])
@@ -264,17 +268,17 @@ def read_run(folder: Path, now: float | None = None) -> RunState:
 
 
 def _after(state: UnitState, record: dict[str, Any], starts: dict[str, float]) -> UnitState:
-    """Return the state of a unit after what one line says."""
+    """Return the state of a unit after an event."""
     event, at = record["event"], float(record["at"])
     worker = str(record.get("worker") or state.worker)
     if event == "started":
         starts[state.name] = at
         return replace(state, state="under way", attempts=state.attempts + 1, worker=worker)
-    if event == "kept":  # of an earlier run
+    if event == "kept":  # done by an earlier run
         return replace(state, state="done")
     said = record.get("seconds")
     took = float(said) if isinstance(said, int | float) else at - starts.get(state.name, at)
-    # a journal may be damaged: sums of what is taken from it stay finite
+    # the journal may be damaged: keep sums of its values finite
     seconds = min(max(0.0, took), MAX_UNIT_S)
     if event == "done":
         return replace(state, state="done", seconds=seconds, worker=worker)
@@ -283,7 +287,7 @@ def _after(state: UnitState, record: dict[str, Any], starts: dict[str, float]) -
 
 
 def _records(lines: list[str]) -> Iterator[dict[str, Any]]:
-    """Yield the lines that are whole."""
+    """Yield the complete lines."""
     for line in lines:
         try:
             record = parse_json(line, JOURNAL, finite=False)
@@ -302,24 +306,23 @@ def _whole(begun: dict[str, Any]) -> bool:
 HEADER = ("unit", "state", "attempts", "time", "by", "why")
 
 MAX_ROWS = 40
-"""Units of a table; of more those that are done or wait are only counted."""
+"""Largest number of units in a table; further units that are done or waiting are only counted."""
 
 
 @dataclass(frozen=True)
 class RunTable:
-    """What is shown of a run.
+    """Texts that display a run.
 
     Attributes
     ----------
     headline
-        What it makes, how far it is, and who is at work.
+        Output, progress and executor.
     place
-        Where its workers can be watched, an address; empty where they cannot.
+        Address of a dashboard that shows the workers; empty if there is none.
     rows
-        A row of `HEADER` for each unit that is worth one.
+        A row of `HEADER` for each unit to list.
     pace
-        Units under way, how many are done in an hour, and how long the rest takes, as far as there is something to go
-        by; empty where nobody is at work.
+        Units under way, units done per hour, and the estimated time left, if known; empty if no worker is active.
     """
 
     headline: str
@@ -329,7 +332,7 @@ class RunTable:
 
 
 def run_table(state: RunState) -> RunTable:
-    """Return what is shown of a run."""
+    """Return the texts that display a run."""
     who = f"{state.executor}, {state.workers} at work" if state.running else "not running"
     headline = f"{state.title}: {state.count('done')} of {len(state.units)} units done; {who}"
     shown = [u for u in state.units if len(state.units) <= MAX_ROWS or u.state in ("under way", "failed") or u.reason]

@@ -1,7 +1,7 @@
-"""What a unit found, beside planes and volumes: records of numbers and arrays, in a file that runs nothing when read.
+"""Results of units other than planes and volumes: records of numbers and arrays, in files that are safe to read.
 
-The file is a pickle that may name dataclasses, enumerations and named tuples of lfcal, and numpy's arrays: reading it
-makes these, and calls no function of theirs.
+The file is a pickle that may contain only dataclasses, enumerations and named tuples of lfcal, and numpy arrays.
+Reading it constructs these without calling any of their functions.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ NUMPY_MODULES = frozenset(
 )
 
 NUMPY = frozenset({"_reconstruct", "_frombuffer", "scalar", "ndarray", "dtype"})
-"""What numpy's arrays and numbers are made by."""
+"""Functions that construct numpy arrays and numbers."""
 
 
 def save_record(path: Path, value: Any, shared: Mapping[str, object] | None = None) -> None:
-    """Write a record, whole or not at all; objects ``shared`` by name with its reader are not in the file.
+    """Write a record atomically; objects that the reader has as well, ``shared`` by name, are not stored.
 
     Raises
     ------
@@ -44,12 +44,12 @@ def save_record(path: Path, value: Any, shared: Mapping[str, object] | None = No
 
 
 def load_record(path: Path, shared: Mapping[str, object] | None = None) -> Any:
-    """Return the record of a file, with the reader's own ``shared`` objects in their places.
+    """Return the record in a file; its references become the reader's own ``shared`` objects.
 
     Raises
     ------
     UnsafeFileError
-        If it names anything else than records and arrays.
+        If it contains anything but records and arrays.
     FileFormatError
         If it is damaged.
     StorageError
@@ -63,14 +63,14 @@ def load_record(path: Path, shared: Mapping[str, object] | None = None) -> Any:
         raise UnsafeFileError.expected(
             str(path), "records of lfcal", f"a pickle that asks for {error}", "remove it and begin again"
         ) from error
-    except Exception as error:  # a damaged pickle raises whatever the step does that it broke
+    except Exception as error:  # a damaged pickle can raise any error
         raise FileFormatError.expected(
             str(path), "an intact record", type(error).__name__, "remove it and begin again"
         ) from error
 
 
 class _Refused(Exception):
-    """A file asks for something else."""
+    """Raised when a file requests anything that is not allowed."""
 
 
 class _Writer(pickle.Pickler):
@@ -79,15 +79,15 @@ class _Writer(pickle.Pickler):
         self._names = names
 
     def persistent_id(self, obj: Any) -> str | None:
-        """Return the name of an object that the reader has, too."""
+        """Return the name of an object that the reader has as well."""
         return self._names.get(id(obj))
 
 
-class _Reader(pickle._Unpickler):  # the one in Python, whose steps can be restricted
-    """Reads values into records; calls numpy's makers of arrays and enumerations, and nothing else.
+class _Reader(pickle._Unpickler):  # the Python implementation, whose operations can be restricted
+    """Unpickles records; calls only the constructors of numpy arrays and of enumerations.
 
-    A dataclass or named tuple is made of its values alone: its constructor and its checks are not run. A class is never
-    changed, for a pickle may ask for that, too.
+    A dataclass or named tuple is filled with its values: its constructor and checks are not run. Classes are never
+    modified, although a pickle can request that.
     """
 
     stack: list[Any]
@@ -105,7 +105,7 @@ class _Reader(pickle._Unpickler):  # the one in Python, whose steps can be restr
         return self._shared[pid]
 
     def find_class(self, module: str, name: str) -> Any:
-        """Return a kind of record, or what makes an array."""
+        """Return a record class, or a function that constructs arrays."""
         if module in NUMPY_MODULES and name in NUMPY:
             return super().find_class(module, name)
         found = super().find_class(module, name) if module.split(".")[0] == "lfcal" and "." not in name else None
@@ -121,7 +121,7 @@ class _Reader(pickle._Unpickler):  # the one in Python, whose steps can be restr
         self.stack[-1] = maker(*arguments)
 
     def load_newobj(self) -> None:
-        """Make an empty dataclass, or a named tuple of its values."""
+        """Make an empty dataclass, or a named tuple with its values."""
         arguments, kind = self.stack.pop(), self.stack.pop()
         if not isinstance(kind, type) or issubclass(kind, Enum):
             raise _Refused("an object of no class")
@@ -129,7 +129,7 @@ class _Reader(pickle._Unpickler):  # the one in Python, whose steps can be restr
         self.append(made)
 
     def load_build(self) -> None:
-        """Give a dataclass its values, and an array its content."""
+        """Set the values of a dataclass, or the content of an array."""
         state, made = self.stack.pop(), self.stack[-1]
         if isinstance(made, np.ndarray | np.dtype):
             made.__setstate__(state)  # type: ignore[union-attr]
@@ -137,7 +137,7 @@ class _Reader(pickle._Unpickler):  # the one in Python, whose steps can be restr
         if isinstance(made, type) or not dataclasses.is_dataclass(made):
             raise _Refused(f"values for {(made if isinstance(made, type) else type(made)).__name__}")
         names = [field.name for field in dataclasses.fields(made)]
-        # with slots it is the values in their order; without fields in slots a pair, of which one part is empty
+        # with slots, the state is a list of values in order; without fields, a pair with one empty part
         values = dict(zip(names, state, strict=True)) if isinstance(state, list) else _named(state)
         if not values.keys() <= set(names):
             raise _Refused(f"other values of {type(made).__name__} than it has")
@@ -145,7 +145,7 @@ class _Reader(pickle._Unpickler):  # the one in Python, whose steps can be restr
             object.__setattr__(made, name, value)
 
     def refuse(self) -> None:
-        """Refuse the steps that older pickles take to make objects."""
+        """Refuse the operations by which older pickles construct objects."""
         raise _Refused("an object made in another way")
 
     dispatch[pickle.REDUCE[0]] = load_reduce

@@ -1,4 +1,4 @@
-"""Units through an executor: what is done already is left out, what is lost is tried again."""
+"""Run units on an executor: units that are done are skipped, lost ones are tried again."""
 
 from __future__ import annotations
 
@@ -41,17 +41,17 @@ __all__ = [
 ]
 
 ATTEMPTS = 4
-"""Times that a unit is begun before it is given up, where its worker ends before it does."""
+"""Number of times that a unit is begun if its worker ends early."""
 
 JOINING = "joining"
-"""What the journal says when a run's units are done and what they make is written."""
+"""Event written when all units are done and the output is being written."""
 
 PAUSE = 1.0
-"""Seconds before a unit is begun again whose file could not be written; twice as long each time."""
+"""Delay before a unit whose file could not be written is tried again (s); it doubles each time."""
 
 
 def parts_folder(out: str | os.PathLike[str]) -> Path:
-    """Return the folder beside ``out`` in which the files of its units lie until it is whole.
+    """Return the folder next to ``out`` that holds the files of its units until it is complete.
 
     Examples
     --------
@@ -64,47 +64,47 @@ def parts_folder(out: str | os.PathLike[str]) -> Path:
 
 
 def check_begun(folder: Path, *, resume: bool) -> None:
-    """Raise `InputError` where an earlier run left something in ``folder`` and nobody said what becomes of it."""
-    if resume or "begin" not in read_events(folder):  # one that was killed before it began left nothing
+    """Raise `InputError` if an earlier run left units in ``folder`` and ``resume`` is not set."""
+    if resume or "begin" not in read_events(folder):  # a run that was killed before it began left nothing
         return
     state = read_run(folder)
     raise InputError(
         f"{folder}: an earlier run left {state.count('done')} of {len(state.units)} units; "
-        "--resume goes on with them, --force begins anew"
+        "--resume continues with them, --force starts again"
     )
 
 
 def unit_files(folder: Path) -> list[Path]:
-    """Return the files of units in a run's folder: each is whole, and all that a run that goes on needs.
+    """Return the files of units in the folder of a run; each is complete and enough to continue.
 
-    The journal may lack those of an earlier run, where this one ended before it had looked at them.
+    The journal may lack files of an earlier run, if this run ended before it had checked them.
     """
     return [p for p in folder.iterdir() if p.is_file() and p.name != JOURNAL and not p.name.startswith(".")]
 
 
 def note_joining(folder: Path) -> None:
-    """Note in a run's folder that from now on what it makes is written."""
+    """Record in the folder of a run that writing of its output has begun."""
     with Journal.open(folder) as journal:
         journal.note(JOINING)
 
 
 def was_joining(out: str | os.PathLike[str]) -> bool:
-    """Return whether a run of ``out`` had begun to write it: what is there is its own, and is written again."""
+    """Return whether a run had begun to write ``out``: an existing file is then its own, and is written again."""
     return any(event == JOINING for event in read_events(parts_folder(out)))
 
 
 def discard(folder: Path) -> None:
-    """Remove a run's folder and all that is in it; raises `StorageError` where another program works in it."""
+    """Remove a run's folder with its contents; raises `StorageError` if another program works in it."""
     if not folder.exists():
         return
     with only_writer(folder):
-        # the journal last: a run that is killed meanwhile is known for one that goes on
+        # the journal last, so that a run killed meanwhile can still be continued
         for path in folder.iterdir():
             if path.name != JOURNAL and path.is_file():
                 path.unlink(missing_ok=True)
         shutil.rmtree(folder, ignore_errors=True)
     if folder.exists():
-        raise StorageError(f"{folder}: cannot be removed; remove it by hand")
+        raise StorageError(f"{folder}: cannot be removed; remove it manually")
 
 
 def iter_run(
@@ -117,28 +117,28 @@ def iter_run(
     following: Following | None = None,
     joined: bool = False,
 ) -> Work[tuple[Path, ...]]:
-    """Do what is not done of ``units``; yields progress over all of them.
+    """Do the ``units`` that are not done yet; yields progress over all of them.
 
-    A unit is done when its file is in ``folder`` under a name that holds its fingerprint: a run that was killed goes on
-    where it was, and one with other inputs or settings begins anew. Files of other fingerprints are removed, and one
-    that is no longer what was written is done again.
+    A unit is done when its file is in ``folder`` under a name that contains its fingerprint. A killed run therefore
+    continues, while one with other inputs or settings starts again. Files with other fingerprints are removed, and
+    damaged ones are made again.
 
     Parameters
     ----------
     units
-        What is to be done; no two have the same name.
+        The units, with unique names.
     folder
-        Where their files go, made where it is not there. One run at a time works in it.
+        Folder for their files, created if needed. Only one run at a time may use it.
     executor
-        Who does them; started and stopped here.
+        Executor of the units; it is started and stopped here.
     title
-        What they make, for people.
+        Description of their output, for display.
     attempts
-        How often a unit is begun whose worker ends before it does.
+        Number of times that a unit is begun if its worker ends early.
     following
-        What takes the files that are there, while others are under way; closed by the caller.
+        Consumer of finished files while other units run; the caller closes it.
     joined
-        Whether what they hold is written once more, to the same disk; it must have room for both.
+        Whether their content is written again to the same disk, which must then have space for both.
 
     Returns
     -------
@@ -148,9 +148,9 @@ def iter_run(
     Raises
     ------
     StorageError
-        If another run works in the folder, or its disk is too small for what is yet to come.
+        If another run uses the folder, or its disk is too small for the remaining files.
     LfcalError
-        What a unit raised, or `WorkerLost` where its workers ended again and again. What other units made stays.
+        The error of a unit, or `WorkerLost` if its workers ended repeatedly. The files of other units are kept.
 
     Examples
     --------
@@ -179,7 +179,7 @@ def iter_run(
             parts = yield from _run_in(folder, units, executor, title, attempts, following=following, joined=joined)
     finally:
         with suppress(OSError):
-            folder.rmdir()  # what ended before it began leaves nothing: there was no scheduler, for one
+            folder.rmdir()  # a run that ended before it began leaves nothing, for example if no scheduler answered
     return parts
 
 
@@ -193,7 +193,7 @@ def _run_in(
     following: Following | None,
     joined: bool,
 ) -> Work[tuple[Path, ...]]:
-    """Do units in a folder in which nobody else works."""
+    """Do units in a folder that no other run uses."""
     prints = [unit.fingerprint() for unit in units]
     earlier = read_settled(folder)
     units = [replace(u, settled=earlier.get(p, u.settled)) for u, p in zip(units, prints, strict=True)]
@@ -207,12 +207,12 @@ def _run_in(
             journal.begin(title, [u.name for u in units], executor.name, executor.workers, executor.place)
             yield from _Run(jobs, executor, journal, attempts, following, joined).steps(seals)
     finally:
-        sweep_scratch(folder)  # what workers that were killed have left
+        sweep_scratch(folder)  # left by workers that were killed
     return tuple(Path(job.out) for job in jobs)
 
 
 def _note_settled(journal: Journal, units: Sequence[Unit], prints: Sequence[str], earlier: Mapping[str, Any]) -> None:
-    """Note how units are computed of which the journal does not know it, in a line for each way."""
+    """Record how units are computed if the journal does not say it yet, in one entry for each way."""
     new = [(u.settled, p) for u, p in zip(units, prints, strict=True) if u.settled and p not in earlier]
     for values, group in itertools.groupby(new, lambda one: one[0]):
         journal.settle(values, [fingerprint for _, fingerprint in group])
@@ -227,7 +227,7 @@ def _sweep(folder: Path, wanted: set[str]) -> None:
 
 
 class _Run:
-    """The state of a run while it lasts."""
+    """State of a running run."""
 
     def __init__(
         self,
@@ -259,11 +259,11 @@ class _Run:
                     yield self._progress(event, began, kept)
                 if any(event.kind is EventKind.DONE for event in events):
                     self._check_room()
-                # where workers wait for their next unit they are given it before
+                # workers that are waiting get their next unit first
                 idle = not self.executor.ahead and any(event.kind in FINAL_EVENTS for event in events)
                 if self.following is not None and not idle:
                     self.following.advance(self.files, self._available())
-                if not events:  # a window that stops the work is heard here
+                if not events:  # the window can stop the work here
                     yield self._progress(None, began, kept)
         except BaseException:
             self.journal.note("stopped")
@@ -271,32 +271,32 @@ class _Run:
         self.journal.note("end")
 
     def _available(self) -> int:
-        """Return how many units are done before the first that is not."""
+        """Return the number of consecutive units that are done from the first one on."""
         return next((k for k, share in enumerate(self.shares) if share < 1.0), len(self.shares))
 
     def _check_room(self) -> None:
-        """Raise where the disk cannot hold what is yet to come, were every unit as small as the least there is.
+        """Raise if the disk cannot hold the remaining files, even if each is as small as the smallest so far.
 
-        It is said as soon as it can be known, and not hours later by a full disk.
+        The error then comes as early as possible, and not hours later from a full disk.
         """
         left = sum(share < 1.0 for share in self.shares)
         if self.joined:
             left += len(self.files) - (self.following.taken if self.following is not None else 0)
-        require_space(self.files[0].parent, left * (self.least or 0), what="what is yet to come")
+        require_space(self.files[0].parent, left * (self.least or 0), what="the remaining files")
 
     def _note_size(self, path: Path) -> None:
         """Note the size of a unit's file."""
-        with suppress(OSError):  # another machine's file may be seen here a while later
+        with suppress(OSError):  # a file from another machine may become visible later
             size = path.stat().st_size
             self.least = size if self.least is None else min(self.least, size)
 
     def _submit_missing(self, seals: Mapping[str, str]) -> Work[None]:
-        """Keep what is there and whole, and submit the rest."""
-        clock = Clock("looking at what is there", len(self.jobs))
+        """Keep complete files, and submit the other units."""
+        clock = Clock("checking existing files", len(self.jobs))
         for job in self.jobs:
             path, name = Path(job.out), job.unit.name
             there = path.exists()
-            # a file that was not noted was moved into place whole, and its run killed right after
+            # a file without an entry is complete: its run was killed right after moving it into place
             if there and seals.get(path.name) in (None, seal_of(path)):
                 self.shares[job.number] = 1.0
                 self._note_size(path)
@@ -310,10 +310,10 @@ class _Run:
             self.executor.submit(job)
 
     def _submit_due(self) -> None:
-        """Give back to the executor what was lost a while ago."""
+        """Submit lost units again after their delay."""
         now = time.monotonic()
         if self.later and len(self.later) == len(self.open) and all(at > now for at, _ in self.later):
-            time.sleep(PAUSE / 4)  # nothing else is under way
+            time.sleep(PAUSE / 4)  # no other unit is running
         for due in [due for due in self.later if due[0] <= now]:
             self.later.remove(due)
             self.executor.submit(due[1])
@@ -322,7 +322,7 @@ class _Run:
         done, total = sum(self.shares), len(self.jobs)
         if event is not None:
             self.stage = event.stage or event.job.unit.name
-        # in thousandths: a run of few long units moves, too; seconds of what an earlier run did are not this one's
+        # in thousandths, so that a few long units show progress; units of an earlier run do not count for the speed
         lasted = time.perf_counter() - began
         whole = sum(share == 1.0 for share in self.shares)
         fair = lasted * done / (done - kept) if done > kept else lasted
@@ -334,7 +334,7 @@ class _Run:
         if event.kind is EventKind.STARTED:
             self.tries[number] += 1
         elif event.kind is EventKind.ADVANCED:
-            self.shares[number] = min(event.share, 0.999)  # whole when its file is there
+            self.shares[number] = min(event.share, 0.999)  # 1 only when its file exists
             return
         record: dict[str, Any] = {} if event.seconds is None else {"seconds": event.seconds}
         if event.kind is EventKind.DONE:
@@ -359,7 +359,7 @@ class _Run:
 
 
 def _trust(event: Event) -> None:
-    """Take a unit's file for one of our own where it is what its worker wrote: nobody has to look through it first."""
+    """Accept a unit's file if its seal is that from the worker: it need not be read again."""
     path = Path(event.job.out)
     if path.suffix == ".h5" and event.seal == seal_of(path):
         trust(path)
@@ -376,13 +376,13 @@ def _given_up(event: Event, attempts: int) -> Exception:
 
 
 class Following:
-    """Joins what is there, a step at a time: who waits for workers has little else to do.
+    """Joins the existing files step by step while workers are busy.
 
     Parameters
     ----------
     join
-        Gives the work for the files of all units: its first step needs none of them, the next the first, and so on;
-        what it makes is whole, and has its name, only behind its last step.
+        Function from the files of all units to a generator. Its first step needs no file, the second needs the first
+        file, and so on; the output is complete, and gets its name, only after the last step.
     """
 
     def __init__(self, join: Callable[[tuple[Path, ...]], Work[None]]) -> None:
@@ -393,19 +393,19 @@ class Following:
 
     @property
     def taken(self) -> int:
-        """How many files were taken."""
+        """Number of files that were consumed."""
         return max(0, self._taken)
 
     def advance(self, files: Sequence[Path], available: int) -> None:
-        """Take a step where one of the first ``available`` files was not taken yet."""
+        """Take a step if one of the first ``available`` files was not consumed yet."""
         if self._steps is None:
             self._steps = self._join(tuple(files))
         if self._taken < available <= len(files):
-            # a step more would end it: that is for `rest`
+            # one more step would finish the output, which is left to `rest`
             self._last, self._taken = next(self._steps), self._taken + 1
 
     def rest(self, files: Sequence[Path]) -> Work[None]:
-        """Take all that are left, and end."""
+        """Consume all remaining files, and finish."""
         if self._steps is None:
             self._steps = self._join(tuple(files))
         elif self._last is not None:
@@ -413,6 +413,6 @@ class Following:
         yield from self._steps
 
     def close(self) -> None:
-        """Leave nothing half-written."""
+        """Close; no incomplete file remains."""
         if self._steps is not None:
             self._steps.close()

@@ -1,4 +1,4 @@
-"""A unit of work that any process of any machine can do, what its process keeps for it, and its worker's number."""
+"""A unit of work that any process on any machine can do, the input its process keeps, and the worker's number."""
 
 from __future__ import annotations
 
@@ -21,39 +21,39 @@ from lfcal.base import InputError, Work, plain, storage_errors
 __all__ = ["Job", "ProcessCache", "Task", "Unit", "file_name", "numbered", "seal_of", "stamp_of", "worker_number"]
 
 Task = Callable[[Mapping[str, Any], Path, int], Work[None]]
-"""Does a unit: its arguments, the file to write whole or not at all, and how many threads it may use."""
+"""Function that does a unit, from its arguments, the file to write atomically, and the number of threads."""
 
 PIECE = 1 << 22
 """Bytes of a file that are read at a time."""
 
 DIGITS = 16
-"""Of a fingerprint; 64 bits tell the units of any run apart."""
+"""Digits of a fingerprint; 64 bits distinguish the units of any run."""
 
 
 @dataclass(frozen=True)
 class Unit:
-    """What is to be done, in paths and plain values, never arrays or open files.
+    """One unit of work, described by paths and plain values, never arrays or open files.
 
     Attributes
     ----------
     name
-        For people, and of its file: unique within a run.
+        Name for display and for its file; unique within a run.
     task
-        The function that does it, a `Task`: ``"package.module:function"``.
+        Function of type `Task` that does it: ``"package.module:function"``.
     arguments
-        What it is given, plain JSON types.
+        Arguments of the function, as plain JSON types.
     inputs
         Files that it reads.
     suffix
         Ending of the file that it writes.
     hints
-        Further arguments that do not change the result, and are not in the fingerprint: memory to use.
+        Further arguments that do not change the result, such as memory limits; not in the fingerprint.
     settled
-        Further arguments that do not change the result but for rounding, and are not in the fingerprint, as they depend
-        on the machine: how to compute it. A run that goes on takes those that it was begun with.
+        Further arguments that change the result only by rounding, such as the way of computing it. They depend on the
+        machine and are not in the fingerprint. A run that continues uses those with which the unit was begun.
     concurrent_bytes
-        Bytes of memory that it takes with one thread, where units like it may run at the same time in one process; 0
-        where it is done alone.
+        Memory (bytes) that it needs with one thread, if units like it may run concurrently in one process; 0 if it
+        runs alone.
 
     Examples
     --------
@@ -74,12 +74,12 @@ class Unit:
     concurrent_bytes: int = 0
 
     def fingerprint(self) -> str:
-        """Return what tells this unit's result from that of other inputs, settings, or another lfcal.
+        """Return the fingerprint, which changes with inputs, settings and the version of lfcal.
 
         Raises
         ------
         StorageError
-            If an input is not there.
+            If an input does not exist.
         """
         stamps = _stamps(self.inputs)
         return _digest({"lfcal": __version__, "task": self.task, "arguments": plain(self.arguments), "inputs": stamps})
@@ -93,7 +93,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class Job:
-    """A unit on its way: its number in the run, and the file it has to write.
+    """A submitted unit: its number in the run, and the file to write.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ class Job:
     unit
         What is to be done.
     out
-        Its file, whose name holds the fingerprint: it is there when the unit is done.
+        Its file, whose name contains the fingerprint; it exists when the unit is done.
     """
 
     number: int
@@ -110,7 +110,7 @@ class Job:
     out: str
 
     def steps(self, workers: int) -> Work[str]:
-        """Do it with so many threads; yields progress, returns the `seal_of` its file, and closing it stops."""
+        """Do it with ``threads`` threads; yields progress, returns the `seal_of` its file, and stops when closed."""
         path = Path(self.out)
         yield from self.unit.function()({**self.unit.arguments, **self.unit.hints, **self.unit.settled}, path, workers)
         if not path.exists():
@@ -119,12 +119,12 @@ class Job:
 
 
 def stamp_of(inputs: Iterable[str]) -> str:
-    """Return what tells files from what they were before: an argument of units that all read the same many files.
+    """Return a fingerprint of files: an argument for units that all read the same large number of files.
 
     Raises
     ------
     StorageError
-        If one is not there.
+        If one does not exist.
     """
     return _digest(_stamps(inputs))
 
@@ -146,7 +146,7 @@ def _digest(data: Any) -> str:
 
 
 def seal_of(path: Path) -> str:
-    """Return size and checksum (CRC-32) of a file, by which it is known again.
+    """Return size and checksum (CRC-32) of a file, by which it is recognized.
 
     Raises
     ------
@@ -170,14 +170,14 @@ T = TypeVar("T")
 
 
 class ProcessCache(Generic[T]):
-    """The input that units of a run share, kept in each process until another run needs its own.
+    """Input that the units of a run share, kept in each process until another run needs a different one.
 
-    Only the last is kept: an H, or frames with their corrections, may take most of the memory.
+    Only the last input is kept: an H, or frames with their corrections, may take most of the memory.
 
     Parameters
     ----------
     close
-        Releases what is kept, before that of another run replaces it.
+        Function that releases the kept input before another one replaces it.
     """
 
     def __init__(self, close: Callable[[T], None]) -> None:
@@ -186,7 +186,7 @@ class ProcessCache(Generic[T]):
         self._kept: tuple[object, T, bool] | None = None
 
     def get(self, key: object, make: Callable[[], T]) -> T:
-        """Return the input that ``key`` identifies: the one that is kept, or what ``make`` returns."""
+        """Return the input that ``key`` identifies: the kept one, or the result of ``make``."""
         with self._lock:
             if self._kept is None or self._kept[0] != key:
                 self._drop()
@@ -195,7 +195,7 @@ class ProcessCache(Generic[T]):
 
     @contextmanager
     def using(self, key: object, value: T) -> Iterator[None]:
-        """Let the units of this process use ``value``, which their run has made, until the end of the block."""
+        """Let the units of this process use ``value``, made by their run, until the end of the block."""
         with self._lock:
             self._drop()
             self._kept = key, value, False
@@ -216,13 +216,13 @@ _NUMBER: ContextVar[int] = ContextVar("worker", default=0)
 
 
 def worker_number() -> int:
-    """Return the number of the worker that does the present unit, from 0; 0 where there is one alone."""
+    """Return the number of the worker that does the present unit, from 0; 0 if there is only one."""
     return _NUMBER.get()
 
 
 @contextmanager
 def numbered(name: int | str) -> Iterator[None]:
-    """Give the units inside this block a worker's number, or one that follows from its name."""
+    """Set the worker's number for units inside this block; a name is converted to a number."""
     text = str(name)
     token = _NUMBER.set(int(text) if text.isdecimal() else zlib.crc32(text.encode()))
     try:

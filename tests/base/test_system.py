@@ -337,9 +337,9 @@ def test_the_most_memory_is_told_on_windows(monkeypatch: pytest.MonkeyPatch) -> 
         ("nul/H.h5", "nul is the name of a device on Windows"),
         ("H.", "'H.': Windows drops a dot or a space at the end of a name"),
         ("plane ", "'plane ': Windows drops a dot or a space at the end of a name"),
-        ("12:30.h5", "':' may not be in the name of a file on Windows"),
-        ("what?.h5", "'?' may not be in the name of a file on Windows"),
-        ("a\tb", "'\\t' may not be in the name of a file on Windows"),
+        ("12:30.h5", "':' is not allowed in the name of a file on Windows"),
+        ("what?.h5", "'?' is not allowed in the name of a file on Windows"),
+        ("a\tb", "'\\t' is not allowed in the name of a file on Windows"),
     ],
 )
 def test_names_that_windows_does_not_give_to_files(
@@ -360,6 +360,6 @@ def test_a_path_that_is_too_long_says_so(tmp_path: Path, monkeypatch: pytest.Mon
     assert not too_long(long) and storage_words(missing, long).endswith("check the path")
     monkeypatch.setattr(system, "sys", types.SimpleNamespace(platform="win32"))
     assert too_long(long) and not too_long("C:/H.h5") and not too_long(f"\\\\?\\{long}")
-    assert storage_words(missing, long).endswith("choose a shorter path, or let Windows take long ones")
+    assert storage_words(missing, long).endswith("choose a shorter path, or enable long paths in Windows")
     with pytest.raises(StorageError, match="choose a shorter name"), storage_errors(tmp_path):
         raise OSError(errno.ENAMETOOLONG, "File name too long")

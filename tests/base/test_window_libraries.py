@@ -68,5 +68,5 @@ def test_why_there_is_no_window(monkeypatch: pytest.MonkeyPatch, two_missing: No
     assert why_no_window(error).endswith("run: sudo apt install libegl1 (Debian, Ubuntu)")
     monkeypatch.setattr(window_libraries, "missing_libraries", lambda names: {})
     assert why_no_window(ImportError("no shiboken")) == (
-        "PySide6 is installed and cannot be loaded: no shiboken; lfcal doctor --gui says more"
+        "PySide6 is installed but cannot be loaded: no shiboken; lfcal doctor --gui shows details"
     )

@@ -356,7 +356,7 @@ def test_a_turned_array_counts_with_its_turn() -> None:
 @pytest.mark.parametrize(
     ("camera", "what"),
     [
-        (preset("r29"), "even numbers of pixels, got 55 x 95: half of it lies half a pixel off"),
+        (preset("r29"), "even numbers of pixels, got 55 x 95: half of it is not a whole number of pixels"),
         (preset("bench"), "got 19 x 33"),
         (camera_of((20.2, 34.0)), r"within 0\.05 px of whole pixels, got \+0\.100 rows"),
         (camera_of((20.0, 34.24)), r"\+0\.120 columns off"),

@@ -140,7 +140,7 @@ def test_ctrl_c_keeps_what_was_measured(
     monkeypatch.setattr(type(PLACES), "get", lambda self, name: place)
     chart = tmp_path / "a.png"
     run = lfcal("accuracy", h, "--place", "a", "--place", "b", "--draw", chart, *(["--json"] if json else []))
-    assert run.code == 130 and run.err == "lfcal: stopped; nothing half-written stays behind\n"
+    assert run.code == 130 and run.err == "lfcal: stopped; no incomplete output remains\n"
     assert chart.stat().st_size > 5000
     if json:
         found: Any = run.json

@@ -143,7 +143,7 @@ def test_a_frame_that_is_damaged_ends_in_a_line_and_is_mended(
     damaged.write_bytes(whole[:200])
     stopped = lfcal(*words, "--executor", "threads", "--orientation", "as-is")
     assert stopped.code == 2 and "(z, y, x) = (1, 0, 1)" in stopped.err and "--skip-damaged" in stopped.err
-    assert "kept: 1 of 2 units in H.h5.parts; --resume goes on with them" in stopped.err
+    assert "kept: 1 of 2 units in H.h5.parts; --resume continues with them" in stopped.err
     assert not (session / "H.h5").exists()
     damaged.write_bytes(whole)
     refused = lfcal(*words)

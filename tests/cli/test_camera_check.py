@@ -41,11 +41,11 @@ def test_a_camera_that_does_not_fit_is_written_on_demand_alone(
     out = tmp_path / "measured.json"
     done = lfcal(*words(folder, "-o", out))
     assert done.code == 1 and "does not fit" in done.out and not out.exists()
-    assert "nothing written: camera and white image do not fit" in done.err and "--anyway" in done.err
+    assert "nothing written: camera and white image do not match" in done.err and "--anyway" in done.err
     done = lfcal(*words(folder, "-o", out, "--json"))
     assert done.code == 1 and done.json["written"] is None and not out.exists()  # type: ignore[index]
     done = lfcal(*words(folder, "-o", out, "--anyway"))
-    assert done.code == 0 and "do not fit" not in done.err
+    assert done.code == 0 and "do not match" not in done.err
     measured = Camera.from_json(out.read_text())
     assert measured.pitch_px == pytest.approx(16.0, abs=0.01) and measured.marks["lattice.pitch_um"] == "measured"
 

@@ -105,9 +105,7 @@ def test_a_disk_that_is_read_only(shell: Shell, source: Path, mount: Mount, name
     folder = mount("size=24m")
     before = prepare(source, folder, name)
     subprocess.run(["mount", "-o", "remount,ro", str(folder)], check=True)
-    check(
-        shell.run(WRITERS[name].words("--force"), folder), folder, name, before, "may not be written to; choose another"
-    )
+    check(shell.run(WRITERS[name].words("--force"), folder), folder, name, before, "is not writable; choose another")
 
 
 def test_an_output_on_another_file_system(shell: Shell, source: Path, mount: Mount, tmp_path: Path) -> None:

@@ -151,5 +151,5 @@ def test_ended_while_the_scratch_file_lies_there(place: Path, number: signal.Sig
         whole(words, place, "out.h5")
     else:
         assert child.returncode == 128 + number
-        assert err.decode() == "lfcal: stopped; nothing half-written stays behind\n"
+        assert err.decode() == "lfcal: stopped; no incomplete output remains\n"
     assert not scrap(place)

@@ -32,7 +32,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.parametrize("tolerance", [0.05, 0.005])
 def test_within_the_tolerance_and_smaller(lfcal: Lfcal, place: Path, tolerance: float) -> None:
     run = lfcal("reduce", "H.h5", "-o", "small.h5", "--tolerance", tolerance)
-    assert run.code == 0 and "small.h5: H (2, 5, 5, 15, 15), " in run.out and "no pattern lacks more than" in run.out
+    assert run.code == 0 and "small.h5: H (2, 5, 5, 15, 15), " in run.out and "no pattern loses more than" in run.out
     with open_psf(place / "H.h5") as H, open_psf(place / "small.h5") as small:
         lacking = np.abs(small[:].astype(float) - H[:]).sum(axis=(3, 4))
         assert (lacking <= tolerance * np.abs(H[:].astype(float)).sum(axis=(3, 4))).all() and lacking.any()
@@ -63,7 +63,7 @@ def test_what_an_earlier_run_left(lfcal: Lfcal, place: Path) -> None:
     words = ("reduce", "H.h5", "-o", "out.h5")
     interrupted(place / "out.h5")
     refused = lfcal(*words)
-    assert refused.code == 2 and "--resume goes on with them, --force begins anew" in refused.err
+    assert refused.code == 2 and "--resume continues with them, --force starts again" in refused.err
     assert lfcal(*words, "--resume").code == 0
     assert not parts_folder(place / "out.h5").exists()
     interrupted(place / "out.h5")
@@ -78,7 +78,7 @@ def test_a_refused_plane_keeps_those_that_are_done(lfcal: Lfcal, place: Path) ->
     words = ("reduce", "bad.h5", "-o", "out.h5", "--tolerance", 1e-6, "--executor", "threads", "--workers", 1)
     run = lfcal(*words)
     assert run.code == 2 and "position (0, 0), tolerance of storage: expected what 65535 steps" in run.err
-    assert "kept: 1 of 2 units in out.h5.parts; --resume goes on with them" in run.err
+    assert "kept: 1 of 2 units in out.h5.parts; --resume continues with them" in run.err
     assert not (place / "out.h5").exists()
 
 

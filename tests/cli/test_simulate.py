@@ -69,7 +69,10 @@ def test_light_beside_the_cutout_is_reported(
 def test_a_period_that_does_not_fit_the_lattice_is_reported(lfcal: Lfcal, tmp_path: Path) -> None:
     """As `lfcal plan` reports it; a plan that resamples, or has no whole period, says nothing."""
     done = lfcal("simulate", "lfm_60x12", "--depths", "0", "--plan-only")
-    assert "H's period of 15 x 15 px does not fit the lattice's 15.385 x 15.385 px: 52.5 px of drift" in done.err
+    assert (
+        "the period of H, 15 x 15 px, does not fit that of the lattice, 15.385 x 15.385 px: 52.5 px of drift"
+        in done.err
+    )
     planned = lfcal("plan", "lfm_60x12", "--depths", "0", "--resample", "-o", tmp_path / "plan.json")
     assert planned.code == 0, planned.err
     assert "does not fit" not in lfcal("simulate", tmp_path / "plan.json", "--plan-only").err

@@ -213,7 +213,7 @@ def test_what_an_earlier_run_left(lfcal: Lfcal, place: Path, command: str, out: 
     words = command.split()
     interrupted(place / out)
     refused = lfcal(*words)
-    assert refused.code == 2 and "left 1 of 2 units; --resume goes on with them, --force begins anew" in refused.err
+    assert refused.code == 2 and "left 1 of 2 units; --resume continues with them, --force starts again" in refused.err
     status = lfcal("status", out)
     assert status.code == 0 and f"make {out}: 1 of 2 units done; not running" in status.out
     assert "open the shutter" in status.out and "--resume" in status.out
@@ -248,7 +248,7 @@ def test_a_refusal_says_what_is_kept(lfcal: Lfcal, place: Path) -> None:
     dark = np.full((30, 31), 10, np.uint16)
     tifffile.imwrite(place / "dark.tif", dark)
     stopped = lfcal(*words, "--dark", "dark.tif")
-    assert stopped.code == 2 and "kept: 2 of 3 units in out.parts; --resume goes on with them" in stopped.err
+    assert stopped.code == 2 and "kept: 2 of 3 units in out.parts; --resume continues with them" in stopped.err
     damaged.write_bytes(whole)
     assert lfcal(*words, "--dark", "dark.tif", "--resume").code == 0
     assert sorted(path.name for path in (place / "out").iterdir()) == ["t0.tif", "t1.tif", "t2.tif"]
@@ -278,12 +278,12 @@ def test_a_stop_says_what_stays_and_no_more(
     monkeypatch.setattr("lfcal.reconstruct._frame_units._begun_from", stop)
     last = 1
     run = lfcal(*words)
-    assert (run.code, run.err) == (128 + number, "lfcal: stopped; nothing half-written stays behind\n")
+    assert (run.code, run.err) == (128 + number, "lfcal: stopped; no incomplete output remains\n")
     assert not parts_folder(place / "out").exists()
     begun, last = 0, 2
     run = lfcal(*words)
-    kept = "lfcal: kept: 1 of 3 units in out.parts; --resume goes on with them"
-    assert (run.code, run.err.splitlines()) == (128 + number, [kept, "lfcal: stopped; only whole units stay"])
+    kept = "lfcal: kept: 1 of 3 units in out.parts; --resume continues with them"
+    assert (run.code, run.err.splitlines()) == (128 + number, [kept, "lfcal: stopped; only complete units stay"])
     monkeypatch.setattr("lfcal.work.runs.seal_of", lambda _: signal.raise_signal(number))
     run = lfcal(*words, "--resume")
     assert kept in run.err, "what an earlier run made stays, also where this one has not looked at it yet"
@@ -348,7 +348,7 @@ def test_status_of_what_is_whole_running_or_nothing(lfcal: Lfcal, place: Path) -
     assert whole.code == 0 and "is whole" in whole.out
     assert lfcal("status", "H.h5", "--json").json == {"path": "H.h5", "whole": True}
     nothing = lfcal("status", "none.h5")
-    assert nothing.code == 2 and "name the file it makes" in nothing.err
+    assert nothing.code == 2 and "name the output file of the run" in nothing.err
     work = iter_run([unit("a"), unit("b", "endless", begun=str(place / "begun"))], place / "V.parts", Threads(1))
     for _ in work:
         if (place / "begun").exists():

@@ -131,7 +131,7 @@ def test_progress_and_cancel() -> None:
 def test_unknowns_that_are_none(unknowns: object, what: str) -> None:
     with pytest.raises(InputError, match=what):
         fit_camera(patterns()[1], unknowns=unknowns)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="beside their places"):
+    with pytest.raises(InputError, match="source position error"):
         fit_camera(patterns()[1], unknowns=CORE, stage=-1.0)
 
 

@@ -77,7 +77,7 @@ def test_what_was_found_rightly_is_predicted_to_the_noise() -> None:
         assert abs(one.model.chi_square.lit - 1) < 6 * one.model.chi_square.sigma and one.periodic is None
         k = [tuple(at) for at in few(plan).tolist()].index((one.z, one.y, one.x))
         assert np.abs(one.model.displacement_px - offsets[k]).max() < 0.02
-    assert not found.wide and "nothing is told of its edges" in found.verdict
+    assert not found.wide and "its edges were not tested" in found.verdict
 
 
 def test_uneven_pixels_are_no_error_of_the_model() -> None:

@@ -72,13 +72,13 @@ def test_a_run_that_ends_is_told(jobs: Jobs, qtbot: QtBot, tmp_path: Path) -> No
 
 
 def test_no_run_is_a_line(jobs: Jobs, qtbot: QtBot, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="name the file it makes"):
+    with pytest.raises(InputError, match="name the output file of the run"):
         look(tmp_path / "H.h5")
     with pytest.raises(InputError, match="the folder of a run"):
         look(Path("/"))
     panel = JobPanel(jobs)
     view = panel.watch(tmp_path / "H.h5")
-    qtbot.waitUntil(lambda: "name the file it makes" in view.status.text(), timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: "name the output file of the run" in view.status.text(), timeout=GUARD_MS)
 
 
 def test_a_view_that_is_dismissed_hears_nothing_more(jobs: Jobs, qtbot: QtBot, tmp_path: Path) -> None:

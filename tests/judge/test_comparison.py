@@ -302,6 +302,6 @@ def test_noise_alone_has_no_far_shift() -> None:
 def test_values_of_other_units_are_said_to_be_so() -> None:
     """Counts beside shares of the light: millions of per cent say nothing."""
     told = verdict(compare(4e4 * moved((0.2, 0.0)), moved()))
-    assert told.startswith("Their values are in units of their own: the first are ") and "e+06" not in told
+    assert told.startswith("Their values are in different units: the first are ") and "e+06" not in told
     assert figure_rows(compare(4e4 * moved(), moved()))[0][2] == "> 1000"
     assert verdict(compare(2.5 * moved(), moved())).startswith("They differ by 150 % (NRMSE) as they are")

@@ -143,7 +143,7 @@ def test_a_camera_check_finds_what_differs() -> None:
     assert [(one.what, one.merit) for one in found.findings] == [(WRONG, "bad"), (DIFFERS, "fair")]
     assert found.findings[1].size == 0.7 and "2 in the white image, 1 in the camera" in found.findings[1].sentence
     fits = judgement_of(replace(check, lines=check.lines[:1]))
-    assert fits.verdict == "This camera is as the white image shows it in 1 of 1 value."
+    assert fits.verdict == "This camera is confirmed by the white image in 1 of 1 value."
 
 
 def test_a_check_of_an_h_file_finds_what_is_damaged() -> None:

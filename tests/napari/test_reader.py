@@ -148,7 +148,7 @@ def test_what_is_not_of_lfcal_is_left_to_others(tmp_path: Path) -> None:
     for name in ("other.h5", "damaged.h5", "my session", "none.h5", "none.zarr"):
         assert get_reader(str(tmp_path / name)) is None
     assert get_reader([str(tmp_path / "a.h5"), str(tmp_path / "b.h5")]) is None
-    with pytest.raises(FileFormatError, match="open it by another reader"):
+    with pytest.raises(FileFormatError, match="open it with another reader"):
         read_layers(tmp_path / "other.h5")
 
 

@@ -133,7 +133,7 @@ def test_a_disk_that_is_too_small_is_told_after_the_first_unit(
     units = [unit(f"plane {k}", text=f"{k}" * size) for k in range(5)]
     folder.mkdir()
     full((room - 1) * size + beside)
-    with pytest.raises(StorageError, match=r"disk space for what is yet to come .*: expected .*, got .* free"):
+    with pytest.raises(StorageError, match=r"disk space for the remaining files .*: expected .*, got .* free"):
         drain(iter_run(units, folder, Threads(1), joined=joined))
     assert read_run(folder).count("done") == 1
     full(room * size + beside)
@@ -240,7 +240,7 @@ def test_what_an_earlier_run_left_is_asked_about(folder: Path) -> None:
     check_begun(folder, resume=False)
     with pytest.raises(InputError):
         drain(iter_run([unit("a"), unit("b", "refuse")], folder, Threads(1)))
-    with pytest.raises(InputError, match="left 1 of 2 units; --resume goes on with them, --force begins anew"):
+    with pytest.raises(InputError, match="left 1 of 2 units; --resume continues with them, --force starts again"):
         check_begun(folder, resume=False)
     check_begun(folder, resume=True)
     discard(folder)

@@ -1,7 +1,7 @@
-"""HDF5 files of unknown origin, read through one gate; new ones written so that a full disk is only an error.
+"""HDF5 files: safe reading of files of unknown origin, and writing that survives a full disk.
 
-- ``probe``: a file is read by a child process first, as damaged ones may end or hang the process that opens them
-- ``reading``: the file, its attributes and its data, each checked before it is read; ``chunks``: data read and decoded
+- ``probe``: a child process reads a file first, because a damaged one may crash or hang the process that opens it
+- ``reading``: file, attributes and data, each checked before it is read; ``chunks``: reading and decoding of data
   without HDF5
 - ``writing``: new files
 """

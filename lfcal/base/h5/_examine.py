@@ -1,9 +1,9 @@
-"""Read an HDF5 file to its end, in a process that may die of it. Run as a script by `lfcal.base.h5.probe`.
+"""Read an HDF5 file to its end, in a process that may crash. Run as a script by `lfcal.base.h5.probe`.
 
-Asked by lines of JSON ``[path, seconds, only]`` on standard input; answers each with a line of JSON: what is wrong, or
-"". Of a list ``only`` of datasets the others are described, and no data of them are read; null: all are read. Of large
-ones among them the chunk in the middle is read.
-It imports nothing of lfcal, so that it starts fast.
+Requests are lines of JSON ``[path, seconds, only]`` on standard input. Each is answered by one line of JSON: what is
+wrong, or "". With a list ``only`` of datasets, the others are described without reading their data, and large ones in
+the list are read only in the middle chunk; null: all are read.
+The script imports nothing from lfcal, so that it starts fast.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from typing import Any
 import h5py
 import hdf5plugin  # noqa: F401  registers zstd, blosc and lz4 with HDF5
 
-OBJECTS = 20_000  # most groups and datasets that are looked at
-SMALL = 1 << 25  # datasets of up to so many bytes are read whole
-FEW = 1 << 20  # the same of chunks where only the middle one of large data is read
+OBJECTS = 20_000  # largest number of groups and datasets that are examined
+SMALL = 1 << 25  # datasets of up to this number of bytes are read completely
+FEW = 1 << 20  # limit for chunks if only the middle one of large data is read
 MEMORY = 1 << 33  # bytes of address space that reading may take
-HARMLESS_FILTERS = {1, 2, 3}  # deflate, shuffle, fletcher32: they take damaged bytes without harm
+HARMLESS_FILTERS = {1, 2, 3}  # deflate, shuffle, fletcher32: safe with damaged bytes
 
 
 class Examination:
-    """Everything a reader might ask of a file, asked in the same way; errors that Python raises are left to it."""
+    """Performs every access that a reader might need; errors that Python raises are left to the reader."""
 
     def __init__(self, only: list[str] | None = None) -> None:
         self.only = only
@@ -32,17 +32,17 @@ class Examination:
         self.remaining = OBJECTS
 
     def ask(self, question: Any) -> Any:
-        """Return the answer, None where h5py raises."""
+        """Return the answer, None if h5py raises."""
         try:
             return question()
         except Exception as error:
-            # refused here by the limit on memory, and taken elsewhere until there is none
+            # the memory limit stops this here; elsewhere it would exhaust the memory
             if isinstance(error, MemoryError) or "alloc" in str(error).lower():
-                self.finding = "data that take more memory than there is"
+                self.finding = "data that need more memory than available"
             return None
 
     def group(self, group: Any, above: frozenset[Any]) -> None:
-        """Look at a group and all below it; ``above`` are the groups it lies in."""
+        """Examine a group and everything below it; ``above`` are its parent groups."""
         self.attributes(group)
         names = self.ask(lambda: list(group)) or []
         for name in names:
@@ -58,7 +58,7 @@ class Examination:
                 self.dataset(entry)
             elif isinstance(entry, h5py.Group):
                 mark = self.ask(lambda entry=entry: h5py.h5o.get_info(entry.id).addr)
-                if mark not in above and len(above) < 50:  # a group may hold itself
+                if mark not in above and len(above) < 50:  # a group may contain itself
                     self.group(entry, above | {mark})
 
     def attributes(self, owner: Any) -> None:
@@ -67,7 +67,7 @@ class Examination:
             self.ask(lambda name=name: owner.attrs[name])
 
     def dataset(self, data: Any) -> None:
-        """Walk the index of chunks, and decode all of small data or third-party filters, else the first and last."""
+        """Walk the index of chunks; decode all chunks of small data or third-party filters, else first and last."""
         plist = self.ask(data.id.get_create_plist)
         if plist is None or self.ask(plist.get_external_count) or self.ask(plist.get_layout) == h5py.h5d.VIRTUAL:
             return
@@ -78,7 +78,7 @@ class Examination:
             return
         wanted = self.only is None or data.name.lstrip("/") in self.only
         if data.chunks is None:
-            # stored as it is: nothing is decoded
+            # stored without filters: nothing to decode
             if nbytes <= SMALL and wanted:
                 self.ask(lambda: data[()])
             return
@@ -100,7 +100,7 @@ class Examination:
 
 
 def examine(path: str, only: list[str] | None = None) -> str:
-    """Return what makes a file unreadable beyond what h5py itself reports, or an empty string."""
+    """Return the reason why a file is unreadable besides errors of h5py, or an empty string."""
     found = Examination(only)
     file = found.ask(lambda: h5py.File(path, "r", locking=False))
     if file is not None:
@@ -110,10 +110,10 @@ def examine(path: str, only: list[str] | None = None) -> str:
 
 
 def limit(seconds: int) -> None:
-    """Ask the system to end this process if one file takes more processor time or memory than that."""
+    """Ask the system to end this process if one file needs too much processor time or memory."""
     try:
         import resource
-    except ImportError:  # Windows: the parent watches the clock
+    except ImportError:  # Windows: the parent checks the time
         return
     used = resource.getrusage(resource.RUSAGE_SELF)
     wanted = {
@@ -125,12 +125,12 @@ def limit(seconds: int) -> None:
         # macOS refuses any limit on the address space; a refused limit says nothing about the file
         with suppress(ValueError, OSError):
             _, hard = resource.getrlimit(what)
-            # a limit that was set from outside may be lower still
+            # a limit set from outside may be even lower
             resource.setrlimit(what, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
 
 
 def main() -> None:
-    """Serve until the parent closes its end."""
+    """Serve requests until the parent closes the pipe."""
     print(json.dumps("ready"), flush=True)
     for line in sys.stdin:
         path, seconds, only = json.loads(line)

@@ -1,7 +1,7 @@
-"""The chunks of a dataset: where they lie in the file, read and decoded without HDF5.
+"""Chunks of a dataset: located in the file, read and decoded without HDF5.
 
-HDF5's own look-up and filters can end the process on a damaged index. Here the index is walked once, every entry of it
-must lie within the file, and what it points at is read as plain bytes.
+HDF5's own look-up and filters can crash the process on a damaged index. Here the index is walked once, and every entry
+must lie within the file. The chunks are read as plain bytes.
 """
 
 from __future__ import annotations
@@ -27,29 +27,29 @@ from lfcal.base.system import OPEN_FLAGS, read_at
 __all__ = ["FILTER_NAMES", "PIPELINE", "ChunkTable", "decode_chunk", "encode_chunk", "fletcher32"]
 
 PIPELINE = ("shuffle", "deflate", "fletcher32")
-"""The filters of an H file, in the order in which they are applied on writing."""
+"""Filters of an H file, in the order in which they are applied on writing."""
 
 
 @njit()
 def _fletcher32(data: NDArray[np.uint8]) -> int:
-    """Return sum2 << 16 | sum1: sum1 the sum of the words, sum2 that of all sum1 so far, both modulo 65535.
+    """Return sum2 << 16 | sum1: sum1 is the sum of the words, sum2 the sum of all sum1 so far, both modulo 65535.
 
-    A carry out of 16 bits is added back (65536 = 1 modulo 65535), by the block and twice more at the end, as the HDF5
-    library does: 65535 is then never reduced to 0, and the bits are those it stores.
+    A carry out of 16 bits is added back (65536 = 1 modulo 65535), after each block and twice more at the end, as in
+    the HDF5 library. The result 65535 is then never reduced to 0, and the bits equal the stored ones.
     """
     words = data.size // 2
     sum1 = np.uint32(0)
     sum2 = np.uint32(0)
     start = 0
     while start < words:
-        stop = min(start + 360, words)  # as many words as sum2 holds in 32 bits without overflow
+        stop = min(start + 360, words)  # the number of words for which sum2 does not overflow 32 bits
         for k in range(start, stop):
             sum1 += np.uint32((np.uint32(data[2 * k]) << np.uint32(8)) | np.uint32(data[2 * k + 1]))
             sum2 += sum1
         sum1 = (sum1 & np.uint32(0xFFFF)) + (sum1 >> np.uint32(16))
         sum2 = (sum2 & np.uint32(0xFFFF)) + (sum2 >> np.uint32(16))
         start = stop
-    if data.size % 2:  # an odd last byte is the high one of a word
+    if data.size % 2:  # an odd last byte is the high byte of a word
         sum1 += np.uint32(data[data.size - 1]) << np.uint32(8)
         sum2 += sum1
         sum1 = (sum1 & np.uint32(0xFFFF)) + (sum1 >> np.uint32(16))
@@ -61,7 +61,7 @@ def _fletcher32(data: NDArray[np.uint8]) -> int:
 
 @njit()
 def _shuffle(data: NDArray[np.uint8], size: int, out: NDArray[np.uint8]) -> None:
-    """Write all first bytes of the values, then all second ones, ...: like bytes side by side compress better."""
+    """Write all first bytes of the values, then all second ones, and so on, which compresses better."""
     n = data.size // size
     for b in range(size):
         for k in range(n):
@@ -78,7 +78,7 @@ def _unshuffle(data: NDArray[np.uint8], size: int, out: NDArray[np.uint8]) -> No
 
 
 def fletcher32(data: bytes) -> int:
-    """Return the checksum HDF5 keeps with a chunk: Fletcher's sums of big-endian 16-bit words.
+    """Return the checksum that HDF5 stores with a chunk: Fletcher's sums of big-endian 16-bit words.
 
     An odd last byte counts as the high byte of a word (HDF5 library, `H5_checksum_fletcher32`).
     """
@@ -86,16 +86,16 @@ def fletcher32(data: bytes) -> int:
 
 
 def encode_chunk(array: NDArray[Any], level: int = 1, filters: Sequence[str] = PIPELINE) -> bytes:
-    """Return the bytes HDF5 stores for a chunk with these values.
+    """Return the bytes that HDF5 stores for a chunk with these values.
 
     Parameters
     ----------
     array
-        The whole chunk, any shape, of the dataset's dtype.
+        Values of the whole chunk, of any shape, in the dataset's dtype.
     level
-        Level of deflate, 0 to 9.
+        Compression level of deflate, 0 to 9.
     filters
-        The dataset's filters in order, of ``shuffle``, ``deflate`` and ``fletcher32``.
+        Filters of the dataset in order, from ``shuffle``, ``deflate`` and ``fletcher32``.
     """
     contiguous = np.ascontiguousarray(array)
     data: Any = contiguous.reshape(-1).view(np.uint8)
@@ -131,13 +131,13 @@ def decode_chunk(
     raw
         The stored bytes.
     dtype, shape
-        Those of the chunk.
+        Type and shape of the chunk.
     filter_mask
         Bit k set: filter k was left out for this chunk.
     filters
         The dataset's filters in order.
     where
-        Names the chunk in an error.
+        Name of the chunk in errors.
 
     Raises
     ------
@@ -183,10 +183,10 @@ def _inflated(data: bytes, nbytes: int, where: str) -> bytes:
         if len(quick) == nbytes:
             return quick
     except DeflateError:
-        pass  # zlib says what is wrong with it
+        pass  # zlib reports what is wrong
     stream = zlib.decompressobj()
     try:
-        plain = stream.decompress(data, nbytes + 1)  # never more than the chunk declares
+        plain = stream.decompress(data, nbytes + 1)  # never much more than the chunk declares
     except zlib.error as error:
         raise FileFormatError.expected(
             where, "compressed data", f"damaged bytes ({error})", "the file is damaged; copy it again"
@@ -200,13 +200,13 @@ def _check_size(data: Any, nbytes: int, where: str) -> None:
 
 
 FILTER_NAMES = {1: "deflate", 2: "shuffle", 3: "fletcher32"}
-"""Filters of HDF5 itself that are decoded here, by the numbers of H5Zpublic.h."""
+"""HDF5 filters that are decoded here, by their numbers in H5Zpublic.h."""
 
 BLOCK_ENTRIES = 1 << 14
-"""Entries of an index that are looked at together."""
+"""Number of index entries that are processed together."""
 
 READ_AHEAD = 1 << 20
-"""Bytes that are read at a time of chunks that are read one after the other."""
+"""Number of bytes read at a time for consecutive chunks."""
 
 Start = tuple[int, ...]
 
@@ -216,19 +216,19 @@ def _numbers(chunk: Any) -> tuple[int, int, int]:
 
 
 class ChunkTable:
-    """Where the chunks of a dataset are.
+    """Locations of the chunks of a dataset.
 
     Parameters
     ----------
     dataset
-        Open h5py dataset in chunks.
+        Open, chunked h5py dataset.
     path, where
-        Its file, and file and name for messages.
+        Path of its file, and file with name for messages.
 
     Raises
     ------
     FileFormatError
-        If the index names a chunk that is none, or twice, or lies beyond the file.
+        If the index names an invalid chunk, or the same one twice, or one outside the file.
     """
 
     def __init__(self, dataset: Any, path: Path, where: str) -> None:
@@ -240,7 +240,7 @@ class ChunkTable:
         plist = dataset.id.get_create_plist()
         numbers = [int(plist.get_filter(k)[0]) for k in range(plist.get_nfilters())]
         self.filters: tuple[str, ...] | None = None
-        """Names of the filters in the order of writing; None where HDF5 must decode them."""
+        """Names of the filters in the order of writing; None if HDF5 must decode them."""
         if set(numbers) <= set(FILTER_NAMES):
             self.filters = tuple(FILTER_NAMES[number] for number in numbers)
         self._at = np.full(self._grid, -1, np.int64)
@@ -252,7 +252,7 @@ class ChunkTable:
         self._closer: weakref.finalize[..., Any] | None = None
 
     def _walk(self, dataset: Any) -> None:
-        # of a file that is being written HDF5 knows of more bytes than the system
+        # while a file is being written, HDF5 may know of more bytes than the system
         if dataset.file.mode != "r":
             dataset.file.flush()
         end = dataset.file.id.get_filesize()
@@ -261,7 +261,7 @@ class ChunkTable:
 
         def collect(chunk: Any) -> None:
             found.append(chunk)
-            if len(found) == BLOCK_ENTRIES:  # an index that leads round and round has one of them twice
+            if len(found) == BLOCK_ENTRIES:  # a circular index contains an entry twice
                 self._take(found, end, largest)
                 found.clear()
 
@@ -269,10 +269,10 @@ class ChunkTable:
         self._take(found, end, largest)
 
     def _take(self, found: list[Any], end: int, largest: int) -> None:
-        """Take over entries of the index; raise for the first that is none, or was there before."""
+        """Add entries of the index; raise for the first that is invalid or was added before."""
         if not found:
             return
-        # unsigned, as HDF5 has them: damaged numbers are of any size
+        # unsigned, as in HDF5: damaged numbers can have any size
         starts = np.array([chunk.chunk_offset for chunk in found], np.uint64)
         at, size, mask = (np.array(column, np.uint64) for column in zip(*(_numbers(c) for c in found), strict=True))
         places = starts // np.array(self._chunk, np.uint64)
@@ -299,9 +299,9 @@ class ChunkTable:
         return int((self._at < 0).sum())
 
     def stored(self, start: Start) -> tuple[int, bytes] | None:
-        """Return the filters left out of a chunk (bits) and its bytes as stored, None if it was never written.
+        """Return the filters left out of a chunk (bits) and its stored bytes; None if it was never written.
 
-        ``start`` is its first sample. Safe from several threads.
+        ``start`` is its first sample. Thread-safe.
         """
         place = tuple(k // length for k, length in zip(start, self._chunk, strict=True))
         at, size = int(self._at[place]), int(self._size[place])
@@ -312,12 +312,12 @@ class ChunkTable:
         return int(self._filter_masks[place]), raw
 
     def each_stored(self, starts: Iterable[Start]) -> Iterator[tuple[Start, int, memoryview]]:
-        """Yield the chunks at ``starts`` that were written, as `stored`: many that follow each other at a time.
+        """Yield the written chunks at ``starts``, as `stored` does; consecutive chunks are read together.
 
-        For one thread at a time; a chunk is valid until the next is asked for.
+        Not thread-safe; a chunk is valid until the next one is requested.
         """
         asked = list(starts)
-        # for all at once: of small chunks the look-up takes as long as reading them
+        # look up all together: for small chunks, the look-up takes as long as reading
         places = tuple((np.array(asked, np.intp).reshape(-1, len(self._chunk)) // self._chunk).T)
         columns = (column[places].tolist() for column in (self._at, self._size, self._filter_masks))
         first, last, held = 0, 0, memoryview(b"")
@@ -331,7 +331,7 @@ class ChunkTable:
             yield start, left_out, held[at - first : at - first + size]
 
     def _open(self) -> int:
-        """Return a descriptor of the file: HDF5's own must not be moved under its feet."""
+        """Return a descriptor of the file: the position of HDF5's own must not change."""
         with self._lock:
             if self._closer is None:
                 self._descriptor = os.open(self._path, os.O_RDONLY | OPEN_FLAGS)
@@ -346,7 +346,7 @@ class ChunkTable:
                 self._closer = None
 
     def decoded(self, start: Start) -> NDArray[Any]:
-        """Return the values of a whole chunk, the fill value where it was never written."""
+        """Return the values of a whole chunk; the fill value if it was never written."""
         stored = self.stored(start)
         if stored is None:
             return np.full(self._chunk, self._fill, self._dtype)
@@ -355,7 +355,7 @@ class ChunkTable:
         return decode_chunk(stored[1], self._dtype, self._chunk, stored[0], self.filters, where=name)
 
     def read(self, slices: tuple[slice, ...]) -> NDArray[Any]:
-        """Return a box of samples, one slice of step 1 and known ends for each axis."""
+        """Return a box of samples, given by one slice per axis with step 1 and explicit ends."""
         out = np.empty([s.stop - s.start for s in slices], self._dtype)
         starts = [range(s.start - s.start % c, s.stop, c) for s, c in zip(slices, self._chunk, strict=True)]
         for start in product(*starts):

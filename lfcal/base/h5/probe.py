@@ -1,7 +1,7 @@
-"""A file is read by a child process first: damaged HDF5 files exist that end or hang the process that opens them.
+"""Reading of a file by a child process first: some damaged HDF5 files crash or hang the process that opens them.
 
-One child serves a process for its life; it is started by the first file and restarted after one that ended it. It costs
-a quarter of a second once and a millisecond a file.
+One child serves a process for its whole life. The first file starts it, and a crash restarts it. It costs a quarter of
+a second once, and a millisecond per file.
 """
 
 from __future__ import annotations
@@ -22,36 +22,36 @@ from lfcal.base.errors import FileFormatError
 __all__ = ["EXAMINE", "probe", "trust"]
 
 CPU_S = 5
-"""Processor time that a small file may take (s)."""
+"""Processor time allowed for a small file (s)."""
 
 BYTES_PER_S = 20_000_000
-"""Bytes of file for each further second."""
+"""Bytes of the file that allow one further second."""
 
 PATIENCE = 20
-"""Seconds of the clock for each second of processor time: other programs run too, and network disks are slow."""
+"""Wall-clock seconds allowed per second of processor time: other programs run too, and network disks are slow."""
 
 EXAMINE = "--examine-hdf5"
-"""First word after which a bundled application is the child; it has no Python beside it."""
+"""First argument that makes a bundled application the child; it has no separate Python."""
 
 _SCRIPT = Path(__file__).with_name("_examine.py")
 
 _OUT_OF_TIME = {-int(getattr(signal, name)) for name in ("SIGXCPU", "SIGKILL") if hasattr(signal, name)}
-"""Statuses of a child that the system ended because its processor time was used up."""
+"""Exit codes of a child that the system ended because its processor time was used up."""
 
 _OF_PYTHON = (0, 1)
-"""Statuses of a child that ended normally or by a Python exception: they say nothing about the file."""
+"""Exit codes of a child that ended normally or by a Python exception, which say nothing about the file."""
 
 Mark = tuple[int, int, int, int]
 
 
 def probe(path: Path, only: tuple[str, ...] | None = None) -> None:
-    """Raise `FileFormatError` where reading the HDF5 file ``path`` ends or hangs the process that does it.
+    """Raise `FileFormatError` if reading the HDF5 file ``path`` crashes or hangs a process.
 
-    With ``only`` no data but of these datasets are read, of large ones the chunk in the middle.
+    With ``only``, data are read only from these datasets; for large ones only the middle chunk.
 
-    A file that was looked at before, and has not changed since, is not looked at again. Where no child can be started
-    (no memory, no permission, libraries that do not load there), or where it ends by a Python exception, the file is
-    taken as it is.
+    A file that was checked before and has not changed since is not checked again. A file is accepted without a check
+    if no child can be started (no memory, no permission, libraries that do not load), or if the child ends by a Python
+    exception.
     """
     mark = _mark(path)
     with _CHILD.lock:
@@ -66,7 +66,7 @@ def probe(path: Path, only: tuple[str, ...] | None = None) -> None:
 
 
 def trust(path: Path) -> None:
-    """Take a file that this process has just written as it is."""
+    """Accept a file that this process has just written, without a check."""
     with _CHILD.lock:
         _CHILD.known.add((_mark(path), None))
 
@@ -87,12 +87,12 @@ class _Child:
         self._ready = False
 
     def ask(self, path: Path, seconds: int, only: tuple[str, ...] | None = None) -> str:
-        """Return what is wrong with a file, an empty string for nothing."""
+        """Return what is wrong with a file; an empty string for nothing."""
         process = self._started()
         if process is None:
             return ""
         assert process.stdin is not None and process.stdout is not None
-        # asked for only now: it starts while this process goes on
+        # requested only now: the child starts while this process continues
         if not self._ready and not _line(process.stdout, CPU_S * PATIENCE)[0]:
             self.end()
             return ""
@@ -101,7 +101,7 @@ class _Child:
         try:
             process.stdin.write(question)
             process.stdin.flush()
-        except OSError:  # it ended while it waited
+        except OSError:  # the child ended while waiting
             self.end()
             return ""
         answer, in_time = _line(process.stdout, seconds * PATIENCE)
@@ -115,10 +115,10 @@ class _Child:
             return f"damaged data that cannot be read to their end in {seconds} s"
         if status in _OF_PYTHON:
             return ""
-        return f"damaged data that end the process reading them (status {status})"
+        return f"damaged data that crash the process reading them (status {status})"
 
     def _started(self) -> subprocess.Popen[str] | None:
-        """Return the child, None where none can be had."""
+        """Return the child, None if none can be started."""
         # after a fork the child still belongs to the parent
         if self._process is not None and (self._owner != os.getpid() or self._process.poll() is not None):
             if self._owner == os.getpid():
@@ -133,7 +133,7 @@ class _Child:
                     stderr=subprocess.DEVNULL,
                     text=True,
                     encoding="utf-8",
-                    start_new_session=True,  # Ctrl-C in the terminal is for the parent
+                    start_new_session=True,  # Ctrl-C in the terminal is meant for the parent
                     creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
                 )
                 self._owner, self._ready = os.getpid(), False
@@ -154,7 +154,7 @@ class _Child:
 
 
 def _words() -> list[str]:
-    """Return what starts the child: Python on a script, or the command line of a bundled application."""
+    """Return the command that starts the child: Python with a script, or the command line of a bundled application."""
     if getattr(sys, "frozen", False):
         own = Path(sys.executable)
         return [str(own.with_name(f"lfcal{own.suffix}")), EXAMINE]
@@ -164,7 +164,7 @@ def _words() -> list[str]:
 def _line(pipe: IO[str], seconds: float) -> tuple[str, bool]:
     """Return the next line, empty at the end of the pipe, and whether it came within ``seconds``."""
     found: list[str] = []
-    # a pipe cannot be waited for with a limit on every system; a thread can
+    # not every system can wait for a pipe with a time limit; a thread can
     reader = threading.Thread(target=lambda: found.append(pipe.readline()), daemon=True)
     reader.start()
     reader.join(seconds)

@@ -21,7 +21,7 @@ __all__ = ["MAX_BYTES", "Attributes", "H5Data", "H5File", "damage"]
 
 
 MAX_BYTES = 1 << 44
-"""A dataset with a declared size above this (17.6 TB) is refused."""
+"""Largest declared size of a dataset (17.6 TB)."""
 
 MAX_LINKS = 16
 """Soft links that are followed to one entry; more are taken for a circle."""
@@ -30,8 +30,9 @@ MAX_LINKS = 16
 def _opened(path: Path) -> Any:
     import h5py
 
-    # without HDF5's lock a file can be read while another program writes it, and on network disks. In one program it is
-    # opened a second time only by whoever asks for the same lock: a notebook's file has h5py's default, or any.
+    # # without HDF5's lock, a file can be read while another program writes it, and on network disks. Within a
+    # program, a second opening must request the same lock: a file opened by a notebook has h5py's default, or any
+    # other.
     for options in ({"locking": False}, {}, {"locking": True}):
         try:
             return h5py.File(path, "r", **options)
@@ -43,25 +44,25 @@ def _opened(path: Path) -> Any:
 
 
 class H5File:
-    """An HDF5 file opened for reading; everything asked of it is checked and answers with one-line errors.
+    """An HDF5 file opened for reading. All content is checked, and errors have one-line messages.
 
-    Names are paths within the file: ``H``, ``regions/corner/H``, empty for the root. Soft links are followed within the
-    file, external links never. Used as a context manager, or closed with `close`.
+    Names are paths within the file, such as ``H`` or ``regions/corner/H``; empty for the root. Soft links are followed
+    within the file, external links never. Used as a context manager, or closed with `close`.
 
     Parameters
     ----------
     path
-        The file.
+        Path of the file.
     only
-        Datasets whose data may be read, of large ones by `H5Data.read_middle` alone; all others are only described.
-        That takes milliseconds, for a file of any size. None: all may be read.
+        Datasets whose data may be read, large ones only by `H5Data.read_middle`; all others are only described.
+        Opening then needs milliseconds for a file of any size. None: all data may be read.
 
     Raises
     ------
     StorageError
-        If there is no such file or it may not be read.
+        If the file does not exist or must not be read.
     FileFormatError
-        If it is no HDF5 file, or is damaged.
+        If it is not an HDF5 file, or is damaged.
     """
 
     def __init__(self, path: Path, *, only: tuple[str, ...] | None = None) -> None:
@@ -69,7 +70,7 @@ class H5File:
             raise StorageError(f"{path}: no such file; check the path")
         check_regular(path)
         with storage_errors(path):
-            # a plain open first: h5py's own error does not tell a missing permission from damaged data
+            # a plain open first: h5py's error does not distinguish a missing permission from damaged data
             path.open("rb").close()
         probe(path, only)
         import hdf5plugin  # noqa: F401  registers zstd, blosc and lz4 with HDF5
@@ -101,12 +102,12 @@ class H5File:
         self.close()
 
     def __contains__(self, name: str) -> bool:
-        """Return whether there is an entry ``name``, whatever it is."""
+        """Return whether an entry ``name`` exists, of any kind."""
         group, _, last = name.rpartition("/")
         return last in self.names(group)
 
     def names(self, group: str = "") -> tuple[str, ...]:
-        """Return the names of the entries of a group, none where there is no such group."""
+        """Return the names of the entries of a group; empty if there is no such group."""
         import h5py
 
         found = self._object(group) if not group or group in self else None
@@ -118,7 +119,7 @@ class H5File:
         return Attributes(self.path, self._object(name), name)
 
     def dataset_shape(self, name: str) -> tuple[int, ...]:
-        """Return the shape of an entry of the root, empty where it is no dataset, or a link to one elsewhere."""
+        """Return the shape of an entry of the root; empty if it is not a dataset, or a link."""
         import h5py
 
         with damage(self.path, name):
@@ -173,20 +174,20 @@ class H5File:
         finite: bool = False,
         at_most: float | None = None,
     ) -> NDArray[Any]:
-        """Return all of a small dataset (4 GB at most).
+        """Return all values of a small dataset (4 GB at most).
 
         Parameters
         ----------
         name
-            The dataset.
+            Name of the dataset.
         shape
-            The shape it must have; None takes any.
+            Required shape; None accepts any.
         kinds
-            Kinds of numbers accepted, as numpy's ``dtype.kind``.
+            Accepted kinds of numbers, as in numpy's ``dtype.kind``.
         finite
             Refuse NaN and infinity.
         at_most
-            Largest magnitude accepted; refuses NaN, too.
+            Largest accepted magnitude; NaN is refused as well.
         """
         data = self.dataset(name, max_bytes=1 << 32)
         if data.dtype.kind not in kinds or (shape is not None and data.shape != shape):
@@ -205,7 +206,7 @@ class H5File:
         return FileFormatError.expected(f"{self.path}:/{name}", wanted, got, "take the file from its source again")
 
     def _object(self, name: str) -> Any:
-        """Return the entry ``name``, reached by links within the file."""
+        """Return the entry ``name``, following only links within the file."""
         import h5py
 
         entry: Any = self._file
@@ -215,7 +216,7 @@ class H5File:
                 part = parts.pop()
                 if part in ("", "."):
                     continue
-                # by the list: see `Attributes`
+                # only entries in the list: see `Attributes`
                 names = [str(key) for key in entry] if isinstance(entry, h5py.Group) else []
                 if part not in names:
                     only = ", ".join(sorted(names)[:8]) or "nothing"
@@ -227,7 +228,7 @@ class H5File:
                     parts, links = [*parts, *link.path.split("/")[::-1]], links + 1
                     entry = self._file if link.path.startswith("/") else entry
                     continue
-                # an external link may lead to any file of this machine
+                # an external link could lead to any file of this machine
                 if not isinstance(link, h5py.HardLink):
                     kind = "a chain of soft links" if isinstance(link, h5py.SoftLink) else type(link).__name__
                     raise UnsafeFileError.expected(
@@ -240,33 +241,33 @@ class H5File:
 Index = int | slice | tuple[int | slice, ...]
 
 KNOWN_FILTERS = {1, 2, 3, 32000, 32001, 32004, 32008, 32015}
-"""HDF5 filters that are read: deflate, shuffle, fletcher32, lzf, blosc, lz4, bitshuffle, zstd."""
+"""HDF5 filters that can be read: deflate, shuffle, fletcher32, lzf, blosc, lz4, bitshuffle, zstd."""
 
 
 class H5Data:
-    """Numbers in an HDF5 file: what they are, and every way of reading them, with one-line errors.
+    """Numbers in an HDF5 file: their type and shape, and every way of reading them, with one-line errors.
 
     Attributes
     ----------
     path, name
-        Where it is.
+        Path of the file, and name of the dataset.
     table
-        Its chunks; None for contiguous or no data.
+        Locations of its chunks; None for contiguous or no data.
     shape, dtype, chunks
         As declared; ``chunks`` is None for contiguous data.
     filters
-        Numbers of its HDF5 filters, in the order of writing.
+        HDF5 numbers of its filters, in the order of writing.
 
     Parameters
     ----------
     dataset
         Open h5py dataset.
     max_bytes
-        Largest size declared (bytes).
+        Largest allowed declared size (bytes).
     dtype
-        The only type accepted, that of the records of a recording; by default plain numbers.
+        The only accepted type, that of the records of a recording; by default plain numbers.
     holes
-        Whether chunks may be missing; they read as the fill value.
+        Whether chunks may be missing; they have the fill value.
 
     Raises
     ------
@@ -296,7 +297,7 @@ class H5Data:
         if dtype is None and self.dtype.kind not in "iufcb":
             raise self._unsafe("plain numbers", f"dtype {self.dtype}", "store it as numbers")
         if dtype is None:
-            self.dtype = np.dtype(self.dtype.str)  # without the names of an enumeration, which NPY files cannot keep
+            self.dtype = np.dtype(self.dtype.str)  # without the names of an enumeration, which NPY files cannot store
         if data.shape is None:
             raise FileFormatError.expected(self.where, "numbers", "an empty dataset", "take it from its source again")
         self.shape = tuple(int(n) for n in data.shape)
@@ -312,7 +313,7 @@ class H5Data:
     def _check_inside(self, plist: Any) -> None:
         import h5py
 
-        # both may lead to any file of this machine
+        # both could lead to any file of this machine
         if plist.get_external_count():
             raise self._unsafe("data stored in the file itself", "external storage", "copy it in")
         if plist.get_layout() == h5py.h5d.VIRTUAL:
@@ -330,7 +331,7 @@ class H5Data:
             )
 
     def _check_stored(self) -> None:
-        """Raise unless all data are there, and every chunk lies within the file."""
+        """Raise unless all data exist, and every chunk lies within the file."""
         if not self.nbytes:
             return
         if self.chunks is None:
@@ -343,7 +344,7 @@ class H5Data:
             raise self._unfinished("all chunks written", f"{self.table.missing} missing")
 
     def _file_size(self) -> int:
-        # of a file that is being written, HDF5 knows of more bytes than the system
+        # while a file is being written, HDF5 may know of more bytes than the system
         return int(self._data.file.id.get_filesize())
 
     @property
@@ -363,7 +364,7 @@ class H5Data:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all samples, as declared."""
+        """Declared size of all samples (bytes)."""
         return self.size * self.dtype.itemsize
 
     @property
@@ -378,15 +379,15 @@ class H5Data:
 
     @property
     def offset(self) -> int | None:
-        """Byte of the file at which contiguous data begin, None for chunks."""
+        """Byte of the file at which contiguous data begin; None for chunked data."""
         with damage(self.path, self.name):
             found = None if self.chunks is not None else self._data.id.get_offset()
         return None if found is None else int(found)
 
     def read(self, index: Index = ()) -> NDArray[Any]:
-        """Return the part ``index``, an integer or a slice per axis, all of it by default, as a new array.
+        """Return the part ``index`` as a new array: an integer or a slice per axis; by default everything.
 
-        Raises `IndexError` beyond the dataset.
+        Raises `IndexError` outside the dataset.
         """
         if not self.is_open:
             raise FileFormatError(f"{self.where}: its file is closed; open it again")
@@ -396,26 +397,26 @@ class H5Data:
                 values = np.asarray(self._data[box])
             else:
                 values = self.table.read(box)
-        return np.asarray(values[key], self.dtype)  # numpy turns single values to the native order
+        return np.asarray(values[key], self.dtype)  # numpy converts single values to the native byte order
 
     def read_middle(self) -> NDArray[Any]:
-        """Return the chunk in the middle of the data, or the middle one of the images along the last two axes."""
+        """Return the middle chunk of the data, or the middle image along the last two axes."""
         sides = self.chunks or (*(1 for _ in self.shape[:-2]), *self.shape[-2:])
         grid = tuple(-(-n // side) for n, side in zip(self.shape, sides, strict=True))
         at = np.unravel_index(int(np.prod(grid)) // 2, grid)
         box = tuple(slice(int(k) * side, (int(k) + 1) * side) for k, side in zip(at, sides, strict=True))
-        with damage(self.path, self.name):  # by HDF5: for one chunk lfcal's own reading is not worth its compilation
+        with damage(self.path, self.name):  # by HDF5: for one chunk, compiling lfcal's own reader does not pay off
             return np.asarray(self._data[box], self.dtype)
 
     def close_file(self) -> None:
-        """Close the file it lies in; may be called twice."""
+        """Close the file that contains it; may be called twice."""
         self.release()
         with damage(self.path, self.name):
             if self.is_open:
                 self._data.file.close()
 
     def release(self) -> None:
-        """Close what reading opened beside HDF5's own file."""
+        """Close file descriptors other than that of HDF5."""
         if self.table is not None:
             self.table.close()
 
@@ -427,7 +428,7 @@ class H5Data:
 
 
 def _box(index: Index, shape: tuple[int, ...]) -> tuple[tuple[slice, ...], tuple[int | slice, ...]]:
-    """Return the smallest box of samples that holds ``index``, and the index within that box."""
+    """Return the smallest box of samples that contains ``index``, and the index within that box."""
     given = index if isinstance(index, tuple) else (index,)
     if len(given) > len(shape):
         raise IndexError(f"{len(given)} indices for {len(shape)} axes")
@@ -450,12 +451,12 @@ D = TypeVar("D")
 
 
 class Attributes:
-    """The attributes of one object of a file; an absent one gives the default, one of another kind an error.
+    """Attributes of one object in a file; an absent one gives the default, one of another kind an error.
 
     Parameters
     ----------
     path
-        The file.
+        Path of the file.
     owner
         Open h5py object.
     name
@@ -466,7 +467,7 @@ class Attributes:
         self._path, self._name = path, name
         with damage(path, name):
             self._values = owner.attrs
-            # the child that looked at the file went by this list: what is not in it is not asked for
+            # the child that checked the file used this list: attributes outside it must not be read
             self._keys = tuple(str(key) for key in self._values)
 
     @overload
@@ -486,7 +487,7 @@ class Attributes:
         return value
 
     def integer(self, key: str) -> int | None:
-        """Return an attribute that must be one whole number, None where it is absent."""
+        """Return an attribute that must be one whole number; None if it is absent."""
         value = self._get(key)
         if value is None:
             return None
@@ -529,7 +530,7 @@ class Attributes:
 
 
 _OF_THE_DISK = {errno.EIO, errno.EACCES, errno.EPERM, errno.ESTALE, errno.ENODEV, errno.ENOENT}
-"""Errors that speak of the disk and not of what lies on it."""
+"""Errors that concern the disk and not its content."""
 
 
 class damage:
@@ -538,17 +539,17 @@ class damage:
     h5py raises KeyError, RuntimeError, OSError, TypeError, ValueError, OverflowError and UnicodeError alike.
     """
 
-    # a class: entered for every pattern that is read, where a generator would cost as much as the read
+    # a class: it is entered for every pattern, and a generator would cost as much as the read
     __slots__ = ("_path", "_where")
 
     def __init__(self, path: Path, where: str = "") -> None:
         self._path, self._where = path, where
 
     def __enter__(self) -> None:
-        """Begin to watch."""
+        """Enter the context."""
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        """Raise `FileFormatError` or `StorageError` in place of h5py's error."""
+        """Raise `FileFormatError` or `StorageError` instead of h5py's error."""
         if not isinstance(error, Exception) or isinstance(error, LfcalError):
             return
         if isinstance(error, OSError | RuntimeError) and system_error(error) in _OF_THE_DISK:

@@ -1,8 +1,8 @@
-"""New HDF5 files, written so that a disk that fails is an error like any other.
+"""New HDF5 files, written so that a failing disk raises an ordinary error.
 
-A write that fails while HDF5 flushes or closes a file can end the process (SIGSEGV, SIGBUS). Here HDF5 writes through
-an object that reports the first failure, and takes everything after it into memory: the file then closes in order, and
-the failure is raised.
+A write that fails while HDF5 flushes or closes a file can crash the process (SIGSEGV, SIGBUS). Here HDF5 writes
+through an object that records the first failure and keeps everything after it in memory. The file then closes in
+order, and the failure is raised.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ __all__ = ["new_h5"]
 def new_h5(
     path: str | os.PathLike[str], *, header: bytes = b"", libver: tuple[str, str] | None = None
 ) -> Iterator[Any]:
-    """Give an open h5py file to write to; it takes the name ``path`` when the block ends well, else nothing changes.
+    """Yield an open h5py file to write to; it is moved to ``path`` when the block succeeds, else nothing changes.
 
     Parameters
     ----------
     path
-        The file; an existing one is replaced.
+        Path of the file; an existing one is replaced.
     header
-        Bytes before HDF5's own (its user block); 512, or twice that, or four times …
+        Size of the user block before the HDF5 data (bytes): 512, 1024, 2048 …
     libver
-        Oldest and newest version of the format that HDF5 may use; None leaves it the choice.
+        Oldest and newest version of the format that HDF5 may use; None: HDF5 chooses.
 
     Raises
     ------
     StorageError
-        If the disk refuses; an older file of that name stays as it was.
+        If the disk fails; an existing file of that name is kept.
     """
     import h5py
 
@@ -49,10 +49,10 @@ def new_h5(
             try:
                 yield file
             finally:
-                raw.closing = True  # a flush that is told of a failure leaves a file that cannot be closed
+                raw.closing = True  # a flush that reports a failure leaves a file that cannot be closed
                 file.close()
             raw.check()
-            # HDF5 leaves this place alone, but only when it is done
+            # HDF5 does not touch this place, but only after it has finished
             raw.seek(0)
             raw.write(header)
             raw.check()
@@ -61,7 +61,7 @@ def new_h5(
 
 
 class _Bytes:
-    """The file-like object that HDF5 writes to (h5py's ``fileobj`` driver)."""
+    """File-like object that HDF5 writes to (h5py's ``fileobj`` driver)."""
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("w+b", buffering=0)
@@ -69,7 +69,7 @@ class _Bytes:
         self._failure: OSError | None = None
         self._kept: list[tuple[int, bytes]] = []
         self.closing = False
-        """Set before the file is closed: HDF5 must not be told of failures then."""
+        """Set before the file is closed: failures must not be reported to HDF5 then."""
 
     def __enter__(self) -> _Bytes:
         return self
@@ -78,13 +78,13 @@ class _Bytes:
         self._file.close()
 
     def check(self) -> None:
-        """Raise what was refused while the file was closed."""
+        """Raise the failure that occurred while the file was closed."""
         if self._failure is not None:
             raise self._failure
 
-    # -- what HDF5 calls ---------------------------------------------------------------------------------
+    # -- methods that HDF5 calls ---------------------------------------------------------------------------------
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Move to a byte."""
+        """Seek to a byte."""
         if whence == os.SEEK_END:
             end = max((start + len(data) for start, data in self._kept), default=0)
             offset += max(end, self._file.seek(0, os.SEEK_END))
@@ -94,11 +94,11 @@ class _Bytes:
         return offset
 
     def tell(self) -> int:
-        """Return the byte that comes next."""
+        """Return the position."""
         return self._at
 
     def write(self, data: Any) -> int:
-        """Write all of ``data``; after a failure keep it in memory."""
+        """Write all of ``data``; after a failure, keep it in memory."""
         view = memoryview(data)
         if self._failure is None:
             try:
@@ -120,13 +120,13 @@ class _Bytes:
             raise error
 
     def read(self, size: int = -1) -> bytes:
-        """Return bytes from here; h5py knows a file-like object by this method, HDF5 calls `readinto`."""
+        """Return the next bytes; h5py recognizes a file-like object by this method, HDF5 calls `readinto`."""
         buffer = bytearray(size)
         self.readinto(memoryview(buffer))
         return bytes(buffer)
 
     def readinto(self, buffer: Any) -> int:
-        """Fill ``buffer`` from here, with zeros beyond the end."""
+        """Fill ``buffer`` from the position on, with zeros beyond the end."""
         view = memoryview(buffer)
         self._file.seek(self._at)
         done = 0
@@ -141,7 +141,7 @@ class _Bytes:
         return len(view)
 
     def truncate(self, size: int | None = None) -> int:
-        """Cut or extend the file."""
+        """Truncate or extend the file."""
         size = self._at if size is None else size
         if self._failure is None:
             try:

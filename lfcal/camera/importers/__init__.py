@@ -1,7 +1,7 @@
-"""Descriptions of cameras that others wrote, one module a format: each says by a file's text whether it can read it.
+"""Readers for camera descriptions of other programs. Each module recognizes its format by the text of a file.
 
-- ``camera_format``: what a format must provide, how its values are read, and the format of a file, found among these
-  modules and those of other packages
+- ``camera_format``: the interface of a reader, functions that readers share, and the choice of the reader for a file,
+including readers from other distributions
 - ``lfcal_json``: lfcal's own camera.json
 - ``raytrix_xml``: the calibration file of a Raytrix camera, and its grid of lenses
 - ``olaf_yaml``: configuration of oLaF and pyolaf

@@ -1,4 +1,4 @@
-"""Descriptions of cameras in any format: what reads one, the checks readers share, and the format of a file."""
+"""Camera descriptions in any format: the interface of a reader, shared checks, and the reader for a file."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ MAX_BYTES = 1 << 24
 
 @dataclass(frozen=True, slots=True)
 class ImportOptions:
-    """What the user states in addition to the file.
+    """Values that the user states in addition to the file.
 
     Attributes
     ----------
     values
-        Values by path (`lfcal.camera.draft.Draft`), which go before those of the file.
+        Values by path (`lfcal.camera.draft.Draft`), which have priority over those of the file.
     resolution
-        Name of the resolution preset of a Micro-Manager configuration; empty where there is one only.
+        Name of the resolution preset of a Micro-Manager configuration; empty if there is only one.
 
     Examples
     --------
@@ -54,7 +54,7 @@ class ImportOptions:
 
 @dataclass(frozen=True, slots=True)
 class Imported:
-    """A camera from a file, every value marked, and what is to be said of it, one line each.
+    """A camera from a file with all values marked, and remarks, one line each.
 
     Examples
     --------
@@ -71,20 +71,20 @@ class Imported:
 
 @dataclass(frozen=True, slots=True)
 class CameraFormat:
-    """A kind of file that describes a camera.
+    """Reader for a kind of file that describes a camera.
 
     Attributes
     ----------
     name
-        For people: ``"Raytrix XML"``.
+        Display name: ``"Raytrix XML"``.
     suffixes
-        Usual endings, for file dialogues; recognition goes by the text.
+        Usual suffixes, for file dialogs; the format is recognized by the text.
     recognises
-        Whether a text, given its first characters, is of this kind.
+        Function that decides from the first characters whether a text has this format.
     read
-        Returns the camera of (text, file, what the user says); raises `FileFormatError`.
+        Function from (text, file, options of the user) to the camera; raises `FileFormatError`.
     rank
-        Formats are asked from low to high.
+        Order in which formats are tried, from low to high.
     """
 
     name: str
@@ -95,14 +95,14 @@ class CameraFormat:
 
 
 def required(entries: Mapping[str, Any], name: str, what: str) -> Any:
-    """Return the entry called ``name``; raise where it is missing."""
+    """Return the entry called ``name``; raise if it is missing."""
     if name not in entries:
         raise FileFormatError.expected(what, f"the entry {name!r}", "none", "add it")
     return entries[name]
 
 
 def number(entries: Mapping[str, Any], name: str, what: str, scale: float = 1.0) -> float | None:
-    """Return a number times ``scale``; None where the entry is missing or null."""
+    """Return a number times ``scale``; None if the entry is missing or null."""
     value = entries.get(name)
     if value is None:
         return None
@@ -112,7 +112,7 @@ def number(entries: Mapping[str, Any], name: str, what: str, scale: float = 1.0)
 
 
 def file_text(source: Path) -> str:
-    """Return the text of a description, UTF-8 or UTF-16, at most 16 MB."""
+    """Return the text of a description in UTF-8 or UTF-16, of at most 16 MB."""
     check_regular(source)
     with storage_errors(source), source.open("rb") as file:
         # one byte more than allowed shows that the file is too large, without reading all of it
@@ -131,16 +131,16 @@ def file_text(source: Path) -> str:
 CAMERA_FORMATS: Registry[CameraFormat] = Registry(
     "camera format", "lfcal.camera.importers", "FORMAT", "lfcal.camera_formats", order=lambda f: (f.rank, f.name)
 )
-"""Every format there is; the first that recognises a text reads it."""
+"""All formats; the first that recognizes a text reads it."""
 
 HEAD = 1 << 14
-"""Characters that a format is recognised by."""
+"""Number of characters by which a format is recognized."""
 
 
 def read_camera(path: str | os.PathLike[str], options: ImportOptions | None = None) -> Camera:
-    """Return the camera that a file in any known format describes; `import_camera` tells how its values are known, too.
+    """Return the camera that a file in any known format describes; `import_camera` also returns remarks.
 
-    Raises what `import_camera` raises.
+    Raises the errors of `import_camera`.
 
     Examples
     --------
@@ -160,16 +160,16 @@ def import_camera(path: str | os.PathLike[str], options: ImportOptions | None = 
         camera.json, Raytrix XML, oLaF yaml, metadata of napari-LF, configuration or metadata of Micro-Manager, or
         what other packages add. UTF-8 or UTF-16, at most 16 MB.
     options
-        Values that the user states, which go before the file's.
+        Values that the user states, with priority over those of the file.
 
     Raises
     ------
     FileFormatError
-        If it is none of these, or an entry is missing or wrong.
+        If the format is unknown, or an entry is missing or invalid.
     InputError
-        If a value of ``options`` is refused.
+        If a value of ``options`` is invalid.
     StorageError
-        If it cannot be read.
+        If the file cannot be read.
 
     Examples
     --------

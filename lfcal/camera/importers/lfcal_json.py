@@ -1,4 +1,4 @@
-"""lfcal's own camera.json, and the refusal of any other JSON."""
+"""Reader for lfcal's own camera.json; refuses other JSON files."""
 
 from __future__ import annotations
 

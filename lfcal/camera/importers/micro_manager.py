@@ -1,7 +1,7 @@
 """System configuration (.cfg) and metadata (metadata.txt) of Micro-Manager: pixel size, magnification, sensor.
 
-What it calls pixel size is that of the specimen. With the magnification, which stands in the objective's label at best,
-it is that of the sensor. Lenslets are unknown to it.
+Its pixel size refers to the specimen. Together with the magnification, which at best appears in the objective's label,
+it gives that of the sensor. Micro-Manager has no information on lenslets.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ OBJECTIVE = re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)\s*[xX×]|[xX×]\s?(\d+(?:\.\d
 """A magnification in a label, such as ``Nikon 20X Plan Fluor`` or ``Plan-Apo x63``."""
 APERTURE = re.compile(r"(?:NA\s*|/\s?)([01]\.\d+)")
 
-UNKNOWN = "Micro-Manager knows nothing of lenslets: pitch, gap and focal length are assumed; see lfcal camera check"
+UNKNOWN = (
+    "Micro-Manager files do not describe lenslets: pitch, gap and focal length are assumed; see lfcal camera check"
+)
 
 
 @dataclass
@@ -51,7 +53,7 @@ def _read(text: str, source: Path, options: ImportOptions) -> Imported:
 def _presets(text: str, source: Path) -> dict[str, _Preset]:
     found: dict[str, _Preset] = {}
     for line in text.splitlines():
-        # lines are commands with commas; what follows a # in a line of its own is a comment
+        # lines are commands with commas; lines that begin with # are comments
         parts = [part.strip() for part in line.split(",")]
         if parts[0] == "ConfigPixelSize" and len(parts) >= 5:
             preset = found.setdefault(parts[1], _Preset())
@@ -69,7 +71,7 @@ def _positive(text: str, what: str) -> float | None:
         value = math.nan
     if not (math.isfinite(value) and value >= 0):
         raise FileFormatError.expected(what, "a length in µm", repr(text)[:40], "correct it")
-    return value or None  # 0 is its word for unknown
+    return value or None  # 0 means unknown
 
 
 def _chosen(presets: dict[str, _Preset], name: str, source: Path) -> tuple[float, str]:
@@ -87,12 +89,12 @@ def _chosen(presets: dict[str, _Preset], name: str, source: Path) -> tuple[float
 
 
 def _take(draft: Draft, specimen_um: float, label: str) -> None:
-    """Take pixel and magnification from the pixel size of the specimen and an objective's label."""
+    """Set pixel and magnification from the pixel size of the specimen and an objective's label."""
     if aperture := APERTURE.search(label):
         draft.put("optics.numerical_aperture", float(aperture[1]), "derived")
     match = OBJECTIVE.search(label)
     if draft.mark("sensor.pixel_um") == "assumed" and match:
-        # the label's magnification and the specimen's pixel size give the pixel; a relay is included in it
+        # the label's magnification and the specimen's pixel size give the sensor pixel, including any relay
         draft.put("optics.magnification", float(match[1] or match[2]), "derived")
     if draft.mark("optics.magnification") != "assumed":
         draft.put("sensor.pixel_um", _tidy(specimen_um * draft.get("optics.magnification")), "derived")
@@ -105,7 +107,7 @@ def _tidy(value: float) -> float:
 
 
 def _summary(text: str, source: Path, draft: Draft) -> None:
-    """Take what the summary of a recording says: width, height, bits, pixel size."""
+    """Set the values in the summary of a recording: width, height, bits, pixel size."""
     data = parse_json(text, str(source), finite=False)
     summary = data.get("Summary") if isinstance(data, Mapping) else None
     if not isinstance(summary, Mapping):

@@ -1,4 +1,4 @@
-"""Metadata of napari-LF: the settings of its calibration as JSON."""
+"""Reader for metadata of napari-LF: the settings of its calibration as JSON."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ENTRIES = (
     ("pixel_fill_factor", "sensor.fill_factor", 1.0),
     ("center_wavelength", "wavelength_um", 1e-3),  # nm
 )
-"""Its entry, ours, and the factor to our unit; lengths are in µm unless said otherwise."""
+"""Entry in the file, path in lfcal, and factor to lfcal's unit; lengths are in µm unless stated otherwise."""
 
 NEEDED = ("objective_magnification", "objective_na", "ulens_pitch", "pixel_size")
 
@@ -41,7 +41,7 @@ def _read(text: str, source: Path, options: ImportOptions) -> Imported:
         draft.put(path, number(entries, name, what, scale))
     focal = number(entries, "ulens_focal_length", what)
     draft.put("lattice.types", None if focal is None else (focal,))
-    # napari-LF knows square arrays only, and says so nowhere in the file
+    # napari-LF supports only square arrays, and the file does not say so
     draft.put("lattice.kind", "square", "derived")
     try:
         return Imported(draft.camera(source.stem), _notes(entries, what))
@@ -54,8 +54,8 @@ def _notes(entries: Mapping[str, Any], what: str) -> tuple[str, ...]:
     if fill is None or fill == 1:
         return ()
     return (
-        f"lenslets fill {fill:g} of their area or width, the file does not say which: as wide as the pitch "
-        "are assumed; state it with --set lattice.clear_um=…",
+        f"lenslets fill {fill:g} of their area or width, but the file does not say which; the pitch is "
+        "assumed as their diameter; state it with --set lattice.clear_um=…",
     )
 
 

@@ -1,4 +1,4 @@
-"""Configuration of oLaF and its Python port pyolaf: a flat yaml file (Stefanoiu et al. 2019, LFM_setCameraParams)."""
+"""Reader for configurations of oLaF and pyolaf: a flat yaml file (Stefanoiu et al. 2019, LFM_setCameraParams)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lfcal.camera.importers.camera_format import CameraFormat, Imported, ImportO
 __all__ = ["FORMAT"]
 
 MAX_CHARACTERS = 1 << 16
-"""Real files have 1 kB."""
+"""Largest size of a file (bytes); real files have 1 kB."""
 
 ENTRIES = (
     ("M", "optics.magnification"),
@@ -27,7 +27,7 @@ ENTRIES = (
     ("pixelPitch", "sensor.pixel_um"),
     ("WaveLength", "wavelength_um"),
 )
-"""Its entry and ours; all lengths are in µm."""
+"""Entries in the file, and paths in lfcal; all lengths are in µm."""
 
 
 def _read(text: str, source: Path, options: ImportOptions) -> Imported:
@@ -50,12 +50,12 @@ def _read(text: str, source: Path, options: ImportOptions) -> Imported:
 
 
 class _Plain(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
-    """Loads plain entries, without references to each other: a few of those make gigabytes of text."""
+    """Loads plain entries without references, since a few references can expand to gigabytes of text."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         """Refuse references."""
         if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError("a reference (*name), which a camera's file has no use for")
+            raise yaml.YAMLError("a reference (*name), which is not allowed in a camera file")
         return super().compose_node(parent, index)
 
 
@@ -64,16 +64,19 @@ def _entries(text: str, source: Path) -> Mapping[str, Any]:
         raise FileFormatError.expected(str(source), "a configuration of at most 64 kB", "more", "check the path")
     try:
         data = yaml.load(text, _Plain)
-    except Exception as error:  # yaml's makers of dates and numbers raise whatever they stumble over
+    except Exception as error:  # yaml's constructors of dates and numbers can raise any error
         parse_error = isinstance(error, yaml.YAMLError | ValueError)
-        reason = " ".join(str(error).split())[:200] if parse_error else "a value that is none of yaml's"
+        reason = " ".join(str(error).split())[:200] if parse_error else "an invalid yaml value"
         raise FileFormatError.expected(str(source), "yaml", reason, "correct the file") from None
     if not isinstance(data, Mapping):
         raise FileFormatError.expected(str(source), "named entries", type(data).__name__, "correct the file")
-    # the Fourier microscope has its lenslets in a pupil plane: another instrument, with other entries
+    # the Fourier microscope has its lenslets in a pupil plane: a different instrument with different entries
     if "noLensHoriz" in data or "f1" in data:
         raise FileFormatError.expected(
-            str(source), "a light-field microscope", "a Fourier light-field microscope", "lfcal has no such camera yet"
+            str(source),
+            "a light-field microscope",
+            "a Fourier light-field microscope",
+            "lfcal does not support such cameras",
         )
     return data
 
@@ -86,7 +89,7 @@ def _kind(entries: Mapping[str, Any], what: str) -> str | None:
 
 
 def _focal_lengths(entries: Mapping[str, Any], what: str) -> tuple[float, ...]:
-    """Return the focal lengths of the lens types: one, or three where ``focus`` is multi."""
+    """Return the focal lengths of the lens types: one, or three if ``focus`` is multi."""
     given = entries["fm"]
     parts = given if isinstance(given, list) else [given]
     found = tuple(number({"fm": part}, "fm", what) for part in parts)
@@ -99,7 +102,7 @@ def _focal_lengths(entries: Mapping[str, Any], what: str) -> tuple[float, ...]:
 
 
 def _place(entries: Mapping[str, Any], focal: tuple[float, ...], draft: Draft, what: str) -> tuple[str, ...]:
-    """Take the gap as oLaF would where the file leaves it open; return what is to be said of the array's place."""
+    """Set the gap as oLaF would if the file does not state it; return a remark about the position of the array."""
     tube, array = number(entries, "ftl", what), number(entries, "tube2mla", what) or 0.0
     design = entries.get("plenoptic", 1)
     if design not in (1, 2):
@@ -113,13 +116,13 @@ def _place(entries: Mapping[str, Any], focal: tuple[float, ...], draft: Draft, w
         lit = _lit_radius(tube, array, objective, draft.get("optics.numerical_aperture"))
         draft.put("lattice.gap_um", array * draft.get("lattice.pitch_um") / (2 * lit), "derived")
     return (
-        "a defocused design (plenoptic: 2): in lfcal depth 0 is the plane that is imaged onto the lenslets, not the "
+        "a defocused design (plenoptic: 2): depth 0 in lfcal is the plane imaged onto the lenslets, not the "
         "objective's focal plane",
     )
 
 
 def _lit_radius(tube: float, array: float, objective: float, na: float) -> float:
-    """Return the radius of the tube lens that is lit by a point imaged onto the array (µm), as oLaF has it."""
+    """Return the radius of the tube lens illuminated by a point imaged onto the array (µm), as in oLaF."""
     apart = objective + tube
     image = apart - tube * array / (array - tube)
     return abs((image - apart) * objective * na / image)

@@ -1,4 +1,4 @@
-"""The calibration file of a Raytrix camera (``RayCalibData``) as a camera."""
+"""Reader for the calibration file of a Raytrix camera (``RayCalibData``)."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ __all__ = ["FORMAT", "entry_of", "float_of", "lens_types", "number_of", "pair_of
 
 ROOT = "RayCalibData"
 MAX_BYTES = 1 << 20
-"""Real files have 1.4 kB."""
+"""Largest size of a file (bytes); real files have 1.4 kB."""
 
 NOT_APPLIED = (
-    "the maker's distortion (Brown) is kept and not applied: the file says neither what it acts on nor in which unit "
-    "its radius is; a white image gives the lattice's own distortion"
+    "the manufacturer's distortion (Brown) is stored and not applied: the file does not state what it acts on, nor the "
+    "unit of its radius; a white image gives the distortion of the lattice"
 )
 
 
@@ -45,10 +45,10 @@ def read_raytrix_xml(
 ) -> Camera:
     """Return the camera of a Raytrix calibration file (``RayCalibData``).
 
-    The file holds the lattice (pitch, rotation, offset from the image centre with y up, lens bases, sub-grid),
-    the lens types with their depth ranges, and the distortion. The lattice comes out with a small rotation
-    and with the file's numbers of the lens types. What the file does not hold is taken from the arguments, and
-    marked as assumed where they do not give it either.
+    The file contains the lattice (pitch, rotation, offset from the image centre with y up, lens bases, sub-grid), the
+    lens types with their depth ranges, and the distortion. The returned lattice has a small rotation, and the file's
+    numbering of the lens types. Values that the file lacks come from the arguments. If neither states them, they are
+    assumed and marked.
 
     Parameters
     ----------
@@ -62,8 +62,8 @@ def read_raytrix_xml(
         Distance from lenslets to sensor (µm); by default the pitch times the main lens's working f-number,
         at which micro-images just touch.
     focus_depths
-        Virtual depth that each type has in focus; by default the one that blurs both ends of the type's
-        depth range alike, ``1/v = (1/near + 1/far) / 2``.
+        Virtual depth at which each type is in focus; by default the one with equal blur at both ends of the type's
+        depth range, ``1/v = (1/near + 1/far) / 2``.
     name
         Name of the camera; by default that of the file.
 
@@ -130,7 +130,7 @@ def _draft(root: ElementTree.Element, values: Mapping[str, Any], source: Path) -
     pixel = draft.get("sensor.pixel_um")
     draft.put("lattice.kind", "hexagonal")
     draft.put("lattice.rotation_rad", rotation)
-    # the file counts in pixels: these lengths are no better known than the pixel is
+    # the file counts in pixels: these lengths are no more reliable than the pixel pitch
     draft.put("lattice.pitch_um", diameter * pixel, "derived")
     draft.put("lattice.offset_um", (offset[0] * pixel, offset[1] * pixel), "derived")
     # the border is dark on both sides of a micro-image
@@ -184,7 +184,7 @@ def _distortion(root: ElementTree.Element, source: Path) -> BrownDistortion | No
         )
     text = (entry.findtext("parameter") or "").strip()
     values = tuple(float_of(part, f"{source}: distortion parameter") for part in text.split(";") if text)
-    if function == "constant":  # the maker's word for none
+    if function == "constant":  # the manufacturer's word for none
         if any(values):
             raise FileFormatError.expected(
                 f"{source}: constant distortion", "no parameters", text[:60], "export it without distortion"
@@ -200,11 +200,11 @@ FORMAT = CameraFormat("Raytrix XML", (".xml",), lambda head: head[:1] == "<", _r
 
 
 FLIP_Y = np.array([1.0, -1.0])
-"""The file counts y upwards; images count it downwards."""
+"""Sign that converts the file's y (up) to image rows (down)."""
 
 
 def entry_of(parent: ElementTree.Element, tag: str, source: Path) -> ElementTree.Element:
-    """Return the one entry ``tag`` of ``parent``."""
+    """Return the only entry ``tag`` of ``parent``."""
     found = parent.findall(tag)
     if len(found) != 1:
         raise FileFormatError.expected(
@@ -214,7 +214,7 @@ def entry_of(parent: ElementTree.Element, tag: str, source: Path) -> ElementTree
 
 
 def number_of(parent: ElementTree.Element, tag: str, units: str | None, source: Path) -> float:
-    """Return the number in the entry ``tag``, whose units, where it names any, must be ``units``."""
+    """Return the number in the entry ``tag``; its units, if any, must be ``units``."""
     entry = entry_of(parent, tag, source)
     if units is not None:
         _check_units(entry, units, source)
@@ -222,7 +222,7 @@ def number_of(parent: ElementTree.Element, tag: str, units: str | None, source: 
 
 
 def float_of(text: str | None, what: str) -> float:
-    """Return the finite number that ``text`` is."""
+    """Return ``text`` as a finite number."""
     try:
         value = float((text or "").strip())
     except ValueError:
@@ -282,7 +282,7 @@ def placement(
     )
     step = 1
     if len(offsets) == 3:
-        # type 0 must lie at the origin of the indices, and the others where LensletLattice colours its neighbours
+        # type 0 must be at the origin of the indices, and the others where LensletLattice assigns them
         lattice = LensletLattice("hexagonal", diameter, 1.0, (LensType(1.0),) * 3, row, tuple(centres[0]))
         index = (centres - centres[0]) @ np.linalg.inv(lattice.basis_um())
         whole = np.rint(index).astype(int)
@@ -297,15 +297,15 @@ def placement(
 
 
 def _row_angle(angle: float) -> float:
-    """Return the angle, of those 60 degrees apart, that lies nearest a sensor axis (rad, in [0, 90] or so)."""
+    """Return the angle nearest a sensor axis, among those 60 degrees apart (rad, about [0, 90] degrees)."""
     sixth, quarter = math.pi / 3, math.pi / 2
-    # a hexagonal lattice looks the same every 60 degrees; the rounding makes ties between equal angles repeatable
+    # a hexagonal lattice looks the same every 60 degrees; the rounding makes ties reproducible
     candidates = [angle + k * sixth for k in range(-6, 7)]
     return min(candidates, key=lambda a: (round(abs(a - quarter * round(a / quarter)), 9), round(abs(a), 9)))
 
 
 def _check_sub_grid(vector: NDArray[np.float64], types: int, source: Path) -> None:
-    """Raise unless the sub-grid is the rectangular cell that the lattice implies: (3, √3) lenses for three types."""
+    """Raise unless the sub-grid is the rectangular cell of the lattice: (3, √3) lenses for three types."""
     wanted = (3.0 if types == 3 else 1.0, math.sqrt(3))
     if np.abs(np.abs(vector) - wanted).max() > 0.01:
         got = np.abs(vector).round(4).tolist()

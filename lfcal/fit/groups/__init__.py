@@ -1,12 +1,12 @@
-"""Groups of unknowns, one concept a module; each names what it brings in ``GROUPS``.
+"""Groups of unknowns, one concept per module; each module lists its groups in ``GROUPS``.
 
 - ``array``: the lenslet array's gap, rotation, offset, pitch
 - ``lenslets``: focal length and spherical aberration of each lens type
 - ``iris``: size, rotation, curvature of the blades; the second stop of a cat's eye
-- ``depths``: how far away the planes are
+- ``depths``: distances of the planes
 - ``wavefront``: Zernike terms of the main lens or objective
 - ``light``: size of the source, or of a target's holes; bandwidth
 - ``pixels``: crosstalk
 - ``stage``: length of the stage's steps
-- ``regions``: of several regions of the field, the wavefront over it, its curvature, places and depths of the sources
+- ``regions``: for several regions of the field: the wavefront over it, its curvature, places and depths of the sources
 """

@@ -47,7 +47,7 @@ class CommonDepth(Group):
 
 
 class PlaneDepths(Group):
-    """Each plane beside where the stage says it is."""
+    """Displacement of each plane in depth, relative to the stage."""
 
     name = "depths"
     title = "depth of each plane"

@@ -45,7 +45,7 @@ class FieldWavefront(Group):
         if not setup.camera.optics.telecentric:
             names = ["coma", "astigmatism", *names]
             names += ["astigmatism_y", "astigmatism_x"] if len(frame.fields_um) > 2 else []
-        held = "the wavefront's terms beside these are those on the axis"
+        held = "the other terms of the wavefront are those on the axis"
         return tuple(
             Unknown(f"field_{name}", self.name, "waves", getattr(start, name), 0.1, None, -20.0, 20.0, gauge=held)
             for name in names
@@ -100,7 +100,7 @@ class Curvature(Group):
 
 
 class Places(Group):
-    """Where the sources of each further region were, beside those of the first."""
+    """Displacement of the sources in each further region, relative to those of the first."""
 
     name = "region_places"
     title = "places of the regions' sources"
@@ -127,7 +127,7 @@ class Places(Group):
 
 
 class RegionDepthsGroup(Group):
-    """How far away the planes of each further region were, beside those of the first."""
+    """Displacement in depth of the planes of each further region, relative to those of the first."""
 
     name = "region_depths"
     title = "distances of the regions' planes"
@@ -151,12 +151,12 @@ class RegionDepthsGroup(Group):
 
 
 class TargetTiltGroup(Group):
-    """How a target's plane is tilted against the sensor, beside what is known of it."""
+    """Tilt of a target's plane against the sensor, relative to its known tilt."""
 
     name = "plane_tilt"
     title = "tilt of the target's plane"
     rank = 47
-    needs = "parts of the field at depths of their own, as a target's"
+    needs = "parts of the field at different depths, as for a target"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return how much farther away the plane is as far out as the farthest part, down and to the right."""

@@ -73,9 +73,9 @@ class ThirdOrder(WavefrontGroup):
 class Defocus(WavefrontGroup):
     """Defocus of the wavefront, in the square of the pupil's radius.
 
-    Defocus of a main lens does what the distance of all planes does, and is included in that. Of an objective's wide
-    pupil it is not what a displacement of the planes does, which goes with the cosine of the angle: where the objective
-    has it, distance, depth in a specimen and spherical aberration take its place in the fit.
+    For a main lens, defocus has the same effect as the distance of all planes, and is included in that. For the wide
+    pupil of an objective it differs from a displacement of the planes, which depends on the cosine of the angle:
+    there, distance, depth in a specimen and spherical aberration replace it in the fit.
     """
 
     held = True

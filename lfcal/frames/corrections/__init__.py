@@ -1,6 +1,6 @@
-"""Between a raw frame and a clean one.
+"""Corrections between a raw and a clean frame.
 
-- ``steps``: single corrections; ``defects``: defect pixels, found and repaired
+- ``steps``: single corrections; ``defects``: detection and repair of defective pixels
 - ``chain``: all corrections in their order, in one pass
 - ``recipe``: which corrections are requested, with which calibration frames
 - ``_corrected``: a frame source seen through a chain, with the variance of its samples

@@ -1,4 +1,4 @@
-"""A frame source seen through a correction chain: the one place where frames are corrected."""
+"""A frame source seen through a correction chain: the only place where frames are corrected."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ __all__ = ["CorrectedSource", "corrected", "corrected_noise"]
 
 
 class CorrectedSource(SourceView):
-    """Corrected float32 frames of ``source``; a region costs no more than the region and its margin.
+    """Corrected float32 frames of ``source``; reading a region processes only the region and its margin.
 
-    Corrections belong to the sensor, so frames that are cutouts are corrected at their place on it. Where a
-    background is measured on each frame the whole frame is read.
+    Corrections belong to the sensor, so frames that are cutouts are corrected at their place on it. If a background is
+    measured on each frame, the whole frame is read.
     """
 
     def __init__(self, source: FrameSource, chain: CorrectionChain) -> None:
         super().__init__(source)
         self.chain = chain
-        # first and last frame stand for all: a session records either cutouts or whole frames
+        # first and last frame represent all: a session records either cutouts or whole frames
         cut = any(source.info(k).origin != (0, 0) for k in {0, len(source) - 1} if k >= 0 and len(source))
-        # a fixed part of the sensor, whose calibration frames are of the same part
+        # a fixed part of the sensor, with calibration frames of the same part
         part = self.known.origin
         self._first = (0, 0)
         if part is not None and chain.shape in (None, source.shape):
@@ -69,27 +69,27 @@ class CorrectedSource(SourceView):
         return np.dtype(np.float32)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return what is known of the raw frames with the corrections described."""
+        """Return the metadata of the raw frames with a description of the corrections."""
         chain, dark = self.chain, self.chain.only_dark()
         noise = known.dark_noise
         if dark is not None and dark.count:
-            # samples that nothing multiplies have the variance of raw ones
+            # samples without a factor have the variance of raw ones
             plain = not any(isinstance(step, White | Exposure) for step in chain.steps)
             noise = DarkNoise(dark.count, dark.variance if plain else None)
         return replace(known, corrections=chain.describe(), keeps_level=chain.keeps_level(), dark_noise=noise)
 
     def repeats(self) -> FrameSource | None:
-        """Return the source's repeated frames, corrected alike."""
+        """Return the source's repeated frames, with the same corrections."""
         found = self.source.repeats() if isinstance(self.source, Frames) else None
         return None if found is None else CorrectedSource(found, self.chain)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[np.float32]:
-        """Return frame ``index``, or a part of it, corrected: equal to that part of the whole corrected frame."""
+        """Return frame ``index``, or a part of it, corrected; a part equals that of the whole corrected frame."""
         values: NDArray[np.float32] = self.samples(index, region).values
         return values
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return corrected samples; which are saturated is decided on the raw ones.
+        """Return corrected samples; raw samples decide which of them are saturated.
 
         Raises
         ------
@@ -100,7 +100,7 @@ class CorrectedSource(SourceView):
         info = self.source.info(index)
         grown = whole(self.shape) if self.chain.measures_frames else grow_region(inside, self.chain.margin, self.shape)
         raw = self.source.samples(index, grown)
-        # saturation is a property of raw samples: after dark and white the level is no longer one number
+        # saturation is a property of raw samples: after dark and white corrections, its level is no longer one number
         if self.chain.saturation is not None:
             raw = observed(raw.values, self.chain.saturation, raw.noise)
         try:
@@ -113,7 +113,7 @@ class CorrectedSource(SourceView):
     def _correct(
         self, part: NDArray[Any], grown: Region, inside: Region, info: FrameInfo
     ) -> tuple[NDArray[np.float32], float]:
-        """Return corrected samples, and the background that was taken off at their middle."""
+        """Return corrected samples, and the background subtracted at their middle."""
         plane = None
         if self.chain.measures_frames:
             plane = self.chain.measure(lambda region: part[region], self.shape, exposure_s=info.exposure_s)
@@ -136,17 +136,17 @@ class CorrectedSource(SourceView):
         if raw.valid is None:
             return None, raw.saturated
         valid = np.array(raw.valid)
-        # a repaired pixel holds its neighbours' mean, so its own raw value no longer counts
+        # a repaired pixel is the mean of its neighbours, so its raw value no longer counts
         repaired = self.chain.repaired(self._placed(grown, info))
         valid[repaired[:, 0], repaired[:, 1]] = True
         bad = ~valid[part_of(inside, grown)]
-        # what the mask excludes is not valid either, but says nothing of saturation
+        # masked pixels are not valid either, but are unrelated to saturation
         full = bad if info.mask is None else bad & info.mask[inside]
         count = None if raw.saturated is None else int(np.count_nonzero(full))
         return (~bad if bad.any() else None), count
 
     def _noise(self, noise: Noise | None, inside: Region, info: FrameInfo, level: float) -> Noise | None:
-        """Return the variance of corrected samples; ``level`` is the background that was taken off."""
+        """Return the variance of corrected samples; ``level`` is the subtracted background."""
         if noise is None:
             return None
         return corrected_noise(noise, self.chain, self._placed(inside, info), info.exposure_s, level)
@@ -157,7 +157,7 @@ class CorrectedSource(SourceView):
 
 
 def corrected(source: FrameSource, chain: CorrectionChain) -> CorrectedSource:
-    """Return the frames of ``source`` as ``chain`` corrects them, again a `FrameSource`.
+    """Return the frames of ``source`` corrected by ``chain``, as a `FrameSource`.
 
     Raises
     ------
@@ -176,27 +176,27 @@ def corrected(source: FrameSource, chain: CorrectionChain) -> CorrectedSource:
 
 
 MIN_READ_SHARE = 0.25
-"""Share of the read noise's variance that is left at least: a dark's own noise must not make a variance negative."""
+"""Smallest share of the read noise's variance that remains: the dark's noise must not make a variance negative."""
 
 
 def corrected_noise(
     raw: Noise, chain: CorrectionChain, region: Region, exposure_s: float | None, background: float = 0.0
 ) -> Noise:
-    """Return the noise of samples as ``chain`` corrects them.
+    """Return the noise of samples corrected by ``chain``.
 
-    A raw sample of value r has the variance ``c + s max(r - black, 0)``. With the dark d, of variance e, the white's
-    factor w, the exposure's factor f and the background b the corrected sample is ``v = (r - d) w f - b``: of variance
-    ``(w f)^2 (c + s (d - black) + e) + w f s (v + b)``. Only what is known counts: e where it is known of how many
-    frames the dark is the mean; d - black from the median of the dark, where the black level is not known.
+    A raw sample r has the variance ``c + s max(r - black, 0)``. With the dark d of variance e, the factors w of the
+    white image and f of the exposure, and the background b, the corrected sample is ``v = (r - d) w f - b``. Its
+    variance is ``(w f)^2 (c + s (d - black) + e) + w f s (v + b)``. Only known terms count: e if the number of
+    averaged dark frames is known, and d - black from the median of the dark if the black level is unknown.
 
     Parameters
     ----------
     raw
-        Of the raw samples.
+        Noise of the raw samples.
     chain, region, exposure_s
         The corrections, the sensor region, and the exposure of the frame (s).
     background
-        What was taken off at the end (corrected sample values).
+        Background subtracted at the end (corrected sample values).
     """
     constant: Number = raw.constant
     dark = chain.dark_at(exposure_s)
@@ -205,7 +205,7 @@ def corrected_noise(
         frame = dark.part(region)
         if frame is not None:
             held = frame.astype(np.float64) + dark.level
-            # light of the dark itself: dark current and hot pixels bring their own photon noise
+            # signal in the dark frame: dark current and hot pixels have photon noise too
             shown = held - (float(np.median(held)) if black is None else black)
             constant = np.maximum(constant + raw.slope * shown, MIN_READ_SHARE * np.asarray(raw.constant))
             constant = constant * (1 + 1 / dark.count) if dark.count else constant

@@ -16,7 +16,7 @@ __all__ = ["CorrectionTerms", "correct_rows", "neighbour_of_rank", "repair_pixel
 
 
 class CorrectionTerms(NamedTuple):
-    """The numbers of the correction (value - level - dark) gain factor - background."""
+    """Parameters of the correction (value - level - dark) gain factor - background."""
 
     dark: NDArray[np.float32]  # dark frame of the whole sensor (digital numbers), or empty
     gain: NDArray[np.float32]  # gain map of the whole sensor, or empty
@@ -33,8 +33,8 @@ def correct_rows(
 ) -> None:
     """Write ``(raw - level - dark) gain factor - background`` for rows ``start … stop`` of ``raw``.
 
-    ``raw`` and ``out`` hold a region ``(rows, columns)``. Values stay in float32, where a 16-bit sample less its dark
-    level is exact; nothing is clipped at zero, as that would bias the dark pixels' mean.
+    ``raw`` and ``out`` are a region ``(rows, columns)``. Values stay in float32, where a 16-bit sample minus its dark
+    level is exact. Nothing is clipped at zero, because that would bias the mean of dark pixels.
     """
     columns = raw.shape[1]
     r0, c0 = origin
@@ -42,7 +42,7 @@ def correct_rows(
     slope = np.float32(terms.per_column)
     for r in range(start, stop):
         offset = np.float32(terms.offset + terms.per_row * (r + r0))
-        # one loop for each kind of chain: a choice per pixel would keep it out of vector registers
+        # one loop for each kind of chain: a branch per pixel would prevent vectorization
         if dark.size and gain.size:
             for c in range(columns):
                 value = (np.float32(raw[r, c]) - level - dark[r0 + r, c0 + c]) * gain[r0 + r, c0 + c]
@@ -69,12 +69,12 @@ def repair_pixels(
     pixels: NDArray[np.int32],
     neighbours: NDArray[np.int32],
 ) -> None:
-    """Set ``pixels`` of the region ``values`` to the mean of their ``neighbours``, where those lie in the region.
+    """Set ``pixels`` of the region ``values`` to the mean of those ``neighbours`` that are in the region.
 
-    ``pixels`` ``(n, 2)`` and ``neighbours`` ``(n, m, 2)`` are rows and columns on the sensor, -1 where there is none;
-    ``(r0, c0)`` is the region's first pixel. ``plane`` is the background, its level and slopes per row and column: it
-    has already been subtracted, is added back to the neighbours and subtracted at the pixel, so that repairing comes
-    before the background as the chain says. A pixel without any neighbour becomes NaN.
+    ``pixels`` ``(n, 2)`` and ``neighbours`` ``(n, m, 2)`` are rows and columns on the sensor, -1 for none; ``(r0,
+    c0)`` is the region's first pixel. ``plane`` is the already subtracted background: its level and its slopes per row
+    and column. It is added to the neighbours and subtracted at the pixel, so that the repair acts before the
+    background, as in the chain. A pixel without any neighbour becomes NaN.
     """
     rows, columns = values.shape
     for k in range(pixels.shape[0]):
@@ -90,7 +90,7 @@ def repair_pixels(
             if nr < r0 or nc < c0 or nr >= r0 + rows or nc >= c0 + columns:
                 continue
             value = values[nr - r0, nc - c0]
-            if np.isnan(value):  # a neighbour that is itself defective, and not repaired yet
+            if np.isnan(value):  # a neighbour that is itself defective and not yet repaired
                 continue
             total += value + plane[1] * (nr - pixels[k, 0]) + plane[2] * (nc - pixels[k, 1])
             count += 1
@@ -108,9 +108,9 @@ def neighbour_of_rank(
 ) -> None:
     """Write, for rows ``start … stop``, the value of rank ``rank`` (0 lowest) among each pixel's neighbours.
 
-    ``offsets`` has shape ``(phases_y, phases_x, n, 2)``: the same-colour neighbours of each colour filter phase.
-    At the border, where some are missing, a rank below the middle takes the lowest of the others and one above it
-    the highest: the strictest comparison that is left.
+    ``offsets`` has the shape ``(phases_y, phases_x, n, 2)``: the neighbours of the same colour for each phase of the
+    colour filter. At the border, where some are missing, a rank below the middle uses the lowest of the others, and
+    one above it the highest: the strictest possible comparison.
     """
     rows, columns = image.shape
     py, px, n, _ = offsets.shape
@@ -124,7 +124,7 @@ def neighbour_of_rank(
                 if nr < 0 or nr >= rows or nc < 0 or nc >= columns:
                     continue
                 value = image[nr, nc]
-                k = m  # insertion sort: quickest for the eight values there are at most
+                k = m  # insertion sort: fastest for at most eight values
                 while k > 0 and found[k - 1] > value:
                     found[k] = found[k - 1]
                     k -= 1

@@ -21,31 +21,31 @@ Step: TypeAlias = Dark | DarkSet | White | Defects | Background | Exposure
 
 _RANK = {Dark: 0, DarkSet: 0, White: 1, Defects: 2, Background: 3, Exposure: 3}
 _ONCE = ((Dark, DarkSet), (White,), (Defects,), (Background,), (Exposure,))
-"""Steps of which a chain has one; a dark and a set of darks subtract the same level."""
+"""Steps that occur only once in a chain; a dark and a set of darks subtract the same level."""
 
 _EMPTY = np.zeros((0, 0), np.float32)
-_EMPTY.setflags(write=False)  # as the frames of the steps are: one compiled kernel for both
+_EMPTY.setflags(write=False)  # read-only like the frames of the steps, so that one compiled kernel serves both
 
 
 @dataclass(frozen=True, eq=False)
 class CorrectionChain:
     """Corrections in their order: dark, white, defects, then background and exposure in either order.
 
-    Every step may be left out and none comes twice; the empty chain only turns samples into float32. Nothing is
-    clipped. One compiled pass does dark, white, background and exposure together; defects are interpolated after it
-    from the values that their neighbours have at that place in the chain.
+    Every step may be omitted, and none may occur twice; the empty chain only converts samples to float32. Nothing is
+    clipped. Dark, white, background and exposure are computed in one compiled pass. Defects are interpolated
+    afterwards, from the values of their neighbours at that stage of the chain.
 
     Attributes
     ----------
     steps
         `Dark`, `White`, `Defects`, `Background`, `Exposure`.
     saturation
-        Sample value from which a pixel counts as saturated; None: what the frames say of themselves.
+        Sample value at which a pixel counts as saturated; None: from the frames' metadata.
 
     Raises
     ------
     InputError
-        If the order is wrong (it says what to swap), a step comes twice, or two steps fit different sensors.
+        If the order is wrong (the message says what to swap), a step occurs twice, or two steps fit different sensors.
 
     Examples
     --------
@@ -96,13 +96,13 @@ class CorrectionChain:
 
     @property
     def margin(self) -> int:
-        """Pixels around a region that must be known to correct it exactly as the whole frame would be."""
+        """Margin of pixels around a region that is needed to correct it exactly as in the whole frame."""
         defects = self._find(Defects)
         return 0 if defects is None else defects.margin
 
     @property
     def measures_frames(self) -> bool:
-        """Whether a background is measured on each frame, so that a region alone is not enough."""
+        """Whether a background is measured on each frame, so that a region alone does not suffice."""
         background: Background | None = self._find(Background)
         return background is not None and background.measured
 
@@ -154,19 +154,19 @@ class CorrectionChain:
         region
             Rows and columns of ``part`` in sensor coordinates, ``slice(start, stop)`` each.
         inside
-            Region returned, within ``region``; all of it when None. To get exactly what the whole frame gives,
+            Region to return, within ``region``; None returns all of it. For exactly the result of the whole frame,
             read `grow_region` of it by `margin`.
         exposure_s
             As in `apply`.
         background
-            What `measure` returned for this frame; needed if `measures_frames`.
+            Result of `measure` for this frame; needed if `measures_frames`.
 
         Raises
         ------
         InputError
             If the shapes do not fit, or the background of the frame is needed and not given.
         """
-        # without a sensor shape any region fits: the limit only has to exceed every sensor
+        # without a sensor shape, any region fits: the limit only needs to exceed every sensor
         limit = self.shape or (1 << 30, 1 << 30)
         region = check_region(region, limit)
         if part.shape != region_shape(region):
@@ -199,15 +199,15 @@ class CorrectionChain:
     ) -> Plane:
         """Return the background of one frame, ``(at pixel (0, 0), per row, per column)``, for `apply_region`.
 
-        ``read`` returns raw regions of the frame of ``shape``; only the border is asked for, and nothing where
-        the background is constant.
+        ``read`` returns raw regions of the frame of ``shape``. Only the border is requested, and nothing if the
+        background is constant.
         """
         background: Background | None = self._find(Background)
         if background is None:
             return 0.0, 0.0, 0.0
         if not background.measured:
             return background.measure(lambda _: _EMPTY, shape)
-        # the border is corrected by the steps ahead of the background, in whose values it is subtracted
+        # the border is corrected by the steps before the background, which is in their values
         ahead = CorrectionChain(self.steps[: self.steps.index(background)])
 
         def part(region: Region) -> NDArray[np.float32]:
@@ -217,26 +217,26 @@ class CorrectionChain:
         return background.measure(part, shape)
 
     def keeps_level(self) -> bool:
-        """Whether nothing in the chain takes the black level away."""
+        """Whether no step of the chain subtracts the black level."""
         return not any(isinstance(step, Dark | DarkSet | Background) for step in self.steps)
 
     def factor(self, exposure_s: float | None) -> float:
-        """Return what `Exposure` multiplies a frame of this exposure by, 1 without it."""
+        """Return the factor of `Exposure` for a frame of this exposure, 1 without that step."""
         step: Exposure | None = self._find(Exposure)
         return 1.0 if step is None else step.factor(exposure_s)
 
     def gain(self, region: Region) -> NDArray[np.float64] | None:
-        """Return the factors of `White` over a sensor region, None without it."""
+        """Return the factors of `White` over a sensor region, None without that step."""
         white: White | None = self._find(White)
         return None if white is None else white.gain[region].astype(np.float64)
 
     def dark_at(self, exposure_s: float | None) -> Dark | None:
-        """Return what is subtracted from frames of this exposure, None where nothing is."""
+        """Return what is subtracted from frames of this exposure, None if nothing is."""
         found: Dark | DarkSet | None = self._find(Dark) or self._find(DarkSet)
         return None if found is None else found.at(exposure_s)
 
     def only_dark(self) -> Dark | None:
-        """Return the dark that is subtracted from every frame, None where there is none, or one for each exposure."""
+        """Return the dark subtracted from every frame; None if there is none, or one for each exposure."""
         found: Dark | DarkSet | None = self._find(Dark) or self._find(DarkSet)
         if isinstance(found, DarkSet):
             return next(iter(found.darks.values())) if len(found.darks) == 1 else None
@@ -283,7 +283,7 @@ class CorrectionChain:
             if isinstance(step, Background):
                 offset = offset + np.array(plane)
             elif isinstance(step, Exposure):
-                # exposure after background scales what was subtracted too, exposure before it does not
+                # exposure after background also scales the background, exposure before it does not
                 scale = step.factor(exposure_s)
                 factor, offset = factor * scale, offset * scale
         return factor, offset
@@ -308,7 +308,7 @@ class CorrectionChain:
         raw = _narrow(part)
         result = np.empty(part.shape, np.float32) if out is None else _check_out(out, part.shape)
         factor, offset = self._affine(plane, exposure_s)
-        # the kernel counts from the first pixel of the part, as the parts of dark and gain do
+        # the kernel counts from the first pixel of the part, like the parts of dark and gain
         local = np.array([offset[0] + offset[1] * r0 + offset[2] * c0, offset[1], offset[2]])
 
         terms = _kernels.CorrectionTerms(dark_frame, gain, np.float32(level), np.float32(factor), *local.tolist())
@@ -327,7 +327,7 @@ class CorrectionChain:
 
 def _narrow(part: NDArray[Any]) -> NDArray[Any]:
     """Return the samples as uint16 or float32, contiguous: the two types the kernel is compiled for."""
-    # uint8 widens without loss; wider integers and other floats lose nothing that a sensor measures
+    # uint8 converts without loss; wider integers and other floats lose nothing that a sensor measures
     return np.ascontiguousarray(part, np.uint16 if part.dtype in (np.uint8, np.uint16) else np.float32)
 
 

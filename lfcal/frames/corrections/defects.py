@@ -1,4 +1,4 @@
-"""Defect pixels: where they are on the sensor, how they are found over many frames, and how they are repaired."""
+"""Defective pixels: their places on the sensor, their detection from many frames, and their repair."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from lfcal.frames.source import FrameSource
 __all__ = ["Defects", "find_defects", "iter_find_defects", "nearest_good", "repair_nan"]
 
 MAX_SHARE = 0.05
-"""More defects than this share of the sensor are refused: the search has failed then."""
+"""Largest share of defective pixels; more means that the search has failed."""
 
 
 @dataclass(frozen=True, eq=False)
 class Defects:
-    """Repair pixels that do not measure light: each becomes the mean of its nearest good same-colour neighbours.
+    """Repair defective pixels: each becomes the mean of its nearest good neighbours of the same colour.
 
-    They are given in sensor coordinates, where they stay while the spots move. A repair is linear in the frame.
-    Pixels that are NaN in a frame of floats (masked by its reader) are repaired as well, where a neighbour within
-    one period of the pattern is good; no pixels need be given for that.
+    They are in sensor coordinates, where they stay while the spots move. A repair is linear in the frame. Pixels that
+    are NaN in a frame of floats (masked by its reader) are repaired as well, if a neighbour within one period of the
+    pattern is good; they need not be listed.
 
     Attributes
     ----------
@@ -37,15 +37,15 @@ class Defects:
     cfa
         Colour filter pattern by rows, empty for monochrome.
     kinds
-        ``"hot"``, ``"dead"`` or ``"stuck"`` for each pixel, or empty where that is not known.
+        ``"hot"``, ``"dead"`` or ``"stuck"`` for each pixel, or empty if unknown.
     neighbours, margin
-        Neighbours used for each pixel, shape ``(n, m, 2)``, padded with -1, and how far a repair may look (px);
-        made from the above.
+        Neighbours used for each pixel, shape ``(n, m, 2)``, padded with -1, and the range of a repair (px);
+        computed from the above.
 
     Raises
     ------
     InputError
-        If a pixel lies off the sensor, has no good neighbour of its colour within two periods of the pattern,
+        If a pixel is outside the sensor, has no good neighbour of its colour within two periods of the pattern,
         or more than 5 % of the sensor is defect.
 
     Examples
@@ -81,7 +81,7 @@ class Defects:
             )
         # row-major numbers sort the pixels and drop repeated ones in one go
         flat, first = np.unique(pixels[:, 0] * self.shape[1] + pixels[:, 1], return_index=True)
-        # a small sensor may have one defect, even where that is more than the share
+        # a small sensor may have one defect, even if that exceeds the share
         if len(flat) > max(1, MAX_SHARE * self.shape[0] * self.shape[1]):
             raise InputError.expected(
                 "defect pixels",
@@ -95,7 +95,7 @@ class Defects:
         neighbours = self._find_neighbours(chosen)
         object.__setattr__(self, "neighbours", neighbours)
         reach = np.abs(neighbours - chosen[:, None, :])[neighbours[..., 0] >= 0]
-        # the pattern's side in addition: a NaN one period away is repaired as well
+        # plus the pattern's side, because a NaN one period away is repaired as well
         object.__setattr__(self, "margin", int(reach.max(initial=0)) + pattern_side(self.cfa))
 
     def _find_neighbours(self, pixels: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -138,20 +138,20 @@ class Defects:
 def nearest_good(
     pixels: NDArray[np.int32], bad: NDArray[np.bool_], cfa: str, *, origin: tuple[int, int] = (0, 0), reach: int = 2
 ) -> NDArray[np.int32]:
-    """Return for each pixel its nearest ring of same-colour neighbours that holds a good one.
+    """Return for each pixel its nearest ring of neighbours of the same colour that contains a good one.
 
     Parameters
     ----------
     pixels
         Rows and columns in ``bad``, shape ``(n, 2)``.
     bad
-        Map of the pixels that may not be used.
+        Map of the pixels that must not be used.
     cfa
         Colour filter pattern by rows.
     origin
         Sensor coordinates of the first pixel of ``bad``.
     reach
-        Periods of the pattern that a neighbour may be away.
+        Largest distance of a neighbour, in periods of the pattern.
 
     Returns
     -------
@@ -170,20 +170,20 @@ def nearest_good(
                 break
             near = pixels[todo, None, :] + ring[None]
             good: NDArray[np.bool_] = np.all((near >= 0) & (near < np.array(bad.shape)), axis=2)
-            # an index off the map would wrap round; (0, 0) stands in, and stays marked as not good
+            # an index outside the map would wrap around; (0, 0) replaces it, and stays marked as not good
             inside = np.where(good[..., None], near, 0)
             good &= ~bad[inside[..., 0], inside[..., 1]]
             found[todo, : len(ring)] = np.where(good[..., None], near, -1)
-            # pixels whose ring holds a good neighbour are done; the others try the next ring
+            # pixels whose ring contains a good neighbour are done; the others try the next ring
             todo = todo[~good.any(axis=1)]
     return found
 
 
 def repair_nan(values: NDArray[np.float32], origin: tuple[int, int], slopes: NDArray[np.float64], cfa: str) -> None:
-    """Set NaN in a corrected region to the mean of its nearest same-colour neighbours, one period away at most.
+    """Set NaN in a corrected region to the mean of its nearest neighbours of the same colour, within one period.
 
-    ``slopes`` is the background subtracted already, ``(level, per row, per column)``. What has no good neighbour
-    so near stays NaN.
+    ``slopes`` is the already subtracted background, ``(level, per row, per column)``. Pixels without a good neighbour
+    stay NaN.
     """
     bad = np.isnan(values)
     if not bad.any():
@@ -195,19 +195,19 @@ def repair_nan(values: NDArray[np.float32], origin: tuple[int, int], slopes: NDA
 
 NEIGHBOURS = 8
 OUTLIERS = 2
-"""Neighbours that may be defect themselves without hiding a pixel."""
+"""Number of neighbours that may be defective themselves without hiding a pixel."""
 
 CONTRAST = 0.5
-"""A hot pixel stands out from its neighbours by this share of what they stand out from the field."""
+"""A hot pixel differs from its neighbours by at least this share of their difference from the field."""
 
 PERSISTENCE = 0.5
-"""A hot pixel stands out in this share of the frames; the peak of a spot passes by."""
+"""Share of the frames in which a hot pixel must stand out; the peak of a spot only passes by."""
 
 RESPONSE = 0.1
-"""A pixel whose values span less than this share of its neighbours' does not respond."""
+"""A pixel whose range of values is below this share of its neighbours' range does not respond."""
 
 ENCLOSED = 3.0
-"""It must have been enclosed by light of this many times its own span, in one frame, to count as dead."""
+"""A dead pixel must be surrounded, in one frame, by light of this many times its own range."""
 
 MIN_FRAMES_HOT = 3
 MIN_FRAMES_RESPONSE = 8
@@ -218,19 +218,20 @@ def iter_find_defects(
 ) -> Work[Defects]:
     """Find hot, dead and stuck pixels from the values of each pixel over the frames.
 
-    *Hot*: even its lowest value exceeds that of all but two of its eight nearest same-colour neighbours by
-    ``threshold`` robust standard deviations and by half of what those stand out from the field, and it stands out
-    in half of the frames. *Dead* and *stuck*: its values span less than a tenth of what all but two neighbours
-    span, and in some frame a spot lay around it; a dead one stays at their lowest. Dead and stuck pixels need 8
-    frames, and only show where spots cover them. Frames of different positions are needed, or several dark frames;
-    those of one position would show the spots as hot pixels. Frames are read twice if there is anything suspect.
+    *Hot*: even the lowest value exceeds that of all but two of the eight nearest neighbours of the same colour, by
+    ``threshold`` robust standard deviations and by half of their difference from the field. The pixel must stand out
+    in half of the frames. *Dead* and *stuck*: the range of values is less than a tenth of the range of all but two
+    neighbours, and in some frame a spot surrounded the pixel; a dead one stays at the lowest value. Dead and stuck
+    pixels need 8 frames, and are found only where spots cover them. Use frames of different positions, or several dark
+    frames, because in frames of a single position the spots would look like hot pixels. Frames are read twice if
+    anything is suspect.
 
     Parameters
     ----------
     source
-        Raw or dark-corrected frames; the colour filter is taken from its metadata.
+        Raw or dark-corrected frames; the colour filter comes from their metadata.
     frames
-        Frames read at most, evenly spread.
+        Largest number of frames to read, evenly spread.
     threshold
         Standard deviations of the differences to the neighbours.
     workers
@@ -239,7 +240,7 @@ def iter_find_defects(
     Raises
     ------
     InputError
-        If there are fewer than 3 frames, or more than 5 % of the pixels look defect.
+        If there are fewer than 3 frames, or more than 5 % of the pixels appear defective.
 
     Examples
     --------
@@ -270,7 +271,7 @@ def iter_find_defects(
     for done, index in enumerate(chosen[1:], 1):
         yield clock.at(done)
         frame = source.read(index)
-        # fmin and fmax skip NaN: a pixel masked in one frame is judged by the others
+        # fmin and fmax skip NaN: a pixel masked in one frame is judged from the others
         np.fmin(low, frame, out=low)
         np.fmax(high, frame, out=high)
     suspects = _Suspects(low, high, len(chosen), source.metadata.cfa, threshold, workers)
@@ -299,7 +300,7 @@ find_defects = drained(
 
 
 class _Suspects:
-    """Pixels that the lowest and highest values make suspect, judged by how they do in single frames.
+    """Pixels with suspect lowest and highest values, checked in single frames.
 
     Parameters
     ----------
@@ -322,7 +323,7 @@ class _Suspects:
         unresponsive = np.zeros_like(hot)
         if count >= MIN_FRAMES_RESPONSE:
             around = self._rank(span, OUTLIERS, workers)
-            # where its neighbours show no light either, a pixel cannot be said not to respond
+            # without light on its neighbours, a pixel cannot be said to be unresponsive
             unresponsive = (span < RESPONSE * around) & (around > threshold * noise)
         self._pixels = np.argwhere(hot | unresponsive)
         at = tuple(self._pixels.T)
@@ -349,20 +350,20 @@ class _Suspects:
     def _is_outlier(self, low: NDArray[np.float32], least: float, workers: int | None) -> NDArray[np.bool_]:
         # of eight sorted neighbours, two may be hot themselves
         upper = self._rank(low, NEIGHBOURS - 1 - OUTLIERS, workers)
-        # next to a static bright object, a pixel must also exceed what its neighbours exceed the field by
+        # next to a static bright object, a pixel must also exceed its neighbours' difference from the field
         field = np.nanmedian(_sample(low))
         out: NDArray[np.bool_] = low - upper > np.maximum(least, CONTRAST * (upper - field))
         return out
 
     def add_frame(self, frame: NDArray[Any]) -> None:
-        """Note which suspects stand out in ``frame``, and which lie within a spot."""
+        """Record which suspects stand out in ``frame``, and which are within a spot."""
         rows, columns = self._pixels.T
         side = self._offsets.shape[0]
         near = self._pixels[:, None, :] + self._offsets[rows % side, columns % side]
         there = np.all((near >= 0) & (near < np.array(frame.shape)), axis=2)
         near = np.where(there[..., None], near, 0)
         values = frame[near[..., 0], near[..., 1]].astype(np.float32)
-        # at the sensor's edge fewer neighbours are there, and none of them may be left out
+        # at the sensor's edge there are fewer neighbours, and none of them may be left out
         inner = there.all(axis=1)
         falling = np.sort(np.where(there, values, -np.inf), axis=1)[:, ::-1]
         rising = np.sort(np.where(there, values, np.inf), axis=1)
@@ -372,7 +373,7 @@ class _Suspects:
         self._enclosed |= np.where(inner, rising[:, OUTLIERS], rising[:, 0]) > self._light
 
     def verdict(self, shape: tuple[int, int]) -> Defects:
-        """Return those that the frames confirm."""
+        """Return the suspects that the frames confirm."""
         hot = self._hot & (self._outlier_frames >= PERSISTENCE * self._count)
         unresponsive = self._unresponsive & self._enclosed
         names = np.where(unresponsive, np.where(self._low, "dead", "stuck"), "hot")
@@ -388,7 +389,7 @@ def nearest_offsets(cfa: str) -> NDArray[np.int32]:
 
 
 def _sample(values: NDArray[np.float32], most: int = 1_000_000) -> NDArray[np.float32]:
-    # a million values fix a median well below the noise, at a hundredth of the time
+    # a million values determine a median well below the noise, in a hundredth of the time
     return values.ravel()[:: 1 + values.size // most]
 
 

@@ -1,4 +1,4 @@
-"""From paths and choices to a correction chain: what the command line and the window both ask for."""
+"""Correction chains from paths and choices, for the command line and the window."""
 
 from __future__ import annotations
 
@@ -36,21 +36,21 @@ __all__ = ["build_chain", "check_turned_colours", "corrected_view", "first_image
 
 
 def corrected_view(source: FrameSource, recipe: CorrectionRecipe, plan: ScanPlan | None = None) -> CorrectedSource:
-    """Return the frames of ``source`` as ``recipe`` corrects them: the view that everything works on.
+    """Return the frames of ``source`` corrected as ``recipe`` says.
 
     Parameters
     ----------
     source
         Raw frames.
     recipe
-        What is to be done.
+        The corrections to apply.
     plan
-        States bit depth, black level, exposures and colour filter where the frames do not.
+        Source of bit depth, black level, exposures and colour filter if the frames do not state them.
 
     Raises
     ------
     InputError
-        If something the recipe asks for does not fit these frames.
+        If a requested correction does not fit these frames.
 
     Examples
     --------
@@ -61,7 +61,7 @@ def corrected_view(source: FrameSource, recipe: CorrectionRecipe, plan: ScanPlan
     ...     print(np.median(source.read(0)), abs(np.median(view.read(0)).round()))
     64.0 0.0
     """
-    # samples first, then what they mean, then which of them: each view reads the facts of the one before
+    # first the samples, then their meaning, then their selection: each view reads the metadata of the previous one
     view = ShiftedSource(source, recipe.shift) if recipe.shift else source
     _check_levels(source, recipe)
     if plan is not None:
@@ -72,18 +72,18 @@ def corrected_view(source: FrameSource, recipe: CorrectionRecipe, plan: ScanPlan
 
 
 def check_turned_colours(frames: FrameSource, plan: ScanPlan, recipe: CorrectionRecipe, applied: str) -> None:
-    """Raise `InputError` where frames were turned whose colour pattern is known from the upright sensor only.
+    """Raise `InputError` if frames are turned whose colour pattern is known only from the upright sensor.
 
     Parameters
     ----------
     frames
-        As delivered, before their corrections.
+        Frames as delivered, before their corrections.
     plan
         Its sensor may have a colour filter.
     recipe
-        The corrections; some look at single colours.
+        The corrections; some depend on single colours.
     applied
-        Name of what makes the frames upright.
+        Name of the orientation that makes the frames upright.
 
     Examples
     --------
@@ -116,7 +116,7 @@ def check_turned_colours(frames: FrameSource, plan: ScanPlan, recipe: Correction
 def read_average(path: str | os.PathLike[str], *, colour: str | None = None, shift: int = 0) -> NDArray[np.float32]:
     """Return the mean of all pages of an image file, or of all images in a folder, ``(rows, columns)`` float32.
 
-    Integer samples are moved down by ``shift`` bits first.
+    Integer samples are shifted down by ``shift`` bits first.
     """
     return _read_mean(path, colour, shift)[0]
 
@@ -127,7 +127,7 @@ def first_image(path: str | os.PathLike[str]) -> Path:
 
 
 def _images(place: Path) -> list[Path]:
-    """Return the images of a folder, sorted, or the one file that ``place`` is."""
+    """Return the sorted images of a folder, or the single file ``place``."""
     if place.is_dir():
         # sorted, so that the float sums and with them the checksums do not depend on the folder's order
         files = sorted(p for p in place.iterdir() if p.suffix.lower() in image_suffixes())
@@ -142,9 +142,9 @@ def _images(place: Path) -> list[Path]:
 def _read_mean(
     path: str | os.PathLike[str], colour: str | None, shift: int
 ) -> tuple[NDArray[np.float32], int, float | None]:
-    """Return the mean of frames, how many there are (0: they may be means themselves), and the variance of a sample.
+    """Return the mean of frames, their number (0: they may be means themselves), and the variance of a sample.
 
-    The variance is that between successive frames; None: there is one frame only.
+    The variance is that between successive frames; None for a single frame.
     """
     place = Path(path)
     files = _images(place)
@@ -162,7 +162,7 @@ def _read_mean(
             yield now
 
     mean = average_frames(pages())
-    # whole numbers are single exposures; floats are what somebody averaged, of how many nobody says
+    # whole numbers are single exposures; floats are averages of an unknown number of frames
     return mean, len(counts) if all(counts) else 0, float(np.mean(variances)) if variances else None
 
 
@@ -175,7 +175,7 @@ def _pages(path: Path, colour: str | None) -> list[NDArray[Any]]:
 
 
 def _check_levels(source: FrameSource, recipe: CorrectionRecipe) -> None:
-    """Raise `InputError` for a level that no sample can have: those of left-aligned samples move down with them."""
+    """Raise `InputError` for an impossible sample level; levels of left-aligned samples are shifted with them."""
     if source.dtype.kind != "u":
         return
     most = (1 << (8 * source.dtype.itemsize - recipe.shift)) - 1
@@ -189,7 +189,7 @@ def _check_levels(source: FrameSource, recipe: CorrectionRecipe) -> None:
 def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChain:
     """Return the correction chain of ``recipe`` for the frames of ``source``.
 
-    Where these are one channel of a mosaic, the same channel is taken of the dark and white mosaics.
+    If these are one channel of a mosaic, the same channel of the dark and white mosaics is used.
     """
     known = source.metadata
     dark = _dark(source, recipe)
@@ -202,7 +202,7 @@ def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChai
     if recipe.defects:
         from lfcal.frames.corrections.defects import find_defects
 
-        # the search compares one place of the sensor over all frames; cutouts lie at different places
+        # the search compares one place of the sensor over all frames; cutouts are at different places
         part = known.origin or (0, 0)
         if any(source.info(k).origin != part for k in range(len(source))):
             raise InputError.expected(
@@ -218,7 +218,7 @@ def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChai
 
 
 def _dark(source: FrameSource, recipe: CorrectionRecipe) -> Dark | DarkSet | None:
-    """Return what is subtracted first: the recipe's dark, that of the recording, or the black level."""
+    """Return the first subtraction: the dark of the recipe, that of the recording, or the black level."""
     if recipe.dark and recipe.dark != "none":
         if recipe.black_level is not None:
             got = f"the dark frame {recipe.dark} and black level {recipe.black_level:g}"
@@ -238,13 +238,13 @@ def _dark(source: FrameSource, recipe: CorrectionRecipe) -> Dark | DarkSet | Non
     if darks and recipe.black_level is None:
         return DarkSet(darks)
     if recipe.black_level is not None:
-        return Dark(level=recipe.black_level)  # 0 too: it says that there is none
+        return Dark(level=recipe.black_level)  # also 0, which states that there is none
     level = _black_level(source)
     return Dark(level=level) if level else None
 
 
 def _white_dark(dark: Dark | DarkSet | None, shape: tuple[int, ...]) -> NDArray[np.float32] | float:
-    """Return what is subtracted from the white image itself."""
+    """Return the dark subtracted from the white image."""
     if dark is None:
         return 0.0
     one = dark.at(None) if isinstance(dark, DarkSet) and len(dark.darks) == 1 else dark
@@ -256,7 +256,7 @@ def _white_dark(dark: Dark | DarkSet | None, shape: tuple[int, ...]) -> NDArray[
 
 
 def _reference_exposure(source: FrameSource, wanted: str) -> float | None:
-    """Return the exposure that frames are scaled to (s), or None to leave them."""
+    """Return the exposure to which frames are scaled (s), or None for no scaling."""
     if wanted == "none":
         return None
     if wanted != "auto":
@@ -266,7 +266,7 @@ def _reference_exposure(source: FrameSource, wanted: str) -> float | None:
             raise InputError.expected("exposure", "auto, none or seconds", repr(wanted), "correct it") from None
     counts = Counter(source.info(k).exposure_s for k in range(len(source)))
     known = [seconds for seconds in counts if seconds is not None]
-    # one exposure only: scaling all frames alike would change nothing but the unit
+    # a single exposure: scaling all frames would only change the unit
     if len(known) < 2:
         return None
     if None in counts:
@@ -276,7 +276,7 @@ def _reference_exposure(source: FrameSource, wanted: str) -> float | None:
             f"{counts[None]} unknown",
             "complete the manifest, or leave exposures alone (exposure none)",
         )
-    # the most frequent exposure leaves the most frames unscaled; of equal counts the longest, to be repeatable
+    # the most frequent exposure leaves most frames unscaled; among equal counts take the longest, for reproducibility
     return max(known, key=lambda seconds: (counts[seconds], seconds))
 
 
@@ -299,17 +299,17 @@ def _white(
 
 
 def _of_channel(source: FrameSource, frame: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the part of a calibration frame that belongs to ``source``, where that is a channel of a mosaic."""
+    """Return the part of a calibration frame that belongs to ``source``, if that is a channel of a mosaic."""
     step, phase = source.metadata.pixel_step, source.metadata.channel_phase
     if phase is None or frame.shape == source.shape:
         return frame
-    # the frame's own channel, cut out of the mosaic as `channel_source` does
+    # the channel of the calibration frame, extracted as in `channel_source`
     r0, c0 = phase
     return np.ascontiguousarray(frame[r0::step, c0::step])
 
 
 def _black_level(source: FrameSource) -> float:
-    """Return the black level of camera RAW frames, 0 where there is none."""
+    """Return the black level of camera RAW frames, 0 if there is none."""
     levels = np.atleast_1d(np.asarray(source.metadata.black_level or 0.0, float))
     if np.ptp(levels) > 0:
         raise InputError.expected("black level of the colours", "one for all", levels.tolist(), "give a dark frame")

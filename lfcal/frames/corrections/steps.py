@@ -26,13 +26,13 @@ __all__ = [
 ]
 
 DIFFERENCED = 1 << 20
-"""Pixels of a pair of frames that are compared, about."""
+"""Approximate number of pixels compared in a pair of frames."""
 
 
 def average_frames(frames: Iterable[NDArray[Any]]) -> NDArray[np.float32]:
     """Return the mean of equally shaped frames ``(rows, columns)``, summed in float64.
 
-    For dark and white sequences, and for repeated frames of one position.
+    Used for dark and white sequences, and for repeated frames of one position.
 
     Examples
     --------
@@ -45,15 +45,13 @@ def average_frames(frames: Iterable[NDArray[Any]]) -> NDArray[np.float32]:
     count = 0
     for frame in frames:
         if total is None:
-            # float32 is exact up to 2^24 only, which 256 bright 16-bit frames reach
+            # float32 is exact only up to 2^24, which 256 bright 16-bit frames reach
             total = np.zeros(frame.shape, np.float64)
         if frame.shape != total.shape:
             raise InputError.expected(
                 f"frame {count} of the average", f"shape {total.shape}", frame.shape, "leave it out"
             )
-        with np.errstate(
-            invalid="ignore"
-        ):  # NaN of some kinds are told when they are converted; who averages sees them
+        with np.errstate(invalid="ignore"):  # converting some kinds of NaN warns; the caller that averages checks them
             total += frame
         count += 1
     if total is None:
@@ -62,9 +60,9 @@ def average_frames(frames: Iterable[NDArray[Any]]) -> NDArray[np.float32]:
 
 
 def difference_variance(first: NDArray[Any], second: NDArray[Any]) -> float:
-    """Return the temporal variance of a sample from two frames of the same light; outliers beyond 6 sigma do not count.
+    """Return the temporal variance of a sample from two frames of the same light, without outliers beyond 6 sigma.
 
-    Half the mean square of the difference: what stays in both frames, such as hot pixels, is not in it.
+    It is half the mean square of the difference: static content of both frames, such as hot pixels, cancels.
     """
     step = max(1, int(np.sqrt(first.size / DIFFERENCED)))
     square = np.subtract(first[::step, ::step], second[::step, ::step], dtype=np.float64).ravel() ** 2
@@ -82,20 +80,20 @@ def fingerprint(array: NDArray[Any]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Dark:
-    """Subtract what the sensor shows without light; differences stay signed.
+    """Subtract the sensor's signal without light; differences stay signed.
 
     Attributes
     ----------
     frame
-        Mean dark frame ``(rows, columns)`` in sample values, or None where a level is enough.
+        Mean dark frame ``(rows, columns)`` in sample values, or None if a level suffices.
     level
-        Constant level subtracted as well (sample values), e.g. the black level of a camera RAW.
+        Constant level to subtract as well (sample values), e.g. the black level of a camera RAW file.
     origin
-        Sensor (row, column) of its first pixel; a dark frame of a part of the sensor fits that part only.
+        Sensor (row, column) of its first pixel; a dark frame of a part of the sensor fits only that part.
     count
-        Frames that it is the mean of, whose noise it brings in; 0: not known.
+        Number of averaged frames, which determines its noise; 0: unknown.
     variance
-        Temporal variance of a sample of a single dark frame, where it was measured; None: it was not.
+        Temporal variance of a sample in a single dark frame; None: not measured.
 
     Raises
     ------
@@ -125,8 +123,8 @@ class Dark:
 
     @property
     def shape(self) -> tuple[int, int] | None:
-        """Shape of the frames it fits, None for any."""
-        # a dark of a part of the sensor cannot state the shape of whole frames
+        """Shape of the frames that it fits, None for any."""
+        # a dark of a part of the sensor does not know the shape of whole frames
         if self.frame is None or self.origin != (0, 0):
             return None
         return self.frame.shape[0], self.frame.shape[1]
@@ -136,7 +134,7 @@ class Dark:
         return self
 
     def part(self, region: Region) -> NDArray[np.float32] | None:
-        """Return the dark values of a sensor region, contiguous; raises `InputError` where it covers less."""
+        """Return the dark values of a sensor region, contiguous; raises `InputError` if it covers less."""
         if self.frame is None:
             return None
         inside = moved(region, (-self.origin[0], -self.origin[1]))
@@ -159,7 +157,7 @@ class Dark:
 
 @dataclass(frozen=True, eq=False)
 class DarkSet:
-    """Subtract the dark that was taken with the exposure of each frame.
+    """Subtract the dark that was recorded with the exposure of each frame.
 
     Attributes
     ----------
@@ -170,26 +168,26 @@ class DarkSet:
     darks: Mapping[float, Dark]
 
     def __post_init__(self) -> None:
-        """Check that there are some."""
+        """Check that there is at least one dark."""
         if not self.darks:
             raise InputError.expected("dark frames", "at least one", "none", "record some, or leave them out")
 
     @property
     def shape(self) -> tuple[int, int] | None:
-        """Shape of the frames it fits, None for any."""
+        """Shape of the frames that it fits, None for any."""
         return next(iter(self.darks.values())).shape
 
     def at(self, exposure_s: float | None) -> Dark:
-        """Return the dark of an exposure; raises `InputError` where none lies within 1 % of it."""
+        """Return the dark for an exposure; raises `InputError` if none is within 1 % of it."""
         if exposure_s is None:
-            # one dark must serve where frames do not state their exposure; among several any choice could be wrong
+            # a single dark is used for frames without a stated exposure; among several, any choice could be wrong
             if len(self.darks) == 1:
                 return next(iter(self.darks.values()))
             raise InputError.expected(
                 "exposure of the frame", "one of those of the darks", "none", "state the exposures, or give one dark"
             )
         nearest = min(self.darks, key=lambda seconds: abs(seconds - exposure_s))
-        # exposures come back from cameras rounded to their own clock
+        # cameras report exposures rounded to their clock
         if abs(nearest - exposure_s) > 0.01 * exposure_s:
             known = ", ".join(f"{seconds:g}" for seconds in sorted(self.darks))
             raise InputError.expected("dark frame", f"one of {exposure_s:g} s", f"{known} s", "record the darks again")
@@ -203,14 +201,14 @@ class DarkSet:
 def white_gain(
     light: NDArray[np.float32], floor: float, cfa: str = ""
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return the factors that even out the white image ``light``, and where they were limited to ``1 / floor``.
+    """Return the factors that flatten the white image ``light``, and where they were limited to ``1 / floor``.
 
-    ``light`` is relative to its 99th percentile, for each position of the pattern ``cfa`` on its own.
+    ``light`` is relative to its 99th percentile, separately for each position of the pattern ``cfa``.
     """
     relative = np.empty_like(light)
     for rows, columns in phases(cfa):
         part = light[rows, columns]
-        # the 99th percentile and not the maximum: a hot pixel or a reflection must not set the scale
+        # the 99th percentile instead of the maximum: a hot pixel or a reflection must not set the scale
         peak = float(np.percentile(part, 99))
         if not peak > 0:
             raise InputError.expected(
@@ -230,29 +228,29 @@ def white_gain(
 class White:
     """Divide by the relative brightness of a white frame (vignetting).
 
-    The white frame less its dark is divided by its 99th percentile, for each colour of a mosaic on its own, so
-    that the brightest part of the field keeps its values and colours keep their ratio. Pixels below ``floor``,
-    such as the gaps between lenslet images, are divided by ``floor`` and marked in ``dim``: they stay finite.
+    The white frame minus its dark is divided by its 99th percentile, separately for each colour of a mosaic. The
+    brightest part of the field then keeps its values, and colours keep their ratio. Pixels below ``floor``, such as
+    the gaps between lenslet images, are divided by ``floor`` and marked in ``dim``, so that they stay finite.
 
     Attributes
     ----------
     frame
-        Mean white frame ``(rows, columns)`` in sample values; not kept.
+        Mean white frame ``(rows, columns)`` in sample values; not stored.
     dark
-        Dark frame or level to subtract from it, 0 where that has been done; not kept.
+        Dark frame or level to subtract from it, 0 if that has been done; not stored.
     floor
-        Lowest relative brightness divided by, in ]0, 1].
+        Lowest relative brightness to divide by, in ]0, 1].
     cfa
         Colour filter pattern by rows, empty for monochrome.
     saturation
-        Sample value at which a pixel is saturated; None takes the highest value of an integer type.
+        Sample value at which a pixel is saturated; None: the highest value of an integer type.
     gain, dim
-        The factors applied, and where they were limited; made from the above.
+        The factors applied, and where they were limited; computed from the above.
 
     Raises
     ------
     InputError
-        If the frame is not finite, holds no light, or more than 0.1 % of it is saturated.
+        If the frame is not finite, has no light, or more than 0.1 % of it is saturated.
 
     Examples
     --------
@@ -272,7 +270,7 @@ class White:
     dim: NDArray[np.bool_] = field(init=False, repr=False)
 
     def __post_init__(self, frame: NDArray[Any], dark: NDArray[Any] | float) -> None:
-        """Check the frames and make the gain."""
+        """Check the frames and compute the gain."""
         check_number("white floor", self.floor, above=0, at_most=1)
         raw = np.asarray(frame)
         white = as_sensor_frame("white frame", raw)
@@ -297,7 +295,7 @@ class White:
         if level is None:
             return
         share = float(np.count_nonzero(raw >= level)) / raw.size
-        # clipped pixels are too dark against the others, so their gain would be wrong; a few hot pixels do no harm
+        # clipped pixels are too dark compared with others, so their gain would be wrong; a few hot pixels do no harm
         if share > 1e-3:
             raise InputError.expected(
                 "white frame", "at most 0.1 % saturated", f"{100 * share:.3g} %", "expose it less"
@@ -305,7 +303,7 @@ class White:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Shape of the frames it fits."""
+        """Shape of the frames that it fits."""
         return self.gain.shape[0], self.gain.shape[1]
 
     def describe(self) -> dict[str, Any]:
@@ -322,7 +320,7 @@ class White:
 
 @dataclass(frozen=True)
 class Exposure:
-    """Scale a frame to what it would show at ``reference_s`` (s), by the ratio of exposures.
+    """Scale a frame to the exposure ``reference_s`` (s), by the ratio of exposures.
 
     Examples
     --------
@@ -339,7 +337,7 @@ class Exposure:
 
     @property
     def shape(self) -> tuple[int, int] | None:
-        """Fits any frame."""
+        """Shape of the frames that it fits: any."""
         return None
 
     def factor(self, exposure_s: float | None) -> float:
@@ -348,7 +346,7 @@ class Exposure:
         Raises
         ------
         InputError
-            If the exposure of the frame is not known, or none that a camera can have.
+            If the exposure of the frame is unknown or impossible.
         """
         if exposure_s is None:
             raise InputError.expected(
@@ -366,7 +364,7 @@ class Exposure:
 
 
 BORDER_SAMPLES = 20_000
-"""Border pixels that a plane is fitted to at most, evenly taken."""
+"""Largest number of border pixels for fitting a plane, evenly spread."""
 
 Plane = tuple[float, float, float]
 """Background at pixel (0, 0) and its change per row and per column (sample values)."""
@@ -375,7 +373,7 @@ Plane = tuple[float, float, float]
 def border_strips(shape: tuple[int, int], width: int) -> list[Region]:
     """Return the regions that cover a border of ``width`` pixels once: top, bottom, left, right."""
     rows, columns = shape
-    # a frame so small is all border
+    # such a small frame is only border
     if 2 * width >= min(rows, columns):
         return [(slice(0, rows), slice(0, columns))]
     inner = slice(width, rows - width)
@@ -388,16 +386,16 @@ def border_strips(shape: tuple[int, int], width: int) -> list[Region]:
 
 
 def fit_plane(rows: NDArray[Any], columns: NDArray[Any], values: NDArray[Any], *, rounds: int = 4) -> Plane:
-    """Fit ``p0 + p1 row + p2 column`` by least squares, leaving out what lies beyond 3 robust sigma of the rest."""
+    """Fit ``p0 + p1 row + p2 column`` by least squares, leaving out values beyond 3 robust sigma of the others."""
     design = np.stack([np.ones(rows.size), rows, columns], axis=1).astype(np.float64)
     values = values.astype(np.float64)
-    # a wider first cut: the median knows nothing of the slope yet, and a steep plane is wide about it
+    # a wider first cut: the median ignores the slope, and a steep plane varies strongly about it
     keep = np.abs(values - np.median(values)) <= 6 * _sigma(values) + 1e-12
     solution = np.zeros(3)
     for _ in range(rounds):
         solution = np.linalg.lstsq(design[keep], values[keep], rcond=None)[0]
         residual = values - design @ solution
-        # the last term keeps all values of a plane without noise, whose sigma is rounding alone
+        # the last term keeps all values of a plane without noise, whose sigma is only rounding
         again = np.abs(residual) <= 3 * _sigma(residual[keep]) + 1e-9 * (1 + np.abs(values).max())
         # fewer than three points do not fix a plane, and an unchanged choice gives the same plane again
         if np.array_equal(again, keep) or np.count_nonzero(again) < 3:
@@ -413,7 +411,7 @@ def _sigma(values: NDArray[np.float64]) -> float:
 
 @dataclass(frozen=True)
 class Background:
-    """Subtract the background; what lies below it becomes negative and stays so.
+    """Subtract the background; smaller values become negative and are kept.
 
     Attributes
     ----------
@@ -421,7 +419,7 @@ class Background:
         ``"constant"``: ``value`` is subtracted. ``"border"``: the median of the border, measured on each frame.
         ``"plane"``: a plane fitted to the border of each frame, spots left out.
     value
-        Level of the constant background, in sample values at this place of the chain.
+        Level of the constant background, in sample values at this stage of the chain.
     width
         Width of the border (px).
 
@@ -448,7 +446,7 @@ class Background:
 
     @property
     def shape(self) -> tuple[int, int] | None:
-        """Fits any frame."""
+        """Shape of the frames that it fits: any."""
         return None
 
     @property
@@ -457,13 +455,13 @@ class Background:
         return self.kind != "constant"
 
     def measure(self, part: Callable[[Region], NDArray[np.float32]], shape: tuple[int, int]) -> Plane:
-        """Return the background of the frame of ``shape`` whose regions ``part`` returns, corrected so far."""
+        """Return the background of the frame of ``shape`` whose regions, corrected so far, ``part`` returns."""
         if self.kind == "constant":
             return float(self.value), 0.0, 0.0
         rows, columns, values = [], [], []
         for region in border_strips(shape, self.width):
             strip = part(region)
-            # NaN marks masked pixels, which are not repaired yet at this place of the chain
+            # NaN marks masked pixels, which are not yet repaired at this stage of the chain
             r, c = np.nonzero(np.isfinite(strip))
             values.append(strip[r, c])
             rows.append(r + region[0].start)

@@ -1,7 +1,7 @@
-"""Image files, one module a format: each says by a file's first bytes whether it can read it.
+"""Image files, one module per format; each recognizes its files by their first bytes.
 
-- ``image_file``: what a format must provide, the checks they share, and the format of a file, found among these
-  modules and those of other packages
+- ``image_file``: the interface of a format, shared checks, and the choice of the format for a file, including formats
+from other distributions
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""What decoders in C write to standard error: it is caught, and tells of damage that they do not report otherwise."""
+"""Capture of messages that decoders in C write to standard error, which may be the only report of damage."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from typing import BinaryIO
 __all__ = ["caught_messages"]
 
 _COMPLAINTS = re.compile(rb"(Unexpected end of file|data corrupted at|libpng |\[[ A-Z]+:\d+@)")
-"""Marks of LibRaw, libpng and OpenCV; lines of others are passed on."""
+"""Prefixes of messages from LibRaw, libpng and OpenCV; other lines are passed on."""
 
 
 class _Catch:
-    """Standard error in a file while any decoder works; the first to come turns it, the last to go restores it."""
+    """Redirects standard error to a file while any decoder works; the first one starts it, the last one ends it."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -27,7 +27,7 @@ class _Catch:
         self._file: BinaryIO | None = None
 
     def begin(self) -> int:
-        """Turn standard error to the file; return where the messages of this user begin."""
+        """Redirect standard error to the file; return where the messages of this user begin."""
         with self._lock:
             if self._file is None:
                 file = tempfile.TemporaryFile(buffering=0)
@@ -39,7 +39,7 @@ class _Catch:
             return os.fstat(self._file.fileno()).st_size
 
     def end(self, start: int) -> bytes:
-        """Return what was written since ``start``, and restore standard error if nobody else needs it turned."""
+        """Return the messages since ``start``, and restore standard error if no other decoder is working."""
         with self._lock:
             assert self._file is not None
             _flush()
@@ -60,7 +60,7 @@ class _Catch:
 
     @staticmethod
     def _pass_on(captured: bytes) -> None:
-        """Write to standard error what came from others in the meantime."""
+        """Write messages from other sources to standard error."""
         others = b"".join(line for line in captured.splitlines(keepends=True) if not _COMPLAINTS.search(line))
         if others:
             os.write(2, others)
@@ -76,9 +76,9 @@ _CATCH = _Catch()
 
 @contextmanager
 def caught_messages(mark: str = "") -> Iterator[Callable[[], str]]:
-    """Keep complaints of decoders off standard error; the value returns the first, "" where there was none.
+    """Keep messages of decoders off standard error; calling the yielded value returns the first one, or "".
 
-    Threads may decode at the same time; a complaint counts where ``mark`` (such as the file's name) is in it.
+    Threads may decode at the same time; a message counts if it contains ``mark`` (such as the file's name).
     """
     start = _begun()
     if start is None:
@@ -98,7 +98,7 @@ def caught_messages(mark: str = "") -> Iterator[Callable[[], str]]:
 
 
 def _begun() -> int | None:
-    """Return where messages begin, None where none can be caught: no standard error, or no room for a file of them."""
+    """Return where messages begin, None if none can be captured: no standard error, or no space for a file."""
     try:
         os.fstat(2)
         return _CATCH.begin()

@@ -1,4 +1,4 @@
-"""What OME metadata say of the planes of a TIFF: which page is which, where the stage stood, exposures, pixel size."""
+"""OME metadata of TIFF files: order of the pages, stage coordinates, exposures, pixel size."""
 
 from __future__ import annotations
 
@@ -14,42 +14,42 @@ from lfcal.frames.part import parse_roi
 __all__ = ["ome_facts"]
 
 LENGTHS = {"µm": 1.0, "μm": 1.0, "um": 1.0, "mm": 1e3, "nm": 1e-3, "m": 1e6, "cm": 1e4, "reference frame": 1.0}
-"""Micrometres of OME's units; its default for positions is a frame of reference without unit, as µm in practice."""
+"""Micrometres in OME's units; positions default to a reference frame without a unit, in practice µm."""
 TIMES = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "μs": 1e-6, "min": 60.0}
 MAX_CHARACTERS = 1 << 26
 MAX_PLANES = 10_000_000
 
 Page = tuple[str, int]
-"""Name of a file, empty for the file that is read, and number of its page."""
+"""Name of a file, empty for the file that is being read, and page number."""
 
 
 def ome_facts(text: str, pages: int, *, name: str = "", samples: int = 1) -> dict[str, Any]:
-    """Return what OME-XML ``text`` states of the planes in a file of ``pages`` pages.
+    """Return the facts that OME-XML ``text`` states about the planes in a file of ``pages`` pages.
 
-    Which page holds which plane follows from ``TiffData`` (IFD, FirstZ, FirstC, FirstT, PlaneCount, UUID of the file);
-    only where an image has none do its pages follow each other in ``DimensionOrder``. What is not stated, and what
-    cannot be read, is left out: the pictures are there without it.
+    ``TiffData`` (IFD, FirstZ, FirstC, FirstT, PlaneCount, UUID of the file) assigns planes to pages. Only if an image
+    has none, its pages follow each other in ``DimensionOrder``. Missing and unreadable facts are left out, because the
+    pictures are usable without them.
 
     Parameters
     ----------
     text
-        The XML.
+        The XML text.
     pages
-        Pages of the file that it was read from.
+        Number of pages of the file that contains it.
     name
-        Name of that file.
+        Name of the file.
     samples
-        Samples per pixel: so many channels of OME share a page.
+        Samples per pixel, which is the number of OME channels that share a page.
 
     Returns
     -------
     dict
-        ``stage_um`` ``(n, 3)`` as (x, y, z), NaN where an axis is not stated, and ``stage_pages``, the n pages (file,
-        page) they belong to; ``stage_exposure_s`` ``(n,)``; ``exposure_s`` ``(pages,)`` in the order of the file;
+        ``stage_um`` ``(n, 3)`` as (x, y, z), NaN for an axis that is not stated; ``stage_pages``, the corresponding n
+        pages (file, page); ``stage_exposure_s`` ``(n,)``; ``exposure_s`` ``(pages,)`` in the order of the file;
         ``page_order``, the pages in the order of the planes, slowest axis first; ``scan_axes``, names and lengths of
         these axes; ``order_notes``; ``pixel_um``; ``roi``, the region of the camera (column, row, width, height).
     """
-    # entities are how a small XML becomes a large one; OME needs none
+    # entities can turn a small XML file into a large one; OME does not use them
     if len(text) > MAX_CHARACTERS or re.search(r"<!(DOCTYPE|ENTITY)", text, re.IGNORECASE):
         return {}
     try:
@@ -89,7 +89,7 @@ class _Planes:
         return int(np.prod(self.lengths))
 
     def number(self, element: ElementTree.Element, prefix: str) -> int:
-        """Return the number of the plane whose Z, C and T an element gives with ``prefix``, 0 where it has none."""
+        """Return the number of the plane whose Z, C and T an element states with ``prefix``, 0 if it has none."""
         at = [int(element.get(f"{prefix}{axis}", "0")) for axis in self.axes]
         if any(not 0 <= k < n for k, n in zip(at, self.lengths, strict=True)):
             raise ValueError("a plane outside of the image")
@@ -104,7 +104,7 @@ def _planes(pixels: ElementTree.Element, samples: int) -> _Planes:
     found = pixels.findall("{*}Plane")
     lengths = []
     for axis in axes:
-        # sizes are required; where a writer left them out, the planes give them
+        # sizes are required; if a writer omitted them, the planes define them
         most = 1 + max((int(plane.get(f"The{axis}", "0")) for plane in found), default=0)
         size = int(pixels.get(f"Size{axis}", most))
         lengths.append(size // samples if axis == "C" and samples > 1 and size % samples == 0 else size)
@@ -117,7 +117,7 @@ def _planes(pixels: ElementTree.Element, samples: int) -> _Planes:
 
 
 class _Files:
-    """Which file a ``TiffData`` means, by its UUID or its name."""
+    """File that a ``TiffData`` refers to, by its UUID or its name."""
 
     def __init__(self, root: ElementTree.Element, images: list[ElementTree.Element], name: str, pages: int) -> None:
         self.pages = pages
@@ -126,12 +126,12 @@ class _Files:
         own = root.get("UUID", "").strip().lower()
         if own not in uuids:
             named = {_uuid(mark) for mark in marks if name and mark.get("FileName") == name}
-            # a file that was renamed is still the only one that is meant
+            # a renamed file is still the only possible one
             own = next(iter(named or (uuids if len(uuids) == 1 else ())), "")
         self._own = own
 
     def of(self, data: ElementTree.Element) -> str:
-        """Return the name of the file, empty for the one that is read."""
+        """Return the name of the file, empty for the one that is being read."""
         mark = data.find("{*}UUID")
         if mark is None or (self._own and _uuid(mark) == self._own):
             return ""
@@ -143,7 +143,7 @@ def _uuid(mark: ElementTree.Element) -> str:
 
 
 def _place(planes: list[_Planes], images: list[ElementTree.Element], files: _Files) -> None:
-    """Enter the page of every plane; raises `ValueError` where two planes or two pages contradict each other."""
+    """Assign a page to every plane; raises `ValueError` if two planes or two pages contradict each other."""
     taken: set[Page] = set()
     begin = 0
     for image, pixels in zip(planes, images, strict=True):
@@ -162,7 +162,7 @@ def _place(planes: list[_Planes], images: list[ElementTree.Element], files: _Fil
 
 
 def _block(image: _Planes, data: ElementTree.Element, files: _Files) -> list[tuple[int, Page]]:
-    """Return plane and page of everything that one ``TiffData`` states."""
+    """Return planes and pages that one ``TiffData`` states."""
     first, page = image.number(data, "First"), int(data.get("IFD", "0"))
     count = int(data.get("PlaneCount", data.get("NumPlanes", "1" if "IFD" in data.attrib else str(files.pages))))
     if page < 0 or not 0 <= count <= MAX_PLANES:
@@ -172,7 +172,7 @@ def _block(image: _Planes, data: ElementTree.Element, files: _Files) -> list[tup
 
 
 def _of_pages(planes: list[_Planes], pages: int) -> dict[str, Any]:
-    """Return stage coordinates and exposures of the pages that the planes are on."""
+    """Return stage coordinates and exposures of the pages with planes."""
     found = {page: image.elements[n] for image in planes for n, page in image.pages.items() if n in image.elements}
     order = sorted(found)
     facts: dict[str, Any] = {}
@@ -189,10 +189,10 @@ def _of_pages(planes: list[_Planes], pages: int) -> dict[str, Any]:
 
 
 def _roi(root: ElementTree.Element) -> tuple[int, int, int, int] | None:
-    """Return the region of the camera's sensor that the frames show, where a program kept it.
+    """Return the region of the camera's sensor that the frames show, if a program stored it.
 
-    OME has no element for it: it is in annotations (``ROI``, as Micro-Manager calls it), or a rectangle as large as the
-    frames that does not begin at their first pixel, so that it cannot lie in them.
+    OME has no element for it. It is in annotations (``ROI``, as Micro-Manager calls it), or is a rectangle of the
+    frames' size that does not begin at their first pixel, so that it cannot be inside them.
     """
     for entry in root.iter():
         name = entry.tag.rpartition("}")[2]
@@ -217,7 +217,7 @@ def _roi(root: ElementTree.Element) -> tuple[int, int, int, int] | None:
 
 
 def _modulo(root: ElementTree.Element) -> dict[str, tuple[str, int]]:
-    """Return the axis within an axis and its length, as annotations split C, T or Z (phases, angles, lifetimes)."""
+    """Return the secondary axis and its length if annotations split C, T or Z (phases, angles, lifetimes)."""
     found = {}
     for element in root.findall("{*}StructuredAnnotations/{*}XMLAnnotation/{*}Value/{*}Modulo/*"):
         axis, letter = element.tag[-1], {"angle": "A", "phase": "P"}.get(element.get("Type", ""), "Q")
@@ -229,7 +229,7 @@ def _modulo(root: ElementTree.Element) -> dict[str, tuple[str, int]]:
 
 
 def _of_order(planes: list[_Planes], pages: int, modulo: dict[str, tuple[str, int]]) -> dict[str, Any]:
-    """Return the order of the pages and the axes that they run over, of one image whose planes all have a page."""
+    """Return the order of the pages and their axes, for a single image whose planes all have a page."""
     if len(planes) != 1 or len(planes[0].pages) != planes[0].count:
         return {}
     (image,) = planes
@@ -240,7 +240,7 @@ def _of_order(planes: list[_Planes], pages: int, modulo: dict[str, tuple[str, in
         letter, part = modulo.get(axis, ("", 1))
         lead += [(axis, n // part), (letter, part)] if part > 1 and n % part == 0 else [(axis, n)]
     lead = [(axis, n) for axis, n in lead if n > 1]
-    # a single plane says nothing of the pages behind its own
+    # a single plane does not describe the pages after its own
     if order != tuple(("", k) for k in range(pages if lead else 1)):
         facts["page_order"] = order
     if len(lead) > 1:
@@ -249,7 +249,7 @@ def _of_order(planes: list[_Planes], pages: int, modulo: dict[str, tuple[str, in
 
 
 def _order_notes(planes: list[_Planes], pages: int) -> tuple[str, ...]:
-    """Return notes on planes without a page, pages without a plane, and an order that is not ``DimensionOrder``."""
+    """Return notes on planes without a page, pages without a plane, and an order other than ``DimensionOrder``."""
     notes = []
     count, there = sum(image.count for image in planes), sum(len(image.pages) for image in planes)
     if count > there:
@@ -265,7 +265,7 @@ def _order_notes(planes: list[_Planes], pages: int) -> tuple[str, ...]:
 
 
 def _rising(image: _Planes) -> bool:
-    """Return whether the planes of an image lie in each of its files in their order."""
+    """Return whether the planes of an image are in order in each of its files."""
     last: dict[str, int] = {}
     for number in sorted(image.pages):
         file, page = image.pages[number]
@@ -281,7 +281,7 @@ def _number(plane: ElementTree.Element, axis: str) -> float:
 
 
 def _value(element: ElementTree.Element, name: str, units: dict[str, float], default: str) -> float | None:
-    """Return an attribute in the base unit; None where it is not there or no number of a known unit."""
+    """Return an attribute in the base unit; None if it is missing, or not a number with a known unit."""
     scale = units.get(element.get(f"{name}Unit", default))
     try:
         value = float(element.get(name, ""))

@@ -1,4 +1,4 @@
-"""What tags of TIFF/EP and DNG say of a sensor: colour filters, black and white level, white balance."""
+"""Sensor facts from TIFF/EP and DNG tags: colour filters, black and white level, white balance."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lfcal.base import FileFormatError
 __all__ = ["check_pattern", "needs_raw_reader", "sensor_facts"]
 
 CFA, LINEAR = 32803, 34892
-"""Photometric interpretations of a sensor's samples: a mosaic behind colour filters, and samples without one."""
+"""Photometric interpretations of sensor samples: a mosaic with colour filters, and samples without one."""
 
 _REPEAT, _PATTERN, _EXIF, _EXIF_PATTERN = 33421, 33422, 34665, "CFAPattern"
 _COLOURS, _LINEARISATION, _NEUTRAL, _ACTIVE = 50710, 50712, 50728, 50829
@@ -22,7 +22,7 @@ _LETTERS = "RGBCMYW"
 
 
 def sensor_facts(path: Path, page: Any) -> dict[str, Any]:
-    """Return what a page's tags say of its samples, whatever the file is called.
+    """Return the facts that a page's tags state about its samples, independent of the file's name.
 
     Parameters
     ----------
@@ -34,13 +34,13 @@ def sensor_facts(path: Path, page: Any) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``cfa`` (pattern by rows), ``black_level`` (sample value; one per place of the pattern where there is one),
+        ``cfa`` (pattern by rows), ``black_level`` (sample value; one per position of the pattern, if there is one),
         ``saturation``, ``gains``, as far as they are stated.
 
     Raises
     ------
     FileFormatError
-        If the samples are those of a colour mosaic whose pattern is not stated, or is one that no sensor has.
+        If the samples are a colour mosaic whose pattern is missing or impossible.
     """
     facts: dict[str, Any] = {}
     side, cfa = _pattern(page)
@@ -66,14 +66,14 @@ def sensor_facts(path: Path, page: Any) -> dict[str, Any]:
 
 
 def needs_raw_reader(page: Any) -> bool:
-    """Return whether samples are only those of the sensor after a table or a crop that a camera RAW reader applies."""
+    """Return whether a camera RAW reader must apply a table or a crop to get the sensor's samples."""
     area = _numbers(page, _ACTIVE)
     whole = not area or list(area) == [0, 0, int(page.imagelength), int(page.imagewidth)]
     return not whole or page.tags.get(_LINEARISATION) is not None or any(any(_numbers(page, t)) for t in _BLACK_SLOPES)
 
 
 def check_pattern(path: Path, cfa: str) -> None:
-    """Refuse patterns that no sensor has, as a wrong tag gives: a Bayer pattern has its greens on a diagonal."""
+    """Refuse impossible patterns from a wrong tag: a Bayer pattern has its greens on a diagonal."""
     known = len(cfa) in (0, 4, 16, 36) and set(cfa) <= set("RGBWCMYE")
     if known and len(cfa) == 4 and set(cfa) <= set("RGB"):
         known = sorted(cfa) == ["B", "G", "G", "R"] and "GG" in (cfa[0] + cfa[3], cfa[1] + cfa[2])
@@ -82,10 +82,10 @@ def check_pattern(path: Path, cfa: str) -> None:
 
 
 def _pattern(page: Any) -> tuple[tuple[int, int], str]:
-    """Return rows and columns of the filter pattern, and its letters by rows; empty where none is stated."""
+    """Return rows and columns of the filter pattern, and its letters by rows; empty if none is stated."""
     repeat, places = _numbers(page, _REPEAT), _bytes(page, _PATTERN)
     if not places and int(page.photometric) == CFA and page.tags.get(_EXIF) is not None:
-        # Exif keeps it as two numbers, columns and rows, before the colours
+        # Exif stores two numbers, columns and rows, before the colours
         exif = page.tags[_EXIF].value
         stored = exif.get(_EXIF_PATTERN, b"") if isinstance(exif, dict) else b""
         raw = bytes(stored) if isinstance(stored, bytes | tuple | list) else b""
@@ -101,7 +101,7 @@ def _pattern(page: Any) -> tuple[tuple[int, int], str]:
 
 
 def _black(page: Any, side: tuple[int, int], cfa: str) -> Any:
-    """Return the black level: one for each place of the colour pattern, or a number where there is no pattern."""
+    """Return the black level: one for each position of the colour pattern, or one number without a pattern."""
     levels = _numbers(page, _BLACK)
     rows, columns = (int(n) for n in (_numbers(page, _BLACK_REPEAT) or (1, 1)))
     if not levels or rows < 1 or columns < 1 or len(levels) != rows * columns:
@@ -125,7 +125,7 @@ def _bytes(page: Any, code: int) -> bytes:
 
 
 def _numbers(page: Any, code: int) -> tuple[float, ...]:
-    """Return the numbers of a tag, fractions divided; empty where it is absent or holds none."""
+    """Return the numbers of a tag, with fractions evaluated; empty if it is absent or has none."""
     tag = page.tags.get(code)
     if tag is None:
         return ()

@@ -1,4 +1,4 @@
-"""How files store their samples: which codecs lose nothing, by a list of those, and by the header of the data."""
+"""Compression of samples in files: which codecs are lossless, from a list and from the header of the data."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ LOSSLESS = {
     50000: "zstd",
     50013: "deflate",
 }
-"""Compression schemes of TIFF that give back every sample."""
+"""Lossless compression schemes of TIFF."""
 
 JPEG = {6, 7, 33007, 34892}
 WEBP = {34927, 50001}
 LERC = 34887
 JPEG_2000 = {33003, 33004, 33005, 34712}
 OTHERS = {22610: "JPEG XR", 34934: "JPEG XR", 50002: "JPEG XL", 52546: "JPEG XL", 34676: "LogLuv", 34677: "LogLuv"}
-"""Schemes of which no header is read here."""
+"""Schemes whose header is not read here."""
 
 REMEDY = "record RAW, or TIFF with LZW, deflate or no compression"
 
@@ -41,7 +41,7 @@ def codec_fact(name: str, *, lossless: bool = True) -> dict[str, Any]:
 
 
 def check_tiff_codec(path: Path, compression: int, stored: Callable[[], bytes], *, whole: bool = False) -> str:
-    """Return the name of a lossless scheme of TIFF.
+    """Return the name of a lossless compression scheme of TIFF.
 
     Parameters
     ----------
@@ -50,14 +50,14 @@ def check_tiff_codec(path: Path, compression: int, stored: Callable[[], bytes], 
     compression
         Its tag of that name.
     stored
-        Returns the first piece of compressed data; asked only of schemes whose header decides.
+        Function that returns the first piece of compressed data; called only for schemes whose header decides.
     whole
-        Whether samples are whole numbers, which an error below one half does not change.
+        Whether samples are integers, which an error below one half does not change.
 
     Raises
     ------
     FileFormatError
-        If the scheme loses something, or is not known.
+        If the scheme is lossy or unknown.
     """
     if compression in LOSSLESS:
         return LOSSLESS[compression]
@@ -91,7 +91,7 @@ def _jpeg_frame(data: bytes) -> int:
 
 
 def _lerc_error(data: bytes) -> float | None:
-    """Return the largest error that a LERC header allows; None where it cannot be read."""
+    """Return the largest error that a LERC header allows; None if it cannot be read."""
     import imagecodecs
 
     try:
@@ -111,8 +111,8 @@ def _lerc_error(data: bytes) -> float | None:
 
 
 def _jpeg_2000(data: bytes) -> str:
-    """Return what a JPEG 2000 stream says of itself: a reversible one may still have been cut short to save bytes."""
-    at = data.find(b"\xff\x52") + 13  # the transformation is the last byte that every coding style has
+    """Return the mode stated in a JPEG 2000 stream; even a reversible one may have been truncated to save bytes."""
+    at = data.find(b"\xff\x52") + 13  # the transformation is the last byte of every coding style
     kind = data[at] if 13 <= at < len(data) else None
     words = {0: "irreversible", 1: "reversible, but perhaps cut short"}
     return f"JPEG 2000 ({'damaged' if kind is None else words.get(kind, 'unknown')})"

@@ -18,7 +18,7 @@ from lfcal.frames.formats.image_file import Format, ImageFile, check_samples
 __all__ = ["Hdf5Image"]
 
 _COMPRESSING = {1: "deflate", 32000: "lzf", 32001: "blosc", 32004: "lz4", 32008: "bitshuffle", 32015: "zstd"}
-"""Names of the filters that compress, by their numbers."""
+"""Names of the compression filters, by their numbers."""
 
 _NEXUS_DEPTH = 8
 """Groups that NeXus ``default`` attributes may lead through."""
@@ -32,22 +32,21 @@ _CALIBRATION = re.compile(r"(?:^|[/_])(?:dark|white|flat|bright|background)s?(?:
 class Hdf5Image(ImageFile):
     """A dataset with axes (frame, row, column) or (z, y, x, row, column) of an HDF5 file.
 
-    From the group of the frames, ``positions`` (frame, 3) as z, y, x, ``exposure_s`` (frame) and ``mask`` (row, column;
-    0: no measurement) are read where they are there.
+    If the same group also contains ``positions`` (frame, 3) as z, y, x, ``exposure_s`` (frame) or ``mask`` (row,
+    column; 0: no measurement), they are read as well.
 
     Parameters
     ----------
     path
-        The file.
+        Path of the file.
     dataset
-        Path of the dataset within the file; None takes ``frames``, the signal that NeXus attributes name
-        (``default``, ``signal``), or the only dataset with three or five axes that is not named as dark or white
-        frames.
+        Path of the dataset within the file; None: ``frames``, the signal named by NeXus attributes (``default``,
+        ``signal``), or the only dataset with three or five axes that is not named as dark or white frames.
 
     Raises
     ------
     FileFormatError, UnsafeFileError
-        As `lfcal.base.h5.reading.H5Data`, or if there is not one stack to choose.
+        As in `lfcal.base.h5.reading.H5Data`, or if the stack is not unique.
     """
 
     def __init__(self, path: Path, dataset: str | None = None) -> None:
@@ -76,7 +75,7 @@ class Hdf5Image(ImageFile):
         self.shape = (shape[-2], shape[-1])
         self.dtype = self._data.dtype.newbyteorder("=")
         self.pages = int(np.prod(self._lead))
-        # filters that may lose something are none of those that are read
+        # lossy filters are not among those that can be read
         names = [_COMPRESSING[number] for number in self._data.filters if number in _COMPRESSING]
         metadata: dict[str, Any] = {"codec": codec_fact(names[0] if names else "none")}
         if self._others:
@@ -137,7 +136,7 @@ class Hdf5Image(ImageFile):
         return self.read_region(page, slice(0, self.shape[0]), slice(0, self.shape[1]))
 
     def read_region(self, page: int, rows: slice, columns: slice) -> NDArray[Any]:
-        """Return a part of one frame; only the chunks it touches are read."""
+        """Return a part of one frame; only the chunks that it touches are read."""
         rows, columns = check_region((rows, columns), self.shape)
         at = np.unravel_index(self.check_page(page), self._lead)
         with self._lock:
@@ -160,7 +159,7 @@ def _text(value: Any) -> str:
 FORMAT: Format = Format(
     "HDF5",
     frozenset({".h5", ".hdf5", ".mat"}),
-    # a user block may precede the mark, so the ending counts as well
+    # a user block may precede the signature, so the suffix counts as well
     lambda head, path: head.startswith(b"\x89HDF") or path.suffix.lower() in FORMAT.suffixes,
     lambda path, _, dataset: Hdf5Image(path, dataset),
     rank=1,

@@ -1,4 +1,4 @@
-"""Image files: recognised by their first bytes, opened as pages; every size in them is checked."""
+"""Image files: recognized by their first bytes, opened as pages, with every size checked."""
 
 from __future__ import annotations
 
@@ -47,18 +47,18 @@ MAX_SIDE = 200_000
 
 
 class ImageFile(ABC):
-    """Pages of equal shape and dtype in one file; reading is safe from several threads.
+    """Pages of equal shape and dtype in one file; reading is thread-safe.
 
     Attributes
     ----------
     path
-        The file.
+        Path of the file.
     shape, dtype
         Rows and columns, and sample type, of every page.
     pages
         Number of pages.
     metadata
-        What the file says of them: ``cfa``, ``black_level``, ``saturation``, ``gains``, ``positions`` …
+        Facts that the file states about them: ``cfa``, ``black_level``, ``saturation``, ``gains``, ``positions`` …
     """
 
     path: Path
@@ -77,10 +77,10 @@ class ImageFile(ABC):
         return np.ascontiguousarray(self.read(page)[rows, columns])
 
     def close(self) -> None:  # noqa: B027  most kinds keep nothing open
-        """Release the file."""
+        """Close the file."""
 
     def check_page(self, page: int) -> int:
-        """Return ``page`` or raise `FileFormatError` where the file has fewer."""
+        """Return ``page`` or raise `FileFormatError` if the file has fewer pages."""
         if not 0 <= page < self.pages:
             raise FileFormatError.expected(
                 str(self.path),
@@ -93,22 +93,23 @@ class ImageFile(ABC):
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """One image format as `lfcal.frames.formats.image_file` finds it: the value ``FORMAT`` of its module.
+    """An image format: the value ``FORMAT`` of its module.
 
     Attributes
     ----------
     name
-        For people.
+        Display name.
     suffixes
-        Endings of its files, lower case with the dot; files with these are looked for in folders.
+        Suffixes of its files, in lower case with the dot; files with these are searched for in folders.
     recognises
-        Whether a file is of this format, from its first 16 bytes and its path.
+        Function that decides from the first 16 bytes and the path whether a file has this format.
     open
-        Opens a file: path, colour component taken of a colour image (or None), dataset within the file (or None).
+        Function that opens a file, from its path, the component of a colour image (or None), and the dataset in the
+        file (or None).
     rank
-        Formats of low rank are asked first: 0 for those known by a mark that no other has.
+        Formats of low rank are tried first: 0 for those with a unique signature.
     in_folders
-        Whether single frames of a folder come in this format (a stack such as HDF5 holds all of them).
+        Whether single frames of a folder may have this format (a stack such as HDF5 contains all of them).
     """
 
     name: str
@@ -121,17 +122,17 @@ class Format:
 
 @contextmanager
 def decoding(path: Path, kind: str) -> Iterator[None]:
-    """Turn any error of a decoder into one line of `FileFormatError` that names the file."""
+    """Convert any error of a decoder to a one-line `FileFormatError` that names the file."""
     try:
         yield
     except (LfcalError, MemoryError):
         raise
     except Exception as error:
-        # an error with errno is one of the disk, and damaged data is not its cause
+        # an error with errno comes from the disk, not from damaged data
         if isinstance(error, OSError) and error.errno is not None:
             with storage_errors(path):
                 raise
-        # decoders raise bytes, several lines or nothing at all
+        # messages of decoders may be bytes, several lines or empty
         message = (
             error.args[0].decode(errors="replace") if error.args and isinstance(error.args[0], bytes) else str(error)
         )
@@ -150,7 +151,7 @@ def check_declared(path: Path, shape: tuple[int, ...], itemsize: int, stored: in
         )
     # Python integers: a forged header would overflow 64 bits
     nbytes = int(np.prod(shape, dtype=object)) * itemsize
-    # a header that declares far more than its file can hold is a decompression bomb or damaged; 1 MB lets tiny files
+    # a header that declares far more than its file can contain is a decompression bomb or damaged; 1 MB lets tiny files
     # pass
     if nbytes > MAX_EXPANSION * stored + (1 << 20):
         raise UnsafeFileError.expected(
@@ -162,14 +163,14 @@ def check_declared(path: Path, shape: tuple[int, ...], itemsize: int, stored: in
 
 
 def check_samples(path: Path, samples: NDArray[Any]) -> NDArray[Any]:
-    """Return ``samples``; raise `FileFormatError` where one is larger than any light.
+    """Return ``samples``; raise `FileFormatError` if one is too large to be light.
 
-    NaN and infinity pass: they mark pixels without a measurement, and what uses the frame decides.
+    NaN and infinity are accepted: they mark pixels without a measurement, which users of the frame handle.
     """
     # whole numbers of 32 bits cannot be so large
     if not samples.size or not (samples.dtype.kind == "f" or samples.dtype.itemsize == 8):
         return samples
-    # not so where one is NaN: the others are looked at then
+    # also false if one is NaN: check the others then
     if max(float(samples.max()), -float(samples.min())) <= MAX_SAMPLE:
         return samples
     finite = np.abs(samples[np.isfinite(samples)].astype(np.float64))
@@ -181,7 +182,7 @@ def check_samples(path: Path, samples: NDArray[Any]) -> NDArray[Any]:
 
 
 def check_grey(path: Path, components: int, colour: str | None, bits: int) -> None:
-    """Raise unless an image of ``components`` samples per pixel can be taken as data."""
+    """Raise unless an image with ``components`` samples per pixel can be used as data."""
     if components == 1 or (components in (3, 4) and colour is not None):
         return
     raise FileFormatError.expected(
@@ -195,39 +196,39 @@ def check_grey(path: Path, components: int, colour: str | None, bits: int) -> No
 FORMATS: Registry[Format] = Registry(
     "image format", "lfcal.frames.formats", "FORMAT", "lfcal.formats", order=lambda f: (f.rank, f.name)
 )
-"""Every format there is; the first that recognises a file opens it."""
+"""All formats; the first that recognizes a file opens it."""
 
 
 def image_suffixes() -> frozenset[str]:
-    """Return the endings of files that are looked for in a folder of frames."""
+    """Return the suffixes of files to search for in a folder of frames."""
     return frozenset().union(*(form.suffixes for form in FORMATS if form.in_folders))
 
 
 def open_image(path: str | os.PathLike[str], *, colour: str | None = None, dataset: str | None = None) -> ImageFile:
     """Open an image file of pages, each one frame.
 
-    16-bit and other grey TIFF (single and multi-page), PNG, PGM, ``.npy`` arrays, HDF5 stacks, camera RAW (the mosaic
-    as it is), and what other packages add. The format is detected by the first bytes, not by the name, except for
-    camera RAW.
+    Supported are 16-bit and other grey TIFF (single and multi-page), PNG, PGM, ``.npy`` arrays, HDF5 stacks, camera
+    RAW (the unprocessed mosaic), and formats from other packages. The format is detected from the first bytes, not
+    from the name, except for camera RAW.
 
     Parameters
     ----------
     path
         The file; of an HDF5 file also with the dataset, ``scan.h5::/entry/data/data``.
     colour
-        ``"R"``, ``"G"`` or ``"B"``: the component taken of a lossless colour image. Without it a colour image is
-        refused, as its samples have been through a camera's processing.
+        ``"R"``, ``"G"`` or ``"B"``: component to use from a lossless colour image. Without it, a colour image is
+        refused, because its samples have been processed by the camera.
     dataset
-        The stack of an HDF5 file, as `Hdf5Image`.
+        The stack in an HDF5 file, as in `Hdf5Image`.
 
     Raises
     ------
     FileFormatError
         If the file is damaged, cut short, compressed with loss, not an image, or colour without ``colour``.
     UnsafeFileError
-        If it asks for more memory than its size warrants, or holds Python objects.
+        If it declares more data than its size allows, or contains Python objects.
     StorageError
-        If it cannot be read.
+        If the file cannot be read.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""``.npy`` arrays as frames, mapped from disk so that a region costs no more than itself."""
+"""``.npy`` arrays as frames, memory-mapped so that only the requested region is read."""
 
 from __future__ import annotations
 

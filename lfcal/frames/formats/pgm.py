@@ -1,4 +1,4 @@
-"""Binary PGM frames, 8 and 16 bits, with samples unscaled, even where the declared maximum is lower than the type's."""
+"""Binary PGM frames, 8 and 16 bits, with unscaled samples, even if the declared maximum is below that of the type."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""PNG frames: every chunk's length and checksum are checked before the pixels are decoded."""
+"""PNG frames: the length and checksum of every chunk are checked before the pixels are decoded."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ __all__ = ["PngImage", "samples_of", "unfilter"]
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _COMPONENTS = {0: 1, 2: 3, 4: 2, 6: 4}
-_COLOURS = {"B": 0, "G": 1, "R": 2}  # the order in which OpenCV hands components over
+_COLOURS = {"B": 0, "G": 1, "R": 2}  # the order of components in OpenCV
 
 
 class PngImage(ImageFile):
-    """A PNG file of one 8- or 16-bit grey frame, or one component of a colour one."""
+    """A PNG file of one 8- or 16-bit grey frame, or one component of a colour image."""
 
     def __init__(self, path: Path, colour: str | None = None) -> None:
         self.path = path
@@ -59,7 +59,7 @@ class PngImage(ImageFile):
         return image
 
     def _inflate(self, stream: bytes) -> NDArray[Any]:
-        """Return a grey image: libdeflate takes half the time of the zlib behind other decoders."""
+        """Return a grey image: libdeflate takes half the time of the zlib in other decoders."""
         import imagecodecs
 
         (rows, columns), size = self.shape, self.dtype.itemsize
@@ -87,7 +87,7 @@ class PngImage(ImageFile):
         return np.asarray(image)
 
     def _check_chunks(self, data: bytes) -> bytes:
-        """Walk the chunks to IEND and return their deflated stream; a cut-off image must not pass for a whole one."""
+        """Walk the chunks to IEND and return their deflate stream; a truncated image must not pass as complete."""
         view, at, parts = memoryview(data), 8, []
         while True:
             if at + 12 > len(data):
@@ -123,14 +123,14 @@ FORMAT = Format(
 def unfilter(raw: NDArray[np.uint8], pixel_bytes: int, out: NDArray[np.uint8]) -> int:
     """Undo the row filters of a PNG image; return the number of the first bad row, or -1.
 
-    With a the byte one pixel to the left, b the byte above and c the byte above a (0 outside the image), each byte
-    x of a row was stored as x minus 0, a, b, floor((a + b) / 2) or Paeth(a, b, c), modulo 256, as the row's first
-    byte says.
+    With a the byte one pixel to the left, b the byte above and c the byte above a (0 outside the image), each byte x
+    of a row was stored as x minus 0, a, b, floor((a + b) / 2) or Paeth(a, b, c), modulo 256, as selected by the first
+    byte of the row.
 
     Parameters
     ----------
     raw
-        Inflated stream: per row the filter's number and the row's bytes.
+        Inflated stream: for each row the filter number and the bytes of the row.
     pixel_bytes
         Bytes per pixel.
     out
@@ -143,7 +143,9 @@ def unfilter(raw: NDArray[np.uint8], pixel_bytes: int, out: NDArray[np.uint8]) -
         line = raw[start + 1 : start + 1 + stride]
         here = out[r]
         if kind == 0:
-            for i in range(stride):  # not at once: for arrays whose lengths may differ far more is compiled
+            for i in range(
+                stride
+            ):  # a loop, because vector operations on arrays of different length take longer to compile
                 here[i] = line[i]
         elif kind == 1:
             for i in range(stride):
@@ -155,7 +157,7 @@ def unfilter(raw: NDArray[np.uint8], pixel_bytes: int, out: NDArray[np.uint8]) -
                 here[i] = np.uint8(line[i] + above)
         elif kind == 3:
             for i in range(stride):
-                # in wider integers: the sum of two bytes must not wrap before it is halved
+                # in wider integers: the sum of two bytes must not overflow before it is halved
                 left = np.int32(here[i - pixel_bytes]) if i >= pixel_bytes else np.int32(0)
                 above = np.int32(out[r - 1, i]) if r > 0 else np.int32(0)
                 here[i] = np.uint8(np.int32(line[i]) + ((left + above) >> 1))

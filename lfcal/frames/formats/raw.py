@@ -1,4 +1,4 @@
-"""Camera RAW frames: the mosaic as the sensor gave it, its visible area, and what the file says of it."""
+"""Camera RAW frames: the sensor's mosaic, its visible area, and the facts that the file states."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from lfcal.frames.formats.image_file import Format, ImageFile, decoding
 __all__ = ["RawImage", "codec_of"]
 
 PICTURES = {6, 7, 34892, 50002, 52546}
-"""Compression schemes of pictures that RAW files use: JPEG, of which one process is lossless, and JPEG XL."""
+"""Picture compression schemes in RAW files: JPEG, one process of which is lossless, and JPEG XL."""
 
 SONY = 32767
 """Scheme of Sony's compressed RAW, which rounds differences of 16 pixels to 7 bits."""
@@ -28,8 +28,8 @@ SONY = 32767
 class RawImage(ImageFile):
     """A camera RAW file of one frame.
 
-    Nothing is interpolated, scaled or clipped. ``metadata`` holds ``cfa`` (pattern by rows of the visible area),
-    ``black_level`` (per pattern position, sample values), ``saturation`` (white level, where the file has one) and
+    Nothing is interpolated, scaled or clipped. ``metadata`` contains ``cfa`` (pattern by rows of the visible area),
+    ``black_level`` (per pattern position, sample values), ``saturation`` (white level, if the file has one) and
     ``gains`` (the camera's white balance per pattern position, 1 for the first green).
     """
 
@@ -42,7 +42,7 @@ class RawImage(ImageFile):
 
     @contextmanager
     def _opened(self) -> Iterator[Any]:
-        """Give the opened file; what LibRaw only complains of is damage, too."""
+        """Yield the opened file; warnings of LibRaw also count as damage."""
         import rawpy
 
         with decoding(self.path, "camera RAW"):
@@ -82,7 +82,7 @@ class RawImage(ImageFile):
         self.metadata = metadata | codec_of(self.path)
 
     def read(self, page: int = 0) -> NDArray[Any]:
-        """Return the mosaic of the visible area, untouched."""
+        """Return the unprocessed mosaic of the visible area."""
         self.check_page(page)
         with self._opened() as raw:
             frame = np.array(raw.raw_image_visible, self.dtype, order="C")
@@ -94,12 +94,12 @@ class RawImage(ImageFile):
 
 
 def codec_of(path: Path) -> dict[str, Any]:
-    """Return how a RAW file that is a TIFF inside compresses its mosaic; nothing where that is unknown.
+    """Return how a RAW file that is a TIFF internally compresses its mosaic; empty if unknown.
 
     Raises
     ------
     FileFormatError
-        If it is a DNG whose samples went through a lossy codec of pictures.
+        If it is a DNG whose samples were compressed with a lossy picture codec.
     """
     import tifffile
 
@@ -114,7 +114,7 @@ def codec_of(path: Path) -> dict[str, Any]:
             stored = file.filehandle.read(min(1 << 16, mosaic.databytecounts[0]))
     except (FileFormatError, MemoryError):
         raise
-    except Exception:  # what is no TIFF, or an odd one, was read by LibRaw all the same
+    except Exception:  # LibRaw also reads files that are not TIFF, or unusual ones
         return {}
     if compression == SONY:
         return {"codec": codec_fact("Sony ARW", lossless=False)}
@@ -127,7 +127,7 @@ _SUFFIXES = frozenset(
     ".3fr .arw .cr2 .cr3 .crw .dcr .dng .erf .iiq .kdc .mef .mos .mrw .nef .nrw .orf .pef .raf .rw2 .rwl .sr2 .srf"
     " .srw .x3f".split()
 )
-"""Known by name, because most of them look like TIFF inside: they are asked before it."""
+"""RAW format, recognized by suffix and tried before TIFF, because most RAW files look like TIFF."""
 
 FORMAT = Format(
     "camera RAW", _SUFFIXES, lambda _, path: path.suffix.lower() in _SUFFIXES, lambda path, *_: RawImage(path), rank=-1

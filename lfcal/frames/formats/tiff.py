@@ -1,4 +1,4 @@
-"""TIFF frames, one or many pages: the chain of pages and the place of their bytes are checked first."""
+"""TIFF frames with one or many pages: the chain of pages and the places of their bytes are checked first."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from lfcal.frames.part import parse_roi
 
 __all__ = ["TiffImage", "count_pages"]
 
-# what tifffile logs of damaged files is found out here and raised; without a handler it would reach the terminal.
+# damage that tifffile logs is detected here and raised; without a handler its log would reach the terminal
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 _GREY = {1, CFA, LINEAR}
@@ -30,12 +30,12 @@ _COLOURS = "RGB"
 
 
 def count_pages(path: Path) -> int:
-    """Return the number of pages by walking their chain: readers may stop early and report no error.
+    """Return the number of pages by walking their chain: readers may stop early without an error.
 
     Raises
     ------
     FileFormatError
-        If the chain leads beyond the end of the file or back into itself.
+        If the chain leads beyond the end of the file, or back to an earlier page.
     """
     with storage_errors(path), path.open("rb") as file:
         size = path.stat().st_size
@@ -46,7 +46,7 @@ def count_pages(path: Path) -> int:
         where = struct.unpack_from(f"{order}Q" if big else f"{order}I", head.ljust(16, b"\0"), 8 if big else 4)[0]
         seen: set[int] = set()
         while where:
-            # a chain that leads back would be walked for ever
+            # a chain that leads back would never end
             if where in seen:
                 raise _damaged(path, f"page {len(seen)} leads back to an earlier one")
             seen.add(where)
@@ -59,16 +59,16 @@ def count_pages(path: Path) -> int:
 
 
 def _next_page(file: BinaryIO, where: int, size: int, order: str, big: bool) -> int:
-    """Return where the page after the one at ``where`` begins, 0 after the last, -1 where the file ends too soon."""
+    """Return the offset of the page after the one at ``where``; 0 after the last, -1 if the file ends too early."""
     count_form, tag, pointer = ("Q", 20, "Q") if big else ("H", 12, "I")
-    if where > size:  # where no file can end, or be read
+    if where > size:  # beyond the end of any possible file
         return -1
     file.seek(where)
     raw = file.read(struct.calcsize(order + count_form))
     if len(raw) < struct.calcsize(order + count_form):
         return -1
     after = where + len(raw) + tag * int(struct.unpack(order + count_form, raw)[0])
-    if after > size:  # a forged count leads beyond what a file can have
+    if after > size:  # a forged count leads beyond the end of any possible file
         return -1
     file.seek(after)
     raw = file.read(struct.calcsize(order + pointer))
@@ -86,7 +86,7 @@ def _damaged(path: Path, reason: str) -> FileFormatError:
 class TiffImage(ImageFile):
     """A TIFF file of grey pages (8, 16, 32 bits, float), or one component of colour ones.
 
-    ``raw`` says whether the tags of a DNG ask for more than reading samples: the reader of camera RAW does it.
+    ``raw`` says whether the tags of a DNG require processing that only the camera RAW reader does.
     """
 
     def __init__(self, path: Path, colour: str | None = None) -> None:
@@ -101,9 +101,7 @@ class TiffImage(ImageFile):
             with decoding(path, "TIFF"):
                 # tifffile's pages share one file handle and seek in it
                 self._tiff.filehandle.set_lock(True)
-                self._lock = (
-                    self._tiff.filehandle.lock
-                )  # pages are looked up under the lock their samples are read under
+                self._lock = self._tiff.filehandle.lock  # the same lock protects looking up pages and reading samples
                 self._first = self._tiff.pages[0]
                 self._describe(colour)
         except BaseException:
@@ -137,7 +135,7 @@ class TiffImage(ImageFile):
         self._virtual = self._imagej_pages()
         self._line = self._imagej_line()
         self.pages = max(self.pages, self._virtual)
-        # TIFF stores 10, 12 or 14 bits packed; read, they fill 16
+        # TIFF stores 10, 12 or 14 bits packed; when read, they fill 16
         known: dict[str, Any] = {} if bits in (8, 16, 32, 64) else {"bit_depth": bits}
         known["codec"] = codec_fact(codec)
         if self._samples == 1:
@@ -154,14 +152,14 @@ class TiffImage(ImageFile):
             offset, slope = self._line
             self.dtype = np.dtype(np.int32 if slope == 1 and offset == int(offset) else np.float32)
             known["format_notes"] = (f"ImageJ's calibration is applied: {offset:g} + {slope:g} x the stored value",)
-        # Micro-Manager keeps its own metadata with every page
+        # Micro-Manager stores metadata with every page
         own = page.tags.get(51123)
         if own is not None and isinstance(own.value, dict) and (roi := parse_roi(own.value.get("ROI"))):
             known["roi"] = roi
         self.metadata = known
 
     def _codec(self, page: Any) -> str:
-        """Return how a page is compressed; raises `FileFormatError` where that loses something."""
+        """Return how a page is compressed; raises `FileFormatError` for lossy compression."""
 
         def stored() -> bytes:
             if not page.dataoffsets or page.dataoffsets[0] <= 0:
@@ -174,12 +172,12 @@ class TiffImage(ImageFile):
         return check_tiff_codec(self.path, int(page.compression), stored, whole=whole)
 
     def _scan_axes(self) -> tuple[str, tuple[int, ...]] | None:
-        """Return names and lengths of the axes that the pages run over, as ImageJ's metadata state them."""
+        """Return names and lengths of the axes of the pages, from ImageJ's metadata."""
         import tifffile
 
         if not self._tiff.is_imagej or self._samples != 1:
             return None
-        # series are asked of a file of their own: they turn its pages into frames without tags
+        # open the file again for its series, because they convert its pages to frames without tags
         with tifffile.TiffFile(self.path) as again:
             series = again.series[0]
             names, lengths = str(series.axes), tuple(int(n) for n in series.shape)
@@ -189,7 +187,7 @@ class TiffImage(ImageFile):
         return ("".join(name for name, _ in lead), tuple(n for _, n in lead)) if len(lead) > 1 else None
 
     def _imagej_pages(self) -> int:
-        """Return the number of images that ImageJ stores behind a single page in files above 4 GB, else 0."""
+        """Return the number of images that ImageJ stores after a single page in files above 4 GB, else 0."""
         count = int((self._tiff.imagej_metadata or {}).get("images", 0)) if self._tiff.is_imagej else 0
         return count if self.pages == 1 and count > 1 and self._plain(self._first) else 0
 
@@ -222,14 +220,14 @@ class TiffImage(ImageFile):
         with decoding(self.path, "TIFF"):
             image = part.asarray(squeeze=True, maxworkers=1)
         if self._component is not None:
-            # colours lie in planes or pixel by pixel (PlanarConfiguration)
+            # colours are stored as planes or pixel by pixel (PlanarConfiguration)
             image = image[self._component] if image.shape[0] == self._samples else image[..., self._component]
         if image.shape != self.shape:
             raise _damaged(self.path, f"page {page} holds {image.shape}")
         return self._calibrated(image)
 
     def read_region(self, page: int, rows: slice, columns: slice) -> NDArray[Any]:
-        """Return a part of one page; of uncompressed pages only its rows are read."""
+        """Return a part of one page; only the requested rows of uncompressed pages are read."""
         rows, columns = check_region((rows, columns), self.shape)
         _, where = self._locate(page)
         if where is None:
@@ -237,7 +235,7 @@ class TiffImage(ImageFile):
         return np.ascontiguousarray(self._read_rows(where, rows)[:, columns])
 
     def _locate(self, number: int) -> tuple[Any, int | None]:
-        """Return the page and, where its samples lie in one piece, the offset of the first."""
+        """Return the page and, if its samples are contiguous, the offset of the first."""
         self.check_page(number)
         with self._lock, decoding(self.path, "TIFF"):
             page = self._first if self._virtual else self._tiff.pages[number]
@@ -252,7 +250,7 @@ class TiffImage(ImageFile):
                 f"{dtype} {shape}",
                 "keep frames of one kind in a file",
             )
-        if number:  # pages may be compressed in different ways
+        if number:  # pages may have different compression
             with decoding(self.path, "TIFF"):
                 self._codec(page)
         skip = number * int(np.prod(self.shape)) * self._stored.itemsize if self._virtual else 0

@@ -1,14 +1,14 @@
-"""Lists of frames that other programs wrote: which column is what, and where on the stage each frame was taken.
+"""Lists of frames from other programs: assignment of columns, and the stage position of each frame.
 
-- ``table``: text tables of any separator, and which column holds file, place and exposure, by its name or as stated
-- ``listing``: the frames of a table, with places in numbers of steps or in lengths
-- ``entries``: the manifest of a list, with its files found in the folder
-- ``list_file``: the file of a list, text table or Micro-Manager's metadata, opened
+- ``table``: text tables with any separator, and the columns for file, place and exposure, by name or as stated
+- ``listing``: the frames of a table, with places as step numbers or lengths
+- ``entries``: the manifest of a list, whose files are found in the folder
+- ``list_file``: opening of a list: a text table or Micro-Manager metadata
 - ``_grid``: planes, rows and columns in stage coordinates
-- ``_depths``: depths of planes, z held against the steps
-- ``motion``: where the light goes as the stage moves
-- ``placing``: stage coordinates to positions of a scan plan
-- ``derived``: the scan plan that a list was recorded by
+- ``_depths``: depths of planes, from z and from the steps
+- ``motion``: motion of the light with the stage
+- ``placing``: conversion of stage coordinates to positions of a scan plan
+- ``derived``: derivation of a scan plan from a list
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""The depths of a list's planes: the stage's, put where steps are one pixel, and how well the two fit."""
+"""Depths of a list's planes: stage coordinates, shifted so that a step is one pixel, and the agreement of the two."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from lfcal.frames.lists.listing import Listing
 __all__ = ["LEAST", "MOST", "Depths", "ListedPlanes", "find_depths", "with_depths"]
 
 LEAST, MOST = 0.5, 2.0
-"""Between these a scale of z is told: beyond, another unit or column is meant."""
+"""Range of scales of z that are accepted; others mean another unit or column."""
 SIGMAS = 4.0
-"""Standard errors by which z and steps part for certain."""
+"""Difference between z and steps, in standard errors, that is significant."""
 MIN_DIFFERENCE = 0.01
-"""Smallest difference between z and steps that is reported, as a share of the range of z."""
+"""Smallest reported difference between z and steps, as a share of the range of z."""
 
 
 @dataclass(frozen=True, eq=False)
 class ListedPlanes:
-    """The planes of a list, of rising coordinate along the depth axis.
+    """The planes of a list, by rising coordinate along the depth axis.
 
     Attributes
     ----------
     name
-        The list's, for messages.
+        Name of the list, for messages.
     heights
-        Coordinate of each (µm), or its number where ``counted``.
+        Coordinate of each plane (µm), or its number if ``counted``.
     sizes, errors
-        Step of each, and its standard error (µm).
+        Step in each plane, and its standard error (µm).
     counted
         Whether the list numbers its planes.
     """
@@ -47,7 +47,7 @@ class ListedPlanes:
 
 @dataclass(frozen=True)
 class Depths:
-    """What was found: the sense of the depth axis, the depth of each plane (µm), and notes on it, a line each."""
+    """Result: the sign of the depth axis, the depth of each plane (µm), and notes, one line each."""
 
     axes: StageAxes
     depths: tuple[float, ...]
@@ -57,27 +57,27 @@ class Depths:
 def find_depths(
     camera: Camera, axes: StageAxes, planes: ListedPlanes, given: tuple[float, ...] | None = None
 ) -> Depths:
-    """Return the depth of each plane of a list: rising, or in the order of their numbers where these are counted.
+    """Return the depth of each plane of a list, by rising coordinate, or by number if planes are counted.
 
-    Behind a main lens one pixel is a longer step the farther the plane. Where the list has a z, its distances are
-    kept and the steps tell where the stage's zero is; where z and steps differ the stated error says so. Where it
-    numbers its planes the steps alone tell their depths.
+    Behind a main lens, a step of one pixel is longer for planes farther away. If the list has z coordinates, their
+    distances are kept, and the steps determine the zero of the stage; the stated error includes their disagreement. If
+    the list only numbers its planes, the steps alone determine the depths.
 
     Parameters
     ----------
     camera
-        The camera under calibration.
+        The camera to calibrate.
     axes
-        Stage axes; the sense of the depth axis is kept where steps do not tell it.
+        Stage axes; the sign of the depth axis is kept if the steps do not determine it.
     planes
-        From the list.
+        Planes of the list.
     given
-        Depths where they are known better, from the nearest to the farthest.
+        Depths if they are known better, from the nearest to the farthest.
 
     Raises
     ------
     InputError
-        If the steps are not those of one pixel of the camera, or of a z in another unit.
+        If the steps do not correspond to one pixel of the camera, or z is in another unit.
     """
     if given is not None and len(given) != len(planes.heights):
         raise InputError.expected(
@@ -88,7 +88,7 @@ def find_depths(
         return _of_numbers(camera, axes, planes, given, rising)
     if rising <= 0:
         offsets = _offsets(planes.heights, axes)
-        words = "depths: those of the stage, whose zero is taken for the working plane"
+        words = "depths: those of the stage, assuming its zero is the working plane"
         return _found(axes, given, offsets, (words,))
     scale, error = _scale(planes, rising)
     sense = axes.away[0] if abs(scale) <= 3 * error else "+" if scale > 0 else "-"
@@ -99,7 +99,7 @@ def find_depths(
     order = slice(None) if sense == "+" else slice(None, None, -1)
     by_steps = (planes.sizes[order] - camera.step_um(0.0)) / rising
     errors = planes.errors[order] / rising
-    # one unknown for all planes: where the stage's zero is
+    # one unknown for all planes: the zero of the stage
     depths = offsets + float(by_steps.mean() - offsets.mean())
     common = float(np.sqrt((errors**2).sum())) / len(errors)
     apart, note = _differences(by_steps - depths, errors, float(np.ptp(depths)), (scale, error))
@@ -111,7 +111,7 @@ def find_depths(
 
 
 def _offsets(heights: NDArray[np.float64], axes: StageAxes) -> NDArray[np.float64]:
-    """Return the heights as they rise away from the camera."""
+    """Return the coordinates with the sign that rises away from the camera."""
     return np.sort(heights if axes.away[0] == "+" else -heights)
 
 
@@ -128,9 +128,9 @@ def _rounded(depths: NDArray[np.float64]) -> tuple[float, ...]:
 
 
 def _scale(planes: ListedPlanes, rising: float) -> tuple[float, float]:
-    """Return by how much the steps rise over what they should for the list's z, with its standard error.
+    """Return the ratio of the change of the steps to that expected from the list's z, with its standard error.
 
-    One plane, whose steps tell no scale, has 1.
+    The ratio is 1 for one plane, which does not determine a scale.
     """
     heights = planes.heights - planes.heights.mean()
     if len(heights) < 2:
@@ -156,7 +156,7 @@ def _scale(planes: ListedPlanes, rising: float) -> tuple[float, float]:
 
 
 def _remedy(factor: float) -> str:
-    """Return what to do about a z that has to be ``factor`` times as long: name the unit where it looks like one."""
+    """Return the remedy for a z that must be multiplied by ``factor``: state the unit if the factor is one."""
     for unit, power in (("mm", 1e3), ("um", 1e-3)):
         if LEAST < factor / power < MOST:
             return f"is it in {unit}? state its unit (--columns z_{unit}=COLUMN)"
@@ -166,15 +166,15 @@ def _remedy(factor: float) -> str:
 def _differences(
     rest: NDArray[np.float64], errors: NDArray[np.float64], span: float, scale: tuple[float, float]
 ) -> tuple[str, tuple[str, ...]]:
-    """Return in words how far z and steps part, for the stated error, and a note; nothing where they fit.
+    """Return the difference between z and steps in words, for the stated error, and a note; empty if they agree.
 
-    ``rest`` are the depths that the steps of each plane tell, less those of z.
+    ``rest`` are the depths from the steps of each plane, minus those from z.
     """
     if len(rest) < 2:
         return "", ()
     slope, error = scale
     most = float(np.abs(rest).max())
-    # each is held against the mean of all
+    # each is compared with the mean of all
     own = np.sqrt(errors**2 * (1 - 2 / len(rest)) + (errors**2).sum() / len(rest) ** 2)
     off = abs(abs(slope) - 1) > SIGMAS * error or (np.abs(rest) > SIGMAS * own).any()
     if not off or 2 * most < MIN_DIFFERENCE * span:
@@ -216,12 +216,12 @@ def _of_numbers(
 
 
 def with_depths(listing: Listing, depths: tuple[float, ...], axes: StageAxes) -> Listing:
-    """Return a list that numbers its planes with the depths of these as its coordinate (µm).
+    """Return a list that numbers its planes, with these depths as coordinates (µm).
 
     Raises
     ------
     InputError
-        If a number is none of a plane.
+        If a number does not belong to a plane.
     """
     numbers = listing.places[:, 2].astype(np.intp)
     numbers -= numbers.min() if numbers.min() in (0, 1) else 0

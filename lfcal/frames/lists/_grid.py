@@ -1,4 +1,4 @@
-"""Planes, rows and columns of a scan in the coordinates of the stage that made it, whatever its unit and rotation."""
+"""Planes, rows and columns of a scan in stage coordinates of any unit and rotation."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from lfcal.base import InputError
 __all__ = ["PlaneGrid", "ScanGrid", "find_grid"]
 
 CONE = 0.6
-"""Largest sideways over forward part of a step along an axis: the scan may be turned by up to 30 degrees."""
+"""Largest ratio of lateral to forward part of a step along an axis: the scan may be rotated by up to 30 degrees."""
 NEIGHBOURS = 13
-"""Nearest places that are looked at: some steps along each axis, also where places were recorded a few times."""
+"""Number of nearest places examined: enough steps along each axis, even if places were recorded several times."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,9 +24,9 @@ class PlaneGrid:
     Attributes
     ----------
     frames
-        Which frames of the list lie in it.
+        Frames of the list in this plane.
     height
-        Its mean coordinate along the depth axis.
+        Mean coordinate along the depth axis.
     steps
         ``(2, 2)``: the step along the first lateral axis, and along the second, as rows; both positive in their axis.
     index
@@ -40,7 +40,7 @@ class PlaneGrid:
 
     @property
     def counts(self) -> tuple[int, int]:
-        """Columns and rows that the frames span along the first and the second lateral axis."""
+        """Number of columns and rows of the frames along the first and the second lateral axis."""
         first, second = self.index.max(axis=0) + 1
         return int(first), int(second)
 
@@ -53,7 +53,7 @@ class ScanGrid:
 
     @property
     def counts(self) -> tuple[int, int]:
-        """Columns and rows along the two lateral axes: the most that a plane has."""
+        """Number of columns and rows along the two lateral axes: the largest of any plane."""
         first, second = (max(plane.counts[k] for plane in self.planes) for k in (0, 1))
         return first, second
 
@@ -69,10 +69,10 @@ class ScanGrid:
 def find_grid(
     lateral: NDArray[np.float64], depth: NDArray[np.float64], name: str, *, counted: bool = False
 ) -> ScanGrid:
-    """Return the regular grid that places lie on.
+    """Return the regular grid of the places.
 
-    The step of a plane is the usual difference of neighbours along each axis, so neither order nor unit, rotation
-    (up to 30 degrees) nor missing places matter; it is then fitted to all of them.
+    The step of a plane is the most frequent difference of neighbours along each axis, so that order, unit, rotation
+    (up to 30 degrees) and missing places do not matter. It is then fitted to all places.
 
     Parameters
     ----------
@@ -81,14 +81,14 @@ def find_grid(
     depth
         ``(N,)`` coordinates along it.
     name
-        Of the list, for messages.
+        Name of the list, for messages.
     counted
-        Whether ``depth`` holds numbers of planes, which no step is compared with.
+        Whether ``depth`` contains plane numbers, which are not compared with steps.
 
     Raises
     ------
     InputError
-        If the places of a plane are no grid.
+        If the places of a plane do not form a grid.
     """
     if counted:
         heights, label = np.unique(depth, return_inverse=True)
@@ -111,17 +111,20 @@ def _spacing(lateral: NDArray[np.float64], depth: NDArray[np.float64]) -> float:
 
 
 def _neighbours(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return distances to and numbers of the nearest places; repeats of the place itself are infinitely far."""
+    """Return distances and indices of the nearest places; repetitions of the place itself are at infinity."""
     from scipy.spatial import cKDTree  # a fifth of a second
 
     lengths, near = cKDTree(points).query(points, k=min(NEIGHBOURS + 1, len(points)))
     lengths, near = np.asarray(lengths)[:, 1:], np.asarray(near)[:, 1:]
-    # the farthest of the neighbours is one to some steps away, a repeat no more than the stage's noise
+    # the farthest neighbour is one or more steps away, a repetition only as much as the stage's noise
     return np.where(lengths > 0.1 * lengths[:, -1:], lengths, np.inf), near
 
 
 def _levels(values: NDArray[np.float64], step: float) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Return the level of each value, and the mean of each level: levels are apart by far more than they are wide."""
+    """Return the level of each value, and the mean of each level.
+
+    Levels are separated by far more than their width.
+    """
     order = np.argsort(values, kind="stable")
     gaps = np.diff(values[order])
     label = np.zeros(len(values), np.intp)
@@ -129,7 +132,7 @@ def _levels(values: NDArray[np.float64], step: float) -> tuple[NDArray[np.intp],
         floor = max(1e-4 * float(values.max() - values.min()), 1e-12)
         ranked = np.sort(np.maximum(gaps, floor))
         jump = int(np.argmax(ranked[1:] / ranked[:-1])) if len(ranked) > 1 else -1
-        # gaps that differ little are those of one frame a level
+        # gaps of similar size mean one frame per level
         threshold = ranked[jump] if jump >= 0 and ranked[jump + 1] > 3 * ranked[jump] else 0.5 * ranked[0]
         label[order[1:]] = np.cumsum(gaps > threshold)
     means = np.bincount(label, values) / np.bincount(label)
@@ -139,7 +142,7 @@ def _levels(values: NDArray[np.float64], step: float) -> tuple[NDArray[np.intp],
 def _plane(points: NDArray[np.float64], frames: NDArray[np.intp], height: float, name: str) -> PlaneGrid:
     steps = _steps(points)
     index = np.zeros((len(points), 2))
-    # from the middle outwards, where an error of the step has summed up least
+    # from the middle outwards, where the accumulated error of the step is smallest
     origin = np.array(points[np.argmin(np.abs(points - np.median(points, axis=0)).sum(axis=1))], np.float64)
     for _ in range(4):
         index = np.round(np.linalg.solve(steps.T, (points - origin).T).T)
@@ -163,7 +166,7 @@ def _plane(points: NDArray[np.float64], frames: NDArray[np.intp], height: float,
 
 
 def _steps(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the steps along the two axes as rows: the usual one to the nearest neighbours along each."""
+    """Return the steps along the two axes as rows: the typical one to the nearest neighbours along each."""
     steps = np.zeros((2, 2))
     if len(points) > 1:
         lengths, near = _neighbours(points)
@@ -176,16 +179,17 @@ def _steps(points: NDArray[np.float64]) -> NDArray[np.float64]:
             if there.size:
                 found = vectors[there, first[there]]
                 middle = np.median(found, axis=0)
-                # rounded steps are a few lengths, and their median is one of them; the mean has no such error to add up
+                # rounded steps have a few lengths, and their median is one of them; the mean has no such systematic
+                # error
                 like = np.linalg.norm(found - middle, axis=1) <= np.linalg.norm(middle) / 3
                 steps[axis] = found[like].mean(axis=0)
     for axis in (0, 1):
-        if not steps[axis].any():  # a single row or column: the step across it is that along it
+        if not steps[axis].any():  # for a single row or column, the step across it equals that along it
             other = steps[1 - axis] if steps[1 - axis].any() else np.eye(2)[1 - axis]
             steps[axis] = _across(other, axis)
     return steps
 
 
 def _across(other: NDArray[np.float64], axis: int) -> tuple[float, float]:
-    """Return the step along ``axis`` that is as long as that along the other one, and upright to it."""
+    """Return the step along ``axis`` with the length of that along the other one, and perpendicular to it."""
     return (-other[1], other[0]) if axis == 1 else (other[1], -other[0])

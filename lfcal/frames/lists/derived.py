@@ -1,4 +1,4 @@
-"""The scan plan that a list of stage coordinates was recorded by."""
+"""Derivation of the scan plan from a list of stage coordinates."""
 
 from __future__ import annotations
 
@@ -33,34 +33,34 @@ def plan_of_list(
     part: Part | None = None,
     **settings: Any,
 ) -> tuple[ScanPlan, tuple[str, ...]]:
-    """Return the plan whose positions are the places of a list, and what was found for it, a line each.
+    """Return the plan whose positions are the places of a list, and notes on what was found, one line each.
 
-    The numbers of steps give the period. Which axis moves the image where, and the anchor, come from the light in some
-    frames where ``read`` gives them; else from the camera's period and ``stage``. Depths are those whose steps the
-    list has: behind a main lens one pixel is a longer step the farther the plane. A microscope's steps are alike in
-    all planes: there the stage's zero is taken for the working plane. See `lfcal.frames.lists._depths`.
+    The number of steps gives the period. The axes and the anchor come from the light in some frames if ``read`` is
+    given; otherwise from the camera's period and ``stage``. Depths are those that match the steps in the list, because
+    behind a main lens a step of one pixel is longer for planes farther away. The steps of a microscope are equal in
+    all planes: there the stage's zero is assumed to be the working plane. See `lfcal.frames.lists._depths`.
 
     Parameters
     ----------
     listing
         Stage coordinates.
     camera
-        The camera under calibration.
+        The camera to calibrate.
     read
-        Returns the frame of a row of the list.
+        Function that returns the frame of a row of the list.
     stage
-        Axes as they are known; only their senses where the light tells the rest.
+        Axes as far as they are known; only their signs if the light determines the rest.
     depths_um
-        Planes from the nearest to the farthest, where they are known better.
+        Depths of the planes from the nearest to the farthest, if they are known better.
     part
-        Where frames that are a part of the sensor lie on it; None: they are whole.
+        Place on the sensor of frames that show a part of it; None: whole frames.
     settings
-        What else `ScanPlan.for_camera` takes: cutout, anchor, order …
+        Further arguments of `ScanPlan.for_camera`: cutout, anchor, order …
 
     Raises
     ------
     InputError
-        If the list holds no places of the stage, or their steps are not those of one period of this camera.
+        If the list has no stage coordinates, or their steps do not match a period of this camera.
     """
     if listing.unit == "index":
         raise InputError.expected(
@@ -94,13 +94,13 @@ def plan_of_list(
     placed = place(listing, plan)
     origin = _origin(listing, plan, placed.positions)
     words = f"axes: {axes.right},{axes.down},{axes.away} {why}"
-    scales = placed.scales if depths_um is not None else ()  # depths that were found are those of the scale of z
+    scales = placed.scales if depths_um is not None else ()  # depths that were found follow the scale of z
     notes = [*listing.notes, *unit_notes, words, *found.notes, *seen, placed.notes[0], *scales]
     return replace(plan, stage=replace(axes, origin_um=origin)), tuple(notes)
 
 
 def _planes(listing: Listing, grid: ScanGrid, lateral: tuple[int, int], factor: float) -> ListedPlanes:
-    """Return the planes of a list in micrometres, of which one of its unit has ``factor``."""
+    """Return the planes of a list in micrometres; ``factor`` is the size of its unit."""
     places = listing.places[:, lateral]
     heights = np.array([plane.height for plane in grid.planes])
     sizes = np.array([step_size(plane.steps) for plane in grid.planes])
@@ -110,7 +110,7 @@ def _planes(listing: Listing, grid: ScanGrid, lateral: tuple[int, int], factor: 
 
 
 def _in_um(listing: Listing, factor: float, depths: tuple[float, ...], axes: StageAxes) -> Listing:
-    """Return the list with all coordinates in micrometres, those of numbered planes too."""
+    """Return the list with all coordinates in micrometres, including those of numbered planes."""
     places = listing.places * factor
     if not listing.counted:
         return replace(listing, places=places, unit="um")
@@ -119,22 +119,22 @@ def _in_um(listing: Listing, factor: float, depths: tuple[float, ...], axes: Sta
 
 
 def _unit_of(listing: Listing, grid: ScanGrid, camera: Camera) -> tuple[str, list[str]]:
-    """Return the unit of a list, with a note where it had to be found.
+    """Return the unit of a list, with a note if it was inferred.
 
     Raises
     ------
     InputError
-        If the steps are nowhere near a pixel of the camera, in the unit that is stated or in any.
+        If the steps are far from a pixel of the camera, in the stated unit or in any.
     """
     size = float(np.median([step_size(plane.steps) for plane in grid.planes]))
     nominal = camera.step_um(0.0)
-    # decades apart: a working distance is known better than to a factor of five
+    # units are decades apart: a working distance is known better than to a factor of five
     likely = [unit for unit in ("um", "mm", "nm", "m") if 0.2 < size * LENGTHS[unit] / nominal < 5]
     if listing.unit and (listing.unit in likely or not likely):
-        return listing.unit, []  # where no unit fits, planes lie far from the working plane
+        return listing.unit, []  # if no unit fits, the planes are far from the working plane
     if listing.unit or len(likely) != 1:
         remedy = "state the unit: --columns x_mm=COLUMN,y_mm=COLUMN,z_mm=COLUMN"
-        if listing.unit:  # which is the micrometre, whatever the list says
+        if listing.unit:  # the micrometre fits, even if the list states another unit
             remedy = f"lengths that are {LENGTHS[likely[0]]:g} times as large would fit; {remedy}"
         raise InputError.expected(
             f"{listing.name}, steps",
@@ -143,13 +143,13 @@ def _unit_of(listing: Listing, grid: ScanGrid, camera: Camera) -> tuple[str, lis
             remedy,
         )
     (unit,) = likely
-    return unit, [f"unit: {unit}, as the size of the steps tells"]
+    return unit, [f"unit: {unit}, inferred from the size of the steps"]
 
 
 def _lateral_axes(
     grid: ScanGrid, camera: Camera, stated: StageAxes, lateral: tuple[int, int], light: CentroidMotion | None
 ) -> tuple[StageAxes, str]:
-    """Return the axes that move the image right and down, and how that is known."""
+    """Return the axes that move the image right and down, and how they were determined."""
     seen = None if light is None else light.axes()
     if seen is not None:
         down, right = (("+" if sense > 0 else "-") + AXES[lateral[axis]] for axis, sense in seen)
@@ -163,14 +163,14 @@ def _lateral_axes(
     ]
     own = (AXES.index(stated.right[1]), AXES.index(stated.down[1]))
     if not fitting or own in fitting:
-        return stated, "as assumed: neither list nor frames tell their senses; --stage states them"
+        return stated, "assumed: neither list nor frames show their signs; state them with --stage"
     first, second = (AXES[axis] for axis in fitting[0])
     axes = StageAxes(stated.right[0] + first, stated.down[0] + second, stated.away)
-    return axes, "as the numbers of steps tell; their senses are assumed, --stage states them"
+    return axes, "from the numbers of steps; their signs are assumed, state them with --stage"
 
 
 def _check_orientation(light: CentroidMotion | None, camera: Camera) -> None:
-    """Raise where frames have the shape of the sensor on its side."""
+    """Raise if frames have the shape of the sensor turned by 90 degrees."""
     rows, columns = camera.sensor.shape
     if light is not None and light.shape == (columns, rows) and rows != columns:
         sides = ", ".join(turn.option for turn in ORIENTATIONS.values() if turn.transposed)
@@ -183,7 +183,7 @@ def _check_orientation(light: CentroidMotion | None, camera: Camera) -> None:
 
 
 def _check_period(period: tuple[int, int], camera: Camera) -> None:
-    """Raise unless the places are those of whole periods of the camera."""
+    """Raise unless the places cover whole periods of the camera."""
     for n, p, what in zip(period, camera.period_px, ("rows", "columns"), strict=True):
         cells = max(1, round(n / p))
         if abs(n - cells * p) > 0.5 * cells + 1e-6:
@@ -199,14 +199,14 @@ def _anchor(
     light: CentroidMotion | None, axes: StageAxes, lateral: tuple[int, int], period: tuple[int, int]
 ) -> tuple[tuple[float, float] | None, list[str]]:
     if light is None or light.axes() is None:
-        return None, ["anchor: the sensor's centre is assumed, no frames tell; --anchor states it"]
+        return None, ["anchor: the sensor's centre is assumed, as no frames show it; state it with --anchor"]
     row, column = anchor_of(light, axes, lateral, period)
     where = (float(round(row)), float(round(column)))
     return where, [f"anchor: row {where[0]:g}, column {where[1]:g}, where the light of y = x = 0 has its centre"]
 
 
 def _with_period(plan: ScanPlan, period: tuple[int, int], anchored: bool) -> ScanPlan:
-    """Return the plan for a longer period, still centred where the anchor is not known."""
+    """Return the plan for a longer period, still centred if the anchor is unknown."""
     if anchored:
         return replace(plan, period=period)
     shift = [(n - m) // 2 for n, m in zip(period, plan.period, strict=True)]
@@ -218,7 +218,7 @@ def _repeats(grid: ScanGrid, frames: int) -> int:
 
 
 def _exposures(listing: Listing, planes: tuple[PlaneGrid, ...]) -> dict[str, Any]:
-    """Return the exposure of each plane of the plan, where the list has them."""
+    """Return the exposure of each plane of the plan, if the list has exposures."""
     if listing.exposures is None:
         return {}
     times = np.array(listing.exposures)
@@ -227,7 +227,7 @@ def _exposures(listing: Listing, planes: tuple[PlaneGrid, ...]) -> dict[str, Any
 
 
 def _origin(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp]) -> tuple[float, float, float]:
-    """Return the stage coordinates of the optical axis in the working plane (um)."""
+    """Return the stage coordinates of the optical axis in the working plane (µm)."""
     places = np.where(np.isfinite(listing.places), listing.places, 0.0)
     rest = places - plan.object_um(positions) @ plan.stage.matrix().T
     x, y, z = (round(float(v), 4) for v in rest.mean(axis=0))
@@ -235,7 +235,7 @@ def _origin(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp]) -> tu
 
 
 MIN_UNITS_PER_STEP = 8.0
-"""Units of rounding in a step, at least: coarser ones would be the steps themselves."""
+"""Smallest number of rounding units in a step: coarser ones would be the steps themselves."""
 
 
 def step_size(steps: NDArray[np.float64]) -> float:
@@ -246,15 +246,15 @@ def step_size(steps: NDArray[np.float64]) -> float:
 def step_error(lateral: NDArray[np.float64], plane: PlaneGrid) -> float:
     """Return the standard error of a plane's `step_size`, in the unit of the list.
 
-    The frames of a column share what is wrong with its coordinate, and so do those of a row: rounding is the same in
-    all of them. So a column counts once, however many frames it has.
+    The frames of a column share the error of its coordinate, and so do those of a row, because rounding is the same
+    for all of them. A column therefore counts once, however many frames it has.
 
     Parameters
     ----------
     lateral
         ``(N, 2)`` coordinates of all frames of the list along the two lateral axes.
     plane
-        The plane, as its grid was found.
+        The plane with its grid.
     """
     points, index = lateral[plane.frames], plane.index.astype(float)
     used = np.ptp(index, axis=0) > 0
@@ -264,7 +264,7 @@ def step_error(lateral: NDArray[np.float64], plane: PlaneGrid) -> float:
     solve = np.linalg.pinv(design)
     rest = points - design @ (solve @ points)
     size = step_size(plane.steps)
-    # of the size by each step; where there is a single row or column both steps are the same one
+    # derivative of the size by each step; for a single row or column both steps are the same
     gradient = size / used.sum() * np.linalg.inv(plane.steps).T
     total = 0.0
     for axis in (0, 1):
@@ -273,22 +273,22 @@ def step_error(lateral: NDArray[np.float64], plane: PlaneGrid) -> float:
         columns = float((np.bincount(group, weights * rest[:, axis]) ** 2).sum())
         columns *= len(numbers) / max(1, len(numbers) - 2)
         frames = float(((weights * rest[:, axis]) ** 2).sum()) * len(points) / max(1, len(points) - 3)
-        error = max(columns, frames)  # few columns may happen to cancel
+        error = max(columns, frames)  # the errors of few columns may cancel by chance
         if used[axis]:
             straight = points[:, axis] - index[:, 1 - axis] * plane.steps[1 - axis, axis] * used[1 - axis]
             unit = rounding(points[:, axis], size)
             left, scatter = _rounding_error(straight, group, numbers, unit, plane.steps[axis, axis])
             left = (gradient[axis, axis] * left) ** 2
-            # of places that do not scatter at all the digits tell everything
+            # the digits of places without scatter determine everything
             error = left if left and scatter < 0.01 else max(error, left)
         total += error
     return math.sqrt(total)
 
 
 def rounding(values: NDArray[np.float64], step: float) -> float:
-    """Return the 1, 2, 2.5 or 5 of a decimal that all values are multiples of; 0 if none is below an eighth of a step.
+    """Return the 1, 2, 2.5 or 5 of a decimal that all values are multiples of; 0 if none is below 1/8 of a step.
 
-    Coarser ones would be the steps themselves; of finer ones than seven decades nothing is left open that matters.
+    Coarser units would be the steps themselves; units finer than seven decades leave no relevant uncertainty.
     """
     top = math.floor(math.log10(step / MIN_UNITS_PER_STEP)) if step > 0 else 0
     for exponent in range(top, top - 7, -1):
@@ -302,24 +302,24 @@ def rounding(values: NDArray[np.float64], step: float) -> float:
 def _rounding_error(
     values: NDArray[np.float64], group: NDArray[np.intp], numbers: NDArray[np.intp], unit: float, step: float
 ) -> tuple[float, float]:
-    """Return the error that rounding to ``unit`` leaves to a step, and the variance within columns in that unit.
+    """Return the error of a step that rounding to ``unit`` leaves, and the variance within columns in that unit.
 
-    The error is 0 where the stage scatters beyond rounding.
+    The error is 0 if the stage scatters by more than the rounding.
 
-    Steps that are nearly a whole number of digits are rounded alike in many columns: the values then lie on a line as
-    if they were exact, and their scatter tells nothing. What rounding leaves open are all slopes of lines through the
-    ranges that the digits stand for.
+    Steps that are nearly a whole number of digits are rounded identically in many columns. The values then lie on a
+    line as if they were exact, and their scatter is uninformative. The remaining uncertainty is the range of slopes of
+    lines through the intervals that the digits represent.
     """
     if not unit:
         return 0.0, 0.0
     means = np.bincount(group, values) / np.bincount(group)
     scatter = float(np.mean((values - means[group]) ** 2)) / unit**2
-    # frames of a column that scatter by some of a digit have a mean that is better than a digit
+    # frames of a column that scatter by a part of a digit have a mean more accurate than a digit
     unit *= math.exp(-2 * math.pi**2 * scatter)
     first, second = np.triu_indices(len(numbers), 1)
     apart, rise = numbers[second] - numbers[first], means[second] - means[first]
     low, high = float(((rise - unit) / apart).max()), float(((rise + unit) / apart).min())
     if low > high:
         return 0.0, scatter
-    # the lines of the middle slopes have more room: a triangle rather than equal odds
+    # more lines have middle slopes: a triangular instead of a uniform distribution
     return math.sqrt((high - low) ** 2 / 24 + ((low + high) / 2 - step) ** 2), scatter

@@ -1,4 +1,4 @@
-"""A manifest from a list: files found in the folder, places turned into positions."""
+"""Manifests from lists: files are found in the folder, places are converted to positions."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = ["files_below", "find_files", "located", "manifest_of"]
 
 
 def located(listing: Listing, root: Path) -> Listing:
-    """Return the list with its files as they lie below ``root``, and a page for each use of a file."""
+    """Return the list with its files as found below ``root``, and a page for each use of a file."""
     files, notes = find_files(listing, root)
     pages = listing.pages
     if not any(pages) and len(set(files)) < len(files):
@@ -45,7 +45,7 @@ def located(listing: Listing, root: Path) -> Listing:
 
 
 def _check_pages(listing: Listing, files: Sequence[str]) -> None:
-    """Raise where a list of single frames names a file twice: its rows are no pages."""
+    """Raise if a list of single frames names a file twice: its rows are not pages."""
     counts = Counter(files)
     twice = [name for name, times in counts.items() if times > 1]
     if 2 * len(twice) < len(counts):
@@ -72,22 +72,22 @@ def manifest_of(
     Parameters
     ----------
     listing
-        From `located`.
+        List from `located`.
     plan
-        What stage coordinates are compared with.
+        Scan plan to compare stage coordinates with.
     plan_shape
-        Positions of the scan, where there is no plan.
+        Number of positions of the scan, if there is no plan.
     first
-        Number of the first position where the list counts them; None: found.
+        Number of the first position if the list counts positions; None: detected.
     read
-        Returns the frame of a row, for `lfcal.frames.lists.placing.place`.
+        Function that returns the frame of a row, for `lfcal.frames.lists.placing.place`.
     orientation, part
-        As there.
+        As in `lfcal.frames.lists.placing.place`.
 
     Raises
     ------
     InputError
-        If stage coordinates have no plan or do not fit it, or numbers lie outside the scan.
+        If stage coordinates have no plan or do not fit it, or numbers are outside the scan.
     """
     shape = plan.shape[:3] if plan is not None else plan_shape
     if listing.unit == "index":
@@ -108,7 +108,7 @@ def manifest_of(
 def _counted(
     listing: Listing, shape: Sequence[int] | None, first: int | None
 ) -> tuple[NDArray[np.intp], tuple[str, ...]]:
-    """Return positions (z, y, x) counted from 0, and what they were counted from."""
+    """Return positions (z, y, x) counted from 0, and the number of the first one in the list."""
     places = listing.places[:, ::-1]
     absent = ~np.isfinite(places).all(axis=0)
     if (places[:, ~absent] != np.round(places[:, ~absent])).any():
@@ -146,7 +146,7 @@ def _manifest(
 
 
 def files_below(root: Path, *, deep: bool) -> list[str]:
-    """Return the relative paths of the files below ``root``, links to folders not followed, hidden files left out."""
+    """Return the relative paths of the files below ``root``, without hidden files or linked folders."""
     names = []
     with storage_errors(root):
         for folder, folders, files in os.walk(root):
@@ -157,21 +157,21 @@ def files_below(root: Path, *, deep: bool) -> list[str]:
 
 
 def find_files(listing: Listing, root: Path) -> tuple[list[str], list[str]]:
-    r"""Return the path below ``root`` of each listed frame, and notes on how the names were understood.
+    r"""Return the path below ``root`` of each listed frame, and notes on how the names were interpreted.
 
-    A name may have backslashes, lack its ending, or lead from a folder of another computer (``D:\scan\a.tif``): then
-    as much of its end as is found in ``root`` counts. Nothing outside of ``root`` is ever named.
+    A name may have backslashes, lack its suffix, or contain a folder of another computer (``D:\scan\a.tif``). Its
+    longest ending that exists in ``root`` is then used. Paths outside ``root`` are never returned.
 
     Raises
     ------
     StorageError
-        If a file is not there, or several could be meant.
+        If a file is missing, or a name is ambiguous.
     """
     wanted = [_parts(name) for name in listing.files]
     deep = any(len(parts) > 1 for parts in wanted)
     there = files_below(root, deep=deep)
     exact = {name: name for name in there}
-    # names of files on Windows do not differ by capitals, and macOS writes letters and their dots apart
+    # Windows ignores upper and lower case in file names, and macOS separates letters from their accents
     folded: dict[str, list[str]] = {}
     for name in there:
         if PurePosixPath(name).suffix.lower() in image_suffixes():
@@ -211,7 +211,7 @@ def _match(
     folded: dict[str, list[str]],
     root: Path,
 ) -> tuple[str, int]:
-    """Return the file and how many leading folders of its listed path were left away."""
+    """Return the file, and the number of leading folders removed from its listed path."""
     for dropped in range(len(parts)):
         tail = "/".join(parts[dropped:])
         if tail in exact:

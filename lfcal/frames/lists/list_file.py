@@ -1,4 +1,4 @@
-"""A list in a file, opened: the plain manifest of lfcal, or what another program wrote."""
+"""Opening of a list file: lfcal's own manifest, or a list from another program."""
 
 from __future__ import annotations
 
@@ -45,17 +45,17 @@ MOST_DARKS = 64
 """Dark frames that are averaged at most."""
 
 SAMPLE = 50
-"""Rows that tell whether places are counted or measured."""
+"""Number of rows that decide whether places are counted or measured."""
 
 
 def is_plain(path: Path) -> bool:
-    """Return whether a file is a manifest as lfcal writes it: its columns, and places that are counted."""
+    """Return whether a file is a manifest as written by lfcal: its columns, and places that are counted."""
     if path.suffix.lower() not in TABLE_SUFFIXES:
         return True
     lines = read_text(path, limit=256 << 20, foreign=True).splitlines()[: SAMPLE + 1]
     try:
         rows = list(csv.reader(lines, skipinitialspace=True))
-    except csv.Error:  # a list of another kind, whose reader says what is wrong with it
+    except csv.Error:  # another kind of list, whose reader reports the problem
         return False
     if not rows:
         return path.suffix.lower() == ".csv"
@@ -72,7 +72,7 @@ def _has(header: list[str], axis: str, row: list[str]) -> bool:
 
 
 def manifest_from(path: Path, root: Path, options: FrameOptions) -> tuple[Manifest, tuple[str, ...]]:
-    """Return the manifest of the list ``path`` of files below ``root``, and what was guessed."""
+    """Return the manifest of the list ``path`` of files below ``root``, and notes on what was guessed."""
     if not options.columns and options.first is None and is_plain(path):
         return read_manifest(path), ()
     return _placed(located(read_listing(path, options.columns), root), root, options)
@@ -81,10 +81,10 @@ def manifest_from(path: Path, root: Path, options: FrameOptions) -> tuple[Manife
 def from_micromanager(
     path: Path, root: Path, options: FrameOptions
 ) -> tuple[Manifest, tuple[str, ...], dict[str, Any]]:
-    """Return the manifest of the frames that Micro-Manager's ``metadata.txt`` names, notes, and common facts.
+    """Return the manifest of the frames in Micro-Manager's ``metadata.txt``, notes, and common facts.
 
-    Of several channels one is read: the only one that is not named as dark, or that of ``columns="channel=NAME"``. A
-    channel that is named as dark is the dark of the others.
+    Of several channels one is read: the only channel without a dark name, or that of ``columns="channel=NAME"``. A
+    channel with a dark name contains the dark frames of the others.
     """
     role, _, channel = options.columns.partition("=")
     if options.columns and role.strip() != "channel":
@@ -109,7 +109,7 @@ def _darks(listing: Listing, root: Path) -> dict[str, Any]:
 
 
 def any_listing(path: Path, columns: str = "") -> Listing:
-    """Return the frames that a list, Micro-Manager's metadata or a file with stage coordinates in it names."""
+    """Return the frames named by a list, by Micro-Manager's metadata, or by a file that contains stage coordinates."""
     if path.name.endswith("metadata.txt"):
         return read_micromanager(path)[0]
     if path.suffix.lower() not in image_suffixes():
@@ -124,7 +124,7 @@ def any_listing(path: Path, columns: str = "") -> Listing:
 
 
 def from_stage(path: Path, metadata: Mapping[str, Any], options: FrameOptions) -> tuple[Manifest, tuple[str, ...]]:
-    """Return the manifest of one file of pages whose own metadata say where the stage stood."""
+    """Return the manifest of one multi-page file whose metadata contain the stage coordinates."""
     return _placed(stage_listing(path, metadata), path.parent, options)
 
 
@@ -149,7 +149,7 @@ def from_names(root: Path, names: Sequence[str], options: FrameOptions) -> tuple
 
 
 def stage_listing(path: Path, metadata: Mapping[str, Any]) -> Listing:
-    """Return the pages of one file as a list, from the stage coordinates of its metadata."""
+    """Return the pages of one file as a list, from the stage coordinates in its metadata."""
     exposures = metadata.get("stage_exposure_s")
     named = [(file or path.name, page) for file, page in metadata["stage_pages"]]
     files, pages = zip(*named, strict=True)
@@ -164,7 +164,7 @@ def stage_listing(path: Path, metadata: Mapping[str, Any]) -> Listing:
     notes = [f"positions: of the stage, as {path.name} states them for its {len(pages)} pages"]
     notes += metadata.get("order_notes", ())
     if times is not None and max(times) > MAX_EXPOSURE_S:
-        # programs write a camera's microseconds where the format means seconds
+        # some programs write microseconds where the format requires seconds
         notes.append(f"exposures: {max(times):g} s, as {path.name} states them, are hardly meant and left out")
         times = None
     return Listing(path.name, files, pages, places, "um", times, notes=tuple(notes))
@@ -185,14 +185,14 @@ def _placed(listing: Listing, root: Path, options: FrameOptions) -> tuple[Manife
 
 
 def sample_of(listing: Listing, root: Path) -> tuple[tuple[int, int], str | None, Any]:
-    """Return the shape of a list's first frame, the component looked at of colour pictures, and the camera's region."""
+    """Return the shape of a list's first frame, the component used from colour pictures, and the camera's region."""
     path = root / listing.files[0]
     colour = None
     try:
         image = open_image(path)
     except FileFormatError:
         colour = "G"
-        # grey frames that are damaged fail again, with the same words
+        # damaged grey frames fail again, with the same message
         image = open_image(path, colour=colour)
     image.close()
     return image.shape, colour, image.metadata.get("roi") or listing.roi
@@ -201,7 +201,7 @@ def sample_of(listing: Listing, root: Path) -> tuple[tuple[int, int], str | None
 def reader(listing: Listing, root: Path, colour: str | None = None, turn: Orientation | None = None) -> Any:
     """Return a function that reads the frame of a row of a list whose files were found below ``root``.
 
-    ``turn`` makes the frames upright.
+    ``turn`` is the orientation that makes the frames upright.
     """
 
     def read(k: int) -> NDArray[Any]:
@@ -222,7 +222,7 @@ _PLACES = ("XPositionUm", "YPositionUm", "ZPositionUm")
 
 
 def micromanager_list(folder: Path) -> Path | None:
-    """Return the metadata file of a folder that Micro-Manager saved; None where there is none, or several."""
+    """Return the metadata file of a folder saved by Micro-Manager; None if there is none, or several."""
     found = sorted(path for path in folder.glob("*metadata.txt") if path.is_file())
     return found[0] if len(found) == 1 else None
 
@@ -230,15 +230,16 @@ def micromanager_list(folder: Path) -> Path | None:
 def read_micromanager(path: Path, channel: str = "") -> tuple[Listing, dict[str, Any]]:
     """Return the frames of ``metadata.txt`` or ``…_metadata.txt`` with their stage coordinates, and common facts.
 
-    Versions 1.4 (``FrameKey-…``) and 2.0 (``Metadata-…``): ``XPositionUm``, ``YPositionUm``, ``ZPositionUm``,
-    ``Exposure-ms``, ``FileName``. Facts: ``pixel_um`` (``PixelSizeUm``, in object space), ``bit_depth`` and
-    ``saturation``, ``roi`` (``ROI``, the region of the camera as column, row, width and height), and ``dark``, the
-    frames of a channel that is named as dark. Of several other channels that called ``channel`` is read.
+    Versions 1.4 (``FrameKey-…``) and 2.0 (``Metadata-…``) are supported, with the entries ``XPositionUm``,
+    ``YPositionUm``, ``ZPositionUm``, ``Exposure-ms`` and ``FileName``. Common facts are ``pixel_um`` (``PixelSizeUm``,
+    in object space), ``bit_depth`` and ``saturation``, and ``roi`` (``ROI``, the region of the camera as column, row,
+    width and height). The frames of a channel with a dark name are ``dark``. Of several other channels the one called
+    ``channel`` is read.
 
     Raises
     ------
     FileFormatError
-        If it is not Micro-Manager's, an entry lacks its place, or a channel has to be chosen.
+        If it is not from Micro-Manager, an entry has no place, or a channel must be chosen.
     """
     body = parse_json(read_text(path, limit=MAX_BYTES), str(path), finite=False)
     entries = list(_frames(body))

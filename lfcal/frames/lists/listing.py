@@ -1,4 +1,4 @@
-"""The frames that a list names, with the places that it gives them: numbers of positions, or stage coordinates."""
+"""Frames named in a list, with their places: position numbers or stage coordinates."""
 
 from __future__ import annotations
 
@@ -25,34 +25,34 @@ from lfcal.frames.lists.table import (
 __all__ = ["MAX_EXPOSURE_S", "Listing", "read_listing"]
 
 MAX_EXPOSURE_S = 1000.0
-"""Exposure beyond which its unit is another one: of a scan no frame takes a quarter of an hour."""
+"""Longest plausible exposure (s): a longer one has another unit, as no frame of a scan takes a quarter of an hour."""
 
 
 @dataclass(frozen=True, eq=False)
 class Listing:
-    """Frames as a list gives them.
+    """Frames as given in a list.
 
     Attributes
     ----------
     name
-        The list's name, for messages.
+        Name of the list, for messages.
     files, pages
-        File, as it is written there, and page of each frame.
+        File as written in the list, and page, of each frame.
     places
-        ``(N, 3)`` as (x, y, z): stage coordinates, or numbers of positions where ``unit`` is ``"index"``. NaN
-        throughout z where the list has none.
+        ``(N, 3)`` as (x, y, z): stage coordinates, or position numbers if ``unit`` is ``"index"``. NaN
+        for all z if the list has none.
     unit
-        Unit of length of the stage coordinates; ``"index"``; or empty where the list does not say.
+        Unit of length of the stage coordinates; ``"index"``; or empty if the list does not state it.
     exposures
-        Seconds of each frame, or None.
+        Exposure of each frame (s), or None.
     drift
-        ``(N, 2)`` as (dy, dx): what the list says of how far images lie from where the plan puts them (px).
+        ``(N, 2)`` as (dy, dx): displacement of images from their planned places, as stated in the list (px).
     notes
-        What was guessed, a line each.
+        Notes on what was guessed, one line each.
     counted
-        Whether z are numbers of planes while x and y are stage coordinates.
+        Whether z are plane numbers while x and y are stage coordinates.
     roi
-        Region of the camera's sensor that the frames show (column, row, width, height), where the list says so.
+        Region of the camera's sensor that the frames show (column, row, width, height), if the list states it.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Listing:
 
     @property
     def has_depth(self) -> bool:
-        """Whether the list says in which plane a frame is."""
+        """Whether the list states the plane of each frame."""
         return bool(np.isfinite(self.places[:, 2]).all())
 
     def label(self, k: int) -> str:
@@ -81,19 +81,19 @@ class Listing:
 
 
 def read_listing(path: str | os.PathLike[str], columns: str = "") -> Listing:
-    """Read a list of frames of any separator and with any names of columns.
+    """Read a list of frames with any separator and any column names.
 
     Parameters
     ----------
     path
         A text table with a row for each frame.
     columns
-        Which column holds what, as `lfcal.frames.lists.table.parse_columns` reads it; the others are guessed.
+        Assignment of columns, as parsed by `lfcal.frames.lists.table.parse_columns`; others are guessed.
 
     Raises
     ------
     LfcalError
-        With the line, or the columns there are and what to type.
+        With the line, or with the existing columns and what to type.
     """
     table = read_table(Path(path))
     stated = parse_columns(columns) if columns else None
@@ -139,7 +139,7 @@ def _numbers(table: Table, column: Column) -> NDArray[np.float64]:
 def _unit(
     table: Table, by_role: dict[str, Column], places: NDArray[np.float64]
 ) -> tuple[str, NDArray[np.float64] | float, bool]:
-    """Return the unit of the places, the factors that bring all axes to it, and whether planes alone are counted."""
+    """Return the unit of the places, the factors that convert all axes to it, and whether only planes are counted."""
     used = [by_role[axis] if axis in by_role else None for axis in "xyz"]
     units = [column.unit if column is not None else None for column in used]
     stated = {unit for unit in units if unit is not None}
@@ -182,7 +182,7 @@ def _check_planes(table: Table, column: Column, numbers: NDArray[np.float64]) ->
 
 
 def _counts(places: NDArray[np.float64]) -> bool:
-    """Return whether all places are small whole numbers that count from 0 or 1 and leave out few."""
+    """Return whether all places are small whole numbers that count from 0 or 1 with few gaps."""
     for values in places[:, np.isfinite(places).all(axis=0)].T:
         if (values != np.round(values)).any() or values.min() not in (0, 1) or values.max() > 10 * len(values):
             return False
@@ -193,12 +193,12 @@ def _counts(places: NDArray[np.float64]) -> bool:
 
 
 def _exposures(table: Table, column: Column | None) -> tuple[tuple[float, ...] | None, Column | None]:
-    """Return seconds, and the column with the unit that was taken."""
+    """Return exposures in seconds, and the column with the assumed unit."""
     if column is None:
         return None, None
     values = _numbers(table, column)
     name = f"{table.name}, {column.name}"
-    # nobody exposes a point source for less than a millisecond in seconds' clothing: 0.02 are seconds, 20 milliseconds
+    # exposures of a point source are rarely below a millisecond: 0.02 means seconds, 20 means milliseconds
     unit = column.unit or ("ms" if np.median(values) >= 1 else "s")
     if values.min() <= 0:
         line = table.lines[int(values.argmin())]
@@ -206,7 +206,7 @@ def _exposures(table: Table, column: Column | None) -> tuple[tuple[float, ...] |
             f"{table.name} line {line}, {column.name}", "a time above 0", values.min(), "correct it"
         )
     if not column.unit and np.median(values) >= 1000:
-        # microseconds, as machine-vision cameras write them, or milliseconds of a faint source
+        # microseconds, as written by machine-vision cameras, or milliseconds for a faint source
         remedy = f"say it: --columns exposure_us={column.name} or exposure_ms={column.name}"
         raise InputError.expected(name, "a unit of times this large", f"{np.median(values):g} of none", remedy)
     if (longest := float(values.max() * TIMES[unit])) > MAX_EXPOSURE_S:

@@ -1,4 +1,4 @@
-"""Where the light goes as the stage moves: which way is right and down on the sensor, and where the scan begins."""
+"""Motion of the light with the stage: which axes move it right and down on the sensor, and where the scan begins."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ __all__ = [
 ]
 
 MAX_FRAMES = 16
-"""Frames that are read."""
+"""Number of frames that are read."""
 
 
 @dataclass(frozen=True, eq=False)
 class CentroidMotion:
-    """How the centre of light moves on the sensor.
+    """Motion of the centre of light on the sensor.
 
     Attributes
     ----------
     matrix
         ``(2, 2)``: pixels (row, column) per step along the first (column 0) and the second lateral axis (column 1).
     start
-        Row and column of the light at the first place of both axes.
+        Row and column of the light at the first place along both axes.
     rms_px
-        How far the light lies from there, root of the mean square over the frames (px).
+        Rms distance of the light from the fitted motion, over the frames (px).
     middle
-        Row and column of the light in the middle of the places.
+        Row and column of the light at the middle of the places.
     shape
         Rows and columns of the frames.
     """
@@ -56,19 +56,22 @@ class CentroidMotion:
     shape: tuple[int, int]
 
     def axes(self) -> tuple[tuple[int, int], tuple[int, int]] | None:
-        """Return axis and sense that move the image down, and right; None where the light does not tell clearly."""
+        """Return the signed axes that move the image down and right.
+
+        None if the light does not clearly determine them.
+        """
         down, right = np.abs(self.matrix)
         order = (int(down.argmax()), int(right.argmax()))
         main = np.array([down[order[0]], right[order[1]]])
         aside = np.array([down[1 - order[0]], right[1 - order[1]]])
-        # one step is one pixel; patterns of lenslets make the light's centre jump about by some
+        # one step is one pixel; lenslet patterns make the centre of light jump by some pixels
         if order[0] == order[1] or (main < 0.5).any() or (main > 2).any() or (aside > 0.5 * main).any():
             return None
         sense = [int(np.sign(self.matrix[row, axis])) for row, axis in enumerate(order)]
         return (order[0], sense[0]), (order[1], sense[1])
 
     def on_sensor(self, part: Part, sensor: tuple[int, int]) -> CentroidMotion:
-        """Return the motion on a ``sensor`` of which the frames, as they were made upright, are a part."""
+        """Return the motion on a ``sensor`` of which the upright frames show a part."""
         turn = named_orientation(part.turn)
         first = np.array(part.origin)
         last = first + turn.inverse.shape(self.shape) - 1
@@ -78,14 +81,14 @@ class CentroidMotion:
 
 
 class Part(NamedTuple):
-    """Row and column on the sensor, as delivered, of the first pixel of frames; and what makes these upright."""
+    """Row and column on the sensor as delivered of the frames' first pixel, and the orientation of the frames."""
 
     origin: tuple[int, int]
     turn: str = AS_IS
 
 
 def spread_out(index: NDArray[np.intp], count: int = MAX_FRAMES) -> NDArray[np.intp]:
-    """Return up to ``count`` frames, each as far as possible from those before: corners, edges, then between."""
+    """Return up to ``count`` frames, each as far as possible from the previous ones: corners, edges, then between."""
     chosen = [int(np.argmin(index.sum(axis=1)))]
     distance = np.full(len(index), np.inf)
     while len(chosen) < min(count, len(index)):
@@ -98,14 +101,14 @@ def spread_out(index: NDArray[np.intp], count: int = MAX_FRAMES) -> NDArray[np.i
 
 
 def image_motion(read: Callable[[int], NDArray[Any]], index: NDArray[np.intp]) -> CentroidMotion | None:
-    """Return how the light moves over frames at places ``index`` ``(n, 2)`` of one plane; None where it says nothing.
+    """Return the motion of the light over frames at places ``index`` ``(n, 2)`` of one plane; None if undetermined.
 
-    What all frames share (dark level, hot pixels) is taken off first, and what does not stand out of the noise.
+    The content common to all frames (dark level, hot pixels) is subtracted first, and noise is ignored.
 
     Parameters
     ----------
     read
-        Returns frame k.
+        Function that returns frame k.
     index
         Place of frame k along the first and the second lateral axis.
     """
@@ -117,13 +120,13 @@ def image_motion(read: Callable[[int], NDArray[Any]], index: NDArray[np.intp]) -
         try:
             frame = read(k)
         except (FileFormatError, StorageError):
-            continue  # damaged frames are refused, or left out, where all frames are read
+            continue  # damaged frames are refused or left out later, when all frames are read
         if floor is None or frame.shape == floor.shape:
             floor = frame if floor is None else np.minimum(floor, frame)
             good.append(k)
     if floor is None:
         return None
-    # read again rather than kept: sixteen frames of a large sensor are gigabytes
+    # read again instead of stored: sixteen frames of a large sensor are gigabytes
     centres = np.array([centre_of_light(read(k).astype(np.float32) - floor) for k in good]).reshape(-1, 2)
     seen = np.isfinite(centres).all(axis=1)
     places = index[good][seen]
@@ -139,7 +142,7 @@ def image_motion(read: Callable[[int], NDArray[Any]], index: NDArray[np.intp]) -
 
 
 def centre_of_light(light: NDArray[np.float32]) -> tuple[float, float]:
-    """Return row and column of the centre of what stands out of the noise; NaN where nothing does."""
+    """Return row and column of the centre of light above the noise; NaN if there is none."""
     level = float(np.median(light))
     noise = 1.4826 * float(np.median(np.abs(light - level)))
     light = light - np.float32(level + max(5 * noise, 0.02 * (float(light.max()) - level)))
@@ -153,16 +156,16 @@ def centre_of_light(light: NDArray[np.float32]) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class StageOrientation:
-    """Stage axes, the orientation that frames would then need, and the other reading where both would look the same.
+    """Stage axes, the corresponding orientation of frames, and the alternative if both would look the same.
 
     Attributes
     ----------
     stage
         The axes.
     turn
-        What would make the frames upright.
+        Orientation that would make the frames upright.
     other
-        What would make them upright if the plan's axes were right; None where the light rules that out.
+        Orientation if the plan's axes were right; None if the light rules that out.
     """
 
     stage: StageAxes
@@ -171,7 +174,7 @@ class StageOrientation:
 
 
 def turn_of(stage: StageAxes, light: CentroidMotion, lateral: tuple[int, int]) -> Orientation | None:
-    """Return what makes upright the frames that light of clear axes was seen in, if the axes are those of ``stage``."""
+    """Return the orientation of frames whose light moves along clear axes, if the stage axes are ``stage``."""
     seen = light.axes()
     if seen is None:
         return None
@@ -185,23 +188,23 @@ def turn_of(stage: StageAxes, light: CentroidMotion, lateral: tuple[int, int]) -
 def find_stage_orientation(
     allowed: Sequence[StageAxes], light: CentroidMotion, plan: ScanPlan, lateral: tuple[int, int], choice: str
 ) -> StageOrientation | None:
-    """Return the axes that light of clear axes is read with; None if none of those ``allowed`` has it in such frames.
+    """Return the axes for interpreting the motion of light; None if no ``allowed`` axes match such frames.
 
-    Frames that are certainly flipped or turned keep the plan's axes, so that turning them is all that is to be done.
+    Frames that are certainly flipped or turned keep the plan's axes, so that only the frames need turning.
 
     Parameters
     ----------
     allowed
-        Axes that the numbers of steps allow, the nearest to the plan's first.
+        Axes consistent with the numbers of steps, those nearest to the plan first.
     light
-        As seen in the frames.
+        Motion of the light in the frames.
     plan
-        What frames and axes should be like.
+        Scan plan with the expected frames and axes.
     lateral
-        Which of (x, y, z) are the first and second lateral axis.
+        First and second lateral axis, of (x, y, z).
     choice
-        ``"check"``: where both would look the same the axes are otherwise than the plan says; ``"auto"``: the frames
-        are turned; else the frames are known to be upright.
+        ``"check"``: if both would look the same, the axes differ from those of the plan; ``"auto"``: the frames are
+        turned; otherwise the frames are known to be upright.
     """
     found = [StageOrientation(stage, turn) for stage in allowed if (turn := turn_of(stage, light, lateral)) is not None]
     upright = next((one for one in found if one.turn.name == AS_IS), None)
@@ -213,10 +216,10 @@ def find_stage_orientation(
     found = shaped or found
     own = next((one for one in found if _lateral(one.stage) == _lateral(plan.stage)), None)
     if own is None or upright is None or own is upright:
-        # one of them, or where neither can be, the one that is nearest to where the plan has the light
+        # a possible one, or if none is, the one nearest to the planned place of the light
         return own or upright or min(found, key=lambda one: _away(one, light, plan), default=None)
     if_frames, if_scan = _away(own, light, plan), _away(upright, light, plan)
-    # the places of cropped frames mean nothing; a stage's origin is not better than some of the cutout
+    # places in cropped frames are meaningless; a stage's origin is only accurate to a part of the cutout
     slack = max(2.0, 0.1 * max(plan.cutout), 2 * light.rms_px)
     if shaped and abs(if_frames - if_scan) >= max(2 * slack, min(if_frames, if_scan)):
         return own if if_frames < if_scan else upright
@@ -228,6 +231,6 @@ def _lateral(stage: StageAxes) -> tuple[str, str]:
 
 
 def _away(one: StageOrientation, light: CentroidMotion, plan: ScanPlan) -> float:
-    """Return how far the middle of the light's path, turned upright, lies from that of the plan's (px)."""
+    """Return the distance of the middle of the light's path, after turning upright, from that of the plan (px)."""
     ends: NDArray[np.float64] = plan.image_px([(0, 0, 0), (0, plan.period[0] - 1, plan.period[1] - 1)])
     return math.dist(one.turn.places(light.middle, light.shape), ends.mean(axis=0))

@@ -1,4 +1,4 @@
-"""Stage coordinates to positions of a scan plan: the affine between them, and what it leaves."""
+"""Conversion of stage coordinates to positions of a scan plan: the affine map, and its residuals."""
 
 from __future__ import annotations
 
@@ -30,33 +30,33 @@ __all__ = ["Placing", "anchor_of", "grid_of", "light_of", "place"]
 
 AXES = "xyz"
 UNITS = {"um": 1.0, "mm": 1e3, "nm": 1e-3, "m": 1e6}
-"""Micrometres of the units that a list without one may be in."""
+"""Micrometres of the units that a list without a stated unit may have."""
 SCALE_TOLERANCE = 0.01
 """Largest relative difference from the plan's scale that is not reported."""
 PLANE_TOLERANCE = 0.1
-"""Largest distance of a plane from the plan's that is not reported, as a share of the smallest distance of planes."""
+"""Largest unreported distance of a plane from the plan's, as a share of the smallest distance of planes."""
 ReadFrame = Callable[[int], NDArray[Any]]
-"""Returns the frame of a row of the list."""
+"""Function that returns the frame of a row of the list."""
 
 
 @dataclass(frozen=True, eq=False)
 class Placing:
-    """Where the frames of a list belong.
+    """Positions of the frames of a list.
 
     Attributes
     ----------
     positions
         ``(N, 3)`` as (z, y, x) of the plan.
     drift
-        ``(N, 2)``: how far the image of each lies from its position (rows, columns; sensor pixels).
+        ``(N, 2)``: displacement of each image from its position (rows, columns; sensor pixels).
     stage
-        The axes that were found.
+        The stage axes found.
     rms_px, worst_px, worst
-        Size of the drift, root of the mean square and largest, and the frame that has it.
+        Rms and largest drift, and the frame with the largest one.
     notes
-        What was found, a line each.
+        Notes on what was found, one line each.
     scales
-        Those of them that say by how much steps and distances of planes differ from the plan's.
+        Those notes that report differences of steps and plane distances from the plan.
     """
 
     positions: NDArray[np.intp]
@@ -72,31 +72,31 @@ class Placing:
 def place(
     listing: Listing, plan: ScanPlan, read: ReadFrame | None = None, orientation: str = "", part: Part | None = None
 ) -> Placing:
-    """Return position and drift of each frame by its stage coordinates.
+    """Return position and drift of each frame from its stage coordinates.
 
-    Unit, offset, scale and small rotations of the coordinates are found, and which axis is which and its sense: from
-    the light in some frames where ``read`` gives them and it is clear, else from the numbers of steps, else as the
-    plan's ``stage`` says. An affine from coordinates to object space (`ScanPlan.object_um`) is then fitted
-    to all frames.
+    Unit, offset, scale and small rotations of the coordinates are found, as well as the assignment and sign of the
+    axes. The axes come from the light in some frames, if ``read`` is given and the motion is clear; otherwise from the
+    numbers of steps, and finally from the plan's ``stage``. Then an affine map from coordinates to object space
+    (`ScanPlan.object_um`) is fitted to all frames.
 
     Parameters
     ----------
     listing
         Stage coordinates.
     plan
-        The scan's.
+        Plan of the scan.
     read
-        Returns the frame of a row of the list.
+        Function that returns the frame of a row of the list.
     orientation
-        ``"check"`` or ``"auto"``: frames may be flipped or turned, and axes that only such frames have are not taken
-        for the stage's (`lfcal.frames.lists.motion`); else they are upright as ``read`` returns them.
+        ``"check"`` or ``"auto"``: frames may be flipped or turned, and axes that only such frames show are not
+        attributed to the stage (`lfcal.frames.lists.motion`); otherwise they are upright as ``read`` returns them.
     part
-        Where frames that are a part of the sensor lie on it; None: they are whole.
+        Place on the sensor of frames that show a part of it; None: whole frames.
 
     Raises
     ------
     InputError
-        If the list is of another scan than the plan, two frames belong to one position, or one lies half a step off.
+        If the list belongs to another scan, two frames belong to one position, or one is half a step away from any.
     """
     numbered = listing.counted
     if numbered:
@@ -118,7 +118,7 @@ def place(
         positions = _positions(index, grid, plan, stage, lateral)
         tried.append((_misfit(listing, plan, positions), stage, positions))
     best = min(misfit for misfit, _, _ in tried)
-    # those that fit as well as the best are told apart by what the plan says; they stand in that order
+    # candidates that fit as well as the best keep their order, which follows the plan
     fitting = [entry for entry in tried if entry[0] <= 1.05 * best + 1e-9]
     _, stage, positions = fitting[0]
     found = _fitted(listing, plan, positions, stage)
@@ -129,7 +129,7 @@ def place(
 
 
 def grid_of(listing: Listing, stage: StageAxes, *, planes: int = 0) -> tuple[ScanGrid, tuple[int, int]]:
-    """Return the grid of a list, and which of (x, y, z) are the first and second lateral axis."""
+    """Return the grid of a list, and the first and second lateral axis, of (x, y, z)."""
     depth = AXES.index(stage.away[1])
     lateral = tuple(k for k in range(3) if k != depth)
     if not listing.has_depth and (planes > 1 or depth != 2):
@@ -142,14 +142,14 @@ def grid_of(listing: Listing, stage: StageAxes, *, planes: int = 0) -> tuple[Sca
 
 
 def light_of(grid: ScanGrid, read: ReadFrame) -> CentroidMotion | None:
-    """Return how the light of the middle plane moves along the lateral axes."""
+    """Return the motion of the light in the middle plane along the lateral axes."""
     plane = grid.planes[len(grid.planes) // 2]
     chosen = spread_out(plane.index)
     return image_motion(lambda k: read(int(plane.frames[chosen[k]])), plane.index[chosen])
 
 
 def _turns(grid: ScanGrid, plan: ScanPlan, lateral: tuple[int, int]) -> list[StageAxes]:
-    """Return the stage axes that the grid's numbers of steps allow, the plan's own first."""
+    """Return the stage axes that the grid's numbers of steps allow, those of the plan first."""
     nz, ny, nx = plan.shape[:3]
     counts = dict(zip(lateral, grid.counts, strict=True))
     found = []
@@ -176,7 +176,7 @@ def _another_scan(grid: ScanGrid, plan: ScanPlan, lateral: tuple[int, int]) -> I
 
 
 def _changes(first: Sequence[str], other: Sequence[str]) -> tuple[int, int]:
-    """Return in how many axes, and in how many senses, two statements differ."""
+    """Return the number of axes, and of signs, in which two statements differ."""
     return sum(a[1] != b[1] for a, b in zip(first, other, strict=True)), sum(
         a[0] != b[0] for a, b in zip(first, other, strict=True)
     )
@@ -185,7 +185,7 @@ def _changes(first: Sequence[str], other: Sequence[str]) -> tuple[int, int]:
 def _positions(
     index: NDArray[np.intp], grid: ScanGrid, plan: ScanPlan, stage: StageAxes, lateral: tuple[int, int]
 ) -> NDArray[np.intp]:
-    """Return the positions (z, y, x) that places of the grid are with these stage axes."""
+    """Return the positions (z, y, x) of the grid's places with these stage axes."""
     place_of = {lateral[0]: index[:, 1], lateral[1]: index[:, 2]}
     rising = len(plan.depths_um) < 2 or plan.depths_um[1] > plan.depths_um[0]
     z = index[:, 0] if (stage.away[0] == "+") == rising else len(grid.planes) - 1 - index[:, 0]
@@ -197,7 +197,7 @@ def _positions(
 
 
 def _affine(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the affine ``(k, 3)`` from (1, coordinates) to object space, and object space less what it gives (um)."""
+    """Return the affine ``(k, 3)`` from (1, coordinates) to object space, and its residuals (µm)."""
     places = np.where(np.isfinite(listing.places), listing.places, 0.0)
     centred = places - places.mean(axis=0)
     spread = np.ptp(centred, axis=0)
@@ -211,7 +211,7 @@ def _affine(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp]) -> tu
 
 
 def _misfit(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp]) -> float:
-    """Return the root mean square of what the affine leaves, in steps and in distances of planes."""
+    """Return the rms residual of the affine, in steps and in distances of planes."""
     _, rest = _affine(listing, plan, positions)
     steps = np.array([plan.step_um(z) for z in range(plan.shape[0])])[positions[:, 0]]
     lateral = float((rest[:, 1] ** 2 / steps[:, 0] ** 2 + rest[:, 0] ** 2 / steps[:, 1] ** 2).mean())
@@ -220,10 +220,10 @@ def _misfit(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp]) -> fl
 
 
 def _fitted(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp], stage: StageAxes) -> Placing:
-    """Return the placing with its drift, or raise where it cannot be meant."""
+    """Return the placing with its drift, or raise if it is implausible."""
     affine, rest = _affine(listing, plan, positions)
     steps = np.array([plan.step_um(z) for z in range(plan.shape[0])])[positions[:, 0]]
-    # where the source truly was, less where the plan wants it, in resampled and then in sensor pixels
+    # actual minus planned place of the source, in resampled and then in sensor pixels
     drift = -rest[:, [1, 0]] / steps / np.array(plan.resample_factors)
     size = np.hypot(*drift.T)
     worst = int(size.argmax())
@@ -252,7 +252,7 @@ def _fitted(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp], stage
 
 
 def _check_once(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp]) -> None:
-    """Raise where more frames belong to one position than the plan averages."""
+    """Raise if more frames belong to one position than the plan averages."""
     _, number, counts = np.unique(positions, axis=0, return_inverse=True, return_counts=True)
     if counts.max() > plan.frames_averaged:
         first, second = np.flatnonzero(number.ravel() == counts.argmax())[:2]
@@ -266,7 +266,7 @@ def _check_once(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp]) -
 
 
 def _lateral_scale(listing: Listing, affine: NDArray[Any], plan: ScanPlan) -> tuple[float, str]:
-    """Return the micrometres along the plan's object space of one along x and y, 0 if none, and the unit nearest it."""
+    """Return the scale along x and y in micrometres of the plan's object space, 0 if none, and the nearest unit."""
     lateral = [k for k in range(3) if AXES[k] != plan.stage.away[1]]
     per = [float(np.linalg.norm(affine[1 + k, :2])) for k in lateral if affine[1 + k].any()]
     if not per:
@@ -276,12 +276,14 @@ def _lateral_scale(listing: Listing, affine: NDArray[Any], plan: ScanPlan) -> tu
 
 
 def _scale_notes(listing: Listing, affine: NDArray[Any], plan: ScanPlan) -> tuple[list[str], list[str]]:
-    """Return what the unit was taken for, and by how much the steps differ from the plan's."""
+    """Return the unit that was assumed, and the difference of the steps from the plan."""
     scale, unit = _lateral_scale(listing, affine, plan)
     if not scale:
         return [], []
     ratio = UNITS[unit] / scale
-    notes = [] if listing.unit else [f"unit: {unit}, as the plan's steps tell; --columns x_{unit}=… says it"]
+    notes = (
+        [] if listing.unit else [f"unit: {unit}, inferred from the plan's steps; state it with --columns x_{unit}=…"]
+    )
     if not 0.8 < ratio < 1.25 and not listing.unit:
         return [f"unit: 1 of the list is {scale:.4g} um, as the plan's steps tell"], []
     if not 0.8 < ratio < 1.25:
@@ -297,13 +299,13 @@ def _scale_notes(listing: Listing, affine: NDArray[Any], plan: ScanPlan) -> tupl
 
 
 def _depth_notes(listing: Listing, affine: NDArray[Any], rest: NDArray[np.float64], plan: ScanPlan) -> list[str]:
-    """Return by how much the list's distances of planes differ from the plan's, or raise where they cannot be meant."""
+    """Return the difference of the list's plane distances from the plan, or raise if it is implausible."""
     if len(plan.depths_um) < 2:
         return []
     axis = AXES.index(plan.stage.away[1])
     scale, unit = _lateral_scale(listing, affine, plan)
     per = abs(float(affine[1 + axis, 2]))
-    if not listing.unit and not (scale and 0.8 < UNITS[unit] / scale < 1.25):  # axes of units of their own may differ
+    if not listing.unit and not (scale and 0.8 < UNITS[unit] / scale < 1.25):  # axes with stated units may differ
         return [f"depths: 1 of the list's {AXES[axis]} is {per:.4g} um, as the plan's depths tell"]
     ratio, what = UNITS[unit] / per, f"{AXES[axis]} of the planes"
     if not LEAST < ratio < MOST:
@@ -340,11 +342,11 @@ def _axes_notes(plan: ScanPlan, stage: StageAxes, reading: StageOrientation | No
         return [f"{words}; if the plan is right the frames are {other.words} (--orientation {other.option})"]
     if reading is not None:
         return [f"axes: {found} move the image right, down and the source away; the light agrees"]
-    return [f"axes: {found} as the plan says; the list alone does not tell their sense"] if several else []
+    return [f"axes: {found} as in the plan; the list alone does not show their signs"] if several else []
 
 
 def _light_notes(plan: ScanPlan, light: CentroidMotion | None, stage: StageAxes, lateral: tuple[int, int]) -> list[str]:
-    """Return a note where the light lies elsewhere than the plan puts it."""
+    """Return a note if the light is elsewhere than planned."""
     if light is None or light.axes() is None:
         return []
     where = anchor_of(light, stage, lateral, plan.period)
@@ -363,6 +365,6 @@ def anchor_of(
     """Return row and column of the light at position y = x = 0."""
     start = np.array(light.start)
     for axis, count in ((stage.down, period[0]), (stage.right, period[1])):
-        if axis[0] == "-":  # the first place of the axis is then the last position
+        if axis[0] == "-":  # the first place along the axis is then the last position
             start = start + light.matrix[:, lateral.index(AXES.index(axis[1]))] * (count - 1)
     return float(start[0]), float(start[1])

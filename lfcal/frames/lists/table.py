@@ -1,4 +1,4 @@
-"""Text tables as spreadsheets, stage programs and scripts write them, and what their columns hold."""
+"""Text tables from spreadsheets, stage programs and scripts, and the assignment of their columns."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ __all__ = [
 ]
 
 TABLE_SUFFIXES = frozenset({".csv", ".tsv", ".txt", ".dat"})
-"""Endings of tables; of these, ``.csv`` and ``.tsv`` are looked for in a folder of frames."""
+"""Suffixes of tables; of these, ``.csv`` and ``.tsv`` are searched for in a folder of frames."""
 
 MAX_BYTES = 256 << 20
 SAMPLE = 20
-"""Lines that the separator is judged by."""
+"""Number of lines from which the separator is found."""
 
 _SEPARATORS = {"\t": "tab", ";": "semicolon", "|": "bar", ",": "comma"}
 _COMMA_NUMBER = re.compile(r"[-+]?\d+,\d+(?:[eE][-+]?\d+)?")
@@ -48,15 +48,15 @@ class Table:
     columns
         Names of the columns; ``"1"``, ``"2"`` … where the table has no header.
     rows
-        Cells of each row, as many as columns, decimal commas turned into points.
+        Cells of each row, one per column, with decimal commas converted to points.
     lines
-        Line of the file of each row, from 1.
+        Line number in the file of each row, from 1.
     separator
-        In words: tab, semicolon, bar, comma or blanks.
+        Separator in words: tab, semicolon, bar, comma or blanks.
     decimal
-        ``"."`` or ``","`` as the file has it.
+        Decimal sign of the file, ``"."`` or ``","``.
     header
-        Whether the file names its columns.
+        Whether the file has column names.
     """
 
     name: str
@@ -74,15 +74,15 @@ class Table:
 
 
 def read_table(path: str | Path) -> Table:
-    """Read a table whose separator, decimal sign and header are found from its text.
+    """Read a table; separator, decimal sign and header are detected from its text.
 
-    Empty lines, rows of empty cells, empty columns at the end, and lines that begin with ``#`` or ``%`` are left out;
-    the line ``sep=;`` of spreadsheets is heeded. The text is UTF-8, UTF-16 or code page 1252.
+    Empty lines, rows of empty cells, empty columns at the end, and lines that begin with ``#`` or ``%`` are skipped.
+    The line ``sep=;`` of spreadsheets is obeyed. The text is UTF-8, UTF-16 or code page 1252.
 
     Raises
     ------
     FileFormatError
-        If the rows do not have one number of cells, a column is named twice, or numbers are written in two ways.
+        If rows differ in the number of cells, a column name occurs twice, or numbers have two formats.
     StorageError
         If the file cannot be read.
     """
@@ -97,7 +97,7 @@ def read_table(path: str | Path) -> Table:
             lines.append((number, line))
     separator = said or _separator([line for _, line in lines[:SAMPLE]])
     split = ((number, _split(line, separator, path)) for number, line in lines)
-    # spreadsheets leave rows of separators alone where something was deleted
+    # spreadsheets leave rows of only separators where something was deleted
     cells = [(number, row) for number, row in split if any(row)]
     if not cells:
         raise FileFormatError.expected(str(path), "a table with a row for each frame", "an empty one", "check the file")
@@ -121,13 +121,13 @@ def read_table(path: str | Path) -> Table:
 
 
 def _separator(lines: list[str]) -> str:
-    """Return the separator that every line has equally often outside of quotes; a blank where none has."""
+    """Return the separator that occurs equally often in every line outside of quotes; a blank if there is none."""
     bare = [re.sub(r'"[^"]*"', "", line) for line in lines]
     for separator in _SEPARATORS:
         counts = {line.count(separator) for line in bare}
         if len(counts) == 1 and counts != {0}:
             return separator
-    # a header of words and rows with decimal commas differ in commas; whatever stands in all lines is the separator
+    # a header and rows with decimal commas differ in commas; the sign that occurs in all lines is the separator
     for separator in ("\t", ";", ","):
         if bare and all(separator in line for line in bare):
             return separator
@@ -154,7 +154,7 @@ def _check_columns(path: Path, columns: tuple[str, ...]) -> None:
 
 
 def _decimal(path: Path, rows: Iterable[list[str]]) -> str:
-    """Return the decimal sign of the numbers; raises where both are used."""
+    """Return the decimal sign of the numbers; raises if both are used."""
     comma = point = ""
     for row in rows:
         for cell in row:
@@ -183,12 +183,12 @@ def _row(path: Path, number: int, row: list[str], count: int, decimal: str, sepa
 
 
 ROLES = ("file", "page", "z", "y", "x", "exposure", "dy", "dx")
-"""What a column can hold; only file, y and x are needed."""
+"""Roles of a column; only file, y and x are required."""
 
 LENGTHS = {"um": 1.0, "µm": 1.0, "μm": 1.0, "micron": 1.0, "microns": 1.0, "mm": 1e3, "nm": 1e-3, "m": 1e6}
-"""Micrometres of each unit of length."""
+"""Micrometres in each unit of length."""
 TIMES = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
-"""Seconds of each unit of time."""
+"""Seconds in each unit of time."""
 
 _FILE = {"file", "filename", "filepath", "image", "img", "imagefile", "name", "path"}
 _FILE_EXTRA = {"file", "name", "path", "image", "tif", "tiff", "frame"}
@@ -204,16 +204,16 @@ _WORD = re.compile(r"[A-Z]+(?=[A-Z][a-zµμ])|[A-Zµμ]?[a-zµμ]+|[A-Zµμ]+|[0
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column that is used.
+    """One column with a role.
 
     Attributes
     ----------
     role
         One of `ROLES`.
     name
-        Its name in the table.
+        Name in the table.
     unit
-        Unit of length (z, y, x) or time (exposure) by name, ``"index"`` for numbers of positions; empty: not stated.
+        Name of the unit of length (z, y, x) or time (exposure), ``"index"`` for position numbers; empty: not stated.
     """
 
     role: str
@@ -221,21 +221,21 @@ class Column:
     unit: str = ""
 
     def __str__(self) -> str:
-        """Return ``role=name (unit)``, without the unit where the name has it."""
+        """Return ``role=name (unit)``, without the unit if the name contains it."""
         named = self.unit in (word.lower() for word in _WORD.findall(self.name))
         return f"{self.role}={self.name}{f' ({self.unit})' if self.unit and not named else ''}"
 
 
 def parse_columns(text: str) -> dict[str, tuple[str, str]]:
-    """Return what ``"file=Name,y=PosY,exposure_ms=Exp"`` says: role to column name and unit.
+    """Return the assignment in ``"file=Name,y=PosY,exposure_ms=Exp"``: column name and unit by role.
 
-    A unit follows the role, ``y_mm=PosY``; ``y_index=Row`` says that a column counts positions; ``exposure=`` says that
-    no column holds it, whatever its name.
+    A unit follows the role, as in ``y_mm=PosY``. ``y_index=Row`` states that a column counts positions. ``exposure=``
+    states that no column contains it, whatever its name.
 
     Raises
     ------
     InputError
-        If it is not of this form, or names what no column can hold.
+        If it does not have this form, or names an unknown role.
     """
     found: dict[str, tuple[str, str]] = {}
     for part in text.split(","):
@@ -254,12 +254,12 @@ def parse_columns(text: str) -> dict[str, tuple[str, str]]:
 
 
 def find_columns(table: Table, stated: Mapping[str, tuple[str, str]] | None = None) -> tuple[Column, ...]:
-    """Return which columns are used for what, those that ``stated`` names first.
+    """Return the columns by role; those that ``stated`` names have priority.
 
     Raises
     ------
     InputError
-        If several columns could hold the same, a needed one is not found, or ``stated`` names one that is not there.
+        If several columns could have the same role, a required one is not found, or ``stated`` names a missing one.
     """
     chosen, doubtful = _sorted_out(table, stated or {})
     for role, found in doubtful.items():
@@ -279,7 +279,7 @@ def find_columns(table: Table, stated: Mapping[str, tuple[str, str]] | None = No
 
 
 def clear_columns(table: Table, stated: Mapping[str, tuple[str, str]] | None = None) -> tuple[Column, ...]:
-    """Return those columns that ``stated`` names or whose names leave no doubt, also where others are missing."""
+    """Return the columns that ``stated`` names or whose names are unambiguous, even if others are missing."""
     chosen, _ = _sorted_out(table, stated or {})
     return tuple(chosen[role] for role in ROLES if role in chosen)
 
@@ -308,12 +308,12 @@ def _sorted_out(
 
 
 def columns_in_words(columns: tuple[Column, ...]) -> str:
-    """Return what was found, as it is shown and as ``--columns`` takes it."""
+    """Return the assignment found, in the form that is displayed and that ``--columns`` accepts."""
     return ", ".join(map(str, columns))
 
 
 def _by_endings(table: Table, used: set[str]) -> dict[str, Column]:
-    """Return the only column whose cells all end as images do, whatever its name."""
+    """Return the only column whose cells all have image suffixes, whatever its name."""
     endings = tuple(image_suffixes())
     found = [
         name
@@ -325,7 +325,7 @@ def _by_endings(table: Table, used: set[str]) -> dict[str, Column]:
 
 def _stated_column(table: Table, role: str, name: str, unit: str) -> Column:
     if name not in table.columns and name.isdigit() and 1 <= int(name) <= len(table.columns):
-        name = table.columns[int(name) - 1]  # a name that cannot be typed is given by its number
+        name = table.columns[int(name) - 1]  # a name that cannot be typed is replaced by its number
     if name not in table.columns:
         near = [column for column in table.columns if column.lower() == name.lower()]
         if len(near) != 1:
@@ -338,7 +338,7 @@ def _stated_column(table: Table, role: str, name: str, unit: str) -> Column:
 
 
 def _guess(name: str) -> Column | None:
-    """Return what a column of this name holds; None where it is not used."""
+    """Return the role of a column of this name; None if it has none."""
     words = [word.lower() for word in _WORD.findall(name)]
     if words in (["dy"], ["dx"]):
         return Column(words[0], name)

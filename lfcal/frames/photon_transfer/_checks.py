@@ -1,4 +1,4 @@
-"""What of a series does not look like raw frames of a steady scene, in words."""
+"""Signs that a series does not consist of raw frames of a steady scene, in words."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from lfcal.frames.photon_transfer._flats import FlatLevel
 __all__ = ["doubts_of", "notes_of"]
 
 MAX_CORRELATION = 0.05
-"""Correlation of neighbours' noise from which pixels are not independent."""
+"""Correlation of neighbours' noise above which pixels are not independent."""
 
 SPARSE = 0.97
-"""Share of sample values in use below which a table stretched them."""
+"""Share of used sample values below which a lookup table has stretched them."""
 
 LAG = 1.1
 FLICKER = 0.02
@@ -28,13 +28,13 @@ CHI2 = 4.0
 def doubts_of(
     converter: Converter, darks: Sequence[DarkLevel], flats: Sequence[FlatLevel], curve: PhotonTransferCurve
 ) -> tuple[str, ...]:
-    """Return why the figures are not those of the sensor; empty where nothing speaks against them."""
+    """Return why the values are not those of the sensor; empty if there is no doubt."""
     doubts = [f"gain: {curve.refusal}"] if curve.refusal else []
-    # what rounding alone makes of darks says nothing of their noise
+    # darks dominated by rounding do not show their noise
     noisy = [d.likeness for d in darks if d.variance.value >= ROUNDING_VARIANCE or converter.step < 1]
     dark = np.mean(noisy, axis=0) if noisy else np.zeros(2)
     lit = _likeness(flats, curve)
-    # rows or columns with noise of their own make neighbours alike along one axis only
+    # row or column noise correlates neighbours along one axis only
     if min(dark) > MAX_CORRELATION or (
         lit is not None and min(lit) > MAX_CORRELATION and min(dark) > MAX_CORRELATION / 2
     ):
@@ -65,7 +65,7 @@ def doubts_of(
 def notes_of(
     converter: Converter, darks: Sequence[DarkLevel], flats: Sequence[FlatLevel], curve: PhotonTransferCurve
 ) -> tuple[str, ...]:
-    """Return what is worth knowing of the series though it does not spoil the figures."""
+    """Return remarks on the series that do not invalidate the values."""
     notes = []
     if converter.shift:
         notes.append(f"samples are left-aligned by {converter.shift} bits; all counts are after moving them down")
@@ -85,7 +85,7 @@ def notes_of(
         )
     if darks[0].cut_off:
         notes.append(
-            "darks are cut off at zero: black level and offsets are unknown, read noise is told from the curve; "
+            "darks are cut off at zero: black level and offsets are unknown, read noise comes from the curve; "
             "raise the camera's black level"
         )
     if not curve.refusal and abs(curve.departure) > 0:
@@ -99,7 +99,7 @@ def notes_of(
 
 
 def _fitted(flats: Sequence[FlatLevel], curve: PhotonTransferCurve) -> list[FlatLevel]:
-    """Return the levels with pairs that lie within the fit, or else the dimmest."""
+    """Return the levels with pairs within the fitted range, or else the dimmest."""
     paired = [level for level in flats if level.pairs]
     return [level for level in paired if float(level.bright.mean()) < curve.limit] or paired[:1]
 

@@ -1,4 +1,4 @@
-"""What the sample values alone tell of the converter: bits in use, alignment, clipping, averaging."""
+"""Properties of the converter from the sample values alone: bits in use, alignment, clipping, averaging."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ __all__ = ["Converter", "ConverterScan"]
 
 SAMPLE_VALUES = 1 << 16
 ROWS = 64
-"""Rows of a frame that are looked at for fractions."""
+"""Number of rows of a frame examined for fractions."""
 
 
 @dataclass(frozen=True)
 class Converter:
-    """What a series of frames shows of their converter.
+    """Properties of the converter found in a series of frames.
 
     Attributes
     ----------
     top
-        Highest sample value seen, moved down by ``shift``.
+        Highest sample value found, shifted down by ``shift``.
     clip
-        Sample value at which many samples pile up; None: none is seen.
+        Sample value at which many samples accumulate; None if there is none.
     shift
-        Empty low bits: samples are left-aligned by so many.
+        Number of empty low bits of left-aligned samples.
     step
-        Distance of neighbouring sample values after the shift, 0 for floats that are not on a grid.
+        Spacing of sample values after the shift, 0 for floats that are not on a grid.
     used
-        Share of the sample values that occur, where there are so many samples that all should.
+        Share of the sample values that occur, where the number of samples suffices for all of them.
     """
 
     top: float
@@ -44,12 +44,12 @@ class Converter:
 
 @dataclass
 class ConverterScan:
-    """Histograms over all frames as they are read.
+    """Histograms accumulated over all frames as they are read.
 
     Attributes
     ----------
     counts
-        Pixels with each sample value; empty until whole numbers are seen.
+        Number of pixels with each sample value; empty until integer frames are read.
     """
 
     counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
@@ -65,7 +65,7 @@ class ConverterScan:
             return
         low, high = float(values.min()), float(values.max())
         if low < 0 or high >= SAMPLE_VALUES:
-            # signed or 32-bit samples are no converter's; their variance still tells of gain and noise
+            # signed or 32-bit samples do not come from a converter; their variance still shows gain and noise
             return
         found = np.bincount(np.ascontiguousarray(values, np.uint16).ravel(), minlength=SAMPLE_VALUES)
         self.counts = found if not self.counts.size else self.counts + found
@@ -76,16 +76,16 @@ class ConverterScan:
         some = values[:ROWS].astype(np.float64)
         if self.first is None:
             self.first, self.step = some, _grid(some)
-        # a mean dark that was subtracted leaves the same fraction in every frame, whose noise is still that of one
+        # a subtracted mean dark leaves the same fraction in every frame, with the noise of a single one
         elif some.shape == self.first.shape:
             away = some - self.first
             if np.abs(away).max() > 0.5 and np.abs(away - np.rint(away)).max() < 1e-2:
                 self.step = 1.0
 
     def result(self) -> Converter:
-        """Return what the histogram tells; raises `InputError` where all samples are alike."""
+        """Return the properties found in the histogram; raises `InputError` if all samples are equal."""
         values = np.flatnonzero(self.counts)
-        # where the brightest frames are not among the whole numbers, these tell nothing of the converter's end
+        # if the brightest frames are not integers, the others do not show the converter's upper end
         if not values.size or self.step < 1 or self.top > values[-1]:
             return Converter(self.top, None, 0, self.step, 1.0)
         if values.size < 2:
@@ -99,23 +99,23 @@ class ConverterScan:
 
 
 def _pile(counts: NDArray[np.int64]) -> float | None:
-    """Return the highest sample value where it holds far more samples than those just below it."""
+    """Return the highest sample value if it has far more samples than those just below it."""
     top = int(np.flatnonzero(counts)[-1])
     width = max(4, top // 100)
     below = counts[max(0, top - width) : top]
-    # the brightest samples of an unclipped frame thin out towards the top
+    # the brightest samples of an unclipped frame become rarer towards the top
     if counts[top] >= 20 and below.size and counts[top] > 5 * max(below.mean(), 0.2 * float(below.max())):
         return float(top)
     return None
 
 
 def _used(counts: NDArray[np.int64]) -> float:
-    """Return the share of sample values that occur, where samples on both sides are so many that none should lack."""
+    """Return the share of sample values that occur, in ranges with enough samples on both sides to expect them all."""
     reach = 6
     sums = np.concatenate([np.zeros(reach + 1, np.int64), np.cumsum(counts), np.full(reach, counts.sum())])
     at = np.arange(counts.size) + reach
     below, above = sums[at] - sums[at - reach], sums[at + 1 + reach] - sums[at + 1]
-    # levels of light end between two values of their own: there one side has none
+    # at the end of a light level, one side has no samples
     inside = (below > 20 * reach) & (above > 20 * reach)
     return float((counts[inside] > 0).mean()) if inside.sum() >= 32 else 1.0
 

@@ -1,4 +1,4 @@
-"""The photon-transfer curve: variance over mean, its slope, and where it breaks."""
+"""The photon-transfer curve: variance against mean, its slope, and its limit."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from lfcal.frames.photon_transfer._values import MeasuredValue
 __all__ = ["PhotonTransferCurve", "fit_curve"]
 
 LINEAR_UP_TO = 0.7
-"""Share of saturation up to which the variance is taken as linear (EMVA 1288 release 4, section 6)."""
+"""Share of saturation up to which the variance is treated as linear (EMVA 1288 release 4, section 6)."""
 
 ROUNDING_VARIANCE = 0.35
-"""Variance of whole samples (squared counts) below which their rounding hides the noise."""
+"""Variance of integer samples below which rounding hides the noise."""
 
 BENT = 0.02
-"""Departure from the line, relative at its upper end, from which the curve's bend is fitted too."""
+"""Deviation from the line, relative at its upper end, above which the curvature is fitted too."""
 
 REFUSED = 0.35
-"""Departure at which the samples are no linear measure of light."""
+"""Deviation above which the samples are not a linear measure of light."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,25 +33,25 @@ class PhotonTransferCurve:
     Attributes
     ----------
     points
-        All points measured, the dark one first.
+        All measured points, the dark one first.
     used
-        Which of them were fitted.
+        Which of the points were fitted.
     slope
-        K (sample values per electron); None where it cannot be told.
+        K (sample values per electron); None if it is undetermined.
     constant
         C: read noise and rounding (squared sample values).
     bend
-        Q; 0 unless the points call for it.
+        Q; 0 unless it is significant.
     departure
-        Of the variance from the line of its beginning, relative, at the highest point fitted.
+        Relative deviation of the variance from the initial line, at the highest fitted point.
     chi2
-        Of the points fitted, per degree of freedom.
+        Chi² of the fitted points, per degree of freedom.
     limit
-        Highest signal fitted (sample values above black).
+        Highest fitted signal (sample values above black).
     saturation
-        Signal above black at which the variance breaks; None: it does not.
+        Signal above black at which the variance drops; None if it does not.
     refusal
-        Why there is no slope; empty where there is one.
+        Reason for a missing slope; empty if there is one.
     """
 
     points: TransferPoints
@@ -79,11 +79,11 @@ def fit_curve(points: TransferPoints, clip: float | None, whole: bool) -> Photon
     Parameters
     ----------
     points
-        Of all pairs, the dark one among them.
+        Points of all pairs, including the dark one.
     clip
-        Signal above black at which samples are clipped; None where none are.
+        Signal above black at which samples are clipped; None if none are.
     whole
-        Whether samples are whole numbers, whose rounding hides noise below half a count.
+        Whether samples are integers, whose rounding hides noise below half a count.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def fit_curve(points: TransferPoints, clip: float | None, whole: bool) -> Photon
         raise InputError.expected("flats", "light above the dark level", "none", "check lamp and shutter")
     limit = LINEAR_UP_TO * float(points.x.max() if clip is None else clip)
     if clip is None and not (points.x[points.x <= limit] > 0).any():
-        limit = float(points.x.max())  # flats of one brightness, of which nothing says that they saturate
+        limit = float(points.x.max())  # flats of one brightness, without any sign of saturation
     saturation = None
     for _ in range(3):
         curve = _fitted(points, limit, whole, saturation)
@@ -152,7 +152,7 @@ def _least_squares(
     model = np.maximum(y, floor)
     solution = np.zeros(terms)
     for _ in range(12):
-        # weights from the model: by the points' own scatter low ones would count more and pull the curve down
+        # weights from the model: with weights from the points' scatter, low points would count more and bias the curve
         weight = np.sqrt(n / (2 * model**2))
         solution, *_ = np.linalg.lstsq(base * weight[:, None], y * weight, rcond=None)
         model = np.maximum(base @ solution, floor)
@@ -165,14 +165,14 @@ def _least_squares(
 
 
 def _break(curve: PhotonTransferCurve) -> MeasuredValue | None:
-    """Return where the variance has its maximum, if it falls far below the curve beyond it (EMVA: saturation)."""
+    """Return the maximum of the variance, if it drops far below the curve beyond it (EMVA: saturation)."""
     if curve.refusal or curve.slope is None:
         return None
     x, y = curve.points.x, curve.points.y
     model = curve.variance(x)
     order = np.argsort(x)
     low = (y < 0.6 * model)[order] & (x > 0.3 * x.max())[order]
-    # all that lies above the break is low; a single point that is low is none
+    # all points above the drop are low; a single low point is not a drop
     run = np.flatnonzero(~low[::-1])
     high = int(run[0]) if run.size else low.size
     if high < 1:
@@ -182,5 +182,5 @@ def _break(curve: PhotonTransferCurve) -> MeasuredValue | None:
     if not below.size:
         return None
     at, nearest = float(np.median(top)), float(below[-1])
-    # variance breaks between the last point on the curve and those where it is gone
+    # the drop is between the last point on the curve and the first low one
     return MeasuredValue(max(nearest, float(top.min())), max(abs(at - nearest) / 2, 0.5))

@@ -1,4 +1,4 @@
-"""What darks tell: black level, read noise, dark current, offsets of single pixels."""
+"""Sensor properties from darks: black level, read noise, dark current, offsets of single pixels."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from lfcal.frames.photon_transfer.frame_list import CalibrationFrame
 __all__ = ["ROUNDING_VARIANCE", "DarkLevel", "dark_current", "measure_darks", "offset_scatter", "read_noise"]
 
 HOT_SIGMAS = 8.0
-"""A pixel is hot so many robust standard deviations above the others."""
+"""Excess over other pixels, in robust standard deviations, above which a pixel is hot."""
 
 MAX_ZEROS = 0.01
-"""Share of samples at zero from which darks are cut off there."""
+"""Share of samples at zero above which darks are considered clipped."""
 
 ROUNDING_VARIANCE = 0.3
-"""Variance of whole dark samples below which it may all be rounding: up to 1/4 where black lies between two values."""
+"""Variance of integer darks below which it may be only rounding: up to 1/4 if black is between two values."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,15 +32,15 @@ class DarkLevel:
     Attributes
     ----------
     exposure_s
-        Their exposure (s), None where not known.
+        Exposure (s), None if unknown.
     mean
-        Their mean ``(rows, columns)`` (sample values).
+        Mean ``(rows, columns)`` (sample values).
     count
-        How many they are.
+        Number of darks.
     variance
         Temporal variance of a sample (squared sample values).
     samples
-        Differences that the variance was measured on.
+        Number of differences used for the variance.
     zeros
         Share of samples that are zero.
     likeness
@@ -63,15 +63,15 @@ class DarkLevel:
 
     @property
     def cut_off(self) -> bool:
-        """Whether noise below zero was cut off, which moves the mean up and hides noise."""
+        """Whether noise below zero was clipped, which raises the mean and reduces the noise."""
         return self.zeros > MAX_ZEROS
 
     @property
     def black(self) -> MeasuredValue:
-        """Mean level and its error, of which the drift from frame to frame is a part."""
+        """Mean level and its error, which includes the drift from frame to frame."""
         values = self.mean[self.good].astype(np.float64)
         drift = float(self.frame_means.std(ddof=1)) / np.sqrt(self.count) if self.count > 1 else 0.0
-        # what temporal noise and the pixels' own offsets make of the mean of so many pixels
+        # contribution of temporal noise and pixel offsets to the error of the mean
         chance = float(values.std()) / np.sqrt(max(1, values.size))
         return MeasuredValue(float(values.mean()), float(np.hypot(drift, chance)))
 
@@ -85,7 +85,7 @@ class DarkLevel:
 
 
 def measure_darks(frames: Sequence[CalibrationFrame], exposure_s: float | None) -> DarkLevel:
-    """Measure the darks of one exposure; raises `InputError` where there is one only, or they are all the same."""
+    """Measure the darks of one exposure; raises `InputError` for a single dark, or identical ones."""
     if len(frames) < 2:
         raise InputError.expected(
             "darks", "two or more of each exposure", f"one ({frames[0].label})", "record at least a pair"
@@ -94,7 +94,7 @@ def measure_darks(frames: Sequence[CalibrationFrame], exposure_s: float | None) 
     good = _not_hot(mean)
     variances, weights, likeness = [], [], []
     for first, second in zip(frames[::2], frames[1::2], strict=False):
-        # darks hold no light: nothing to sort by, and no ratio to find
+        # darks have no light: there is nothing to sort by, and no ratio to find
         empty = np.zeros_like(mean)
         found = measure_pair(FramePair(first.read(), second.read(), empty, empty, good, "", len(frames), lit=False))
         if found.equal:
@@ -119,7 +119,7 @@ def measure_darks(frames: Sequence[CalibrationFrame], exposure_s: float | None) 
 
 
 def _scatter(variances: list[float], value: float, total: int) -> float:
-    """Return the standard error of a mean of variances: by chance, and as they scatter from pair to pair."""
+    """Return the standard error of a mean of variances, by chance and from the scatter between pairs."""
     chance = value * np.sqrt(2 / max(1, total))
     seen = float(np.std(variances, ddof=1)) / np.sqrt(len(variances)) if len(variances) > 2 else 0.0
     return float(max(chance, seen))
@@ -133,7 +133,7 @@ def _mean(frames: Sequence[CalibrationFrame]) -> tuple[NDArray[np.float32], NDAr
         total = np.zeros(values.shape) if total is None else total
         total += values
         means.append(float(values.mean(dtype=np.float64)))
-        # samples below zero show that nothing was cut off
+        # samples below zero show that nothing was clipped
         zeros += int(np.count_nonzero(values == 0)) if values.min() >= 0 else 0
     assert total is not None
     return (total / len(frames)).astype(np.float32), np.array(means), zeros / (total.size * len(frames))
@@ -142,7 +142,7 @@ def _mean(frames: Sequence[CalibrationFrame]) -> tuple[NDArray[np.float32], NDAr
 def _not_hot(mean: NDArray[np.float32]) -> NDArray[np.bool_]:
     middle = float(np.median(mean))
     spread = 1.4826 * float(np.median(np.abs(mean - middle)))
-    # noise cut off at zero has one side only, and rounding may leave the median alone
+    # noise clipped at zero is one-sided, and rounding may not change the median
     low, high = np.percentile(mean, (1, 84)).tolist()
     spread = max(spread, high - middle, (middle - low) / 2.33)
     good: NDArray[np.bool_] = np.abs(mean - middle) <= HOT_SIGMAS * max(spread, 0.25)
@@ -150,23 +150,23 @@ def _not_hot(mean: NDArray[np.float32]) -> NDArray[np.bool_]:
 
 
 def read_noise(dark: DarkLevel, whole: bool) -> MeasuredValue | None:
-    """Return the read noise (sample values, rms) without that of rounding; None where rounding hides it."""
+    """Return the read noise (sample values, rms) without rounding noise; None if rounding hides it."""
     if whole and dark.variance.value < ROUNDING_VARIANCE:
         return None
     rounding = 1 / 12 if whole else 0.0
     found = MeasuredValue(dark.variance.value - rounding, dark.variance.sigma).root()
     if whole and found.value < 0.6:
-        # near one step the rounding errors of two frames are alike, by as much as the level lies between two values
+        # near one step, rounding errors of two frames are correlated, depending on the level between two values
         return MeasuredValue(found.value, float(np.hypot(found.sigma, 0.04)))
     return found
 
 
 def offset_scatter(dark: DarkLevel, whole: bool) -> MeasuredValue | None:
-    """Return the scatter of the pixels' offsets (sample values, rms), the mean frame's temporal noise taken off.
+    """Return the scatter of the pixels' offsets (sample values, rms), without the temporal noise of the mean frame.
 
-    None where rounding hides it, or the darks are cut off at zero.
+    None if rounding hides it, or the darks are clipped at zero.
 
-    EMVA 1288 release 4, section 8; hot pixels are counted on their own and left out here.
+    EMVA 1288 release 4, section 8; hot pixels are counted separately and left out here.
     """
     if dark.cut_off or (whole and dark.variance.value < ROUNDING_VARIANCE):
         return None
@@ -178,9 +178,10 @@ def offset_scatter(dark: DarkLevel, whole: bool) -> MeasuredValue | None:
 
 
 def dark_current(levels: Sequence[DarkLevel], slope: MeasuredValue) -> tuple[MeasuredValue | None, str]:
-    """Return electrons per pixel and second from darks of several exposures, and how they were told.
+    """Return electrons per pixel and second from darks of several exposures, and the method used.
 
-    From the mean level over exposure; where the camera subtracts its own dark signal, from the growth of the variance.
+    The method uses the growth of the mean level with exposure, or that of the variance if the camera subtracts its
+    dark signal.
     """
     known = sorted((one for one in levels if one.exposure_s), key=lambda one: one.exposure_s or 0.0)
     if len({one.exposure_s for one in known}) < 2:
@@ -193,7 +194,7 @@ def dark_current(levels: Sequence[DarkLevel], slope: MeasuredValue) -> tuple[Mea
         by_mean.sigma, by_variance.sigma
     ):
         return by_mean, ""
-    return by_variance, "the camera takes dark current off itself: it was told from the growth of the noise"
+    return by_variance, "the camera subtracts dark current: it was derived from the growth of the noise"
 
 
 def _slope(seconds: NDArray[np.float64], values: Sequence[MeasuredValue]) -> MeasuredValue:

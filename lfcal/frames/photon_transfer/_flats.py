@@ -1,4 +1,4 @@
-"""What flats show: levels of equal light, linearity (EMVA 1288 release 4, section 6), differences between pixels."""
+"""Sensor properties from flats: levels of light, linearity (EMVA 1288 release 4, section 6), pixel differences."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lfcal.frames.photon_transfer.frame_list import CalibrationFrame
 __all__ = ["FlatLevel", "find_dead", "measure_level", "measure_linearity", "measure_prnu", "sorted_levels"]
 
 LEVEL_TOLERANCE = 0.10
-"""Frames whose light differs by less are of one level; a pair allows for what they differ by."""
+"""Frames whose light differs by less belong to the same level; a pair corrects for the difference."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,15 +27,16 @@ class FlatLevel:
     Attributes
     ----------
     exposure_s
-        Their exposure (s), None where not known.
+        Exposure (s), None if unknown.
     bright
-        Their mean less the dark ``(rows, columns)`` (sample values).
+        Mean minus the dark ``(rows, columns)`` (sample values).
     count
-        How many they are.
+        Number of flats.
     pairs
-        What each pair of them gives.
+        Result of each pair.
     lagging
-        Half variance of the first and third frame's difference over that of first and second; None with fewer frames.
+        Half variance of the difference of first and third frame, divided by that of first and second; None with fewer
+        frames.
     """
 
     exposure_s: float | None
@@ -48,10 +49,10 @@ class FlatLevel:
 def sorted_levels(
     frames: Sequence[CalibrationFrame], means: Sequence[float], black: float
 ) -> list[list[CalibrationFrame]]:
-    """Return the flats by level: of one folder and exposure each, and of like light where these say nothing.
+    """Return the flats by level: with the same folder and exposure, or of similar light if these are unknown.
 
-    Frames keep their order. Whatever is stated, frames whose mean above ``black`` differs by more than
-    `LEVEL_TOLERANCE` are of different levels. Levels come from dim to bright.
+    Frames keep their order. In any case, frames whose mean above ``black`` differs by more than `LEVEL_TOLERANCE`
+    belong to different levels. Levels are sorted from dim to bright.
     """
     levels: list[tuple[tuple[str, float | None], list[float], list[CalibrationFrame]]] = []
     for frame, mean in zip(frames, means, strict=True):
@@ -69,7 +70,7 @@ def sorted_levels(
 def measure_level(
     frames: Sequence[CalibrationFrame], dark: NDArray[np.float32], good: NDArray[np.bool_], cfa: str
 ) -> FlatLevel:
-    """Return what the flats of one level give; one frame alone gives its mean only."""
+    """Return the result for the flats of one level; a single frame gives only its mean."""
     total = np.zeros(dark.shape)
     for frame in frames:
         total += frame.read()
@@ -86,30 +87,30 @@ def measure_level(
 
 
 def _ratio(one: PairFinding, other: PairFinding) -> float | None:
-    """Return the variance of one pair over that of another, over their common pixels."""
+    """Return the ratio of the variances of two pairs, over their common pixels."""
     sums = [float((p.points.y * p.points.n).sum()) / max(1, int(p.points.n.sum())) for p in (one, other)]
     return sums[0] / sums[1] if sums[1] > 0 else None
 
 
 LINEAR_RANGE = (0.05, 0.95)
-"""Share of saturation within which EMVA asks for it."""
+"""Range of the signal, as shares of saturation, for which EMVA defines linearity."""
 
 
 def measure_linearity(
     levels: Sequence[FlatLevel], good: NDArray[np.bool_], top: float, dark_rate: float, shortest_s: float
 ) -> tuple[MeasuredValue | None, str]:
-    """Return the largest relative departure of the signal from a line over exposure, and why there is none.
+    """Return the largest relative deviation of the signal from a line over exposure, or why it is undetermined.
 
     Parameters
     ----------
     levels
         Flats of one lamp at several exposures.
     good
-        Pixels without defect.
+        Good pixels.
     top
         Signal above black at saturation (sample values).
     dark_rate, shortest_s
-        Growth of the dark level (sample values per second) since the exposure of the dark that was subtracted (s).
+        Growth of the dark level (sample values per second) since the exposure of the subtracted dark (s).
     """
     known = [level for level in levels if level.exposure_s and level.count]
     if len({level.exposure_s for level in known}) < 3:
@@ -124,12 +125,12 @@ def measure_linearity(
             x.append(seconds)
             y.append(value)
             change = [abs(pair.change) for pair in level.pairs] or [0.0]
-            # the lamp's own unrest is not the sensor's
+            # fluctuations of the lamp are not due to the sensor
             sigma.append(value * float(np.mean(change)) / np.sqrt(2 * len(change)) + 1e-4 * value)
     if len(set(x)) < 3:
         return None, "linearity: unknown, for fewer than three exposures lie between 5 and 95 % of saturation"
     seconds_, values, errors = np.array(x), np.array(y), np.array(sigma)
-    # relative deviations are minimised, as EMVA asks: each level counts alike, dim or bright
+    # relative deviations are minimized, as EMVA requires: dim and bright levels have equal weight
     base = np.stack([1 / values, seconds_ / values], axis=1)
     line, *_ = np.linalg.lstsq(base, np.ones(values.size), rcond=None)
     fitted = line[0] + line[1] * seconds_
@@ -138,7 +139,7 @@ def measure_linearity(
 
 
 def _similar_pixels(levels: Sequence[FlatLevel], good: NDArray[np.bool_], top: float) -> NDArray[np.bool_]:
-    """Return pixels of like brightness, for under lenslets the brightest saturate long before the others."""
+    """Return pixels of similar brightness, because with lenslets the brightest saturate long before the others."""
     response = np.sum(
         [level.bright for level in levels if float(level.bright.mean()) < 0.6 * top] or [levels[0].bright], axis=0
     )
@@ -151,30 +152,30 @@ def _similar_pixels(levels: Sequence[FlatLevel], good: NDArray[np.bool_], top: f
 
 
 BOX = 5
-"""Side of the neighbourhood whose mean is taken for the light at a pixel."""
+"""Side of the neighbourhood whose mean estimates the light at a pixel."""
 
 STRUCTURED = 0.15
-"""Correlation of neighbours in the residual above which it is no pattern of single pixels."""
+"""Correlation of neighbours in the residual above which it is not a pattern of single pixels."""
 
 
 def measure_prnu(
     level: FlatLevel, curve: PhotonTransferCurve, dark_variance: float, good: NDArray[np.bool_], cfa: str
 ) -> tuple[MeasuredValue | None, str]:
-    """Return the relative rms of the pixels' responses, and why it cannot be told.
+    """Return the relative rms of the pixels' responses, or why it is undetermined.
 
-    The light is taken for smooth over `BOX` pixels of one colour; the temporal noise that is left in the mean of the
-    flats is taken off (EMVA 1288 release 4, section 8). Micro-images are not smooth: there it is unknown.
+    The light is assumed to be smooth over `BOX` pixels of one colour. The remaining temporal noise in the mean of the
+    flats is subtracted (EMVA 1288 release 4, section 8). Micro-images are not smooth: for them the result is unknown.
 
     Parameters
     ----------
     level
         Flats near half of saturation.
     curve
-        Variance of a sample over its signal.
+        Photon-transfer curve: variance of a sample against its signal.
     dark_variance
-        Of a pixel of the mean dark that was subtracted (squared sample values).
+        Variance of a pixel in the subtracted mean dark (squared sample values).
     good
-        Pixels without defect.
+        Good pixels.
     cfa
         Colour filter pattern.
     """
@@ -194,7 +195,7 @@ def measure_prnu(
         return None, "pixel response (PRNU): unknown, for too few pixels are lit"
     if max(alike) > STRUCTURED:
         return None, "pixel response (PRNU): unknown, for the flats have structure; take flats without the lenslets"
-    # of the residual of a mean over a box that holds the pixel itself, (1 - 1/box) of the pixel's variance is left
+    # the residual from the mean over a box that includes the pixel has (1 - 1/box) of the pixel's variance
     seen = squares / count / (1 - 1 / BOX**2)
     chance = float(seen * np.sqrt(2 / count)) + 0.02 * noise / count
     found = MeasuredValue(seen - noise / count, chance).root()
@@ -212,9 +213,9 @@ def _local(part: NDArray[np.float64], use: NDArray[np.bool_]) -> NDArray[np.floa
 
 
 def find_dead(bright: NDArray[np.float32], good: NDArray[np.bool_], noise: float, cfa: str) -> NDArray[np.bool_]:
-    """Return the pixels that show less than a quarter of the light of the dimmest third of their neighbours.
+    """Return the pixels with less than a quarter of the light of the dimmest third of their neighbours.
 
-    Neighbours are the eight next of the same colour; at the edge of a micro-image most of them are lit too.
+    Neighbours are the nearest eight of the same colour; at the edge of a micro-image most of them are lit.
     """
     from scipy import ndimage
 

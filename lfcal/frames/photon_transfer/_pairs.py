@@ -1,13 +1,13 @@
-"""Mean and variance of pixels of like brightness, from the two frames of a pair.
+"""Mean and variance of pixels of similar brightness, from the two frames of a pair.
 
-The difference of two frames of equal light holds their temporal noise and nothing of what stays: dust, vignetting,
-micro-images, fixed pattern. Its half variance over pixels of like mean value is the variance of one sample there
-(EMVA 1288 release 4, section 6; Janesick 2007, chapter 5). A structured frame, such as the white image of a lenslet
-array, so gives a whole photon-transfer curve from one pair.
+The difference of two frames of equal light contains their temporal noise; static content cancels: dust, vignetting,
+micro-images, fixed pattern. Half its variance over pixels of similar mean value is the variance of one sample (EMVA
+1288 release 4, section 6; Janesick 2007, chapter 5). A structured frame, such as the white image of a lenslet array,
+therefore gives a whole photon-transfer curve from one pair.
 
-Light that differs between the frames by the factor (1 - α)/(1 + α) leaves α times the signal in the difference.
-``d = (1 - α) a - (1 + α) b`` is free of it, and ``var d / 2 = C (1 + α²) + K m (1 - α²)`` for frames of variance
-``C + K m``: the points returned obey ``y = C + K x`` for every α.
+If the light differs between the frames by the factor (1 - α)/(1 + α), α times the signal remains in the difference.
+``d = (1 - α) a - (1 + α) b`` is free of it, and ``var d / 2 = C (1 + α²) + K m (1 - α²)`` for frames of variance ``C +
+K m``. The returned points obey ``y = C + K x`` for every α.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ __all__ = ["FramePair", "PairFinding", "TransferPoints", "measure_pair", "strips
 Image = NDArray[np.float32]
 
 STRIP = 1 << 20
-"""Pixels that are worked on together."""
+"""Number of pixels processed together."""
 
 MAX_BINS = 48
 MIN_PIXELS = 200
-"""Pixels of a bin; a variance is known to 10 % by so many."""
+"""Number of pixels in a bin, which determine a variance to 10 %."""
 
 COARSE, LEAST_WIDTH = 4.0, 3.0
-"""Below this variance of whole samples bins are at least so many sample values wide, and end between their means."""
+"""Variance of integer samples below which bins have a minimum width, and end between the samples' means."""
 
 CLIP_SIGMA = 6.0
 ROLLING_CHI2 = 3.0
-"""Rows whose light scatters by so much more than chance each get a ratio of their own."""
+"""Scatter of the light of rows, relative to chance, above which each row gets a separate ratio."""
 
 
 @dataclass(frozen=True)
@@ -51,9 +51,9 @@ class TransferPoints:
     y
         Temporal variance of a sample (squared sample values).
     n
-        Pixels that each was measured on.
+        Number of pixels used for each point.
     level, site
-        The level of light, and the position in the colour filter pattern by rows, of each.
+        Level of light, and position in the colour filter pattern by rows, of each point.
     """
 
     x: NDArray[np.float64]
@@ -74,7 +74,7 @@ class TransferPoints:
 
 @dataclass(frozen=True, eq=False)
 class FramePair:
-    """A pair of flats and what is needed to compare them.
+    """A pair of flats, with the data needed to compare them.
 
     Attributes
     ----------
@@ -83,15 +83,15 @@ class FramePair:
     dark
         Mean dark ``(rows, columns)`` (sample values), subtracted from means.
     bright
-        Mean of all flats of this level less the dark, by which pixels are sorted.
+        Mean of all flats of this level minus the dark, by which pixels are sorted.
     good
-        Pixels without defect.
+        Good pixels.
     cfa
         Colour filter pattern, empty for none.
     frames
-        Frames that ``bright`` is the mean of.
+        Number of frames averaged in ``bright``.
     lit
-        Whether the frames hold light, which may differ between them by a factor.
+        Whether the frames have light, which may differ between them by a factor.
     """
 
     a: NDArray[np.generic]
@@ -106,20 +106,20 @@ class FramePair:
 
 @dataclass(frozen=True)
 class PairFinding:
-    """What one pair gives.
+    """Result of one pair.
 
     Attributes
     ----------
     points
-        Its part of the curve; ``level`` is 0.
+        Points of the curve; ``level`` is 0.
     change
-        Light of the second frame over the first, less 1.
+        Ratio of the light of the second frame to the first, minus 1.
     rolling
-        Scatter of that change over the rows, relative rms beyond chance.
+        Scatter of this change over the rows, relative rms in excess of chance.
     likeness
-        Correlation of the differences of neighbours (along columns, along rows), of pixels of one colour.
+        Correlation between the differences of neighbours of one colour (along columns, along rows).
     equal
-        Whether the two frames are the same to the last bit.
+        Whether the two frames are identical.
     """
 
     points: TransferPoints
@@ -130,14 +130,14 @@ class PairFinding:
 
 
 def strips(shape: tuple[int, int], side: int = 1) -> Iterator[slice]:
-    """Yield rows to be worked on together, whole periods of a colour filter pattern."""
+    """Yield groups of rows to process together, in whole periods of a colour filter pattern."""
     step = max(1, STRIP // shape[1] // side) * side
     for start in range(0, shape[0], step):
         yield slice(start, min(start + step, shape[0]))
 
 
 def measure_pair(pair: FramePair) -> PairFinding:
-    """Return the points of one pair, and how its light and its noise behave."""
+    """Return the points of one pair, and properties of its light and noise."""
     alpha, rolling = _ratios(pair)
     quick = _quick_variance(pair, alpha)
     edges = _edges(pair, quick)
@@ -148,12 +148,12 @@ def measure_pair(pair: FramePair) -> PairFinding:
 
 
 def _copies(pair: FramePair) -> bool:
-    """Return whether the frames are the same to the last bit; where all is saturated they are no copies."""
+    """Return whether the frames are identical; completely saturated frames do not count as copies."""
     return bool(np.array_equal(pair.a, pair.b)) and bool((pair.a != pair.a.flat[0]).any())
 
 
 def _ratios(pair: FramePair) -> tuple[NDArray[np.float64], float]:
-    """Return α of every row ``(rows, 1)``, one for all unless they scatter beyond chance, and that scatter."""
+    """Return α of every row ``(rows, 1)``, a single one unless rows scatter beyond chance, and that scatter."""
     rows = pair.a.shape[0]
     if not pair.lit:
         return np.zeros((rows, 1)), 0.0
@@ -184,7 +184,7 @@ def _above(pair: FramePair, part: slice) -> tuple[NDArray[np.float64], NDArray[n
 
 
 def _quick_variance(pair: FramePair, alpha: NDArray[np.float64]) -> float:
-    """Return a robust variance of a typical sample, for the width of the bins."""
+    """Return a robust variance of a typical sample, to choose the width of the bins."""
     rows = slice(pair.a.shape[0] // 4, max(pair.a.shape[0] // 4 + 8, 3 * pair.a.shape[0] // 4))
     a, b, good = _above(pair, rows)
     d = ((1 - alpha[rows]) * a - (1 + alpha[rows]) * b)[good]
@@ -195,12 +195,12 @@ def _quick_variance(pair: FramePair, alpha: NDArray[np.float64]) -> float:
 
 
 def _edges(pair: FramePair, variance: float) -> NDArray[np.float64]:
-    """Return the edges of the bins: wider than the noise by which pixels are sorted, one bin for an even frame."""
+    """Return the edges of the bins: wider than the noise of the sorting, and a single bin for a uniform frame."""
     some = pair.bright[pair.good]
     some = some[:: max(1, some.size // 200_000)]
     low, high = np.percentile(some, (0.1, 99.9)).tolist() if some.size else (0.0, 0.0)
     noise = np.sqrt(max(variance, 1e-12) / pair.frames)
-    # bins narrower than the noise would sort by the noise itself, and move the mean within a bin
+    # bins narrower than the noise would sort by noise, and bias the mean within a bin
     width = max(4 * noise, (high - low) / MAX_BINS)
     coarse = pair.a.dtype.kind in "iu" and variance < COARSE
     width = max(width, LEAST_WIDTH) if coarse else width
@@ -209,7 +209,7 @@ def _edges(pair: FramePair, variance: float) -> NDArray[np.float64]:
         return np.array([-np.inf, np.inf])
     inner = np.linspace(low, high, count + 1)[1:-1]
     if coarse:
-        # means of few whole samples lie on a grid, and their place in it tells of their difference
+        # means of few integer samples are on a grid, where their place depends on their difference
         level = float(np.median(pair.dark))
         inner = np.round(inner + level) + 0.5 / pair.frames - level
     return np.concatenate([[-np.inf], inner, [np.inf]])
@@ -239,7 +239,7 @@ def _moments(
                 products += _neighbours(np.where(good, d - limits[where].mean(axis=-1), 0), good, side)
         mean = d1 / np.maximum(n, 1)
         variance = (d2 / np.maximum(n, 1) - mean**2) * n / np.maximum(n - 1, 1)
-        # a particle or a blinking pixel must not make the variance of a bin
+        # a particle or a blinking pixel must not dominate the variance of a bin
         reach = CLIP_SIGMA * np.sqrt(np.maximum(variance, quick * 1e-3)) + 1e-6
         limits = np.stack([mean - reach, mean + reach], axis=1)
     factor = 1 + float(np.mean(alpha**2))

@@ -1,4 +1,4 @@
-"""Flats and darks as they lie on disk: single frames with what names and files say of their exposure."""
+"""Flats and darks on disk: single frames, with exposures from names and files."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _EXPOSURE = re.compile(r"(?<![\d.])(\d+(?:[.p]\d+)?)[ _]?(us|µs|ms|sec|s)(?![a-
 
 @dataclass(frozen=True, eq=False)
 class CalibrationFrame:
-    """One frame of a series, read when it is asked for.
+    """One frame of a series, read on demand.
 
     Attributes
     ----------
@@ -32,11 +32,11 @@ class CalibrationFrame:
     page
         Page of the file.
     exposure_s
-        Exposure (s), where file, file name or folder name state it.
+        Exposure (s), if file, file name or folder name state it.
     group
-        Folder below the one that was given; frames of different folders are of different levels.
+        Subfolder of the given folder; frames of different subfolders have different levels.
     shift
-        Bits by which left-aligned samples are moved down.
+        Bits by which left-aligned samples are shifted down.
     """
 
     source: Path | NDArray[Any]
@@ -47,13 +47,13 @@ class CalibrationFrame:
 
     @property
     def label(self) -> str:
-        """What to call it."""
+        """Name for messages."""
         if not isinstance(self.source, Path):
             return f"frame {self.page}"
         return f"{self.source.name}[{self.page}]" if self.page else self.source.name
 
     def read(self) -> NDArray[Any]:
-        """Return the samples ``(rows, columns)``; raises `InputError` where they are not finite."""
+        """Return the samples ``(rows, columns)``; raises `InputError` if they are not finite."""
         if isinstance(self.source, Path):
             image = open_image(self.source)
             try:
@@ -67,15 +67,15 @@ class CalibrationFrame:
         return shifted(values, self.shift, self.label) if self.shift else values
 
     def moved(self, shift: int) -> CalibrationFrame:
-        """Return the frame with its samples moved down by ``shift`` bits."""
+        """Return the frame with its samples shifted down by ``shift`` bits."""
         return replace(self, shift=shift)
 
 
 def find_frames(path: Path) -> tuple[list[CalibrationFrame], dict[str, Any]]:
-    """Return the frames of an image file, of a folder, or of the folders in it, and what their files state.
+    """Return the frames of an image file, of a folder, or of its subfolders, with the facts that their files state.
 
-    Frames come in the natural order of their names. An exposure is taken from the file itself (``exposure_s``), else
-    from its name or its folder's: ``flat_10ms_3.tif``, ``0.5s/``.
+    Frames come in the natural order of their names. An exposure comes from the file itself (``exposure_s``), else
+    from its name or that of its folder: ``flat_10ms_3.tif``, ``0.5s/``.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def _natural(text: str) -> list[tuple[int, str]]:
 
 
 def _stated(value: Any, pages: int) -> list[float | None]:
-    """Return the exposures that a file states, one a page."""
+    """Return the exposures that a file states, one per page."""
     if value is None:
         return [None] * pages
     known = np.broadcast_to(np.asarray(value, float).ravel(), (pages,)).tolist() if np.size(value) in (1, pages) else []

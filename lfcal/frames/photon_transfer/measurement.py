@@ -1,4 +1,4 @@
-"""From flats and darks to the sensor's figures."""
+"""Measurement of a sensor from flats and darks."""
 
 from __future__ import annotations
 
@@ -47,21 +47,21 @@ def iter_measure_sensor(
     Parameters
     ----------
     flats
-        Two or more of each level of light, of any structure that stays (a white image of a lenslet array is well).
+        Two or more for each level of light, with any static structure (a white image of a lenslet array is suitable).
     darks
-        Two or more of each exposure, recorded as the flats are.
+        Two or more for each exposure, recorded with the settings of the flats.
     cfa
         Colour filter pattern by rows, empty for none.
 
     Raises
     ------
     InputError
-        If frames are of unlike shape, alike to the last bit, single, without light, or saturated everywhere.
+        If frames differ in shape, are identical, single, without light, or saturated everywhere.
     """
     files = [{frame.source for frame in held if isinstance(frame.source, Path)} for held in (flats, darks)]
     if files[0] & files[1]:
         raise InputError.expected(
-            "flats and darks", "different files", "the same ones", "give each a folder of its own"
+            "flats and darks", "different files", "the same ones", "put flats and darks into separate folders"
         )
     clock = Clock("measure the sensor", 2 * (len(flats) + len(darks)))
     yield clock.at(0)
@@ -112,7 +112,7 @@ measure_sensor = drained(iter_measure_sensor)
 
 
 def _by_exposure(darks: Sequence[CalibrationFrame]) -> list[list[CalibrationFrame]]:
-    """Return the darks of each exposure, the shortest first; those of unknown exposure are one."""
+    """Return the darks of each exposure, the shortest first; those of unknown exposure form one group."""
     found: dict[float | None, list[CalibrationFrame]] = {}
     for frame in darks:
         found.setdefault(frame.exposure_s, []).append(frame)
@@ -148,7 +148,7 @@ def _measurement(
         notes += [said] if said else []
         if current is not None and not said:
             rate = current.times(curve.slope)
-            # darks of the shortest exposure still hold its dark current
+            # darks of the shortest exposure still include its dark current
             held = rate.times(dark.exposure_s or 0.0)
             black = MeasuredValue(black.value - held.value, float(np.hypot(black.sigma, held.sigma)))
     linearity, said = measure_linearity(levels, dark.good, top, rate.value, dark.exposure_s or 0.0)
@@ -222,7 +222,7 @@ def _saturation(
 def _pattern(
     levels: Sequence[FlatLevel], dark: DarkLevel, curve: PhotonTransferCurve, top: float, cfa: str, notes: list[str]
 ) -> tuple[MeasuredValue | None, int]:
-    """Return pixel response and blind pixels, from the flats nearest to half of saturation."""
+    """Return pixel response and dead pixels, from the flats nearest to half of saturation."""
     means = np.array([float(level.bright[dark.good].mean(dtype=np.float64)) for level in levels])
     nearest = int(np.argmin(np.abs(means - 0.5 * top)))
     level = levels[nearest]
@@ -252,7 +252,7 @@ def _channels(
 
 
 def _multiplied(channels: dict[str, MeasuredValue], curve: PhotonTransferCurve) -> tuple[str, ...]:
-    """Return the doubt that gains differ between channels, which a converter does not make."""
+    """Return a doubt if gains differ between channels, which a converter does not cause."""
     if curve.slope is None or not channels:
         return ()
     middle = float(np.median([one.value for one in channels.values()]))

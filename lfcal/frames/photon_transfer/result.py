@@ -1,4 +1,4 @@
-"""The figures of a sensor: in words, as a picture, and in a camera."""
+"""Measured properties of a sensor: in words, as a picture, and in a camera."""
 
 from __future__ import annotations
 
@@ -25,46 +25,46 @@ VALUES = (
 
 @dataclass(frozen=True)
 class SensorMeasurement:
-    """What flats and darks tell of a sensor; None: they do not tell it, and ``notes`` say why.
+    """Sensor properties measured from flats and darks; None: undetermined, and ``notes`` state why.
 
     Attributes
     ----------
     gain
         Sample values per electron.
     black_level
-        Sample value of no light; None where darks are cut off at zero.
+        Sample value without light; None if darks are clipped at zero.
     dark_level
-        Mean of the darks of the shortest exposure (sample values), from which signals are counted.
+        Mean of the darks of the shortest exposure (sample values), the reference of signals.
     read_noise_counts, read_noise_e
-        Rms, without that of rounding.
+        Read noise, rms without rounding noise (sample values; electrons).
     saturation
-        Sample value from which samples carry no measurement.
+        Sample value at which samples are saturated.
     full_well_e
-        Electrons there.
+        Electrons at saturation.
     linearity
-        Largest relative departure of the signal from a line over exposure, between 5 and 95 % of saturation.
+        Largest relative deviation of the signal from a line over exposure, between 5 and 95 % of saturation.
     prnu
         Relative rms of the pixels' responses.
     dsnu_counts, dsnu_e
-        Rms of the pixels' offsets.
+        Rms of the pixels' offsets (sample values; electrons).
     dark_current_e_s
-        Electrons per pixel and second.
+        Dark current (electrons per pixel and second).
     bits
         Bits that the sample values need.
     shift
-        Bits by which left-aligned samples were moved down; all counts are after that.
+        Bits by which left-aligned samples were shifted down; all counts refer to shifted samples.
     hot, dead
-        Pixels too bright in the dark, and blind ones; they are left out of everything else.
+        Pixels that are too bright in the dark, and dead ones; they are left out of all other values.
     channels
         Gain of each channel of the colour filter pattern.
     frames
-        Flats and darks read.
+        Number of flats and darks read.
     shape
         Pixels of a frame ``(rows, columns)``.
     doubts
-        Why the figures are not those of the sensor; empty where nothing speaks against them.
+        Why the values are not those of the sensor; empty if there is no doubt.
     notes
-        What else is worth knowing.
+        Further remarks.
     curve
         The photon-transfer curve.
     """
@@ -94,7 +94,7 @@ class SensorMeasurement:
 
     @property
     def electrons_per_count(self) -> MeasuredValue | None:
-        """One over the gain."""
+        """Electrons per sample value, the reciprocal of the gain."""
         return None if self.gain is None else self.gain.inverse()
 
     def to_dict(self) -> dict[str, Any]:
@@ -114,24 +114,24 @@ class SensorMeasurement:
 
     @property
     def brightest(self) -> float:
-        """Highest mean of pixels of like brightness (sample value)."""
+        """Highest mean of pixels of similar brightness (sample value)."""
         return self.dark_level.value + float(self.curve.points.x.max())
 
     def sensor(self, known: Sensor) -> tuple[Sensor, tuple[str, ...]]:
-        """Return ``known`` with what was measured, and the names of those entries.
+        """Return ``known`` with the measured values, and the names of those entries.
 
-        Its full well is that of the highest sample value, which pixels that are full before do not reach.
+        Its full well refers to the highest sample value, which pixels that saturate earlier do not reach.
 
         Raises
         ------
         InputError
-            If the figures are doubtful, or the samples need more bits than ``known`` has and do not show how many.
+            If the values are doubtful, or the samples need more bits than ``known`` has without showing how many.
         """
         if self.doubts or self.gain is None:
             why = self.doubts[0] if self.doubts else "the gain was not measured"
             raise InputError.expected("measured sensor", "figures to rely on", why, "record raw flats and darks again")
         clip = self.saturation.value if self.saturation is not None else None
-        # a converter ends at a power of two; a level below that is the pixels' own
+        # a converter ends at a power of two; a lower level is due to the pixels
         full = clip is not None and int(clip + 1) & int(clip) == 0
         bits = self.bits if full or self.bits > known.bit_depth else known.bit_depth
         values: dict[str, float | int] = {"bit_depth": bits}
@@ -146,29 +146,29 @@ class SensorMeasurement:
             if found is not None:
                 values[name] = max(0.0, found.value)
         changed = tuple(name for name in values if name != "bit_depth" or full)
-        # a level that was stated stays unless it is of another bit depth, or the frames go beyond it
+        # a stated level is kept unless it has another bit depth, or the frames exceed it
         stays = known.saturation if bits == known.bit_depth and (known.saturation or 0) > self.brightest else None
         return replace(known, **{"saturation": stays, **values}), changed  # type: ignore[arg-type]
 
     def camera(self, known: Camera) -> Camera:
-        """Return ``known`` with its sensor as measured, marked so."""
+        """Return ``known`` with its sensor as measured, marked as such."""
         sensor, changed = self.sensor(known.sensor)
         return replace(known, sensor=sensor, marks=known.marks.marked([f"sensor.{n}" for n in changed], "measured"))
 
 
 SMALLEST, LARGEST = 0.5, 2.0
-"""Ratio of electrons per count, measured over stated, outside which one of them is doubted."""
+"""Ratio of measured to stated electrons per count outside which one of them is doubted."""
 
 
 def figures_of(found: SensorMeasurement, known: Sensor | None = None) -> list[tuple[str, str]]:
-    """Return name and value with its error and unit of every figure; "unknown" where it could not be told.
+    """Return name and value with error and unit of every property; "unknown" if it is undetermined.
 
     Parameters
     ----------
     found
-        The measurement.
+        The measured properties.
     known
-        The sensor as it is described; with it the full well that its description takes over is told, too.
+        The described sensor; with it, the full well for its description is included.
     """
     channels = [(f"  {name}", _text(gain, "counts per e⁻")) for name, gain in found.channels.items()]
     return [
@@ -191,7 +191,7 @@ def figures_of(found: SensorMeasurement, known: Sensor | None = None) -> list[tu
 
 
 def sensor_differences(found: SensorMeasurement, known: Sensor) -> list[str]:
-    """Return what the frames have that the sensor ``known`` has not: another size, another gain."""
+    """Return differences between the frames and the sensor ``known``: another size, another gain."""
     words = []
     if found.shape != known.shape:
         sizes = [" × ".join(map(str, size)) for size in (found.shape, known.shape)]
@@ -210,12 +210,12 @@ def sensor_differences(found: SensorMeasurement, known: Sensor) -> list[str]:
 
 
 def _taken(found: SensorMeasurement, known: Sensor | None) -> list[tuple[str, str]]:
-    """Return the full well that the description of ``known`` takes over, which belongs to its highest sample value."""
+    """Return the full well for the description of ``known``, which refers to its highest sample value."""
     if known is None or found.gain is None:
         return []
     try:
         sensor, _ = found.sensor(known)
-    except InputError:  # nothing is taken over
+    except InputError:  # the description would not change
         return []
     full = MeasuredValue(sensor.full_well_e, sensor.full_well_e * found.gain.sigma / found.gain.value)
     return [("  for the camera", f"{full} e⁻ at its highest count, {sensor.max_value}")]
@@ -226,7 +226,7 @@ def _brightest_e(found: SensorMeasurement) -> float:
 
 
 def _reached(value: MeasuredValue | None, brightest: float, unit: str, found: SensorMeasurement) -> str:
-    """Return a limit in words; where no flat reached it, what it is above."""
+    """Return a limit in words; if no flat reached it, a lower bound."""
     if value is not None or found.gain is None:
         return _text(value, unit)
     return f"above {format_number(brightest)} {unit} (not reached)"
@@ -241,7 +241,7 @@ def _text(value: MeasuredValue | None, unit: str) -> str:
 
 
 def save_curve(found: SensorMeasurement, path: str | os.PathLike[str]) -> None:
-    """Write noise over signal, both logarithmic: the points, the fit, and where it ends."""
+    """Draw noise against signal, both logarithmic: the points, the fit, and its limit."""
     curve = found.curve
     with figure(6.4, 4.4) as fig:
         axes = fig.add_subplot()

@@ -1,7 +1,7 @@
-"""Where frames come from, one module a kind of source; `lfcal.frames.open_frames` finds the one that fits.
+"""Sources of frames, one module per kind; `lfcal.frames.open_frames` finds the one that fits.
 
-- ``base``: what a kind of source must say of itself
-- ``folder``: frames in files, as a manifest, their names, or their order lists them
+- ``base``: the interface of a kind of source
+- ``folder``: frames in files, listed by a manifest, their names, or their order
 - ``array``: frames in one array
 """
 

@@ -22,7 +22,7 @@ class ArraySource(Frames):
     frames
         Array, memory map or HDF5 dataset of numbers.
     positions
-        One `Position` (or ``(z, y, x)``) per frame; for a 5-D array they follow from its axes.
+        One `Position` (or ``(z, y, x)``) per frame; a 5-D array defines them by its axes.
     exposures_s
         Exposure of each frame (s), or None.
     drifts
@@ -30,10 +30,10 @@ class ArraySource(Frames):
     origins
         Sensor (row, column) of each frame's first pixel, or None for whole sensor frames.
     mask
-        Pixels that carry a measurement in every frame, ``(rows, columns)``, or None for all.
+        Pixels with a measurement in every frame, ``(rows, columns)``, or None for all.
     metadata
-        What is known of the frames: `FrameMetadata`, or a mapping of its fields, in which ``exposure_s`` is the
-        exposure of every frame where ``exposures_s`` is None.
+        Facts about the frames: `FrameMetadata`, or a mapping of its fields, in which ``exposure_s`` is the exposure of
+        every frame if ``exposures_s`` is None.
     name
         Name for messages.
 
@@ -117,7 +117,7 @@ class ArraySource(Frames):
 
     @property
     def metadata(self) -> FrameMetadata:
-        """What is known of the frames."""
+        """Facts about the frames."""
         return self._metadata
 
     def __len__(self) -> int:
@@ -125,7 +125,7 @@ class ArraySource(Frames):
         return len(self._positions)
 
     def info(self, index: int) -> FrameInfo:
-        """Return what is known of frame ``index``."""
+        """Return the facts about frame ``index``."""
         k = check_index(index, len(self))
         return FrameInfo(
             (self._positions[k],),

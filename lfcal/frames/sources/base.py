@@ -1,4 +1,4 @@
-"""What `lfcal.frames.open_frames` needs to know of a kind of frame source."""
+"""The interface of a kind of frame source for `lfcal.frames.open_frames`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["FrameOptions", "SourceKind"]
 
 @dataclass(frozen=True)
 class FrameOptions:
-    """What a user may say of frames that lie in files; see `lfcal.frames.open_frames`."""
+    """Options of the user for frames in files; see `lfcal.frames.open_frames`."""
 
     manifest: str | os.PathLike[str] | Manifest | None = None
     pattern: str | NamePattern | None = None
@@ -37,7 +37,7 @@ class FrameOptions:
     origin: tuple[int, int] | None = None
 
     def refuse(self, what: str, *accepted: str) -> None:
-        """Raise `InputError` for the first option that is set and that source ``what`` has no use for."""
+        """Raise `InputError` for the first option that is set but does not apply to the source ``what``."""
         for entry in fields(self):
             value = getattr(self, entry.name)
             if entry.name not in (*accepted, "plan_shape", "plan", "orientation") and value != entry.default:
@@ -51,13 +51,13 @@ class SourceKind:
     Attributes
     ----------
     name
-        For messages and documents.
+        Name in messages and documents.
     recognises
-        Whether a path is of this kind.
+        Function that decides whether a path is of this kind.
     open
-        Opens it.
+        Function that opens it.
     rank
-        Kinds of low rank are asked first; the folder of files, rank 100, takes what is left.
+        Kinds of low rank are tried first; the folder of files, rank 100, accepts the rest.
     """
 
     name: str

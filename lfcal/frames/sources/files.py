@@ -1,4 +1,4 @@
-"""Frames in files, with their positions from a manifest, the names, the order, or the file itself."""
+"""Frames in files, with positions from a manifest, from names, from their order, or from the file itself."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def open_files(path: Path, options: FrameOptions) -> FolderSource:
 
 
 def open_unplaced(path: Path) -> FolderSource:
-    """Open every page of an image file, or of the images in a folder, as frames whose positions are not known.
+    """Open every page of an image file, or of the images in a folder, as frames whose positions are unknown.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def open_unplaced(path: Path) -> FolderSource:
 
 
 def _listed(path: Path, root: Path, options: FrameOptions) -> tuple[Manifest, tuple[str, ...], dict[str, Any]]:
-    """Return which frame is where, what was guessed for it, and what is known of all frames."""
+    """Return the manifest of the frames, notes on what was guessed, and the facts about all frames."""
     if isinstance(options.manifest, Manifest):
         return options.manifest, (), {}
     table = _table(path, options)
@@ -105,7 +105,7 @@ def _listed(path: Path, root: Path, options: FrameOptions) -> tuple[Manifest, tu
 
 
 def _pixel_notes(options: FrameOptions, facts: dict[str, Any]) -> list[str]:
-    """Return a note where the frames state another size of a pixel than the camera, on the sensor and in the object."""
+    """Return a note if the frames state another pixel size than the camera, on the sensor and in the object."""
     stated = facts.get("pixel_um")
     if stated is None or options.plan is None:
         return []
@@ -130,7 +130,7 @@ def _bounded(manifest: Manifest, shape: tuple[int, int, int]) -> Manifest:
 
 
 def _table(path: Path, options: FrameOptions) -> Path | None:
-    """Return the manifest or list that is given, that ``path`` is, or that lies in the folder; None without."""
+    """Return the manifest or list that is given, that ``path`` is, or that is in the folder; None without one."""
     if options.pattern or options.order:
         return None
     if options.manifest is not None:
@@ -180,7 +180,7 @@ def _from_folder(path: Path, options: FrameOptions) -> tuple[Manifest, tuple[str
 def _by_pattern(
     names: list[str], pattern: str | NamePattern, options: FrameOptions
 ) -> tuple[Manifest, tuple[str, ...]]:
-    """Return the frames whose names fit; what their numbers count from is found where it is not said."""
+    """Return the frames whose names match; the number of the first position is detected if not given."""
     if isinstance(pattern, NamePattern):
         return Manifest.from_names(names, pattern, plan_shape=options.plan_shape), ()
     if options.first is not None:
@@ -203,7 +203,7 @@ def _below(path: Path) -> list[str]:
 
 
 def _by_guess(path: Path, names: list[str], options: FrameOptions) -> tuple[Manifest, tuple[str, ...]]:
-    """Return the frames by the pattern that their names have, where there is no doubt about it."""
+    """Return the frames by the pattern of their names, if it is unambiguous."""
     if options.plan is not None and (placed := from_names(path, names, options)) is not None:
         return placed
     guess = guess_pattern(names, options.plan_shape)
@@ -265,7 +265,7 @@ def _of_pages(
     options: FrameOptions,
     shape: tuple[int, int, int] | None,
 ) -> Manifest:
-    """Return where each page of one file belongs: by its axes, the order that is given, or positions beside it."""
+    """Return the position of each page of one file: from its axes, the given order, or stored positions."""
     axes = image.metadata.get("scan_axes")
     if axes is not None:
         scanned, found = _along_axes(path, pages, *axes)
@@ -290,10 +290,10 @@ def _of_pages(
 def _along_axes(
     path: Path, pages: list[tuple[str, int]], names: str, lengths: tuple[int, ...]
 ) -> tuple[list[tuple[str, int]], tuple[int, int, int] | None]:
-    """Return the pages with depth planes (axis Z) slowest, and the scan's shape where the axes tell it.
+    """Return the pages with depth planes (axis Z) slowest, and the scan's shape if the axes define it.
 
-    Three axes are depth plane, row and column of positions; two without Z are row and column of one plane; Z and one
-    other are planes of positions in some order, which has to be said.
+    Three axes are depth plane, row and column of positions; two without Z are row and column of one plane. Z and one
+    other axis are planes of positions in an order that must be stated.
     """
     if len(lengths) > 3:
         raise FileFormatError.expected(
@@ -330,6 +330,6 @@ def _where_from(path: Path) -> InputError:
         f"positions of the frames in {path}",
         "a manifest, a name pattern, or a scan order with the scan shape",
         "none",
-        "name their list (--manifest LIST; file, z, y, x), or say how names or their order tell positions: "
+        "name their list (--manifest LIST; file, z, y, x), or state how names or their order give positions: "
         "--pattern 'z{z}_y{y}_x{x}.png', or --order with --plan",
     )

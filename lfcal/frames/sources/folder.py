@@ -1,4 +1,4 @@
-"""Frames in files of a session folder, as its manifest lists them."""
+"""Frames in files of a session folder, as listed in its manifest."""
 
 from __future__ import annotations
 
@@ -31,37 +31,37 @@ NAN_MODES = ("auto", "mask", "refuse")
 """What happens to NaN and infinity in frames; see `FolderSource`."""
 
 MAX_OPEN = 128
-"""Files of many pages that are kept open at once."""
+"""Largest number of multi-page files kept open simultaneously."""
 
 _OF_PAGES = (
     *("positions", "exposure_s", "scan_axes", "page_order", "order_notes"),
     *("stage_um", "stage_pages", "stage_exposure_s"),
 )
-"""What an image file says of its pages: the manifest holds it for the frames."""
+"""Facts about pages in an image file that the manifest states for frames."""
 
 
 def check_frame(
     frame: NDArray[Any], name: str, *, nan: str = "refuse", blank: str = "reject", bit_depth: int | None = None
 ) -> NDArray[Any]:
-    """Return ``frame`` if its values can be those of a sensor; readers return other values too without an error.
+    """Return ``frame`` if its values are possible for a sensor; readers may return others without an error.
 
     Parameters
     ----------
     frame
-        Values just read; changed in place where ``nan`` is ``"mask"``.
+        Values just read; changed in place if ``nan`` is ``"mask"``.
     name
-        Named in messages.
+        Name for messages.
     nan
-        ``"refuse"`` frames of floats with NaN or infinity, or ``"mask"`` them: infinity becomes NaN too.
+        ``"refuse"`` frames of floats with NaN or infinity, or ``"mask"`` them: infinity also becomes NaN.
     blank
-        ``"reject"`` frames that hold one value only, or ``"accept"`` them.
+        ``"reject"`` frames with a single value, or ``"accept"`` them.
     bit_depth
-        Bits that a sample may use; None: all of its type.
+        Number of bits that a sample may use; None: all of its type.
 
     Raises
     ------
     FileFormatError
-        With the name and what is wrong.
+        With the name and the problem.
     """
     if frame.dtype.kind == "f":
         bad = ~np.isfinite(frame)
@@ -73,7 +73,7 @@ def check_frame(
         if count:
             frame[bad] = np.nan
     first = frame[0, 0]
-    # a few thousand samples first: most frames differ in them, and need no look at every pixel
+    # check a few thousand samples first: most frames differ in them, and need no check of every pixel
     if blank == "reject" and (frame[::61, ::53] == first).all() and (frame == first).all() and frame.size > 1:
         raise FileFormatError.expected(
             name, "an image", f"the value {first} in every pixel", "check shutter and lamp; take it again"
@@ -104,15 +104,15 @@ def without_nan(frame: NDArray[Any], cfa: str = "") -> NDArray[Any]:
 class FolderSource(Frames):
     """The frames that a manifest lists in the files of a folder.
 
-    Files are opened as they are needed; those of many pages stay open until `close`. The first frame, or the
-    manifest where it says so, sets shape, dtype and colour filter; every other frame is held to them.
+    Files are opened on demand; multi-page ones stay open until `close`. The first frame, or the manifest if it states
+    them, sets shape, dtype and colour filter, which every other frame must have.
 
     Parameters
     ----------
     root
         Session folder; no file outside it is opened.
     manifest
-        Which frame is where.
+        List of the frames with their positions.
     colour, dataset
         As in `open_image`.
     nan
@@ -124,14 +124,14 @@ class FolderSource(Frames):
     skip_damaged
         Take shape and dtype from the first frame that can be read.
     notes, facts
-        What was guessed of the frames, and what is known of all of them from beside them; in the metadata.
+        Notes on what was guessed, and further facts about all frames; both go to the metadata.
     origin
-        As in `lfcal.frames.open_frames`; in the metadata too.
+        As in `lfcal.frames.open_frames`; also in the metadata.
 
     Raises
     ------
     LfcalError
-        If a file is missing or outside the folder, or the first frame is not what the manifest says.
+        If a file is missing or outside the folder, or the first frame does not match the manifest.
 
     Examples
     --------
@@ -163,11 +163,11 @@ class FolderSource(Frames):
         self._nan, self._blank = nan, blank
         uses = Counter(entry.file for entry in manifest.entries)
         self._paths = resolve_inside(self.root, uses)
-        # files used once are opened and closed; only stacks are worth keeping open
+        # single-frame files are opened and closed; only stacks are kept open
         self._many = {name for name, count in uses.items() if count > 1}
         self._open: dict[str, ImageFile] = {}
         self._lock = threading.Lock()
-        # closes the files also where a source is dropped without close()
+        # closes the files even if a source is discarded without close()
         self._finalizer = weakref.finalize(self, _close_all, self._open)
         self._shape, self._dtype, found = self._inspect_any() if skip_damaged else self._inspect()
         found |= facts or {}
@@ -207,7 +207,7 @@ class FolderSource(Frames):
         self._metadata = replace(self._metadata, notes=(*self._metadata.notes, words))
 
     def _inspect_any(self) -> tuple[tuple[int, int], np.dtype[Any], dict[str, Any]]:
-        """Return what the first frame that can be read, and the manifest, say."""
+        """Return the properties from the first readable frame and the manifest."""
         for number, entry in enumerate(self.manifest.entries):
             try:
                 with self._image(entry.file) as image:
@@ -218,11 +218,11 @@ class FolderSource(Frames):
         return self._inspect()
 
     def _inspect(self, number: int = 0) -> tuple[tuple[int, int], np.dtype[Any], dict[str, Any]]:
-        """Return shape, dtype and metadata as one frame and the manifest have them."""
+        """Return shape, dtype and metadata from one frame and the manifest."""
         manifest, name = self.manifest, self.manifest.entries[number].file
         with self._image(name) as image:
             shape, dtype = manifest.shape or image.shape, np.dtype(manifest.dtype or image.dtype)
-            # positions and exposures belong to single frames, not to all of them
+            # positions and exposures are properties of single frames
             found = {key: value for key, value in image.metadata.items() if key not in _OF_PAGES}
             if manifest.cfa and not found.get("cfa"):
                 found["cfa"] = manifest.cfa
@@ -252,7 +252,7 @@ class FolderSource(Frames):
 
     @contextmanager
     def _image(self, name: str) -> Iterator[ImageFile]:
-        """Give the opened file, from those kept open where it has many frames."""
+        """Yield the opened file; multi-page files are kept open."""
         if name not in self._many or (len(self._open) >= MAX_OPEN and name not in self._open):
             image = open_image(self._paths[name], **self._options)
             try:
@@ -280,7 +280,7 @@ class FolderSource(Frames):
 
     @property
     def metadata(self) -> FrameMetadata:
-        """What the first file and the manifest say."""
+        """Facts from the first file and the manifest."""
         return self._metadata
 
     def __len__(self) -> int:
@@ -288,7 +288,7 @@ class FolderSource(Frames):
         return len(self.manifest.entries)
 
     def info(self, index: int) -> FrameInfo:
-        """Return what the manifest says of frame ``index``."""
+        """Return the facts about frame ``index`` from the manifest."""
         entry = self.manifest.entries[check_index(index, len(self))]
         label = f"{entry.file} page {entry.page}" if entry.file in self._many else entry.file
         return FrameInfo(
@@ -334,7 +334,7 @@ class FolderSource(Frames):
                 part = check_region(region, self._shape)
                 frame = image.read_region(entry.page, *part)
                 if self._blank == "reject" and frame.size and (frame == frame[0, 0]).all():
-                    # a dark corner may hold one value only, so the whole frame is checked
+                    # a dark corner may have a single value, so the whole frame is checked
                     self._checked(image.read(entry.page), label, self._blank)
                     return self._checked(frame, label, "accept")
         return self._checked(frame, label, self._blank if region is None else "accept")
@@ -344,7 +344,7 @@ class FolderSource(Frames):
         return check_frame(frame, label, nan=nan, blank=blank, bit_depth=self._metadata.bit_depth)
 
     def close(self) -> None:
-        """Close the files that are kept open."""
+        """Close the open files."""
         with self._lock:
             self._finalizer()
 

@@ -16,7 +16,7 @@ SURE = 7.0
 """Standard deviations that a fault stands out by."""
 
 BETTER = 0.6
-"""Ratio of two terms from which on they are alike."""
+"""Correlation of two terms above which they are degenerate."""
 
 FAR = 6.0
 """Standard deviations beyond which a value counts no more."""
@@ -28,13 +28,13 @@ FEW = 6
 """Patterns on either side of a step, at least."""
 
 ENOUGH = 8
-"""Patterns that tell what is usual, at least."""
+"""Smallest number of patterns that determine what is typical."""
 
 
 class Usual(NamedTuple):
-    """What most values are: their median, how far they scatter about it (by medians), and the error of the median.
+    """Typical value: the median, the scatter about it (by medians), and the error of the median.
 
-    ``good`` says which values ``(n,)`` are known.
+    ``good`` marks the known values ``(n,)``.
     """
 
     middle: float
@@ -50,11 +50,11 @@ class SeriesJump:
     Attributes
     ----------
     size
-        Mean after less mean before.
+        Mean after minus mean before.
     sigmas
-        Its size in standard deviations of what values scatter.
+        Size in standard deviations of the values' scatter.
     after
-        Numbers of the patterns that come after it, in the order of the scan.
+        Indices of the patterns after it, in the order of the scan.
     """
 
     size: float

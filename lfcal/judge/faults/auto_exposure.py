@@ -68,7 +68,7 @@ class AutoExposure(Fault):
             picture=FaultPicture(
                 100 * (values / np.median(values[seen]) - 1)[order],
                 "%",
-                "light of patterns beside the middle one",
+                "light of patterns relative to the middle one",
                 ("peak of the pattern over the largest",),
                 tops[order] / tops.max(),
             ),
@@ -78,7 +78,7 @@ class AutoExposure(Fault):
 
 
 def _exposed(power: float, *, alike: bool) -> PutIn:
-    """Return what lets the light of patterns go by a power of their peaks, of all planes or each by itself."""
+    """Return the power law between the light of patterns and their peaks, for all planes or each separately."""
 
     def put_in(patch: Patch) -> F4:
         tops = np.maximum(patch.light.max((1, 2)).astype(np.float64), 1e-300)

@@ -39,16 +39,16 @@ CLEARLY = 2.0
 """Times as much more that neighbours differ across blocks than at any of those other periods."""
 
 LIT = 0.02
-"""Share of the brightest light that a block has to have for its finest structure to tell anything."""
+"""Share of the brightest light that a block needs for its finest structure to be informative."""
 
 SMALL = 0.3
 """Times the usual size of a coefficient of the finest structure below which it is gone."""
 
 GONE = 0.15
-"""Share of them that is gone in blocks of a compression, beyond that in blocks of pixels beside them."""
+"""Share of lost structure in blocks of a compression, in excess of that in shifted blocks."""
 
 FEW = 500
-"""Coefficients for each place of blocks that tell it."""
+"""Number of coefficients for each place of blocks that determine it."""
 
 WINDOWS = 60_000
 """Blocks at most that are looked at."""
@@ -93,7 +93,7 @@ class Compression(Fault):
         for what, corners in (("sensor", evidence.corners()), ("cutout", np.zeros((len(left), 2), np.intp))):
             found = [_borders(left, dark, corners[:, axis], axis, most_of) for axis in (0, 1)]
             ratios, sigmas = ([one[k] for one in found] for k in (0, 1))
-            # lines with offsets of their own differ anywhere, and by chance where blocks may end
+            # lines with different offsets differ anywhere, and by chance at the edges of blocks
             if min(ratios) < STEPS or min(sigmas) < SURE or min(one[2] for one in found) < STEPS:
                 continue
             # so does what the model leaves of small lenslets, with their own period
@@ -114,7 +114,7 @@ class Compression(Fault):
         yield from self._rounded(evidence)
 
     def _rounded(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield by how much more of the finest structure is gone in blocks of one place than in those beside it."""
+        """Yield the excess of lost fine structure in blocks at one place, relative to neighbouring places."""
         for what, corners in (("sensor", evidence.corners()), ("cutout", np.zeros((len(evidence), 2), np.intp))):
             gone, counts = _gone(evidence, corners)
             if counts.min() < FEW:
@@ -150,24 +150,25 @@ def _lossless(provenance: Mapping[str, Any]) -> bool:
 def _borders(
     left: F4, dark: NDArray[np.bool_], first: NDArray[np.intp], axis: int, most_of: float, block: int = BLOCK
 ) -> tuple[float, float, float]:
-    """Return by how much neighbours differ more where blocks may end.
+    """Return the excess of differences between neighbours at possible edges of blocks.
 
     Parameters
     ----------
     left, dark
-        What is left of patterns ``(n, nt, ns)``, and where there is hardly any light.
+        Residuals of patterns ``(n, nt, ns)``, and where there is hardly any light.
     first
         Line of each pattern's first sample ``(n,)``.
     axis
         0: from row to row, 1: from column to column.
     most_of
-        Difference that counts at most.
+        Largest difference that counts.
     block
-        Pixels along a block.
+        Size of a block (pixels).
 
     Returns
     -------
-    As a ratio, in standard deviations, and as a ratio where what a whole line differs by is taken out.
+    The result is a ratio, its significance in standard deviations, and the ratio after removing differences of whole
+    lines.
     """
     steps = np.clip(np.diff(left, axis=1 + axis), -most_of, most_of)
     both = dark[:, 1:] & dark[:, :-1] if axis == 0 else dark[:, :, 1:] & dark[:, :, :-1]

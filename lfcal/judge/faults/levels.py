@@ -34,7 +34,7 @@ HIGHER = 2.0
 """Times that part by which their light should have been over the ceiling."""
 
 ALWAYS, SEVERAL = 0.9, 4
-"""Share of the patterns that see a pixel in which it is at the ceiling if it is hot, and how many tell that."""
+"""Share of the patterns in which a hot pixel is at the ceiling, and the number needed to decide."""
 
 BRIGHT = 2e-4
 """Background over the brightest light that is worth a word."""
@@ -47,7 +47,7 @@ UNEVEN = 2.0
 """Scatter of the background over its error beyond which it is not the same everywhere."""
 
 DARK, MANY = 5e-4, 2000
-"""Share of the brightest light below which samples are dark, and how many of these tell their noise."""
+"""Share of the brightest light below which samples are dark, and the number that determines their noise."""
 
 ZEROS = 0.1
 """Share of them that is exactly zero, and that is not, where noise was cut off."""
@@ -138,7 +138,7 @@ class CutOff(Fault):
         zeros = float((dark == 0).mean())
         if not ZEROS < zeros < 1 - ZEROS:
             return
-        # of Gaussian noise about a level, cut off at zero: share of zeros and mean tell both
+        # Gaussian noise about a level, clipped at zero: the share of zeros and the mean determine both
         t = -float(ndtri(zeros))
         noise = float(dark.mean()) / (t * float(ndtr(t)) + math.exp(-(t**2) / 2) / math.sqrt(2 * math.pi))
         level = t * noise

@@ -26,7 +26,7 @@ STEEP = 4.0
 """Times the usual step of the light that a single one counts at most."""
 
 ODD = 0.25
-"""Light of a single frame beside that of its neighbours that makes it odd."""
+"""Light of a single frame, relative to its neighbours, above which it is unusual."""
 
 
 def _gains(evidence: Evidence) -> tuple[F8, F8]:
@@ -148,7 +148,7 @@ class Lamp(Fault):
             detail,
             float(told),
             size / 4,
-            picture=FaultPicture(100 * gains[order], "%", "light beside that of the plane", ("pattern in scan order",)),
+            picture=FaultPicture(100 * gains[order], "%", "light relative to the plane", ("pattern in scan order",)),
             repair=lambda index, patterns: (patterns / light(index)).astype(np.float32),
             put_in=lambda patch: (patch.light * light(patch.index)).astype(np.float32),
         )
@@ -179,7 +179,7 @@ class Flicker(Fault):
         steps = np.abs(np.diff(gains[order])) / np.sqrt(2)
         scatter = 1.4826 * float(np.median(steps))
         chance = float(np.median(sigmas[order]))
-        # medians tell that it flickers, whatever single frames do; how much, the mean square tells better
+        # medians detect flicker independent of single frames; the mean square measures its size better
         mean = float(np.square(np.minimum(steps, STEEP * scatter)).mean())
         rms = float(np.sqrt(max(0.0, mean - chance**2)))
         if rms < WORTH or (scatter / chance - 1) * np.sqrt(len(order)) < SURE:
@@ -189,7 +189,7 @@ class Flicker(Fault):
             f"{100 * rms:.1f} % (rms) from frame to frame",
             float((scatter / chance - 1) * np.sqrt(len(order))),
             rms,
-            picture=FaultPicture(100 * gains[order], "%", "light beside that of the plane", ("pattern in scan order",)),
+            picture=FaultPicture(100 * gains[order], "%", "light relative to the plane", ("pattern in scan order",)),
             put_in=lambda patch: patch.light * _scattered(len(patch.index), 1.0, rms).astype(np.float32)[:, None, None],
             scatters=True,
         )
@@ -224,7 +224,7 @@ class FocusDrift(Fault):
                     float(abs(found[1]) / errors[1]),
                     share_of(evidence, abs(float(found[1])) / 4, ("depth",)),
                     positions=evidence.index[own],
-                    picture=place_map(evidence, 100 * values, "%", "virtual depth beside that of the plan"),
+                    picture=place_map(evidence, 100 * values, "%", "virtual depth relative to the plan"),
                     redo=True,
                     put_in=_drifting(plane, float(found[1])),
                 )

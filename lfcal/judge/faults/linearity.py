@@ -23,7 +23,7 @@ CURVED = 0.02
 """Difference of an exponent from 1 that is worth a word."""
 
 STRONG = 0.1
-"""The same from which on exponents are tried: a derivative tells no more of it."""
+"""Value of the same above which exponents are tried: a derivative is then not accurate enough."""
 
 EXPONENTS = np.geomspace(0.3, 3.0, 41)
 """Exponents that are tried."""
@@ -32,7 +32,7 @@ LIKE, GAINED = 0.99, 4.0
 """Correlation with the camera below which they are, and times as near to 1 that the best of them must bring it."""
 
 TURNS = 2
-"""Times that a law is told again of values that were straightened by it: derivatives are those of no bend."""
+"""Number of iterations with straightened values, because derivatives are those of a linear response."""
 
 MOST_SAG = 0.24
 """Bend of values that fall behind: at a quarter the curve is level at the brightest."""
@@ -59,7 +59,7 @@ class _Law:
         raise NotImplementedError
 
     def further(self, more: float) -> _Law:
-        """Return the law with what is left, told of values that were straightened, added to it."""
+        """Return the law with the remaining bend, measured on straightened values, added to it."""
         raise NotImplementedError
 
     def words(self, sigma: float) -> str:
@@ -167,9 +167,9 @@ def _told(evidence: Evidence, law: _Law) -> tuple[float, float]:
 
 
 def _likeliest(evidence: Evidence, peak: float) -> tuple[_Law, float] | None:
-    """Return the power without which patterns are most like those of the camera, and by how much for the least sure.
+    """Return the power without which patterns best match those of the camera, and the least certain improvement.
 
-    None where they are like them as they are, or not much more so without: a small bend is told by its derivative.
+    None if they match unchanged, or hardly better without it: a small bend is measured by its derivative.
     """
     model = _without_mean(evidence.model, evidence.valid)
     alike = correlation(model, _without_mean(evidence.data, evidence.valid))

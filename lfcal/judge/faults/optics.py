@@ -33,16 +33,16 @@ BRIGHTEST = 0.5
 """Share of the light that a ghost has at most: of bent values, a brighter one may be next to all that the fit has."""
 
 NEAR_PX = 3
-"""Displacement within which a ghost is not told from the pattern's own tails (pixels)."""
+"""Displacement within which a ghost cannot be distinguished from the pattern's tails (pixels)."""
 
 ROUNDS = 2
-"""Times that the share of a ghost is told again."""
+"""Number of iterations for the share of a ghost."""
 
 TURNS = 3
-"""Times that the light of types is told again."""
+"""Number of iterations for the light of types."""
 
 DIM = 0.03
-"""Light of a lens type beside the others that is worth a word."""
+"""Relative light of a lens type, compared with the others, that is reported."""
 
 
 VIEWS: dict[str, Callable[[F4], F4]] = {
@@ -92,7 +92,7 @@ class DepthLabel(Fault):
                 told,
                 share_of(evidence, worst, ("depth",)) * len(planes) / len(np.unique(z)),
                 positions=evidence.index[np.isin(z, planes)],
-                picture=FaultPicture(across, "%", "virtual depth beside that stated", ("plane",)),
+                picture=FaultPicture(across, "%", "virtual depth relative to that stated", ("plane",)),
                 put_in=_deeper(np.where(np.isin(np.arange(len(across)), planes), across / 100, 0.0)),
             )
 
@@ -212,7 +212,7 @@ class TypeLight(Fault):
                 now = shaded.with_data(evidence.data, evidence.valid)
                 lit = lit * (1 + np.clip(_of_types(now, which, types)[0], -0.5, 0.5))
         gains = lit / lit.max() - 1 if np.abs(gains).max() > DIM else gains
-        # each is told beside the light of all; the worst is told, and the others make up for it
+        # each is relative to the light of all; the worst is reported, and the others compensate for it
         k = int(np.argmax(np.abs(gains)))
         if not np.isfinite(errors[k]) or abs(gains[k]) < max(DIM, SURE * errors[k]):
             return
@@ -222,7 +222,7 @@ class TypeLight(Fault):
             f"type {k} (focal length {focal:.0f} µm) passes {100 * (1 + gains[k]):.0f} % of the light of the others",
             float(abs(gains[k]) / errors[k]),
             float(abs(gains[k]) / types),
-            picture=FaultPicture(100 * gains, "%", "light of each lens type beside the others", ("lens type",)),
+            picture=FaultPicture(100 * gains, "%", "light of each lens type relative to the others", ("lens type",)),
             repair=adding(evidence.index, now.left - replace(evidence, values=now.values).left),
             put_in=_dimmed(1 + gains),
         )

@@ -19,7 +19,7 @@ __all__ = ["FAULTS", "WrongOrder"]
 F4 = NDArray[np.float32]
 
 TRIED = 8
-"""Patterns of a plane that are held against those of mirrored positions."""
+"""Number of patterns of a plane that are compared with those of mirrored positions."""
 
 POOR = 0.75
 """Correlation that patterns in the right order do not fall below."""

@@ -25,20 +25,20 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 TOLD = 2.5
-"""Root of the mean square of what parts are off by, over their errors, from which on they are tried."""
+"""Rms deviation of parts, in units of their errors, above which they are fitted."""
 
 BLOCKS = (11, 11, 21, 41, 83)
-"""Parts of a cutout along each axis whose light is told, one turn after the other: coarse ones are told apart from
-displacements, fine ones follow the edge of a shadow."""
+"""Number of parts of a cutout along each axis whose light is fitted, in successive iterations: coarse parts can be
+distinguished from displacements, fine ones follow the edge of a shadow."""
 
 LIT = 0.02
-"""Share of the light of the brightest part from which on one counts."""
+"""Share of the light of the brightest part above which a part counts."""
 
 UNEVEN = 0.03
 """Scatter of the light of parts that is worth a word."""
 
 DARKEST = 0.02
-"""Share of the light that a part has at least: none would be told no more of."""
+"""Smallest share of the light of a part; smaller ones cannot be determined."""
 
 FOLLOWS = 6.0
 """Times the share of the light that the camera is off by, that parts may scatter by: displacements make up for some."""
@@ -47,13 +47,13 @@ EXPLAINS = 0.3
 """Share of what is left of patterns that it must explain."""
 
 LEFT = 0.02
-"""Misfit from which on lens types are tried: less leaves no room for one that is out of focus."""
+"""Misfit above which lens types are tried: a smaller one rules out a type that is out of focus."""
 
 STEP = 0.01
 """Change of a focal length that its derivative is made of."""
 
 ROUNDS, NEAR = 6, 0.001
-"""Times that the change is told anew at most, and from which change of it on: the derivative is that at one length."""
+"""Largest number of iterations for the change, and the change that needs one: the derivative is for one length."""
 
 BLUR = 0.005
 """Change of a focal length that is worth a word."""
@@ -85,7 +85,7 @@ class Pupil(Fault):
                 told = float(np.sqrt(np.square(gains / sigmas).mean()))
                 if told < TOLD:
                     return
-            # less what chance adds: small parts are told by a few samples
+            # minus the contribution of chance: small parts have few samples
             sure = np.clip(1 - np.square(sigmas) / np.maximum(np.square(gains), 1e-12), 0, 1)
             lit = np.clip(lit * np.clip(1 + sure * gains, 0.2, 5.0), DARKEST, 2.0)
             now = _seen(here, lit)
@@ -139,7 +139,7 @@ def _shaded(lit: F8) -> PutIn:
 
 
 def _excess(evidence: Evidence) -> float:
-    """Return the power of what is left beside noise, over that of the light."""
+    """Return the power of the residual beyond noise, relative to that of the light."""
     return evidence.misfit**2
 
 
@@ -205,7 +205,7 @@ class TypeFocus(Fault):
             f"type {kind}: focal length {focal * (1 + change):.1f} µm instead of {focal:.1f} µm",
             abs(tried[kind][0]) / sigma,
             share,
-            picture=FaultPicture(told, "%", "focal length beside that stated, each alone", ("lens type",)),
+            picture=FaultPicture(told, "%", "focal length relative to that stated, each alone", ("lens type",)),
             repair=adding(evidence.index, evidence.light - other),
             put_in=put_in,
         )

@@ -1,4 +1,4 @@
-"""Where sources were beside where they should have been: step, turn, shear, play, drift, jitter; moved cutouts."""
+"""Displacements of sources from their planned places: step, turn, shear, play, drift, jitter; moved cutouts."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ FAR_PX = 0.4
 """Displacement of a single source beyond which its frame is not the one that was planned (pixels)."""
 
 UNLIKE = 0.3
-"""Correlation less than that of other patterns that makes one a stranger."""
+"""Correlation, relative to that of other patterns, below which one does not belong to its position."""
 
 FEW = 0.1
-"""Share of positions whose cutouts alone may be displaced for them to be strangers."""
+"""Share of positions with displaced cutouts up to which they count as foreign patterns."""
 
 MANY = 0.45
-"""Share of positions that strangers may be: more of them are a scan in another order."""
+"""Largest share of foreign patterns: more of them mean a scan in another order."""
 
 DARK = 0.25
 """Gain over that of other patterns below which one is dark: that is its exposure."""
@@ -189,7 +189,7 @@ class Jitter(Fault):
         for name in ("source_y", "source_x"):
             left, (_, sigmas) = _fitted(evidence, name).left, evidence.column(name)
             known = np.isfinite(sigmas)
-            # by the median: single patterns that are far off have a fault of their own
+            # by the median: single distant patterns are a separate fault
             scatter = 1.4826 * float(np.median(np.abs(left[known])))
             chance = float(np.sqrt(np.median(np.square(sigmas[known])) + FLOOR_PX**2))
             spread.append(
@@ -315,7 +315,7 @@ class Strangers(Fault):
 
 
 def _whose(evidence: Evidence, k: int, far: F8, *, unlike: bool) -> str:
-    """Return in words what is known of a stranger."""
+    """Return a description of a foreign pattern."""
     place = tuple(int(v) for v in evidence.index[k])
     if unlike:
         return f"{place} is unlike its place"

@@ -26,14 +26,14 @@ DIM = 0.08
 """Share of the light that a line must lack: pixels themselves differ by a percent or two."""
 
 NEAR = 9
-"""Lines about one that it is held against: what the model is off by changes slowly from line to line."""
+"""Number of neighbouring lines for comparison: errors of the model change slowly from line to line."""
 
 LITTLE = 0.002
 """Share of the light that lines must take away: at the patterns' edges the model itself is off by tens of percent."""
 
 SEEN = 0.3
-"""Share of the light of the lines about it that one must see to be called dead: between small lenslets, and at the
-edges of the scanned part, the model itself is off by more than the light there."""
+"""Share of the light of neighbouring lines that a line must receive to be called dead: between small lenslets, and at
+the edges of the scanned part, the error of the model exceeds the light."""
 
 USUAL, PART = 0.02, 0.3
 """Share of the light that a camera may be off by, and the part of what it is off by beyond that which lines must
@@ -164,7 +164,7 @@ class DeadLine(Fault):
                 float(-told[worst]),
                 share,
                 pixels=_pixels(axis, bad, total.weight.shape),
-                picture=_curve(100 * off, "%", "light beside that of the neighbours", axis),
+                picture=_curve(100 * off, "%", "light relative to the neighbours", axis),
                 repair=bridged(axis, bad),
                 blinds=True,
                 put_in=lit(axis, gains, each.gain.shape),
@@ -210,7 +210,7 @@ class HotLine(Fault):
                 float(told[worst]),
                 _added(evidence, off[bad]),
                 pixels=_pixels(axis, bad, total.weight.shape),
-                picture=_curve(off, "counts", "counts beside those of the neighbours", axis),
+                picture=_curve(off, "counts", "counts relative to the neighbours", axis),
                 repair=shifted(axis, clean),
                 put_in=added(_along(axis, clean, each.gain.shape)),
             )
@@ -250,10 +250,10 @@ class LineOffsets(Fault):
 
 @dataclass(frozen=True, eq=False)
 class _Offsets:
-    """Offsets of lines along an axis that scatter more than chance makes them.
+    """Offsets of lines along an axis that scatter more than by chance.
 
-    ``shown`` is NaN where no pixel was seen, ``likely`` less what errors are likely to have added; ``rms`` is their
-    own scatter (counts), ``sigmas`` by how many standard deviations it stands out.
+    ``shown`` is NaN if no pixel was seen; ``likely`` is corrected for the likely contribution of errors; ``rms`` is
+    the scatter of the offsets (counts), ``sigmas`` its significance in standard deviations.
     """
 
     axis: int

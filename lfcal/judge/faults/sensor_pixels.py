@@ -37,7 +37,7 @@ LITTLE = 1e-4
 """Share of the light that pixels must add or take away."""
 
 WIDE = 9
-"""Pixels about one, each way, that it is held against: spots of dust are a few pixels wide."""
+"""Number of pixels on each side for comparison: spots of dust are a few pixels wide."""
 
 SEEN = 0.05
 """Share of the light of the best lit pixel that one must have had to be called dead."""
@@ -63,13 +63,13 @@ class BadPixels(Fault):
         each = total.pixels()
         peak = float(evidence.light.max())
         hot, hot_told = _apart(each.offset, each.offset_sigma)
-        # at the edges of the scanned part a few patterns' tails tell little
+        # at the edges of the scanned part, the tails of a few patterns carry little information
         lit = total.light > SEEN * float(total.light.max())
         dim, dim_told = _apart(each.gain, each.gain_sigma, lit)
         dark = (dim_told < -SURE) & (dim < -DUSTY) & lit
         spots = convolve(dark.astype(np.intp), np.ones((3, 3), np.intp), mode="constant") >= TOGETHER
         bad = ((hot_told > SURE) & (hot > 10 * BRIGHT * peak)) | (dark & ((dim < -DEAD) | spots))
-        # a line has a fault of its own
+        # a line is a separate fault
         for axis in (0, 1):
             many = bad.sum(1 - axis) > 0.2 * bad.shape[1 - axis]
             bad &= ~(many[:, None] if axis == 0 else many[None, :])
@@ -93,7 +93,7 @@ class BadPixels(Fault):
             worst,
             share,
             pixels=pixels.astype(np.intp),
-            picture=FaultPicture(hot, "counts", "counts beside those of the neighbours", AXES),
+            picture=FaultPicture(hot, "counts", "counts relative to the neighbours", AXES),
             repair=_bridged(bad),
             blinds=True,
             put_in=_recorded_at(bad),
@@ -101,16 +101,16 @@ class BadPixels(Fault):
 
 
 def _in_most(evidence: Evidence, bad: NDArray[np.bool_], hot: F8, dim: F8) -> NDArray[np.bool_]:
-    """Return which of the bad pixels are so in most patterns, by their weights: one of another place makes spots too.
+    """Return which of the bad pixels are bad in most patterns, by weight, because an error elsewhere also makes spots.
 
     Parameters
     ----------
     evidence
-        What was compared.
+        The compared patterns.
     bad
         Pixels of the sensor ``(rows, columns)``.
     hot, dim
-        Counts that they add, 0 of those that lack light; by what share they lack it, less than 0.
+        Added counts, 0 for pixels with too little light; relative lack of light, negative.
     """
     nt, ns = evidence.plan.cutout
     found = np.zeros_like(bad)

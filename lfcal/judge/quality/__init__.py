@@ -1,13 +1,13 @@
-"""How good a PSF matrix is.
+"""Quality metrics of a PSF matrix.
 
-- ``_inspect``: reads every plane once and returns a `QualityReport`; ``report`` is what that is; ``_units``: the
+- ``_inspect``: reads every plane once and returns a `QualityReport`; ``report`` defines the report; ``_units``: the
   same in units of a plane
-- ``metric``: what a metric is; ``metrics`` holds them, ``catalogue`` finds them
-- ``measure``: what metrics share of one plane, from ``_dark``, ``pattern_table``, ``_sums``, ``_positions``,
+- ``metric``: definition of a metric; ``metrics`` contains them, ``catalogue`` finds them
+- ``measure``: shared measurements of one plane, from ``_dark``, ``pattern_table``, ``_sums``, ``_positions``,
   ``_turned``, ``_steps``
-- ``across``: what they share of all planes
-- ``_field``, ``_lattice``, ``_kernels``: parts, phases and compiled passes that these are made of
-- ``_periodicity``: how true the tiling is, from control frames over the field
+- ``across``: shared measurements of all planes
+- ``_field``, ``_lattice``, ``_kernels``: components, phases and compiled passes used by these
+- ``_periodicity``: accuracy of the tiling, from control frames over the field
 """
 
 from typing import TYPE_CHECKING

@@ -30,7 +30,7 @@ class DarkCorners:
     noise
         Standard deviation of a pixel.
     clipped
-        Share of exact zeros where noise was cut off at zero; else 0.
+        Share of exact zeros if noise was clipped at zero; else 0.
     chance
         Standard error of the background.
     """

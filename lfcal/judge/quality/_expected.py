@@ -1,9 +1,9 @@
-"""The depth-plane sum that a camera should show: the shadow, the lenslets' footprint and the tails of diffraction.
+"""The expected depth-plane sum of a camera: the shadow, the lenslets' footprint and the tails of diffraction.
 
-Edges of an aperture throw light far beyond its geometric shadow. Beyond distance r from the middle of a shadow of
-radius R, a circular pupil in a beam of f-number N leaves ``wavelength N / pi^2 (1/(r - R) + 1/(r + R))`` of its light
-(the edge waves of the near and the far rim; in focus, R = 0, the mean of Airy's ``1 - J0^2 - J1^2``). A slit's two
-edges leave half of that on its axis, so that square lenslets make crosses.
+The edges of an aperture diffract light far beyond its geometric shadow. Beyond distance r from the middle of a shadow
+of radius R, a circular pupil in a beam of f-number N leaves ``wavelength N / pi^2 (1/(r - R) + 1/(r + R))`` of its
+light (the edge waves of the near and the far rim; in focus, R = 0, the mean of Airy's ``1 - J0^2 - J1^2``). The two
+edges of a slit leave half of that on its axis, so that square lenslets produce crosses.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class _Grid:
 def expected_sum(
     camera: Camera, depth_um: float, cutout: tuple[int, int], pixel_scale: tuple[float, float] = (1.0, 1.0)
 ) -> Values:
-    """Return the mean pattern of a plane over all positions ``(nt, ns)``; all its light, in and out of it, is 1.
+    """Return the mean pattern of a plane over all positions ``(nt, ns)``; the total light, inside and outside, is 1.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def expected_sum(
     cutout
         Pixels ``(nt, ns)``.
     pixel_scale
-        Pixels of the cutout per pixel of the sensor, rows and columns.
+        Cutout pixels per sensor pixel, for rows and columns.
     """
     pitch = camera.sensor.pixel_um / pixel_scale[0], camera.sensor.pixel_um / pixel_scale[1]
     # odd and twice as large: what leaves the cutout by one effect may come back by the next
@@ -101,7 +101,7 @@ def _pupil(camera: Camera, shift: float, grid: _Grid) -> tuple[Values, Values]:
     edge = float(radii[-1])
     y, x = np.meshgrid(*grid.axes(), indexing="ij")
     r = np.hypot(y, x)
-    # nearer than the first Fresnel zone the edge wave is no tail, nor within the image that a lenslet makes of it
+    # the edge wave is not a tail within the first Fresnel zone, or within its image by a lenslet
     outside = r > edge + max(blur, camera.lattice.clear_diameter_um / 2, 4 * strength)
     near, far = r[outside] - edge, r[outside] + edge
     tail = np.zeros_like(r)
@@ -170,8 +170,8 @@ def _lens(camera: Camera, shift: float, grid: _Grid) -> Values:
 def _seam(x: Values, half: float, start: float, strength: float) -> Values:
     """Return the light density of the edge between touching lenslets, whose two edge waves nearly cancel.
 
-    The phase is continuous there and its slope is not: amplitudes 1/(x + h) and 1/(x - h), one the negative of the
-    other, about the two places ``-h`` and ``h`` to which the two lenslets send the light of the edge.
+    At this edge the phase is continuous, but its slope is not: the amplitudes are 1/(x + h) and -1/(x - h), about the
+    two places ``-h`` and ``h`` to which the two lenslets deflect the light of the edge.
     """
     away = np.abs(x)
     outside = away > half + start

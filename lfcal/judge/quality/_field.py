@@ -28,13 +28,13 @@ class Parts:
     mean
         Robust mean.
     ramp
-        Change over the whole cell along (y, x): what cannot repeat from cell to cell; NaN of too few positions.
+        Change over the whole cell along (y, x), which cannot repeat from cell to cell; NaN with too few positions.
     ramp_error
         Standard errors of the ramps.
     ripple
-        The smooth part that repeats, ``(ny, nx)``: a lattice makes one.
+        The smooth part that repeats, ``(ny, nx)``, as caused by a lattice.
     residual
-        What changes from position to position, ``(ny, nx)``; NaN where the field was not used.
+        Residual from position to position, ``(ny, nx)``; NaN where the field was not used.
     """
 
     mean: float
@@ -44,9 +44,9 @@ class Parts:
     residual: NDArray[np.float64]
 
     def sure_ramp(self, axis: int) -> float:
-        """Return the size of a ramp less what chance may make of it: two standard errors, in quadrature.
+        """Return the size of a ramp minus the contribution of chance: two standard errors, in quadrature.
 
-        NaN where there are too few positions to tell.
+        NaN with too few positions.
         """
         left = self.ramp[axis] ** 2 - (2 * self.ramp_error[axis]) ** 2
         return left if math.isnan(left) else math.sqrt(max(0.0, left))
@@ -78,7 +78,7 @@ class Parts:
 class _Basis:
     """One, the ramps, and low harmonics of a cell: ``terms = smooth @ inverse(solve)`` with orthonormal columns.
 
-    ``error`` is the standard error of each coefficient per unit of noise, ``ramps`` the axes that have a ramp.
+    ``error`` is the standard error of each coefficient per unit of noise, ``ramps`` the axes with a ramp.
     """
 
     terms: NDArray[np.float64]
@@ -113,16 +113,16 @@ def _basis(ny: int, nx: int) -> _Basis:
 def split(field: NDArray[np.float64], use: NDArray[np.bool_] | None = None) -> Parts:
     """Split a field over the cell into mean, ramp, ripple and residual, by robust least squares.
 
-    The patterns of a perfect scan repeat with the cell, so any quantity of theirs is a periodic function of
-    the position, and, lenslets being many pixels wide, a smooth one: low harmonics. A ramp does not repeat,
-    and what changes from one position to the next is no lattice's doing.
+    The patterns of a perfect scan repeat with the cell, so any of their properties is a periodic function of the
+    position. It is also smooth, because lenslets are many pixels wide, and thus described by low harmonics. A ramp
+    does not repeat, and changes between neighbouring positions are not caused by a lattice.
 
     Parameters
     ----------
     field
         Values ``(ny, nx)``.
     use
-        Positions to use; the others do not enter and have a residual of NaN.
+        Positions to use; the others are ignored and have a residual of NaN.
     """
     ny, nx = field.shape
     good = np.isfinite(field) if use is None else use & np.isfinite(field)

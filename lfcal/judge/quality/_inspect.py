@@ -27,7 +27,7 @@ __all__ = ["Controls", "InspectedPlane", "inspect", "iter_inspect", "iter_inspec
 
 
 STEEP = 0.7
-"""Sine of the half angle from which on the rim of a defocused shadow has a third of its middle's light (cos³)."""
+"""Sine of the half angle at which the rim of a defocused shadow has a third of its middle's light (cos³)."""
 
 SIZE_ERROR = (0.02, 0.5)
 """Error of a shadow's size by its second moment: so much of it, and so many pixels, whatever the noise."""
@@ -38,7 +38,7 @@ Controls = Mapping[int, tuple[ArrayLike, ArrayLike]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InspectedPlane:
-    """What one plane told: its measures, without its patterns, and the readings of metrics by their keys."""
+    """Results of one plane: its measurements, without patterns, and the readings of metrics by key."""
 
     measures: PlaneMeasures
     readings: Mapping[str, Reading]
@@ -49,21 +49,21 @@ def iter_inspect(
 ) -> Work[QualityReport]:
     """Measure every metric of `lfcal.judge.quality.catalogue` on H.
 
-    Each plane is read once and let go; memory is that of two planes at most.
+    Each plane is read once and released; at most two planes are in memory.
 
     Parameters
     ----------
     matrix
-        H; of a transposed view, the H behind it is inspected. Values of other types are taken as float32.
+        H; for a transposed view, its H is inspected. Values of other types are converted to float32.
     controls
-        Control frames by depth plane, where there are some: how true the tiling is over the field.
+        Control frames by depth plane, if any, for the accuracy of the tiling over the field.
     workers
-        Threads; every processor by default.
+        Number of threads; all processors by default.
 
     Raises
     ------
     InputError
-        If H holds complex numbers.
+        If H contains complex numbers.
 
     Examples
     --------
@@ -109,9 +109,9 @@ def iter_inspect_plane(
     controls: Controls | None = None,
     workers: int | None = None,
 ) -> Work[InspectedPlane]:
-    """Read plane ``z`` of a straight H, measure it, and ask all metrics of single planes.
+    """Read plane ``z`` of a straight H, measure it, and evaluate all metrics of single planes.
 
-    ``clock`` counts `PASSES` a plane; ``before`` planes are done. The rest is as in `iter_inspect`.
+    ``clock`` counts `PASSES` per plane; ``before`` planes are done. The rest is as in `iter_inspect`.
     """
     # of a distorted lattice the scanned cell shows what it is there
     camera = None if H.camera is None else H.camera.local(H.anchor)

@@ -21,7 +21,7 @@ weight, its centroid from the cutout's centre, and the sum of their squared dist
 
 
 class PatternSums(NamedTuple):
-    """What `frame_pass` fills.
+    """Output of `frame_pass`.
 
     Attributes
     ----------
@@ -30,9 +30,9 @@ class PatternSums(NamedTuple):
     digest
         A checksum of each pattern ``(nx,)``.
     lit
-        How often each pixel of the cutout is lit ``(nt, ns)``; added to.
+        Number of times each pixel of the cutout is lit ``(nt, ns)``; accumulated.
     sensor
-        The same per sensor pixel, ``(nt, ns + nx - 1)`` from the row's first cutout on; added to.
+        The same for sensor pixels, ``(nt, ns + nx - 1)`` from the row's first cutout; accumulated.
     """
 
     table: NDArray[np.float64]
@@ -54,11 +54,11 @@ def frame_pass(
     bits
         The same bytes as ``uint32``.
     floor
-        A pixel above it is lit; its weight is what exceeds it.
+        Threshold of lit pixels; the weight of a pixel is its excess.
     tolerance
-        Values this close to the highest share it.
+        Difference below which values count as equal to the highest.
     out
-        Where the results go.
+        Output of the results.
     """
     ns = frames.shape[2]
     for x in range(frames.shape[0]):
@@ -157,7 +157,7 @@ def spot_pass(
     frames
         Patterns ``(n, nt, ns)``.
     floor
-        Only what exceeds it counts: the dark pixels' noise stays out.
+        Threshold: only the excess counts, so that the noise of dark pixels is ignored.
     across, down
         Waves over columns ``(ns, waves)`` and rows ``(nt, waves)``.
     out
@@ -188,9 +188,9 @@ def spot_pass(
 def step_pass(
     a: NDArray[np.float32], b: NDArray[np.float32], rows: int, columns: int, out: NDArray[np.float64]
 ) -> None:
-    """Sum the squares of two patterns and their product, where ``b`` is one step on from ``a``, to ``out (3,)``.
+    """Sum the squares of two patterns and their product to ``out (3,)``, where ``b`` is one step after ``a``.
 
-    The lenslets stand still on the sensor while the cutout moves by ``(rows, columns)``, so ``b[t, s]`` belongs to
+    The lenslets do not move on the sensor while the cutout moves by ``(rows, columns)``, so ``b[t, s]`` corresponds to
     ``a[t + rows, s + columns]``.
     """
     nt, ns = a.shape

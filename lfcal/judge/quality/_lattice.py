@@ -49,13 +49,13 @@ class SpotLattice:
     waves
         Wave vectors of the lenslet lattice ``(k, 2)`` as (x, y) (rad per pixel).
     scale
-        Spot wave number over lattice wave number: 1 / (1 - 1/v).
+        Ratio of spot to lattice wave number: 1 / (1 - 1/v).
     order
-        Key of `ORDERS`: the order of the scan that fits the phases.
+        Key of `ORDERS`: the scan order that fits the phases.
     modulation
-        Strength of the spots' wave, 0 to 1.
+        Modulation by the spots' wave, 0 to 1.
     across
-        Lenslets across the pattern.
+        Number of lenslets across the pattern.
     """
 
     waves: NDArray[np.float64]
@@ -146,11 +146,11 @@ def find_spots(
     diameter_px: float,
     workers: int | None = None,
 ) -> SpotLattice | None:
-    """Return the spots of a plane, or None where nothing is lit.
+    """Return the spots of a plane, or None if nothing is lit.
 
-    A pattern's spots are ``p (1 - 1/v)`` apart, and as the source moves over the lattice's cell their phase runs
-    with the lattice's wave vectors. Both are searched together: the spacing, and the order of the scan under which
-    the phases agree.
+    The spots of a pattern are ``p (1 - 1/v)`` apart. As the source moves over the lattice's cell, their phase follows
+    the lattice's wave vectors. Spacing and scan order are searched together: the order is the one under which the
+    phases agree.
 
     Parameters
     ----------
@@ -159,13 +159,13 @@ def find_spots(
     use
         Positions to use ``(ny, nx)``.
     floor
-        What lit pixels exceed.
+        Threshold of lit pixels.
     waves
         See `wave_vectors`.
     diameter_px
         Diameter of the pattern (pixels).
     workers
-        Threads.
+        Number of threads.
     """
     period = (plane.shape[0], plane.shape[1])
     y, x = _sparse_grid(use)
@@ -203,10 +203,10 @@ def _spacing(
     place: NDArray[np.float64],
     start: float,
 ) -> float:
-    """Return the spots' wave number over the lattice's, from the phase across the middle of the pattern.
+    """Return the ratio of the spots' to the lattice's wave number, from the phase across the middle of the pattern.
 
-    ``D(r) = sum_X H_X(r) exp(-i k X)`` runs as ``exp(i scale k r)`` wherever the pattern is fully lit, for any
-    spots' shape; its phase from pixel to pixel, summed over the brightest part, is the spacing.
+    ``D(r) = sum_X H_X(r) exp(-i k X)`` varies as ``exp(i scale k r)`` wherever the pattern is fully lit, for any shape
+    of the spots. Its phase from pixel to pixel, summed over the brightest part, gives the spacing.
     """
     n, nt, ns = frames.shape
     lit = frames.reshape(n, -1) - np.float32(floor)
@@ -259,10 +259,10 @@ def _search(
 def displacements(
     plane: NDArray[np.float32], spots: SpotLattice, floor: float, workers: int | None = None
 ) -> NDArray[np.float64]:
-    """Return by how much each pattern's lattice is displaced, ``(2, ny, nx)`` as (y, x) (pixels).
+    """Return the displacement of each pattern's lattice, ``(2, ny, nx)`` as (y, x) (pixels).
 
-    From the phases of the spots' waves, against those of the mean; a position that was read into the wrong place
-    is displaced by as many pixels as it is positions away, and a stage error e displaces by -e / (v - 1).
+    It comes from the phases of the spots' waves, relative to those of the mean. A frame at a wrong position is
+    displaced by as many pixels as it is positions away; a stage error e displaces by -e / (v - 1).
     """
     ny, nx = plane.shape[:2]
     frames = plane.reshape(ny * nx, *plane.shape[2:])

@@ -1,7 +1,7 @@
-"""How true the tiling is: control frames over the field against the same position in the cell.
+"""Accuracy of the tiling: control frames over the field compared with the same position in the cell.
 
-The patterns of one cell stand for the whole field exactly only where the lens is telecentric (Eberhart,
-section 2.1). Frames recorded whole periods away show by how much they do not, and which period would fit there.
+The patterns of one cell represent the whole field exactly only if the lens is telecentric (Eberhart, section 2.1).
+Frames recorded whole periods away show the deviation, and the period that would fit there.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ class Periodicity:
     positions
         Sensor position (row, column) of the source's image, ``(n, 2)`` (pixels).
     away
-        Whole periods (y, x) from the cell, ``(n, 2)``.
+        Number of periods (y, x) from the cell, ``(n, 2)``.
     difference
         Normalised difference from the same position of the cell, ``(n,)``: sqrt(1 - correlation²), 0 to 1.
     best
-        The same from the position of the cell that fits best, ``(n,)``.
+        The same for the best-fitting position of the cell, ``(n,)``.
     shift
-        That position less the nominal one (y, x), ``(n, 2)`` (pixels).
+        That position minus the nominal one (y, x), ``(n, 2)`` (pixels).
     period
-        Period (y, x) that would put it there, ``(n, 2)`` (pixels); NaN along an axis the frame is no period away.
+        Period (y, x) that would give that position, ``(n, 2)`` (pixels); NaN along an axis without displacement.
 
     Examples
     --------
@@ -69,7 +69,7 @@ def periodicity(
     anchor: tuple[float, float] = (0.0, 0.0),
     search: int = 3,
 ) -> Periodicity:
-    """Hold control frames against the cell.
+    """Compare control frames with the cell.
 
     Parameters
     ----------
@@ -78,11 +78,11 @@ def periodicity(
     positions
         Sensor position (row, column) of the source's image in each, ``(n, 2)`` (pixels).
     plane
-        The depth plane of H they belong to, ``(ny, nx, nt, ns)``; read where needed.
+        Their depth plane of H, ``(ny, nx, nt, ns)``; read on demand.
     anchor
         Sensor position (row, column) of the image of source position (0, 0) (pixels).
     search
-        How far around its position a frame is looked for (pixels).
+        Search range around the position of a frame (pixels).
 
     Raises
     ------

@@ -25,18 +25,18 @@ MISPLACED = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LatticePhases:
-    """How far the patterns' lattice is from where each position says.
+    """Displacement of the patterns' lattice from its expected place at each position.
 
     Attributes
     ----------
     rms
-        Scatter over the frames that are in place (pixels); NaN where there are none.
+        Scatter of correctly placed frames (pixels); NaN if there are none.
     pitch
-        How far the lattice runs away over the cell (pixels).
+        Drift of the lattice over the cell (pixels).
     shift, away
-        Displacement, and what of it changes from position to position, ``(ny, nx)`` (pixels).
+        Displacement, and its part that changes from position to position, ``(ny, nx)`` (pixels).
     wrong
-        Frames that are misplaced, ``(ny, nx)``.
+        Misplaced frames, ``(ny, nx)``.
     """
 
     rms: float
@@ -48,12 +48,12 @@ class LatticePhases:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CentroidPath:
-    """How the patterns' centroids move over the cell.
+    """Motion of the patterns' centroids over the cell.
 
     Attributes
     ----------
     jitter
-        Scatter about the path, without noise and backlash (pixels rms); NaN where no frame is in place.
+        Scatter about the path, without noise and backlash (px rms); NaN if no frame is in place.
     backlash
         Half the offset between even and odd rows (pixels).
     gain, drift
@@ -61,7 +61,7 @@ class CentroidPath:
     distance, away
         Distance from the median place, and from the smooth path, ``(ny, nx)`` (pixels).
     wrong
-        Frames that are misplaced, ``(ny, nx)``.
+        Misplaced frames, ``(ny, nx)``.
     """
 
     jitter: float
@@ -75,20 +75,20 @@ class CentroidPath:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Positions:
-    """The source's positions as measured from the patterns; None where they cannot be measured.
+    """Source positions measured from the patterns; None if they cannot be measured.
 
     Attributes
     ----------
     spots
-        The spots' lattice, where positions can be measured from it.
+        The spots' lattice, if positions can be measured from it.
     locked
         Whether each pattern is the image of a single lenslet, which does not follow the source.
     phases, path
-        By the lattice's phases and by the centroids.
+        Positions from the lattice's phases, and from the centroids.
     misplaced
-        Frames in use that are misplaced by either, ``(ny, nx)``.
+        Used frames that are misplaced by either measure, ``(ny, nx)``.
     turned
-        Orientation that the frames need for the image to move as planned.
+        Orientation of the frames for which the image moves as planned.
     """
 
     spots: SpotLattice | None = None
@@ -127,13 +127,13 @@ def measure_positions(
     diameter_px
         Diameter of the depth-plane sum (pixels).
     workers
-        Threads.
+        Number of threads.
     cut_off
-        Whether the cutouts hold a part of the patterns alone: the centroid of that is not the source's.
+        Whether the cutouts contain only a part of the patterns, whose centroid is not that of the source.
     """
     turned = turned_frames(table, use)
     if turned != AS_IS:
-        # steps, drifts and places measured against the wrong way would only tell of it again
+        # steps, drifts and places in the wrong direction would only report the same again
         return Positions(turned=turned)
     spots = find_spots(patterns, use, table.floor, waves, diameter_px, workers)
     if spots is None:
@@ -167,7 +167,7 @@ def _wild(shift: NDArray[np.float64], spots: SpotLattice, use: NDArray[np.bool_]
 def _path(table: PatternTable, use: NDArray[np.bool_]) -> CentroidPath:
     row, column = table.column("row"), table.column("column")
     move = [split(row, use), split(column, use)]
-    # what the noise of the lit pixels alone makes of a centroid
+    # error of a centroid from the noise of the lit pixels alone
     noise = table.dark.noise * np.sqrt(table.column("spread")[use]) / table.column("weight")[use]
     away = np.hypot(move[0].residual, move[1].residual)
     swing = max(part.alternation for part in move)

@@ -39,10 +39,10 @@ def unlike_displaced(frames: NDArray[np.float32], by: NDArray[np.float64]) -> fl
 
 
 def seam_ratio(steps: NDArray[np.float64], use: NDArray[np.bool_], slip: NDArray[np.float64] | None = None) -> float:
-    """Return the change across the wrap over what it should be, the larger of y and x.
+    """Return the ratio of the change across the wrap to the expected one, the larger of y and x.
 
-    That is the median change inside the cell, and what a known displacement adds to it.
-    ``1 - correlation`` grows with the square of a change, so the root of the ratio is taken.
+    The expected change is the median inside the cell plus the contribution of a known displacement. ``1 -
+    correlation`` grows with the square of a change, so the root of the ratio is used.
 
     Parameters
     ----------
@@ -51,8 +51,8 @@ def seam_ratio(steps: NDArray[np.float64], use: NDArray[np.bool_], slip: NDArray
     use
         Patterns to use ``(ny, nx)``.
     slip
-        Of each axis, what the displacement changes (root of 1 minus the correlation), and how much of a step more
-        the source moves ``(2, 2)``; None: nothing.
+        For each axis, the change due to the displacement (root of 1 minus the correlation), and the additional motion
+        of the source in steps ``(2, 2)``; None: nothing.
     """
     pairs = _pairs(steps, use)
     slip = np.zeros((2, 2)) if slip is None else slip
@@ -72,7 +72,7 @@ def odd_frames(steps: NDArray[np.float64], use: NDArray[np.bool_]) -> NDArray[np
     from scipy import ndimage
 
     pairs = _pairs(steps, use)
-    for axis in (0, 1):  # the seam has a metric of its own
+    for axis in (0, 1):  # the seam has a separate metric
         np.moveaxis(pairs[axis], axis, 0)[-1] = np.nan
     four = np.stack([pairs[0], np.roll(pairs[0], 1, 0), pairs[1], np.roll(pairs[1], 1, 1)])
     counted = np.isfinite(four).sum(0)

@@ -87,15 +87,15 @@ class _LitArea:
 
 @dataclass(frozen=True, slots=True)
 class EdgeLight:
-    """Light where a depth-plane sum should be dark (per cent); NaN where it cannot be measured.
+    """Light where a depth-plane sum should be dark (per cent); NaN if it cannot be measured.
 
     Attributes
     ----------
     truncation
-        Brightest side's mean over two pixels, over the plateau.
+        Mean over two pixels at the brightest side, relative to the plateau.
     leak
-        What lies outside 1.25 radii of the lit patch, over all, less what the noise of its pixels may make and what
-        the camera's own tails explain.
+        Light outside 1.25 radii of the lit patch, relative to the total, minus the contributions of pixel noise and of
+        the camera's tails.
     """
 
     truncation: float = math.nan

@@ -55,23 +55,23 @@ def control_frames(session: Path, H: PSFMatrix) -> Controls:
 
 
 def iter_inspect_units(H: PSFMatrix, report: Path, session: Path | None, run: RunChoice) -> Work[QualityReport]:
-    """Measure every metric of ``H`` as `lfcal.judge.quality.iter_inspect` does, plane by plane.
+    """Measure every metric of ``H`` like `lfcal.judge.quality.iter_inspect`, plane by plane in units.
 
     Parameters
     ----------
     H
-        As `lfcal.psf.open_psf` gave it, straight; workers open its file by its path.
+        H from `lfcal.psf.open_psf`, not transposed; workers open its file by its path.
     report
-        Folder that the report will be in; the results of the planes stay next to it until they are discarded.
+        Folder of the report; results of the planes are kept next to it until they are discarded.
     session
-        The session whose control frames belong to it; or None.
+        The session with its control frames, or None.
     run
-        By whom, and what becomes of an earlier run.
+        Executor, and treatment of an earlier run.
 
     Raises
     ------
     InputError, FileFormatError, StorageError
-        As `lfcal.work.iter_made`.
+        As in `lfcal.work.iter_made`.
     """
     start = time.perf_counter()
     source = os.path.abspath(H.path)

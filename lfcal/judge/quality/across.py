@@ -39,22 +39,22 @@ CLEAR = 4.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MatrixMeasures:
-    """What was measured of all planes, for metrics of the whole matrix.
+    """Measurements of all planes, for metrics of the whole matrix.
 
     Attributes
     ----------
     matrix
         H, straight.
     planes
-        Measures of each plane, without patterns.
+        Measurements of each plane, without patterns.
     energy
-        Energy of each plane's patterns ``(nz,)``; 0 where there is no light.
+        Energy of each plane's patterns ``(nz,)``; 0 without light.
     dark
         Planes with hardly any light ``(nz,)``.
     copies
-        Earlier plane that each plane is a copy of ``(nz,)``; -1 where it is none.
+        Earlier plane that each plane is a copy of ``(nz,)``; -1 if it is not a copy.
     shadows_px
-        Diameter of the iris's shadow on the sensor ``(nz,)`` (pixels); NaN where not known.
+        Diameter of the iris's shadow on the sensor ``(nz,)`` (pixels); NaN if unknown.
 
     Examples
     --------
@@ -88,11 +88,11 @@ class MatrixMeasures:
 
 
 def _copies(planes: Sequence[PlaneMeasures], lit: NDArray[np.bool_], places: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return of which earlier plane each is a copy, -1 where of none.
+    """Return which earlier plane each plane is a copy of, -1 if none.
 
-    Planes are compared on some patterns. Two that share even their noise are one recording. Two recordings are of one
-    depth where they differ by no more than noise, although planes so far apart differ by much more: that is known from
-    the other planes alone.
+    Planes are compared on some patterns. Two planes with equal noise are one recording. Two recordings show the same
+    depth if they differ only by noise, although planes at such a distance normally differ by much more; this is known
+    only from the other planes.
     """
     out = np.full(len(planes), -1, np.intp)
     chosen = [z for z in range(len(planes)) if lit[z] and planes[z].sample.size]
@@ -136,11 +136,11 @@ def _places(matrix: PSFMatrix) -> NDArray[np.float64]:
 def shadow_sizes(
     planes: Sequence[PlaneMeasures], camera: Camera | None, pixel_scale: tuple[float, float] = (1.0, 1.0)
 ) -> NDArray[np.float64]:
-    """Return the diameter of the iris's shadow on the sensor, per plane (pixels); NaN where not known.
+    """Return the diameter of the iris's shadow on the sensor, per plane (pixels); NaN if unknown.
 
-    Light through the iris reaches r = P (1 - 1/v) - e B/f, P on the shadow at the lenslets and e on a lenslet,
-    and over a whole cell both are spread independently: the second moment of a depth-plane sum is that of the
-    shadow, which a disc of diameter D has as D²/8, plus that of the lenslets, which does not depend on depth.
+    Light through the iris reaches r = P (1 - 1/v) - e B/f, with P on the shadow at the lenslets and e on a lenslet.
+    Over a whole cell, both are distributed independently. The second moment of a depth-plane sum is therefore the sum
+    of that of the shadow (D²/8 for a disc of diameter D) and that of the lenslets, which does not depend on depth.
     """
     sizes = np.full(len(planes), math.nan)
     if camera is None:

@@ -1,8 +1,8 @@
-"""Every metric by name: those of `lfcal.judge.quality.metrics`, and those of other distributions.
+"""All metrics by name: those of `lfcal.judge.quality.metrics`, and those of other distributions.
 
-Costs are reconstruction errors (NRMSE against the ideal H). Those of scan order, dark planes, missing and misplaced
-frames, background, truncation, hot pixels and flicker follow reconstructions with the fault put into a simulated H;
-the others are estimates that put a metric in its place among them.
+Costs are reconstruction errors (NRMSE relative to the ideal H). Those of scan order, dark planes, missing and
+misplaced frames, background, truncation, hot pixels and flicker come from reconstructions with the fault added to a
+simulated H; the others are estimates that rank a metric among them.
 """
 
 from __future__ import annotations

@@ -36,22 +36,22 @@ PASSES = 6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneContext:
-    """What is known of a plane before its patterns are read.
+    """Facts about a plane before its patterns are read.
 
     Attributes
     ----------
     matrix, z
-        H, straight, and which of its planes this is.
+        H, not transposed, and the number of the plane.
     depth_sum
-        Sum of its patterns as H states it ``(nt, ns)``.
+        Sum of its patterns as stated in H ``(nt, ns)``.
     aperture
         The iris fitted to it.
     waves
         Wave vectors of the lenslet lattice, see `lfcal.judge.quality._lattice.wave_vectors`.
     tiling
-        Result of the control frames, where there were some.
+        Result of the control frames, if any.
     expected
-        The mean pattern that the camera should show, see `lfcal.judge.quality._expected.expected_sum`; None: not known.
+        Mean pattern expected from the camera, see `lfcal.judge.quality._expected.expected_sum`; None: unknown.
     """
 
     matrix: PSFMatrix
@@ -88,14 +88,14 @@ class Faulty:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Continuity:
-    """How each pattern follows from its neighbours.
+    """Continuity of each pattern with its neighbours.
 
     Attributes
     ----------
     seam
-        Change across the wrap over the change between neighbours; NaN where not known.
+        Ratio of the change across the wrap to that between neighbours; NaN if unknown.
     odd
-        Each pattern's change to its neighbours over what is usual around it ``(ny, nx)``.
+        Change of each pattern to its neighbours, relative to the typical one around it ``(ny, nx)``.
     """
 
     seam: float
@@ -104,34 +104,35 @@ class Continuity:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneMeasures:
-    """What was measured of a plane, for all metrics.
+    """Measurements of a plane, for all metrics.
 
-    In a plane without light everything from ``shares`` on is left at "not known".
+    In a plane without light, ``shares`` and all following fields stay unknown.
 
     Attributes
     ----------
     about
-        What was known before: H, its number, depth-plane sum, aperture.
+        Facts known before: H, plane number, depth-plane sum, aperture.
     patterns
-        The patterns ``(ny, nx, nt, ns)``; empty once all metrics of the plane have been asked.
+        The patterns ``(ny, nx, nt, ns)``; empty after all metrics of the plane have been evaluated.
     table
-        Their table: energy, highest value, centroid … of each; noise and background.
+        Table of the patterns: energy, highest value, centroid … of each; noise and background.
     lit, energy
         Whether there is light in the plane, and the median energy of a good pattern.
     faulty
-        Missing, not-a-number and duplicate frames.
+        Missing, NaN and duplicate frames.
     shares, shares_split
-        Energy of each pattern over the usual one, background taken off ``(ny, nx)`` (per cent), and its parts.
+        Energy of each pattern relative to the typical one, without background ``(ny, nx)`` (per cent), and its
+        components.
     edges
         Light at the cutout's edges and outside the pattern.
     spread
-        Second moment of the depth-plane sum (pixels squared); NaN where it cannot be relied on.
+        Second moment of the depth-plane sum (pixels squared); NaN if unreliable.
     positions
-        The source's positions as measured from spots and centroids.
+        Source positions measured from spots and centroids.
     continuity
-        Seam and odd frames; None where the scan ran in another order, and its neighbours are none.
+        Seam and unusual frames; None for another scan order, in which neighbours are not adjacent.
     sample
-        Some of the patterns, dark pixels removed, to hold against other planes.
+        Some of the patterns, without dark pixels, for comparison with other planes.
 
     Examples
     --------
@@ -265,10 +266,10 @@ def _faulty(
 
 
 def _steps(plane: NDArray[np.float32], dark: DarkCorners, workers: int | None) -> NDArray[np.float64]:
-    """Return how unlike each pattern and the next along y and x are, wrapping, ``(2, ny, nx)``.
+    """Return the difference between each pattern and the next along y and x, wrapping, ``(2, ny, nx)``.
 
-    1 minus the correlation after the cutout's move, the noise taken out of the norms; 0 for the very same frame
-    alone, else at least what noise makes of it.
+    This is 1 minus the correlation after the cutout's move, with noise removed from the norms. It is 0 only for
+    identical frames, and otherwise at least the contribution of noise.
     """
     ny, nx, nt, ns = plane.shape
     products = np.empty((2, ny, nx, 3))
@@ -295,9 +296,9 @@ def _steps(plane: NDArray[np.float32], dark: DarkCorners, workers: int | None) -
 def _duplicates(
     table: PatternTable, steps: NDArray[np.float64], ok: NDArray[np.bool_], copied: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Return the frames that are the same as another, or the same but for the cutout's move.
+    """Return the frames that are identical to another, or identical except for the cutout's move.
 
-    Patterns that are ``copied`` from another position by intent are no frames of their own.
+    Patterns that are intentionally ``copied`` from another position do not count as frames.
     """
     # checksums find copies anywhere in the plane, steps only those of neighbours
     _, inverse = np.unique(table.digest.ravel(), return_inverse=True)
@@ -361,7 +362,7 @@ def _slip(plane: PlaneMeasures, use: NDArray[np.bool_]) -> NDArray[np.float64]:
 
 
 def _sample(plane: NDArray[np.float32], floor: float) -> NDArray[np.float32]:
-    """Return some whole patterns, dark pixels removed, to hold against other planes."""
+    """Return some whole patterns, without dark pixels, for comparison with other planes."""
     ny, nx = plane.shape[:2]
     # a fixed seed: the same positions in every plane, so that planes can be compared
     rng = np.random.default_rng(1)

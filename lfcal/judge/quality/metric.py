@@ -21,20 +21,20 @@ Plot = Literal["map", "planes", "sum", "table"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """A metric's value of one plane.
+    """Value of a metric for one plane.
 
     Attributes
     ----------
     value
-        In the metric's unit; NaN where it is not known.
+        Value in the metric's unit; NaN if unknown.
     map
         Value per position ``(ny, nx)``, or None.
     positions
-        Positions it names, flags ``(ny, nx)``, or None.
+        Affected positions, flags ``(ny, nx)``, or None.
     detail
-        What was found, in words; may be empty.
+        Details in words; may be empty.
     cost
-        Error that it makes in a reconstruction, where the plane tells it; NaN: what such a value makes as a rule.
+        Resulting error of a reconstruction, if the plane determines it; NaN: the typical cost of such a value.
 
     Examples
     --------
@@ -94,16 +94,17 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class CostModel:
-    """Error a metric's value makes in a reconstruction: NRMSE against the ideal H.
+    """Cost of a metric's value: error of a reconstruction (NRMSE relative to the ideal H).
 
     Attributes
     ----------
     at_bad
-        Cost of a value at the limit "bad"; others cost in proportion.
+        Cost of a value at the limit "bad"; the cost is proportional to the value.
     worst
-        Cost it cannot exceed.
+        Largest possible cost.
     per_frame
-        The value counts frames: the cost grows with the root of their share and is ``at_bad`` where all are.
+        Whether the value counts frames: the cost then grows with the root of their share, and is ``at_bad`` for all
+        frames.
 
     Examples
     --------
@@ -134,41 +135,42 @@ class CostModel:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MetricSpec:
-    """A metric as one object: found by its key, measured by its own function.
+    """A metric, found by its key and measured by its function.
 
     Attributes
     ----------
     key, title, unit
-        Name in JSON, name for people, unit of the value (empty: a number).
+        Name in JSON, display name, unit of the value (empty: a number).
     subject
-        What it concerns, one of `lfcal.base.SUBJECTS`.
+        Subject, one of `lfcal.base.SUBJECTS`.
     meaning, advice
-        What it says, and what to do when it is bad; one sentence or more each.
+        Meaning of the value, and remedy if it is bad; one sentence or more each.
     limits, cost
-        When it is good or bad, and what it costs.
+        Limits of good and bad, and the cost.
     of_plane
         Function of one plane's shared measurements, called while the plane's patterns are in memory.
     of_matrix
-        Function of all planes' shared measurements, called once at the end: one `Reading` per plane, or a single one
-        for the whole matrix. A metric has one of the two functions.
+        Function of all planes' shared measurements, called once at the end; returns one `Reading` per plane, or a
+        single one for the whole matrix. A metric has one of the two functions.
     needs_light
-        Whether ``of_plane`` is unknown, and not asked, where a plane is dark.
+        Whether the value is unknown for a dark plane, without calling ``of_plane``.
     needs_all
         Whether one unknown plane makes a good overall value unknown: for counts that must be complete.
     plot
-        What shows it: a map over positions, a curve over planes, the depth-plane sum, or the table alone.
+        How it is displayed: a map over positions, a curve over planes, the depth-plane sum, or only the table.
     map_unit
-        Unit of one position's value, where it is not that of the overall value.
+        Unit of the value of one position, if it differs from that of the overall value.
     always_shown
-        Whether a report draws its map where all is well, too.
+        Whether a report also draws its map if the value is good.
     overall
-        How planes make the overall value: the ``worst`` of them, or their ``sum``.
+        How the overall value follows from the planes: the ``worst``, or the ``sum``.
     redo
-        Whether the positions it names should be recorded again.
+        Whether the affected positions should be recorded again.
     verdict_detail
-        Whether the verdict says what was found instead of the title.
+        Whether the verdict contains the details instead of the title.
     if_unknown
-        Why the value may be unknown of an H that the metric does apply to; empty: it then does not apply.
+        Why the value may be unknown for an H although the metric applies; empty: an unknown value means that it does
+        not apply.
 
     Examples
     --------
@@ -229,21 +231,21 @@ class Metric:
     Attributes
     ----------
     spec
-        What was measured.
+        The metric.
     value, merit
         Overall value (NaN: unknown) and its merit.
     cost
-        Estimated reconstruction error (NRMSE); NaN where the value is unknown.
+        Estimated reconstruction error (NRMSE); NaN if the value is unknown.
     measured
-        Whether the cost was measured on this H, and not what such a value costs as a rule.
+        Whether the cost was measured on this H, and is not the typical cost of such a value.
     per_plane
-        Value of each plane ``(nz,)``; NaN where unknown; a single one where planes have none of their own.
+        Value of each plane ``(nz,)``; NaN if unknown; a single one if planes have no separate values.
     map
         Value per position ``(nz, ny, nx)``, or None.
     positions
-        Positions it names, ``(n, 3)`` as (z, y, x).
+        Affected positions, ``(n, 3)`` as (z, y, x).
     detail
-        What was found, in words; may be empty.
+        Details in words; may be empty.
 
     Examples
     --------

@@ -15,7 +15,7 @@ __all__ = ["PatternTable"]
 
 
 NOISELESS = 3000.0
-"""Peak over noise from which on a matrix was computed, not recorded."""
+"""Ratio of peak to noise above which a matrix was computed, not recorded."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,11 +29,11 @@ class PatternTable:
     lit, sensor
         How often each pixel is lit, of the cutout ``(nt, ns)`` and of the sensor ``(nt + ny - 1, ns + nx - 1)``.
     dark
-        What the dark corners said.
+        Measurements of the dark corners.
     floor, peak
-        What lit pixels exceed, and the median peak over the background.
+        Threshold of lit pixels, and the median peak above the background.
     tolerance
-        Values this close are the same.
+        Difference below which values count as equal.
     """
 
     table: NDArray[np.float64]

@@ -22,30 +22,30 @@ __all__ = ["QualityReport"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QualityReport:
-    """What the inspection of an H found.
+    """Result of the inspection of an H.
 
     Attributes
     ----------
     shape
         ``(nz, ny, nx, nt, ns)``.
     depths
-        Depth of each plane (µm); not-a-number where H states none.
+        Depth of each plane (µm); NaN if H states none.
     metrics
-        All metrics, ranked: bad ones first, and among equals what costs most in a reconstruction.
+        All metrics, ranked: bad ones first, and among equals the most expensive for a reconstruction.
     apertures
         The iris seen from each plane.
     virtual_depths
-        Virtual depth of each plane from its spots' spacing; NaN where it cannot be measured.
+        Virtual depth of each plane from its spots' spacing; NaN if it cannot be measured.
     iris
-        The iris that all planes show together, None where none shows any.
+        The iris from all planes together, None if none shows it.
     f_number
-        Working f-number by the slope of aperture diameters over depth, where camera and planes allow it.
+        Working f-number from the slope of aperture diameters over depth, if camera and planes allow it.
     noise, peak, energy
         Noise of a dark pixel, median peak of the patterns and their mean energy, per plane.
     tilings
-        What the control frames of each plane said, where there were some.
+        Result of the control frames of each plane, if any.
     seconds
-        Time it took.
+        Duration of the inspection.
 
     Examples
     --------

@@ -1,8 +1,8 @@
 """The quality report: one HTML page with its pictures, and lists that programs read.
 
-- ``write``: all of it into a folder
-- ``page``: the page as text; ``_pictures``: every picture on it; ``_pdf``: the same on paper
-- ``two``: two H compared
+- ``write``: writing of all files into a folder
+- ``page``: the page as text; ``_pictures``: its pictures; ``_pdf``: the same as PDF
+- ``two``: comparison of two H
 """
 
 from typing import TYPE_CHECKING

@@ -42,22 +42,22 @@ LISTED = 30
 
 @dataclass(frozen=True)
 class PageBlock:
-    """What stands on a page: words, a picture, or both side by side.
+    """A block of a page: words, a picture, or both side by side.
 
     Attributes
     ----------
     words
-        Text, broken into lines as wide as the page.
+        Text, wrapped to the width of the page.
     size, bold, colour
-        Of the words: size (points).
+        Font of the words: size (points), bold, colour.
     cells, at
-        Words of a table's row instead, and where each begins (inches from the left margin).
+        Words of a table row instead, and the start of each (inches from the left margin).
     picture, width
         PNG under the words, and its width (inches) at most.
     gap
-        Room above (inches).
+        Space above (inches).
     keep
-        Whether the next block stands on the same page.
+        Whether the next block must be on the same page.
     """
 
     words: str = ""
@@ -103,7 +103,7 @@ def _size_of(block: PageBlock) -> tuple[float, float]:
 
 
 def _pixels(png: bytes) -> tuple[int, int]:
-    """Return rows and columns of a PNG, which stand in its first chunk."""
+    """Return rows and columns of a PNG, from its first chunk."""
     return int.from_bytes(png[20:24], "big"), int.from_bytes(png[16:20], "big")
 
 
@@ -150,7 +150,7 @@ def _faults(inspection: Inspection) -> Iterator[PageBlock]:
         yield PageBlock(fault.detail, keep=True)
         yield PageBlock(f"What to do: {fault.fault.advice}", keep=fault.picture is not None)
         if fault.picture is not None:
-            # the three that matter most are seen at once; the others are smaller
+            # the three most important ones are large; the others are smaller
             yield PageBlock(picture=drawn(fault.picture), width=3.4 if k < 3 else 2.6)
 
 

@@ -56,7 +56,7 @@ COLUMNS = (
     "left (%)",
     "correlation",
 )
-"""What `figure_rows` tells."""
+"""Headings of `figure_rows`."""
 
 SAME = 0.01
 """Share that two H may differ by and still be called the same, unless they are noisier than that."""
@@ -82,7 +82,7 @@ def verdict(found: Comparison) -> str:
     row, column = one.shift_px
     shifted = f"{_percent(one.left)} % at that and a shift of ({row:+z.3f}, {column:+z.3f}) px."
     if one.scale and not 1 / OTHER_UNITS < abs(one.scale) < OTHER_UNITS:
-        how = f"in units of their own: the first are {format_number(one.scale, 4)} times those of the second"
+        how = f"in different units: the first are {format_number(one.scale, 4)} times those of the second"
         return f"Their values are {how}. At that scale they differ by {_percent(one.scaled)} % (NRMSE), {shifted}"
     words = f"They differ by {_percent(one.nrmse)} % (NRMSE) as they are, {_percent(one.scaled)} % at the best scale "
     return ("The same to 1 %. " if one.nrmse < SAME else "") + words + f"{one.scale:.4g}, {shifted}"

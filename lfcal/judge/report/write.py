@@ -36,31 +36,31 @@ def iter_report(
 ) -> Work[Path]:
     """Inspect H; write page, pictures, ``report.pdf``, ``quality.json`` and ``redo.json`` into ``folder``.
 
-    Everything is drawn before the first file is written; each file appears whole or not at all, the page last.
+    Everything is drawn before the first file is written. Each file is written atomically, the page last.
 
     Parameters
     ----------
     matrix
-        H; of a transposed view, the H behind it.
+        H; for a transposed view, its H is used.
     folder
-        Where to write; made if need be. Files of an earlier report are replaced.
+        Output folder, created if needed. Files of an earlier report are replaced.
     reference
         H of the same shape to compare with.
     controls
         Control frames by depth plane for the inspection, see `lfcal.judge.quality.iter_inspect`.
     workers
-        Threads; every processor by default.
+        Number of threads; all processors by default.
     inspection
-        The inspection of this H, where it was done already; None: its metrics alone.
+        The inspection of this H, if it was done already; None: only its metrics.
     every
-        Whether metrics that do not apply are listed, too.
+        Whether to list metrics that do not apply.
 
     Raises
     ------
     InputError
-        If ``inspection`` or ``reference`` is of another shape.
+        If ``inspection`` or ``reference`` has another shape.
     StorageError
-        If the folder cannot be written to.
+        If the folder is not writable.
 
     Examples
     --------

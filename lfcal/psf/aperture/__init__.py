@@ -1,17 +1,17 @@
-"""The shape of the main lens's iris, read off a depth-plane sum.
+"""The shape of the main lens's iris, measured in a depth-plane sum.
 
 - ``shape``: the iris polygon with curved blades; the `Aperture` that a fit returns
-- ``_arcs``: outlines made of arcs: irises, a stuck blade, a second rim
-- ``_locate``: background, noise and rough outline of the lit patch; vignetting taken out
-- ``_profile``: edge radius over angle, summed along rays so that it survives noise
-- ``_ripple``: the plane waves of the lenslet lattice, fitted inside the lit patch and taken out
-- ``_obstruction``: something dark inside
-- ``_edge``: the edge's harmonics with their errors, those of leftover structure included, and their blur
-- ``_compare``: least squares of every shape on the harmonics
-- ``_verdict``: which shape it is, by likelihood ratios
-- ``fit``: `fit_aperture`, and when it refuses
+- ``_arcs``: outlines from arcs: irises, a stuck blade, a second rim
+- ``_locate``: background, noise and rough outline of the lit patch; removal of vignetting
+- ``_profile``: edge radius over angle, summed along rays for robustness against noise
+- ``_ripple``: the plane waves of the lenslet lattice, fitted inside the lit patch and removed
+- ``_obstruction``: dark objects inside
+- ``_edge``: harmonics of the edge with their errors, including those of residual structure, and their blur
+- ``_compare``: least-squares fits of every shape to the harmonics
+- ``_verdict``: choice of the shape by likelihood ratios
+- ``fit``: `fit_aperture`, and its reasons for refusal
 - ``iris``: one iris from all planes
-- ``expected``: the aperture that a camera's description lets expect
+- ``expected``: the aperture expected from a camera's description
 - ``f_number``: working f-number from diameters over depth
 - ``_synthetic``: depth-plane sums of a known iris
 """

@@ -17,21 +17,21 @@ Values = NDArray[np.float64]
 
 @njit()
 def arcs_radius(arcs: Values, stretch: float, shear: float, row: float, column: float, angles: Values) -> Values:
-    """Return the radius at which rays from an origin leave the area inside every one of some arcs.
+    """Return the radius at which rays from an origin leave the area inside all of the given arcs.
 
-    An arc of curvature k whose middle lies at distance h from the centre in direction t bounds a disc, of radius 1/k,
-    or with k = 0 a half plane. From an origin at (x, y), in the arc's frame, a ray (c, s) leaves it where
-    ``k r² + 2 r (c (1 + k X) + k s y) + k (X² + y²) + 2 X = 0`` with X = x - h, which holds for straight blades too.
+    An arc of curvature k whose middle is at distance h from the centre in direction t bounds a disc of radius 1/k, or
+    a half plane if k = 0. From an origin at (x, y) in the arc's frame, a ray (c, s) leaves it where ``k r² + 2 r (c (1
+    + k X) + k s y) + k (X² + y²) + 2 X = 0`` with X = x - h. This also holds for straight blades.
 
     Parameters
     ----------
     arcs
         ``(n, 3)``: direction t (rad), distance h (pixels), curvature k (1/pixels) of each.
     stretch, shear
-        The symmetric stretch ``[[1 + stretch, shear], [shear, 1 - stretch]]`` that brings the outline into the arcs'
-        frame.
+        The symmetric stretch ``[[1 + stretch, shear], [shear, 1 - stretch]]`` that transforms the outline to the frame
+        of the arcs.
     row, column
-        The origin of the rays, from the centre of the outline (pixels).
+        Origin of the rays relative to the centre of the outline (pixels).
     angles
         Directions of the rays, from +column towards +row (rad).
     """
@@ -60,7 +60,7 @@ def arcs_radius(arcs: Values, stretch: float, shear: float, row: float, column: 
 
 @dataclass(frozen=True, slots=True)
 class Arcs:
-    """What an outline is made of.
+    """Parameters of an outline.
 
     Attributes
     ----------
@@ -69,13 +69,13 @@ class Arcs:
     blades, rotation_rad
         Number of blades, 0 for a circle, and direction of the first vertex (rad).
     stuck, stuck_share
-        Blade that is out of place, counted from the first vertex, -1 for none; by how much of the apothem it lies
-        further out.
+        Displaced blade, counted from the first vertex, -1 for none; its outward displacement as a share of the
+        apothem.
     rim
-        A second rim: direction of its nearest point (rad), that point's distance and the rim's curvature, both in
-        units of the apothem; None without.
+        A second rim: direction of its nearest point (rad), distance of that point, and curvature of the rim, both in
+        units of the apothem; None without one.
     stretch, shear
-        See `arcs_radius`.
+        Stretch of the outline, see `arcs_radius`.
     """
 
     apothem: float

@@ -51,11 +51,11 @@ class OutlineFit:
     arcs
         The outline.
     row, column
-        Its centre, from the edge's origin (pixels).
+        Centre of the outline, relative to the origin of the edge (pixels).
     chi2
-        Sum of squares over the harmonics' errors.
+        Sum of squared residuals of the harmonics, weighted by their errors.
     parameters, covariance
-        As fitted, in the module's order; the rim's direction, distance and curvature last.
+        Fitted parameters, in the order of this module; direction, distance and curvature of the rim come last.
     """
 
     arcs: Arcs
@@ -125,10 +125,10 @@ def irises(edge: Edge, about: OutlineFit) -> list[OutlineFit]:
 
 
 def stuck_blades(edge: Edge, regular: list[OutlineFit], cut: list[OutlineFit]) -> list[OutlineFit]:
-    """Return irises with one blade out of place: the best of each count and blade, best first.
+    """Return irises with one displaced blade: the best of each count and blade, best first.
 
-    They start where the slopes at the regular iris say, and from outlines ``cut`` by a rim: a blade that reaches far in
-    cuts the others as a rim does.
+    The fits start from the slopes at the regular iris, and from outlines ``cut`` by a rim, because a blade that
+    reaches far inwards cuts the others like a rim.
     """
     starts = [start for iris in regular for start in _linear_starts(edge, iris)]
     starts.sort(key=lambda entry: entry[0])

@@ -1,9 +1,9 @@
 """The edge of a depth-plane sum as harmonics over angle, with the noise and the blur of each.
 
-The light summed along a ray (`lfcal.psf.aperture._profile`) tells the radius that encloses it, whatever the blur: along
-the edge, the outline is only convolved with the projection of the blur's kernel. Harmonic k of the outline at radius R
-is damped by the kernel's transform at k/R. Of an isotropic kernel that transform is the one of the edge's slope,
-which the same image shows. So blur and curved blades, which both round corners, are told apart.
+The light summed along a ray (`lfcal.psf.aperture._profile`) gives the radius that encloses it, independent of blur.
+Along the edge, the outline is convolved with the projection of the blur's kernel: harmonic k of the outline at radius
+R is damped by the kernel's transform at k/R. For an isotropic kernel, this transform equals that of the edge's slope,
+which the same image shows. Blur and curved blades, which both round the corners, are thus separated.
 """
 
 from __future__ import annotations
@@ -57,25 +57,25 @@ class Edge:
     harmonics
         ``(HIGHEST + 1,)`` complex coefficients of the edge's radius over angle (pixels).
     sigma
-        Standard errors of their real and imaginary parts, noise and structure of the lit patch together (pixels).
+        Standard errors of their real and imaginary parts, from noise and structure of the lit patch (pixels).
     damping
-        Share of each harmonic of the outline that the blur leaves.
+        Share of each harmonic of the outline that remains after blur.
     blur_px
-        Standard deviation of the Gaussian that would make the edge (pixels).
+        Standard deviation of the Gaussian blur that gives the edge (pixels).
     level, noise
         Lit level and noise of a pixel.
     flat
-        The image with lit level 1, without ripple.
+        The image normalized to a lit level of 1, without ripple.
     shade
-        The smooth lit level that was divided by, 1 at the centre.
+        The smooth lit level used for normalization, 1 at the centre.
     ripple
-        What was taken out.
+        The ripple that was removed.
     smooth, half
-        The edge over `ANGLES` without its noise, and the window's half width about it (pixels).
+        The smoothed edge over `ANGLES`, and the half width of the window about it (pixels).
     vignetting
-        Share by which the light falls from the centre to the mean radius.
+        Relative decrease of light from the centre to the mean radius.
     obstruction
-        Something dark inside, which was filled.
+        A dark object inside, which was filled.
     """
 
     row: float
@@ -243,9 +243,9 @@ def _errors(
 ) -> Values:
     """Return the standard errors of real and imaginary part of each harmonic of the edge (pixels).
 
-    White noise shows in the harmonics beyond any iris's. Structure of the lit patch, ripple that is no plane wave
-    above all, shows on rings inside the edge, where the same sums along rays should find nothing: the power along
-    a ring of radius r belongs to the angular frequency k/r, and to the edge's harmonic of that frequency.
+    White noise appears in the harmonics beyond those of any iris. Structure of the lit patch, mainly ripple that is
+    not a plane wave, appears on rings inside the edge, where the same sums along rays should vanish. The power along a
+    ring of radius r belongs to the angular frequency k/r, and to the edge's harmonic of that frequency.
     """
     from scipy import ndimage
 

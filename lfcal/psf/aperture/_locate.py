@@ -34,7 +34,7 @@ class LitPatch:
     mask
         Pixels above half the lit level, holes filled.
     hole
-        Pixels of large holes that were filled, as an annular stop has one, with a margin for the blur.
+        Pixels of large filled holes, such as that of an annular stop, with a margin for the blur.
     """
 
     background: float
@@ -59,10 +59,10 @@ def mad(values: NDArray[np.float64]) -> float:
 
 
 def despike(image: Image) -> Image:
-    """Return ``image`` with pixels replaced that stand out of their 5 x 5 neighbourhood by six deviations.
+    """Return ``image`` with outliers replaced: pixels that differ from their 5 x 5 neighbourhood by six deviations.
 
-    A pixel of an edge or of a corner lies far off the median too, where the noise is small, yet within the range of
-    its neighbours: only what lies beyond all but two of them is a spike.
+    Where the noise is small, a pixel of an edge or a corner also differs strongly from the median, but it is within
+    the range of its neighbours. Only a pixel beyond all but two of them is an outlier.
     """
     import cv2
 

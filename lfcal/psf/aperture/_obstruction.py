@@ -26,20 +26,20 @@ CERTAIN = 6.0
 def find_obstruction(
     flat: NDArray[np.float64], row: float, column: float, edge: NDArray[np.float64], blur_px: float, noise: float
 ) -> Obstruction | None:
-    """Return the largest dark place inside an outline, or None.
+    """Return the largest dark object inside an outline, or None.
 
     Parameters
     ----------
     flat
-        Image with lit level 1.
+        Image normalized to a lit level of 1.
     row, column
         Origin of the outline (pixels).
     edge
         The outline's radius over `lfcal.psf.aperture._profile.ANGLES` (pixels).
     blur_px
-        Blur of the edge: nothing smaller is looked for (pixels).
+        Blur of the edge (pixels); smaller objects are ignored.
     noise
-        Noise of a pixel over the lit level.
+        Noise of a pixel, relative to the lit level.
     """
     from scipy import ndimage
 

@@ -22,17 +22,17 @@ def edge_profile(
 ) -> NDArray[np.float64]:
     """Return the edge radius along each ray, ``(RAYS,)`` (pixels).
 
-    ``r(theta)² = r0² + 2 ∫ I r dr`` from r0 = low * radius to high * radius: the radius that encloses the
-    ray's light. It is linear in the pixels, so it needs no edge to be found and holds far below an SNR of 1.
+    ``r(theta)² = r0² + 2 ∫ I r dr`` from r0 = low * radius to high * radius: the radius that encloses the ray's light.
+    It is linear in the pixels, so it does not require finding an edge and works far below an SNR of 1.
 
     Parameters
     ----------
     flat
-        Image with lit level 1 and background 0.
+        Image normalized to a lit level of 1 and a background of 0.
     row, column, radius
         Centre and mean radius (pixels).
     low, high
-        Ends of the window, one for all rays or one each (in units of ``radius``).
+        Limits of the window, common or for each ray (in units of ``radius``).
     """
     from scipy import ndimage
 

@@ -32,7 +32,7 @@ LONGEST = 1.0
 """Longest pitch in units of the radius: longer waves are shading."""
 
 SMALLEST = 12.0
-"""Smallest radius in which waves can be told from shading (pixels)."""
+"""Smallest radius in which waves can be distinguished from shading (pixels)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,17 +86,17 @@ NONE = Ripple(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
 
 
 def find_ripple(flat: Values, row: float, column: float, radius: float) -> Ripple:
-    """Return the plane waves that stand out of the noise inside a disc.
+    """Return the plane waves inside a disc that are significant against the noise.
 
-    The strongest peak of the spectrum is taken one after the other, and all waves found so far are fitted again
-    together, with a paraboloid: amplitudes, phases and wave vectors (Gauss-Newton).
+    The strongest peaks of the spectrum are added one after the other. After each, all waves found so far are fitted
+    again together with a paraboloid: amplitudes, phases and wave vectors (Gauss-Newton).
 
     Parameters
     ----------
     flat
-        Image with lit level 1.
+        Image normalized to a lit level of 1.
     row, column, radius
-        The disc, well inside the edge (pixels).
+        Centre and radius of the disc, well inside the edge (pixels).
     """
     if radius < SMALLEST:
         return NONE

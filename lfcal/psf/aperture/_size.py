@@ -1,8 +1,8 @@
-"""The size of an outline: all its light over its level, further out than the edge's own window reaches.
+"""The size of an outline: all its light divided by its level, beyond the window of the edge.
 
-Lenslets and rims diffract. Next to the outline the light rises above the level, which a fit of its shading takes for a
-part of it; beyond, it falls with the inverse square of the distance, where the edge's window has ended. Both make the
-outline too small.
+Lenslets and rims diffract light. Just inside the outline the light rises above the level, and the fit of the shading
+mistakes this for shading. Outside, it falls with the inverse square of the distance, beyond the end of the edge's
+window. Both make the outline too small.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ NEAR, FAR = 2.5, 6.0
 """Blurs beyond the outline between which the light is looked for that left it."""
 
 EVEN = 0.01
-"""Share of the area that a rise may change before it is taken for the level's, as of an aplanatic pupil of high NA."""
+"""Share of the area below which a rise counts as a part of the level, as for an aplanatic pupil of high NA."""
 
 FEWEST = 16
 """Pixels that make a level."""

@@ -22,7 +22,7 @@ RAYS: NDArray[np.float64] = np.linspace(0.0, 2 * math.pi, 14_400, endpoint=False
 
 @dataclass(frozen=True, slots=True)
 class Disturbance:
-    """What disturbs a depth-plane sum, in units of its lit level.
+    """Disturbances of a synthetic depth-plane sum, in units of its lit level.
 
     Attributes
     ----------
@@ -31,19 +31,19 @@ class Disturbance:
     blur_px
         Gaussian blur, standard deviation (pixels).
     ripple, ripple_pitch_px
-        Amplitude and pitch of what the lenslet lattice leaves (pixels).
+        Amplitude and pitch of the residual lenslet lattice (pixels).
     pattern
-        That of the ripple: ``"square"``, two crossed waves along rows and columns; ``"hexagonal"``, three waves at
-        60 degrees and any rotation; ``"random"``, many waves of about the pitch in all directions, which no few waves
-        describe. Phases are random.
+        Pattern of the ripple: ``"square"``, two crossed waves along rows and columns; ``"hexagonal"``, three waves at
+        60 degrees and any rotation; ``"random"``, many waves of about the pitch in all directions, which cannot be
+        described by a few waves. Phases are random.
     vignetting, tilt
-        Fall of light from the centre to the rim; slope of light across a radius.
+        Relative decrease of light from the centre to the rim; slope of light over a radius.
     hot
         Share of hot pixels.
     ellipticity
         Half the difference of the axes.
     pedestal
-        Background.
+        Background level.
     """
 
     noise: float = 0.05
@@ -60,19 +60,19 @@ class Disturbance:
 
 @dataclass(frozen=True, slots=True)
 class IrisFault:
-    """What is wrong with a synthetic iris.
+    """Faults of a synthetic iris.
 
     Attributes
     ----------
     stuck, out
-        Blade that is out of place, counted from the first vertex, and how much further out it lies, of the apothem.
+        Displaced blade, counted from the first vertex, and its outward displacement as a share of the apothem.
     rim
         Direction (rad) of the nearest point of a second rim, its distance from the centre and its curvature, both in
         units of the apothem.
     obstructed
-        Radius of a dark disc half way to the edge, of the apothem.
+        Radius of a dark disc half way to the edge, as a share of the apothem.
     central
-        The same of a dark disc in the middle, as that of an annular stop.
+        Radius of a dark disc in the middle, like that of an annular stop.
     """
 
     stuck: int = -1
@@ -95,22 +95,22 @@ def depth_sum_of(
     fill: float = 0.42,
     fault: IrisFault = SOUND,
 ) -> tuple[NDArray[np.float64], Aperture]:
-    """Return a disturbed depth-plane sum ``(side, side)`` and the iris in it; centre and rotation are random.
+    """Return a disturbed depth-plane sum ``(side, side)`` and its iris; centre and rotation are random.
 
     Parameters
     ----------
     side
         Side of the cutout (pixels).
     blades, curvature
-        Of the iris; a curvature of 1 is a circle.
+        Blade count and curvature of the iris; a curvature of 1 is a circle.
     disturbance
-        What disturbs it.
+        Disturbances of the image.
     rng
-        Source of all random numbers.
+        Random generator.
     fill
-        Radius of the circle of the regular iris's area over ``side``.
+        Ratio of the radius of a circle with the iris's area to ``side``.
     fault
-        What is wrong with it.
+        Faults of the iris.
     """
     from scipy import ndimage
 

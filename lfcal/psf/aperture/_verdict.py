@@ -50,7 +50,7 @@ STRAIGHT = 2.0
 
 @dataclass(frozen=True, slots=True)
 class EdgeVerdict:
-    """What an edge shows.
+    """Result of comparing shapes with an edge.
 
     Attributes
     ----------
@@ -59,14 +59,14 @@ class EdgeVerdict:
     fit
         The outline.
     margin
-        By how much its chi-square is below that of the next shape, in units of ``unit``.
+        Difference of its chi-square to that of the next shape, in units of ``unit``.
     unit
-        Chi-square per degree of freedom of the best of all shapes, at least 1: what no shape explains is structure
-        that may pass for a shape, and makes all differences smaller.
+        Chi-square per degree of freedom of the best of all shapes, at least 1. Structure that no shape explains might
+        be mistaken for a shape, so it reduces all differences.
     refusal
         Key of `lfcal.psf.aperture.shape.REFUSALS`, or empty.
     edge
-        The edge as the outline was last fitted to it.
+        The edge in the last fit of the outline.
     regular
         The best regular iris of each blade count, best first.
     circle

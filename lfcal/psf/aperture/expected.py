@@ -35,10 +35,10 @@ def footprint_px(camera: Camera | None, pixel_scale: tuple[float, float] = (1.0,
 def expected_aperture(
     camera: Camera, depth_um: float, cutout: tuple[int, int], pixel_scale: tuple[float, float] = (1.0, 1.0)
 ) -> Aperture | None:
-    """Return the iris's shadow on the sensor by geometry, None where the camera cannot see that depth or is in focus.
+    """Return the iris's shadow on the sensor by geometry; None if the depth is not imaged or is in focus.
 
-    A ray through pupil point p meets the sensor ``p (a - B)/(b + a)`` from the chief ray, b and a the distances of the
-    pupil from the lenslets and of the image behind them, apart from what its lenslet bends it by.
+    A ray through pupil point p meets the sensor at ``p (a - B)/(b + a)`` from the chief ray, apart from the deflection
+    by its lenslet. Here b and a are the distances of the pupil and of the image from the lenslets.
 
     Parameters
     ----------
@@ -47,9 +47,9 @@ def expected_aperture(
     depth_um
         Depth of the plane (µm).
     cutout
-        Pixels ``(nt, ns)``; the aperture lies about the middle one.
+        Pixels ``(nt, ns)``; the aperture is centred on the middle one.
     pixel_scale
-        Pixels of the cutout per pixel of the sensor, rows and columns.
+        Cutout pixels per sensor pixel, for rows and columns.
 
     Examples
     --------

@@ -15,19 +15,19 @@ __all__ = ["FNumber", "working_f_number"]
 
 @dataclass(frozen=True, slots=True)
 class FNumber:
-    """A working f-number and how well it is known.
+    """A working f-number with its uncertainty.
 
     Attributes
     ----------
     value
         Image distance over pupil diameter.
     standard_error
-        Of ``value``: of the scatter about the line or of the diameters' own errors, whichever is larger. NaN from two
-        depths of unknown errors.
+        Standard error of ``value``, from the scatter about the line or from the errors of the diameters, whichever is
+        larger. NaN for two depths with unknown errors.
     offset_um
-        Image shift at which the fitted shadow vanishes: 0 for true depths (µm).
+        Image shift at which the fitted shadow vanishes; 0 if depths are correct (µm).
     residual_px
-        Root mean square of the diameters about the line (pixels).
+        Rms deviation of the diameters from the line (pixels).
 
     Examples
     --------
@@ -48,20 +48,20 @@ def working_f_number(
 ) -> FNumber:
     """Return the working f-number N from shadow diameters over depth: ``D = |a| / N``.
 
-    The line is fitted to sign(a) D over a, so that planes on both sides of the native plane share one slope
-    and neither a constant error of the depths nor the edge's blur enters it. Diameters beyond three times
-    the median deviation are weighted down.
+    The line is fitted to sign(a) D against a, so that planes on both sides of the native plane share one slope, and
+    neither a constant error of the depths nor the blur of the edge affects it. Diameters beyond three times the median
+    deviation get a lower weight.
 
     Parameters
     ----------
     diameters_px
-        Diameter of the circle of the aperture's area, per plane (pixels).
+        Diameter of a circle with the aperture's area, for each plane (pixels).
     image_shifts_um
         Distance ``a`` of the plane's image behind the lenslets (µm): `lfcal.camera.Camera.image_shift_um`.
     pixel_um
         Pixel pitch (µm).
     errors_px
-        Standard error of each diameter (pixels), where it is known.
+        Standard error of each diameter (pixels), if known.
 
     Raises
     ------

@@ -32,28 +32,28 @@ CURVATURE_FLOOR = 0.01
 """Error of the curvature that pixels leave at best."""
 
 WIDEST_BLUR = 0.3
-"""Blur over the radius from which on the outline is that of the blur."""
+"""Ratio of blur to radius above which the outline is that of the blur."""
 
 
 def fit_aperture(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> Aperture:
-    """Return the aperture that a depth-plane sum shows; its ``refusal`` says why its shape is not known.
+    """Return the aperture that a depth-plane sum shows; ``refusal`` states why its shape is unknown.
 
-    Background and noise come from the cutout's border. Vignetting and the lattice's ripple are taken out, the edge is
-    measured over angle, and circle, regular irises, irises with a stuck blade, and either cut by a second rim are
-    fitted to it. The noise that they are judged by is what the edge and the lit patch themselves show.
+    Background and noise come from the border of the cutout. Vignetting and the ripple of the lattice are removed, and
+    the edge is measured over angle. Circle, regular irises, irises with a stuck blade, and each of them cut by a
+    second rim are fitted to it. The noise for comparing them is measured on the edge and the lit patch.
 
     Parameters
     ----------
     depth_sum
-        Sum of all patterns of a depth plane ``(nt, ns)``; not-a-number counts as background.
+        Sum of all patterns of a depth plane ``(nt, ns)``; NaN counts as background.
     footprint_px
-        Width of the place that one lenslet spreads its light over (pixels), where it is known: an outline of less than
-        twice that shows the lenslets and not the iris.
+        Width over which one lenslet spreads its light (pixels), if known: an outline smaller than twice that shows the
+        lenslets and not the iris.
 
     Raises
     ------
     InputError
-        If it is not a 2-D image.
+        If the sum is not a 2-D image.
 
     Examples
     --------
@@ -71,7 +71,7 @@ def fit_aperture(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> Aperture
 
 
 def plane_verdict(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> tuple[Aperture, EdgeVerdict | None]:
-    """Return the aperture and what it was judged by, None where no outline is to be seen; see `fit_aperture`."""
+    """Return the aperture and the verdict behind it, None if no outline is visible; see `fit_aperture`."""
     image = _clean(depth_sum)
     if min(image.shape) < SMALLEST:
         return _none("too small"), None

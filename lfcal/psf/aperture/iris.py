@@ -30,21 +30,21 @@ AGREE = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Iris:
-    """The iris that all planes show together.
+    """The iris from all planes together.
 
     Attributes
     ----------
     blades
-        Number of blades; 0 for a round one.
+        Number of blades; 0 for a round iris.
     rotation_rad
-        Direction of the first vertex in planes that are not upside down, in [0, 2 pi / blades) (rad). Where no
-        plane's side is known, an odd count's may be that of planes upside down.
+        Direction of the first vertex in upright planes, in [0, 2 pi / blades) (rad). If the side of no plane is known,
+        that of an odd count may refer to inverted planes.
     curvature, curvature_sigma
-        Of the blades, with its standard error.
+        Curvature of the blades, with its standard error.
     planes
-        How many planes it is known from.
+        Number of planes used.
     margin
-        By how much its chi-square lies below that of any other count, and of a circle.
+        Difference of its chi-square to that of any other count and of a circle.
     worst
         Largest difference of a plane's curvature from the mean, in units of its error.
 
@@ -84,18 +84,19 @@ class Iris:
 
 
 def joint_iris(apertures: Sequence[Aperture], inverted: Sequence[bool | None]) -> Iris | None:
-    """Return the iris that planes show together, or None where none shows any.
+    """Return the iris that planes show together, or None if they show none.
 
-    One count, rotation and curvature for all planes: the chi-square of a count is the sum of those of the planes, plus
-    that of their curvatures and rotations about the weighted means. Planes with a faulty outline are left out. Where no
-    plane shows a shape that is clear by itself, no iris is stated.
+    All planes share one blade count, rotation and curvature. The chi-square of a count is the sum over the planes,
+    plus that of their curvatures and rotations about the weighted means. Planes with a faulty outline are left out. No
+    iris is returned unless at least one plane shows a clear shape.
 
     Parameters
     ----------
     apertures
-        What each plane shows.
+        Aperture of each plane.
     inverted
-        Whether each plane shows the iris upside down, as the two sides of the native plane do; None where not known.
+        Whether each plane shows the iris inverted, which differs between the two sides of the native plane; None if
+        unknown.
 
     Examples
     --------
@@ -144,7 +145,7 @@ def _of_count(
     turns = np.array([_upright(fit, turned, step) for fit, turned in known])
     spread = np.hypot([fit.rotation_sigma for fit, _ in known], ROTATION_FLOOR)
     weight = 1 / spread**2
-    # of planes whose side is not known, each may be upside down: twice the angle of an odd count does not tell
+    # planes of unknown side may be inverted, which doubling the angle of an odd count makes irrelevant
     fold = 2 if any(turned is None for _, turned in known) and blades % 2 else 1
     phase = np.exp(1j * blades * fold * turns)
     mean = float(np.angle((weight * phase).sum())) / (blades * fold)

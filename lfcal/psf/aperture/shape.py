@@ -54,9 +54,9 @@ def blade_radius(
 ) -> NDArray[np.float64]:
     """Return the iris's edge radius in direction ``theta`` (rad, from +column towards +row).
 
-    A blade is an arc of radius ``apothem / curvature`` whose middle lies ``apothem`` from the centre; with
-    m = 1 - curvature and d the angle from the middle of the blade, the edge is at
-    ``r = apothem (2 - curvature) / (sqrt(1 - m² sin² d) + m cos d)``: straight blades at 0, a circle at 1.
+    A blade is an arc of radius ``apothem / curvature`` whose middle is ``apothem`` from the centre. With m = 1 -
+    curvature and d the angle from the middle of the blade, the edge is at ``r = apothem (2 - curvature) / (sqrt(1 - m²
+    sin² d) + m cos d)``: straight blades at 0, a circle at 1.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def blade_radius(
     rotation_rad
         Direction of a vertex (rad).
     apothem
-        Distance from the centre to the middle of a blade; its unit is the result's.
+        Distance from the centre to the middle of a blade, in any unit, which the result has too.
     curvature
         Apothem over blade radius, 0 to 1.
     """
@@ -111,17 +111,17 @@ def with_error(value: float, sigma: float, digits: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class StuckBlade:
-    """A blade that is out of place.
+    """A displaced blade.
 
     Attributes
     ----------
     blade
-        Its number, from 0, counted from the first vertex.
+        Number of the blade, from 0, counted from the first vertex.
     direction_rad
         Direction of its middle from the centre (rad).
     out_px, sigma_px
-        How much further out than the others it lies, negative where it reaches further in, and its standard error
-        (pixels); infinite where its neighbours cover it, and it may lie anywhere beyond.
+        Outward displacement, negative for inward, and its standard error (pixels). The error is infinite if neighbours
+        cover the blade, which may then be anywhere further out.
     """
 
     blade: int
@@ -152,14 +152,14 @@ class Obstruction:
 
 @dataclass(frozen=True, slots=True)
 class CountFit:
-    """What a plane says of one blade count.
+    """Evidence of a plane for one blade count.
 
     Attributes
     ----------
     blades
         The count.
     gain
-        Chi-square less that of the circle, in units of what the best shape leaves per degree of freedom.
+        Chi-square minus that of the circle, in units of the best shape's chi-square per degree of freedom.
     rotation_rad, rotation_sigma
         Direction of the first vertex and its standard error (rad).
     curvature, curvature_sigma
@@ -176,56 +176,56 @@ class CountFit:
 
 @dataclass(frozen=True, slots=True)
 class Aperture:
-    """The iris as a depth-plane sum shows it.
+    """The iris as shown by a depth-plane sum.
 
-    Angles run from the +column towards the +row axis (clockwise as shown), as in `lfcal.camera.MainLens`.
+    Angles are measured from the +column towards the +row axis (clockwise as displayed), as in `lfcal.camera.MainLens`.
 
     Attributes
     ----------
     blades
-        Number of blades; 0 where a circle is all that can be said.
+        Number of blades; 0 if only a circle can be determined.
     centre
         Centre (row, column) in the cutout (pixels).
     rotation_rad
         Direction of the first vertex, in [0, 2 pi / blades) (rad).
     apothem_px
-        Distance from the centre to the middle of a blade; of a circle its radius (pixels).
+        Distance from the centre to the middle of a blade; for a circle, its radius (pixels).
     area_px2
         Area inside the outline (pixels squared).
     curvature
         Apothem over blade radius: 0 straight blades, 1 a circle.
     blur_px
-        Width of the edge: standard deviation of the Gaussian that would make it (pixels).
+        Blur of the edge: standard deviation of the corresponding Gaussian (pixels).
     ellipticity, ellipse_axis_rad
         1 - minor/major of the stretched outline, and the direction of its longer axis (rad).
     vignetting
-        Share by which the light falls from the centre to the middle of a blade.
+        Relative decrease of light from the centre to the middle of a blade.
     snr
         Lit level over the noise of one pixel.
     confidence
-        From 0 to 1, how far the shape stands out; NaN where it is not known.
+        Significance of the shape, from 0 to 1; NaN if unknown.
     confident
-        Whether kind, blade count and outline may be relied on.
+        Whether kind, blade count and outline are reliable.
     refusal
-        Key of `REFUSALS`, or empty: why the fit was refused.
+        Key of `REFUSALS` for the reason of a refused fit, or empty.
     kind
-        Key of `KINDS`; empty where it is not known.
+        Key of `KINDS`; empty if unknown.
     curvature_sigma
-        Standard error of ``curvature``, that of the blur included, which rounds corners too.
+        Standard error of ``curvature``, including that from the blur, which also rounds corners.
     stuck
-        The blade that is out of place, where there is one.
+        The displaced blade, if there is one.
     rim
         A second rim that cuts the aperture: direction of its nearest point (rad), that point's distance from the centre
         and the rim's curvature, in units of the apothem.
     obstruction
-        What lies inside the aperture, where there is something.
+        A dark object inside the aperture, if there is one.
     ripple, ripple_pitch_px
-        Amplitude of the strongest wave that was taken out, relative to the light, and its pitch (pixels).
+        Amplitude of the strongest removed wave, relative to the light, and its pitch (pixels).
     counts
-        What the plane says of each regular iris, best first; empty where none was tried.
+        Evidence for each regular iris, best first; empty if none was tried.
     area_sigma_px2
-        Standard error of ``area_px2``: of noise, of shading, and of light that diffraction took further out than the
-        cutout reaches (pixels squared); NaN where the light has no even level to measure by.
+        Standard error of ``area_px2``: from noise, from shading, and from light diffracted outside the cutout (pixels
+        squared); NaN if the light has no uniform level.
 
     Examples
     --------

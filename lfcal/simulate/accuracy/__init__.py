@@ -1,7 +1,7 @@
-"""What accuracy costs, and which effects to simulate.
+"""The cost of accuracy, and the choice of effects to simulate.
 
-- ``planner``: the effects a scene calls for; ``cost``, ``forecast``: seconds
-- ``sampling``: how finely an engine computes; ``_ladder``: measured error against seconds
+- ``planner``: the effects that a scene needs; ``cost``, ``forecast``: computing time
+- ``sampling``: sampling of an engine; ``_ladder``: measured error against time
 """
 
 from typing import TYPE_CHECKING

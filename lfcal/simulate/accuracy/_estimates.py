@@ -51,7 +51,7 @@ def estimates_of(
     effects
         The effects to estimate.
     counting
-        Those that act on this camera: they alone are run, beside each other.
+        Those that act on this camera; only these are run, concurrently.
     planes
         The depth planes.
     plan
@@ -166,7 +166,7 @@ class Influence:
             return None
         others = tuple(e for e in self._unspread if e.name != effect.name)
         present = len(others) < len(self._unspread)
-        if isinstance(effect, LensletDiffraction):  # rays show none of what calls for waves
+        if isinstance(effect, LensletDiffraction):  # rays do not show effects that need waves
             others = tuple(e for e in others if not e.needs_waves)
         if isinstance(effect, LightEffect):
             runs = effect.runs(self._outlook)

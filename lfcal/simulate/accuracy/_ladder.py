@@ -41,14 +41,14 @@ DEBYE_SHOWN, WIDEST_SHOWN = 6, 40
 
 @dataclass(frozen=True, slots=True)
 class LadderRung:
-    """One level and sampling.
+    """One level and sampling, with its error and cost.
 
     Attributes
     ----------
     level, sampling
-        What was computed; geometric levels have no sampling.
+        Level and sampling computed; geometric levels have no sampling.
     label
-        For people.
+        Display name.
     error
         Relative L1 error against the reference, mean over the positions measured.
     setup_seconds
@@ -73,24 +73,24 @@ class LadderRung:
 
 @dataclass(frozen=True, slots=True)
 class Ladder:
-    """All rungs, the reference they are measured by, and the one that a tolerance picks.
+    """All rungs, their reference, and the one that a tolerance selects.
 
     Attributes
     ----------
     rungs
         Rungs whose energy balanced, fastest first.
     refused
-        Labels of those that came out with more light than went in: too coarse for this scene.
+        Labels of rungs with more light after than before the lenslets, which are too coarse for this scene.
     tolerance
-        Relative L1 error asked for.
+        Requested relative L1 error.
     reference
         Label of the reference.
     reference_seconds
         Predicted CPU-seconds of the whole H by the reference itself.
     virtual_depth
-        Of the plane measured.
+        Virtual depth of the measured plane.
     positions
-        How many positions were measured.
+        Number of measured positions.
     """
 
     rungs: tuple[LadderRung, ...]
@@ -132,15 +132,15 @@ def iter_ladder(
     Parameters
     ----------
     plan
-        What is simulated.
+        The simulated plan.
     tolerance
-        Relative L1 error for which a rung is picked, as in `simulate_psf`.
+        Relative L1 error for which a rung is selected, as in `simulate_psf`.
     effects
-        As in `simulate_psf`; the same scene is computed by every rung.
+        As in `simulate_psf`; every rung computes the same scene.
     z
         Number of the plane; by default the middle one.
     positions
-        How many positions, spread over the period, are compared.
+        Number of positions to compare, spread over the period.
     samplings
         Samplings of the scene's wave level to measure, or steps of any; by default coarse to fine.
     reference
@@ -149,12 +149,12 @@ def iter_ladder(
     Yields
     ------
     Progress
-        In rungs; from the first one on a `LadderProgress`.
+        In rungs; a `LadderProgress` after the first one.
 
     Raises
     ------
     InputError
-        If the plan has no such plane, or no grid holds the reference.
+        If the plan has no such plane, or no grid is large enough for the reference.
 
     Examples
     --------

@@ -1,9 +1,9 @@
-"""What a simulation costs, predicted from the description, short timings of this machine and earlier simulations.
+"""Cost of a simulation, predicted from the description, short timings on this machine and earlier simulations.
 
-The constants were fitted to the engines of this package on a machine that does 2e10 complex multiply-adds per
-second and thread in a small product, and scale with that rate. They hold within a factor of about 2 for planes of
-seconds, and are up to ten times too much for planes of tenths of a second, whose tables cost less than is reckoned;
-`lfcal.simulate.predict_seconds` runs the engine for a moment instead and holds within 2.
+The constants were fitted to the engines of this package on a machine with 2e10 complex multiply-adds per second and
+thread in a small product, and scale with that rate. They are accurate within a factor of about 2 for planes that take
+seconds. For planes that take tenths of a second they are up to ten times too high, because their tables cost less than
+assumed. `lfcal.simulate.predict_seconds` runs the engine briefly instead, and is accurate within a factor of 2.
 """
 
 from __future__ import annotations
@@ -146,7 +146,7 @@ def _estimated_seconds(outlook: Outlook, level: str, tolerance: float, positions
         widest = math.ceil(max(_spots_px(outlook)))
         seen = _lit_lenslets(outlook, widest)
         return 0.005 + positions * (2.5e-6 * seen + 1e-9 * outlook.pixels + 1e-5)
-    # the reference has no sampling of its own here: it is taken as a multiple of the wave engine.
+    # the reference has no separate sampling here: its cost is a multiple of that of the wave engine
     step = step_for(outlook, "wave" if level == "reference" else level, tolerance)
     if level == "debye":
         # of large cutouts the products of matrices grow with a side more than with the pixels

@@ -1,4 +1,4 @@
-"""How long a simulation will take, from a short run of its own engine."""
+"""Predicted computing time of a simulation, from a short run of its engine."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from lfcal.simulate.staging import light_samples, outlook_of
 __all__ = ["CostScaling", "computed_share", "cost_scaling", "engine_clock", "plane_seconds", "predict_seconds"]
 
 PER_PLANE, PER_BYTE = 0.01, 1e-9
-"""CPU-seconds beside the engine: to begin a plane, and to hold its bytes."""
+"""CPU-seconds in addition to the engine: for starting a plane, and for its memory."""
 
 LONGEST_RUN = 0.5
 """CPU-seconds for which rows of an engine that reuses its own results are run."""
@@ -40,9 +40,9 @@ def predict_seconds(
     tolerance: float | None = None,
     sampling: Sampling | None = None,
 ) -> float:
-    """Return the CPU-seconds that `simulate_psf` will take, from a short run of its own engine.
+    """Return the CPU-seconds that `simulate_psf` will take, from a short run of the engine.
 
-    The plane that takes longest is measured; the others follow from the cost estimated from their description.
+    The plane that takes longest is measured; the others are scaled by the costs estimated from their descriptions.
 
     Examples
     --------
@@ -80,16 +80,16 @@ def predict_seconds(
 
 @dataclass(frozen=True, slots=True)
 class CostScaling:
-    """How one plane's cost scales to the whole H.
+    """Factors that scale the cost of one plane to the whole H.
 
     Attributes
     ----------
     planes
-        Cost of all planes over that of the one, positions alone.
+        Cost of the positions of all planes, relative to that of the measured plane.
     count
-        Tables of all planes over those of the one.
+        Cost of the tables of all planes, relative to those of the measured plane.
     runs
-        Samples of the light of the one.
+        Number of light samples of the measured plane.
     """
 
     planes: float
@@ -118,7 +118,7 @@ def _samples(plan: ScanPlan, z: int, budget: Budget) -> int:
 
 
 def _expected(plan: ScanPlan, z: int, budget: Budget, level: str) -> float:
-    """Return the CPU-seconds of a plane, as estimated; ``auto`` is rays where nothing calls for waves."""
+    """Return the estimated CPU-seconds of a plane; ``auto`` uses rays unless an effect needs waves."""
     waves = "debye" if plan.camera.optics.telecentric else "wave"
     level = {"auto": waves, "microscope": "debye"}.get(level, level)
     chosen, _ = budget.at(plan.depths_um[z])
@@ -130,7 +130,7 @@ def _expected(plan: ScanPlan, z: int, budget: Budget, level: str) -> float:
 def plane_seconds(engine: PlaneEngine) -> float:
     """Return the CPU-seconds of a whole plane of an engine that has computed nothing yet.
 
-    The Debye path shares matrices and responses among positions, so that a few of them say little: its rows are
+    The Debye path shares matrices and responses among positions, so a few of them are not representative: its rows are
     run one after the other for up to half a second.
     """
     ny, nx = engine.scene.period

@@ -32,7 +32,7 @@ FAST = 2.5
 """F-number below which windows and coarse grids may all fall short, and the finest grid judges another."""
 
 FAINT = 0.02
-"""Share of the light under which a cutout's errors are large beside what it sees: any step may be tried."""
+"""Share of the light below which a cutout's relative errors are large: any step may be tried."""
 
 FIELD_PEAK, FIELD_STORED = 72, 16
 """Bytes to a sample of the main lens's field while it is made, and once windows or a grid have it."""
@@ -47,7 +47,7 @@ WORK = 32
 """Bytes to a sample of a position's grid that each thread works on."""
 
 STEPPED = 6
-"""Bytes to a value of a plane that is stored in steps, and as it is read back, beside its own."""
+"""Additional bytes per value for a plane that is stored in steps, and read back."""
 
 REFERENCE = 120
 """Bytes to a sample of the reference's grid, in double precision."""
@@ -65,16 +65,16 @@ def predict_bytes(
     store_tolerance: float | None = None,
     run: RunChoice | None = None,
 ) -> int:
-    """Return the bytes that `simulate_psf` takes at most, H included.
+    """Return the peak memory of `simulate_psf`, including H (bytes).
 
-    Each plane is probed: the engine that judges another is in memory beside it.
+    Each plane is probed, so two engines are in memory at the same time.
 
     Parameters
     ----------
     plan, effects, level, tolerance, sampling, workers, store_tolerance, run
         As in `simulate_psf`.
     to_file
-        Whether H goes to a file: one plane of it is in memory then.
+        Whether H is written to a file, so that only one plane is in memory.
 
     Examples
     --------

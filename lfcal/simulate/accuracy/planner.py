@@ -1,4 +1,4 @@
-"""Which effects a scene calls for: those whose estimate exceeds what the tolerance allows."""
+"""Choice of the effects that a scene needs: those whose estimate exceeds what the tolerance allows."""
 
 from __future__ import annotations
 
@@ -43,17 +43,17 @@ class PlannedEffect:
     planes
         Whether it is simulated, for each depth plane.
     setting
-        What the user asked for: ``"auto"``, ``"on"`` or ``"off"``.
+        Setting of the user: ``"auto"``, ``"on"`` or ``"off"``.
     estimate
-        Its estimate at the depth where it matters most.
+        Estimate at the depth where the effect matters most.
     z_um
-        That depth (µm).
+        Depth where the effect matters most (µm).
     reason
-        Why it is on or off there, one sentence with numbers and units.
+        Why it is on or off there, as one sentence with numbers and units.
     brief
-        The same in a word or two, for a column of a table.
+        The reason in a few words, for a table column.
     seconds
-        What it adds, or would add, to the time of the whole plan (CPU-seconds on this machine).
+        Additional computing time for the whole plan (CPU-seconds on this machine).
 
     Examples
     --------
@@ -88,25 +88,24 @@ class PlannedEffect:
 
 @dataclass(frozen=True, slots=True)
 class EffectSelection:
-    """Every effect with on or off, estimate, reason and cost: what `plan_effects` finds.
+    """All effects with setting, estimate, reason and cost: the result of `plan_effects`.
 
     Attributes
     ----------
     rows
-        In the order of the light's way.
+        Effects in the order of the light path.
     depths_um
-        Depth of each plane that was planned (µm).
+        Depth of each planned plane (µm).
     tolerance
-        Relative L1 error allowed for what is left out.
+        Relative L1 error allowed for omitted effects.
     level
-        Level of the engine that the effects call for.
+        Level of the engine that the effects need.
     seconds
-        CPU-seconds for the whole plan with everything that is on, predicted within a factor of about 2.
+        CPU-seconds for the whole plan with all effects that are on, accurate to a factor of about 2.
     ideal_seconds
         CPU-seconds of the ideal camera.
     left_out
-        For each plane, the sum of the estimates of the effects that are left out (relative L1), at most half the
-        tolerance.
+        For each plane, the sum of the estimates of omitted effects (relative L1), at most half the tolerance.
 
     Examples
     --------
@@ -189,23 +188,23 @@ def plan_effects(
 ) -> EffectSelection:
     """Return the effects that the planes of a scan need.
 
-    Effects are left out, the costly ones first and then the smallest, as long as their estimates add up to less
-    than half the tolerance: the rest is for the computation. Errors of build and use (a gap error, a loose stage) are
-    simulated only where they are given in ``effects`` or switched on: their typical size says nothing about this
-    camera.
+    Effects are left out, the expensive ones first and then the smallest, as long as their estimates add up to less
+    than half the tolerance; the other half is for the computation. Errors of assembly and use (a gap error, a loose
+    stage) are simulated only if they are given in ``effects`` or switched on, because their typical size says nothing
+    about this camera.
 
     Parameters
     ----------
     plan
         The camera and its depth planes.
     tolerance
-        Relative L1 error of the image allowed, for all that is left out and for the computation together.
+        Allowed relative L1 error of the image, from omitted effects and computation together.
     overrides
         Effect name to ``"auto"``, ``"on"`` or ``"off"``.
     effects
-        Effects with known magnitudes; each replaces the catalogue's of its name.
+        Effects with known magnitudes; each replaces the effect of its name in the catalogue.
     frames
-        Whether sensor frames are made: else effects on frames and on the stage's motion are off.
+        Whether sensor frames are made; otherwise effects on frames and on the stage's motion are off.
     peak
         Share of the full well that the brightest pixel reaches.
 
@@ -273,7 +272,7 @@ class _Costs:
         self.full = sum(engine.waves for _, engine in self.planes)
 
     def level_of(self, effects: Iterable[Effect]) -> str:
-        """Return the level that the effects call for."""
+        """Return the level that the effects need."""
         return self.waves if any(effect.needs_waves for effect in effects) else "geometric"
 
     def of(self, effect: Effect) -> float:

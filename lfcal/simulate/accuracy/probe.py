@@ -70,28 +70,28 @@ class Settled:
 
 
 def settle(scene: Scene, level: str, share: float, *, escalate: bool = False) -> Settled:
-    """Return the cheapest fineness of a level that leaves at most ``share``, or the finest there is.
+    """Return the cheapest sampling of a level with an error of at most ``share``, or the finest one.
 
-    Steps are tried from the cheapest that is expected to do. Each is judged by one that is finer in everything: windows
-    by the whole array on one grid, a grid by a finer one. Where no grid holds the scene, windows are judged by wider
-    ones whose fields are added; for exact angles, which they follow to first order, by the reference. A smaller
-    ``share`` never takes a coarser step.
+    Steps are tried from the cheapest that is expected to suffice. Each is compared with one that is finer in all
+    respects: windows with the whole array on one grid, a grid with a finer one. If no grid is large enough for the
+    scene, windows are compared with wider ones whose fields are added; for exact angles, which they follow to first
+    order, with the reference. A smaller ``share`` never gives a coarser step.
 
     Parameters
     ----------
     scene
         The plane.
     level
-        ``"wave"``, ``"grid"``, ``"debye"`` or ``"reference"``; rays have no fineness.
+        ``"wave"``, ``"grid"``, ``"debye"`` or ``"reference"``; rays have no sampling.
     share
         Relative L1 error that the computation may have.
     escalate
-        Whether the reference may take over where the wave level does not get there.
+        Whether the reference may be used if the wave level does not reach the share.
 
     Raises
     ------
     EnergyError
-        If the energy of no step balances.
+        If no step balances the energy.
     """
     if level == "geometric":
         return Settled(engine_for(scene, level), level, Sampling(), 0.0)
@@ -142,9 +142,9 @@ def balanced(scene: Scene, level: str, sampling: Sampling) -> tuple[PlaneEngine,
 
 
 def places(scene: Scene) -> tuple[list[int], list[int]]:
-    """Return rows and columns of the positions that stand for all.
+    """Return rows and columns of the positions that represent all.
 
-    Four do, but near the native plane, where one lenslet has all the light, or the gap between two.
+    Four are used. Near the native plane, where one lenslet or the gap between two has all the light, there are more.
     """
     near = scene.objective is None and scene.fresnel_number < SWITCH
     shares = ((0.0, 0.2, 0.5), (0.07, 0.25, 0.41, 0.75)) if near else ((0.0, 0.5), (0.25, 0.75))
@@ -153,7 +153,7 @@ def places(scene: Scene) -> tuple[list[int], list[int]]:
 
 
 DARK = 1e-3
-"""Share of the iris's light to which errors are relative at the least: a cutout beside the light is black."""
+"""Smallest reference of relative errors, as a share of the iris's light: a cutout outside the light is black."""
 
 
 class _ErrorProbe:

@@ -22,9 +22,9 @@ __all__ = [
 ]
 
 WINDOWS: tuple[tuple[float, float, float], ...] = ((1, 1.0, 0.05), (1, 1.5, 0.007), (2, 2.0, 0.004), (4, 2.0, 0.0015))
-"""Steps that add intensities of neighbouring lenslets: margin (px), nodes per cycle of the light's band, and the
-relative L1 error that they leave (measured) beside that of the sum; see `Fringes.incoherent`. Light beyond the windows
-is added by `lfcal.simulate.engines._tails`."""
+"""Steps that add intensities of neighbouring lenslets: margin (px), nodes per cycle of the light's band, and their
+relative L1 error (measured) in addition to that of the sum; see `Fringes.incoherent`. Light outside the windows is
+added by `lfcal.simulate.engines._tails`."""
 
 COHERENT: tuple[tuple[float, int, float, float], ...] = (
     (8, 0, 3e-3, 0.017),
@@ -61,12 +61,12 @@ GRID: tuple[tuple[float, int, float, float], ...] = (
     (1.6, 6, 0.002, 0.0015),
     (2.4, 9, 0.0012, 0.0007),
 )
-"""Steps on one grid: samples over the fewest that hold the light's angles, the fewest that hold the lenslets' edges,
-the share of light that its margins leave out, and the error expected of all."""
+"""Steps on one grid. Each has the ratio of samples to the fewest for the light's angles, the ratio to the fewest for
+the lenslets' edges, the share of light outside its margins, and the expected total error."""
 
 KINK = 1.4
-"""Samples on one grid where light meets at the kink between lenslets, over those of other light: with 1.2 times what
-holds its angles a response on a corner errs by 5 %, with 1.6 by 0.6 % (4x/0.28, lenslets of f/7)."""
+"""Oversampling on one grid if light meets the kink between lenslets, relative to other light. With 1.2 times the
+sampling for its angles, a response on a corner has an error of 5 %, with 1.6 of 0.6 % (4x/0.28, lenslets of f/7)."""
 
 OUTSIDE = 0.15
 """Share of light farther outside the shadow than r, times r / (lambda Nw)."""
@@ -86,18 +86,18 @@ class LevelSampling:
 
 @dataclass(frozen=True, slots=True)
 class Fringes:
-    """How fine the light on the sensor is.
+    """Spatial frequencies of the light on the sensor.
 
     Attributes
     ----------
     band
         Highest frequency behind one lenslet, d/(lambda B) (cycles per pixel).
     between
-        What neighbouring lenslets add to it, p/(lambda B) (cycles per pixel).
+        Frequency added by neighbouring lenslets, p/(lambda B) (cycles per pixel).
     pitch_px
         Lenslet pitch (pixels).
     angle
-        Samples per pixel that hold every angle of the light between lenslets and sensor.
+        Samples per pixel needed for all angles of the light between lenslets and sensor.
     """
 
     band: float

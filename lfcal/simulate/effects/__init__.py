@@ -1,10 +1,10 @@
 """Physical effects as objects: an ideal camera is the empty tuple.
 
-An effect is one class in one module, which names it in its ``EFFECTS``; other distributions bring theirs through the
-entry point group ``lfcal.effects`` (``docs/extending.md``).
+An effect is one class in one module, which lists it in ``EFFECTS``. Other distributions add effects through the entry
+point group ``lfcal.effects`` (``docs/extending.md``).
 
-- ``base``: what every effect is
-- ``outlook``: the a-priori numbers all estimates are built from
+- ``base``: base class of all effects
+- ``outlook``: numbers shared by all a-priori estimates
 - ``optics``: lens types, diffraction, the iris's shape, non-paraxial terms
 - ``aberrations``: spherical aberration, coma, any Zernike terms; how they change over the field
 - ``array_errors``: telecentricity; gap, rotation, pitch and tilt of the lenslet array

@@ -20,8 +20,8 @@ __all__ = ["Coma", "FieldAberrations", "Spherical", "Zernike"]
 def _mean_shift(outlook: Outlook, rim_slope: float) -> float:
     """Return the mean spot shift (pixels) for a wavefront whose slope at the rim is ``rim_slope`` waves per radius.
 
-    A slope of g waves per pupil radius bends a ray by 2 Nw g lambda at the array's distance a, which moves the
-    spot by 2 Nw g lambda / |v| on the sensor.
+    A slope of g waves per pupil radius deflects a ray by 2 Nw g lambda at the array's distance a, which moves the spot
+    by 2 Nw g lambda / |v| on the sensor.
     """
     shift = 2 * outlook.f_number * rim_slope * outlook.wavelength_um / outlook.depth
     return shift / outlook.pixel_um
@@ -167,25 +167,26 @@ class Zernike(_Aberration):
 
 @dataclass(frozen=True, slots=True)
 class FieldAberrations(SceneEffect):
-    """How the wavefront changes over the field, to third order, of a lens whose elements may be displaced or tilted.
+    """Third-order variation of the wavefront over the field of a lens whose elements may be displaced or tilted.
 
-    With H the field point x + i y over ``radius_um``, coma is ``coma`` H, astigmatism ``astigmatism`` H² and what
-    displaced elements add, (``astigmatism_x`` + i ``astigmatism_y``) H, spherical aberration ``spherical`` |H|²; each a
-    Zernike term whose cosine is the real part and whose sine the imaginary part (Thompson 2005, eqs. 13 and 27). What
-    the wavefront has on the axis is given by `Zernike`, how the focus changes by `FieldCurvature`.
+    With H the field point x + i y over ``radius_um``, coma is ``coma`` H. Astigmatism is ``astigmatism`` H² plus the
+    contribution of displaced elements, (``astigmatism_x`` + i ``astigmatism_y``) H. Spherical aberration is
+    ``spherical`` |H|². Each is a Zernike term whose cosine is the real part and whose sine the imaginary part
+    (Thompson 2005, eqs. 13 and 27). The wavefront on the axis is given by `Zernike`, the variation of focus by
+    `FieldCurvature`.
 
     Attributes
     ----------
     coma
         R_3^1 at ``radius_um`` along the field, value 1 at the pupil's rim (wavelengths).
     astigmatism
-        R_2^2 there along the field.
+        R_2^2 at ``radius_um`` along the field.
     astigmatism_y, astigmatism_x
-        R_2^2 that grows with the first power of the field.
+        Components of R_2^2 that grow linearly with the field.
     spherical
-        R_4^0 there beyond that on the axis.
+        R_4^0 at ``radius_um``, in addition to that on the axis.
     radius_um
-        Distance from the axis on the sensor at which these hold (µm).
+        Distance from the axis on the sensor to which the coefficients refer (µm).
 
     Examples
     --------

@@ -219,7 +219,7 @@ class ArrayTilt(SceneEffect):
         farther, tilt = self.farther_um(outlook), math.hypot(self.rows_rad, self.columns_rad)
         across = outlook.shadow_px * outlook.pixel_um * tilt
         v = outlook.virtual_depth
-        # beside their places spots change in width; near the native plane the whole cone does
+        # besides their places, the widths of spots change; near the native plane, that of the whole cone does
         rate = math.hypot(1.0 - 1.0 / v, 0.45) if abs(v) >= 1.0 else 1.0
         cone = rate / (2 * outlook.f_number) / outlook.pixel_um
         shift = math.hypot(2 / 3 * farther, across / math.pi) * cone

@@ -58,16 +58,16 @@ class ActsOn(Enum):
 
 @dataclass(frozen=True, slots=True)
 class EngineSeconds:
-    """CPU-seconds of one whole depth plane without the effect: what an effect's own cost is reckoned from.
+    """CPU-seconds of one depth plane without the effect, from which the cost of the effect is derived.
 
     Attributes
     ----------
     rays
-        Of the geometric engine.
+        Time of the geometric engine.
     waves
-        Of the wave engine, or the Debye path of a microscope.
+        Time of the wave engine, or of the Debye path of a microscope.
     fringes
-        Of one table of the main iris's fringes, a large Fourier transform.
+        Time for one table of the main iris's fringes, a large Fourier transform.
 
     Examples
     --------
@@ -85,22 +85,22 @@ class EngineSeconds:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What an effect changes, predicted from the description alone.
+    """Size of an effect, predicted from the description alone.
 
     Attributes
     ----------
     size
-        The physical size of the effect.
+        Physical size of the effect.
     unit
         Its unit.
     error
         Relative L1 error of the image if the effect is left out, sum(|without - with|) / sum(|with|).
     formula
-        How both were computed, as text.
+        How size and error were computed, as text.
     upper_bound
         Whether ``error`` is an upper bound (within a factor of 4) and not an estimate (within 2).
     measured
-        Whether ``error`` comes from running the effect and not from the formula.
+        Whether ``error`` comes from running the effect instead of the formula.
 
     Examples
     --------
@@ -157,7 +157,7 @@ class SensorStrip:
     Attributes
     ----------
     camera
-        The camera; its sensor gives default magnitudes.
+        Camera; its sensor provides default magnitudes.
     exposure_s
         Exposure time (s).
     row
@@ -165,13 +165,13 @@ class SensorStrip:
     total_e
         Light of the whole frame (electrons).
     rng
-        Random numbers of this effect on this strip of this frame.
+        Random generator for this effect on this strip of this frame.
     pattern
-        Random numbers of this strip of the sensor, the same in every frame: called with the name of a pattern,
-        returns standard normal deviates of the strip's shape.
+        Function for random patterns of this strip of the sensor that are the same in every frame: called with the name
+        of a pattern, it returns standard normal deviates in the strip's shape.
     light_e
-        Light of the whole frame ``(rows, columns)`` before any effect (electrons): for what comes from elsewhere in it.
-        Read only.
+        Light of the whole frame ``(rows, columns)`` before any effect (electrons), for light from elsewhere in the
+        frame. Read only.
 
     Examples
     --------
@@ -238,7 +238,7 @@ class Effect(ABC):
     units: ClassVar[Mapping[str, str]] = {}
     """Units of magnitudes whose names do not end in one (``_um``, ``_rad``, ``_s``): waves, pupil radii, a share."""
     titles: ClassVar[Mapping[str, str]] = {}
-    """What magnitudes are called for people, where the name of the field does not say it."""
+    """Display names of magnitudes, if they differ from the name of the field."""
     described: ClassVar[Mapping[str, str]] = {}
     """Where in the camera's description the values of magnitudes that are None stand, such as ``"sensor.prnu"``."""
     typical_sizes: ClassVar[Mapping[str, tuple[float, float]]] = {}
@@ -364,7 +364,7 @@ class PsfEffect(Effect):
         """Return the filter ``(rows, columns)``, odd in both directions, that sums to the light kept."""
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return what nine multiply-adds per pixel take beside a wave engine (measured): 2 % of it."""
+        """Return the cost of nine multiply-adds per pixel relative to a wave engine: 2 % (measured)."""
         del outlook
         return 0.02 * engine.waves
 
@@ -387,7 +387,7 @@ class MotionEffect(Effect):
     def displace(
         self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Return true minus commanded positions ``(n, 3)`` as (z, y, x) in µm.
+        """Return actual minus commanded positions ``(n, 3)`` as (z, y, x) in µm.
 
         ``commanded_um`` ``(n, 3)`` are the commanded positions in the order in which they are visited.
         """

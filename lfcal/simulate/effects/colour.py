@@ -60,14 +60,14 @@ def _fringes(rms_px: float, outlook: Outlook) -> float:
 
 @dataclass(frozen=True, slots=True)
 class ChromaticFocus(_Chromatic):
-    """The main lens's longitudinal colour: the image of each wavelength lies at its own distance.
+    """Longitudinal colour of the main lens: each wavelength is imaged at a different distance.
 
     Attributes
     ----------
     rate
-        Shift of the image away from the main lens per wavelength (µm per µm); the design wavelength's stays.
+        Shift of the image away from the main lens per wavelength (µm per µm); zero for the design wavelength.
     width_um
-        Full width of the spectrum (µm); None takes the camera's.
+        Full width of the spectrum (µm); None: that of the camera.
 
     Examples
     --------
@@ -114,16 +114,16 @@ class ChromaticFocus(_Chromatic):
 
 @dataclass(frozen=True, slots=True)
 class LensletDispersion(_Chromatic):
-    """Dispersion of the lenslets' glass: their focal lengths are those described at the design wavelength alone.
+    """Dispersion of the lenslets' glass: their described focal lengths hold only at the design wavelength.
 
-    1/f goes with n - 1, n by Cauchy's A + B/lambda² through the glass's F and C lines; the index itself drops out.
+    1/f goes with n - 1, with n from Cauchy's A + B/lambda² through the glass's F and C lines; the index itself cancels.
 
     Attributes
     ----------
     abbe
         Abbe number (n_d - 1)/(n_F - n_C).
     width_um
-        Full width of the spectrum (µm); None takes the camera's.
+        Full width of the spectrum (µm); None: that of the camera.
 
     Examples
     --------

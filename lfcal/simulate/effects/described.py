@@ -35,16 +35,16 @@ MEASURED = " measured"
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """What a file says of one effect.
+    """Entry of one effect in a file.
 
     Attributes
     ----------
     effect
-        With its magnitudes; None where the file has a setting alone.
+        The effect with its magnitudes; None if the file has only a setting.
     name
-        Its name.
+        Name of the effect.
     given
-        The fields that the file gives, with how each is known: ``"stated"`` or ``"measured"``.
+        The fields given in the file, each ``"stated"`` or ``"measured"``.
     setting
         ``"auto"``, ``"on"`` or ``"off"``.
     """
@@ -68,20 +68,20 @@ def parse_effects(items: Sequence[str]) -> tuple[dict[str, str], tuple[Effect, .
 
 
 def effect_entries(items: Sequence[str]) -> tuple[Entry, ...]:
-    """Return what words and files say of effects.
+    """Return the effects and settings given by words and files.
 
     Parameters
     ----------
     items
         ``NAME=on``, ``off`` or ``auto``; ``NAME=VALUE``, for example ``coma=0.3@40deg``, ``lenslet_gap=5um`` or
-        ``drift=rows:2um,columns:1um``: the first magnitude, or named ones, ``@`` being the direction; or a JSON file of
-        effects (`read_entries`). A magnitude may end with the word measured: ``coma=0.3 measured``. If a name is given
-        again, the last one counts.
+        ``drift=rows:2um,columns:1um``: the first magnitude, or named ones, with ``@`` for the direction; or a JSON
+        file of effects (`read_entries`). A magnitude may end with the word measured: ``coma=0.3 measured``. If a name
+        occurs several times, the last entry counts.
 
     Raises
     ------
     InputError
-        For an unknown effect or magnitude, or a value that is none.
+        For an unknown effect or magnitude, or an invalid value.
     """
     found: list[Entry] = []
     for item in items:

@@ -75,9 +75,9 @@ class Ghost(FrameEffect):
     Attributes
     ----------
     share
-        Light of the ghost over that of the frame.
+        Light of the ghost relative to that of the frame.
     scale
-        Size of the ghost over that of the image.
+        Size of the ghost relative to that of the image.
     rows_um, columns_um
         Place of the ghost of a point on the axis (µm).
 

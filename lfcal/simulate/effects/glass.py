@@ -17,17 +17,17 @@ __all__ = ["CoverGlass"]
 
 @dataclass(frozen=True, slots=True)
 class CoverGlass(SceneEffect):
-    """A plane plate between lenslets and sensor: light focuses t (1 - 1/n) farther, and steep rays farther still.
+    """A plane plate between lenslets and sensor: the focus moves by t (1 - 1/n), and further for steep rays.
 
-    Rays show the first; the second comes with angles beyond the paraxial, in waves.
+    Rays include the first effect; the second one needs non-paraxial angles, in waves.
 
     Attributes
     ----------
     thickness_um, index
-        Of the plate (µm).
+        Thickness (µm) and refractive index of the plate.
     in_gap
-        Share of t (1 - 1/n) that the described gap holds already: 0 where it is the distance of lenslets and sensor,
-        1 where it is that in air to which gap and plate come, as focusing on the sensor finds it.
+        Share of t (1 - 1/n) already included in the described gap: 0 if it is the distance between lenslets and
+        sensor, 1 if it is the equivalent distance in air, as found by focusing on the sensor.
 
     Examples
     --------

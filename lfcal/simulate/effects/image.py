@@ -23,13 +23,13 @@ def refocus_px(outlook: Outlook, by_um: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class FieldCurvature(SceneEffect):
-    """An image surface that is not flat: off the axis the image lies nearer or farther.
+    """A curved image surface: off the axis, the image is nearer or farther.
 
     Attributes
     ----------
     radius_um
-        Radius R of the image surface at the axis (µm), a flat lens's Petzval radius: at distance h from the axis the
-        image lies h²/(2 R) farther from the main lens, nearer where R is negative.
+        Radius R of the image surface at the axis (µm), the Petzval radius of a flat lens: at distance h from the axis,
+        the image is h²/(2 R) farther from the main lens, or nearer if R is negative.
 
     Examples
     --------
@@ -135,7 +135,7 @@ class Distortion(SceneEffect):
         moved_scene = replace(scene, image_map=found)
         limit = max(scene.cutout) / 2 * scene.pixel_um
         if not moved_scene.farthest_um <= limit:
-            wanted = f"images at most {limit:.4g} µm beside their cutout's middle"
+            wanted = f"images at most {limit:.4g} µm from the middle of their cutout"
             got = f"{moved_scene.farthest_um:.4g} µm"
             raise InputError.expected(f"{self.title} of the region", wanted, got, "give less, or a larger cutout")
         return moved_scene

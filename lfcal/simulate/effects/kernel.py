@@ -31,15 +31,15 @@ NEIGHBOURS: Mapping[str, tuple[int, int]] = {
 
 @dataclass(frozen=True, slots=True)
 class PixelKernel(PsfEffect):
-    """A share of each pixel's light that turns up in each of its eight neighbours: smear, charge left behind, blur.
+    """A share of each pixel's light that appears in each of its eight neighbours: smear, residual charge, blur.
 
-    A measured filter, and not a cause: crosstalk and the sizes of source and pixels have effects of their own. Light is
-    kept: what neighbours get the pixel loses. Negative shares sharpen.
+    This is a measured filter, not a cause: crosstalk and the sizes of source and pixels are separate effects. Light is
+    conserved: a pixel loses what its neighbours gain. Negative shares sharpen.
 
     Attributes
     ----------
     up_left, up, up_right, left, right, down_left, down, down_right
-        Share of the light that turns up in this neighbour.
+        Share of the light that appears in this neighbour.
 
     Examples
     --------

@@ -25,15 +25,15 @@ PLACES = 7
 
 @dataclass(frozen=True, slots=True)
 class MissingLenslets(SceneEffect):
-    """Single lenslets that pass less light than the others, or none.
+    """Single lenslets that transmit less light than the others, or none.
 
     Attributes
     ----------
     lenslets
         ``(row, column, transmission)``: row and column of the lattice, counted from the lenslet of type 0 nearest to
-        the region's first position; the column runs along the lattice's own vectors (`LensletLattice.centres_um`, r
-        and q), so that in a hexagonal array column 0 of the next row is the right one of the two below. Transmission
-        is the share of light that passes, 0 to 1.
+        the region's first position. The column follows the lattice vectors (`LensletLattice.centres_um`, r and q): in
+        a hexagonal array, column 0 of the next row is the right one of the two below. Transmission is the share of
+        transmitted light, 0 to 1.
 
     Examples
     --------

@@ -18,7 +18,7 @@ DEGREE_PER_WIDTH = 3.0
 """Degree of the rule per radius of the source's image in spot widths."""
 
 MAX_DEGREE = 150
-"""5738 points: a source a hundred spots wide, of which nobody waits for more."""
+"""Largest number of points (5738): a source a hundred spots wide; more would take too long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +69,8 @@ class FiniteSource(LightEffect):
     def degree(self, outlook: Outlook) -> int:
         """Return the degree up to which polynomials must be integrated over the source's disc.
 
-        A spot that moves by R over the disc is a function exp(i k x), |k| up to about 2/w; a rule of degree D holds it
-        up to k R of about D/2. The shadow's edge moves over lenslets in the same way.
+        A spot that moves by R over the disc is a function exp(i k x), |k| up to about 2/w. A rule of degree D is
+        accurate up to k R of about D/2. The shadow's edge moves over lenslets in the same way.
         """
         radius = self.image_px(outlook) / 2
         moved = max(radius / outlook.depth / min(outlook.widths_px), 2 * radius / outlook.camera.pitch_px)

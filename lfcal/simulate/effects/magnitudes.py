@@ -62,37 +62,39 @@ def number_in(what: str, text: str, units: Mapping[str, float], plain: float = 1
 
 @dataclass(frozen=True, slots=True)
 class Magnitude:
-    """One magnitude of an effect, as it is shown and edited.
+    """One magnitude of an effect in its displayed and edited form.
 
     Attributes
     ----------
     field
-        Its field.
+        Name of the field.
     title, unit
-        For people: ``"direction"`` in ``"°"``.
+        Displayed name and unit: ``"direction"`` in ``"°"``.
     kind
-        ``"number"``, ``"whole"``, ``"text"`` or ``"terms"`` (a list of triples); ``"other"``: only files can hold it.
+        ``"number"``, ``"whole"``, ``"text"`` or ``"terms"`` (a list of triples); ``"other"``: only files can contain
+        it.
     scale
-        Shown number = value / scale.
+        Displayed number = value / scale.
     units
-        Other units that may be typed, with what one of them is in the field's unit.
+        Other units that may be typed, with their size in the field's unit.
     value
-        What the effect has; None: what the camera's description has, or what is typical.
+        Value of the effect; None: the value of the camera's description, or a typical one.
     counts
-        What counts: ``value``, or what stands for it; None where nothing does.
+        Effective value: ``value`` or its replacement; None if there is none.
     default
-        What an effect made without it has.
+        Value of an effect made without it.
     limits
-        Least and largest value, in the field's unit.
+        Smallest and largest value, in the field's unit.
     source
-        ``"given"`` by the user; ``"camera"``: taken from the camera's description; ``"typical"``: of a deviation's
-        usual size, which says nothing about this camera.
+        ``"given"`` by the user; ``"camera"``: from the camera's description; ``"typical"``: the usual size of a
+        deviation, which says nothing about this camera.
     mark
-        How it is known: of what is given one of `GIVEN`, of the camera's its own mark (`lfcal.camera.Marks`).
+        Mark of the value: one of `GIVEN` for a given value, the mark of the camera's value (`lfcal.camera.Marks`)
+        otherwise.
     otherwise
-        Source and mark of what counts where it is not given.
+        Source and mark of the effective value if none is given.
     columns
-        Of triples, what the three numbers are.
+        Names of the three numbers of triples.
     """
 
     field: str
@@ -125,12 +127,12 @@ class Magnitude:
         return f"{words} {self.unit}".rstrip() if words else ""
 
     def read(self, text: str) -> Any:
-        """Return the value that ``text`` means: a number in `unit` or in one that it names.
+        """Return the value of ``text``: a number in `unit` or in a unit that it names.
 
         Raises
         ------
         InputError
-            In one line, for what is no value or beyond the limits.
+            With a one-line message, for an invalid value or one outside the limits.
         """
         text = text.strip()
         if self.kind == "text":
@@ -153,11 +155,11 @@ def magnitudes_of(effect: Effect, camera: Camera, given: Mapping[str, str] | Non
     Parameters
     ----------
     effect
-        With its values.
+        Effect with its values.
     camera
-        Its description has the values of magnitudes that are None.
+        Camera whose description provides the values of magnitudes that are None.
     given
-        Fields that the user gave, with one of `GIVEN`; a field that is not the default's is given anyhow.
+        Fields given by the user, with one of `GIVEN`; fields that differ from the default always count as given.
 
     Raises
     ------

@@ -22,10 +22,10 @@ RAYS = 4000
 
 @dataclass(frozen=True, slots=True)
 class VectorialPupil(SceneEffect):
-    """The source as a dipole of any orientation and the light as a vector field: without it both are scalar.
+    """The source as a dipole of any orientation, and light as a vector field; without it, both are scalar.
 
-    A bead or a dye, averaged over orientations, sends the same light through each part of the pupil as a scalar point;
-    what differs is how the parts interfere: five fields add their intensities where a scalar point has one.
+    A bead or a dye, averaged over orientations, sends the same light through each part of the pupil as a scalar point.
+    The parts interfere differently, however: the intensities of five fields add, while a scalar point has one field.
 
     Examples
     --------
@@ -43,11 +43,11 @@ class VectorialPupil(SceneEffect):
     needs_waves: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the light's share in other fields than the first, and a fit to runs of NA 0.1 to 1.49.
+        """Return the light's share in fields other than the first, and a fit to runs with NA 0.1 to 1.49.
 
-        In focus fields differ by sin²(alpha), of which lenslets show the more the larger the focus is on them, and
-        pixels the less the wider they are than fringes between lenslets. Out of focus, parts of the pupil meet only
-        where they lie near each other, by N waves of defocus; or where micro-images overlap, images behind the array.
+        In focus, the fields differ by sin²(alpha). The difference is visible if the focus is large on the lenslets,
+        and less if pixels are wider than the fringes between lenslets. Out of focus, parts of the pupil meet only if
+        they are near each other (by N waves of defocus), or where micro-images overlap (images behind the array).
         """
         optics, lattice = outlook.camera.optics, outlook.camera.lattice
         if not isinstance(optics, Microscope):

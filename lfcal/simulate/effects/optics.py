@@ -20,8 +20,8 @@ INSEPARABLE = 8.0
 """Fresnel number of the shadow below which it is computed with its fringes or not at all, exact angles or not."""
 
 OF_RIM, SMALL = 0.2, 0.01
-"""Light moved per pixel of displacement of a microscope's steepest ray behind the lenslets, rather much (measured: 0.06
-to 0.26), and up to where that will do: to run the effect takes longer than most simulations."""
+"""Share of light moved per pixel of displacement of a microscope's steepest ray behind the lenslets, an upper estimate
+(measured: 0.06 to 0.26), and the limit of its use: running the effect takes longer than most simulations."""
 
 FRINGED, SHOWN = 20.0, 0.5
 """Fresnel number of the iris, and rms width of spots (px), below which angles change more, or less, than a shift."""
@@ -216,13 +216,14 @@ class IrisShape(SceneEffect):
 
 @dataclass(frozen=True, slots=True)
 class ExactAngles(SceneEffect):
-    """Angles beyond the paraxial: the main lens's defocus as a (1 - cos theta), lenslet rays by tan theta.
+    """Non-paraxial angles: the main lens's defocus as a (1 - cos theta), lenslet rays by tan theta.
 
-    The two belong together. Either alone displaces the rays through the lenslets' centres, by 8 Nw W lambda/v with
-    W = a/(8 lambda (2 Nw)^4) and by B/(2 (2 Nw)³) at the rim; with both they land where the paraxial ones do, as a
-    straight line to the image must. What is left is the coma of lenslets that bend by a parabolic phase, and a
-    shadow larger by 1/(8 Nw²). A microscope's field is exact up to the array, by its Debye integral; behind it the
-    angles of cone and lenslets are: the light of a position is then followed on one grid, not by rows and columns.
+    The two belong together. Each alone displaces the rays through the lenslets' centres, by 8 Nw W lambda/v with W =
+    a/(8 lambda (2 Nw)^4), and by B/(2 (2 Nw)³) at the rim. With both, these rays meet the sensor at the paraxial
+    places, because a straight line to the image must. The remaining effects are the coma of lenslets with a parabolic
+    phase, and a shadow larger by 1/(8 Nw²). A microscope's field is exact up to the array, by its Debye integral;
+    behind it, the angles of cone and lenslets are. The light of a position is then computed on one grid, not by rows
+    and columns.
 
     Examples
     --------
@@ -274,9 +275,9 @@ class ExactAngles(SceneEffect):
         return replace(scene, exact_rays=True)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return what a phase per response takes beside a wave engine (measured): a tenth of it.
+        """Return the cost of a phase per response relative to a wave engine: a tenth (measured).
 
-        A microscope's square lenslets take a grid instead of rows and columns (measured); others are on one anyway.
+        A microscope's square lenslets need a grid instead of rows and columns (measured); others use one in any case.
         """
         if outlook.has_lens:
             return 0.1 * engine.waves

@@ -21,7 +21,7 @@ def share_moved(shift: float, width: float) -> float:
 
 
 def share_widened(width_a: float, width_b: float) -> float:
-    """Return the relative L1 difference of two round Gaussian spots of rms widths ``width_a`` and ``width_b``.
+    """Return the relative L1 difference of two round Gaussian spots with rms widths ``width_a`` and ``width_b``.
 
     2 (q^(q/(1-q)) - q^(1/(1-q))) with q = (a/b)²; 0.74 (b² - a²)/a² for a small widening.
     """
@@ -35,7 +35,7 @@ def share_widened(width_a: float, width_b: float) -> float:
 
 @dataclass(frozen=True)
 class Outlook:
-    """A camera, a depth and a region: what the estimates of all effects share.
+    """A camera, a depth and a region: the common input of the estimates of all effects.
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ class Outlook:
 
     @property
     def regular(self) -> bool:
-        """Whether formulas hold: a lens's image is so far from the array that every lenslet makes a spot of its own."""
+        """Whether formulas hold: a lens's image is far enough from the array for separate spots of all lenslets."""
         return self.has_lens and abs(self.virtual_depth) >= 0.6 and self.fresnel_main >= 3.0
 
     @property
@@ -218,7 +218,7 @@ class Outlook:
     def blurred(self, rms_px: float, floor_px: float = 0.0) -> float:
         """Return the relative L1 change when every spot is blurred by ``rms_px`` per axis.
 
-        ``floor_px`` is added to the widths in quadrature: what pixels cannot resolve.
+        ``floor_px`` is the width that pixels cannot resolve, added to the widths in quadrature.
         """
         total = 0.0
         near = abs(self.virtual_depth) < 1  # the iris's fringes, where one lenslet sees them all
@@ -248,9 +248,9 @@ class Outlook:
     def source_moved(self, shift_px: float) -> float:
         """Return the relative L1 change when the paraxial image moves by ``shift_px``.
 
-        Spots move by shift/|v| and the shadow by the shift; as their fringes move with neither exactly, the sum
-        is measured to be the root of squares, with 0.85 of the spots' part. A shadow within one lenslet shows
-        where it crosses over to the next.
+        Spots move by shift/|v| and the shadow by the shift. As their fringes follow neither exactly, the total is the
+        root of the sum of squares, with 0.85 of the spots' part (measured). A shadow within one lenslet matters where
+        it crosses over to the next.
         """
         spots = 0.85 * self.moved(shift_px / self.depth)
         within = min(1.0, 2.0 * self.shadow_px / self.camera.pitch_px)

@@ -20,14 +20,14 @@ __all__ = ["AngularResponse", "Crosstalk", "PixelFill"]
 
 @dataclass(frozen=True, slots=True)
 class PixelFill(SceneEffect):
-    """Pixels whose light-sensitive square is smaller than their pitch; without it they fill it.
+    """Pixels whose light-sensitive square is smaller than their pitch; without this effect, they fill the pitch.
 
-    Light beside the square is lost, and the pixel blurs less.
+    Light outside the square is lost, and the pixel blurs less.
 
     Attributes
     ----------
     fill_factor
-        Light-sensitive share of a pixel's area; None takes the camera's.
+        Light-sensitive share of a pixel's area; None: that of the camera.
 
     Examples
     --------
@@ -153,7 +153,7 @@ class AngularResponse(SceneEffect):
         """Return light lost over light left at the rms of the angles of chief ray, cone, and across a lenslet."""
         focal = outlook.camera.lattice.types[0].focal_length_um
         bend = outlook.lit_px * outlook.pixel_um * abs(1 / outlook.shift_um + 1 / focal)
-        near = min(1.0, abs(outlook.virtual_depth))  # there the lenslet sees the whole cone at once
+        near = min(1.0, abs(outlook.virtual_depth))  # there the lenslet sees the whole cone
         square = (0.5 / outlook.f_number) ** 2 / 2 + near * bend * bend / 2
         square += sum(s * s for s in self.slope(outlook))
         kept = max(1e-9, 1.0 - min(square, 1.0)) ** (self.power / 2)
@@ -165,7 +165,7 @@ class AngularResponse(SceneEffect):
         return replace(scene, accept=(self.power, *self.slope(outlook)))
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return what a weight for every ray takes beside a wave engine (measured): as much again."""
+        """Return the cost of a weight for every ray relative to a wave engine: 1 (measured)."""
         del outlook
         return engine.waves
 

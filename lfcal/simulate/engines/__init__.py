@@ -1,10 +1,11 @@
-"""From one depth plane to its patterns: one engine a level of accuracy.
+"""Engines that compute the patterns of one depth plane, one per level of accuracy.
 
-- ``base``: what an engine provides, its sampling, and the energy it accounts for; ``choose`` picks one
+- ``base``: interface of an engine, its sampling and energy balance; ``choose`` selects one
 - ``_geometric``: rays; ``_wave``: waves per lenslet, summed without phase; ``microscope``: Debye integral, coherent;
   ``reference``: the coherent sum over the whole array
-- ``_fields_sum``: fields that do not interfere, one engine each
-- ``field``: the light in front of the array; ``masks``, ``_polygon``: apertures; ``tables``: what a plane needs once
+- ``_fields_sum``: incoherent fields, with one engine each
+- ``field``: the light in front of the array; ``masks``, ``_polygon``: apertures; ``tables``: tables computed once per
+plane
 - ``_nodes``, ``_quadrature``, ``_radial``, ``_debye``, ``zernike``: numerical parts
 """
 

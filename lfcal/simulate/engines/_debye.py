@@ -5,25 +5,25 @@ al. 2013, eq. 3; Gu 1996)::
 
     U(r) = integral_0^alpha sqrt(cos t) sin t J0(k r sin t / M) exp(-2 i k z sin^2(t/2)) dt
 
-z > 0 is away from the objective, where the image lies before the array. Energy through the pupil, by Parseval, is
-2 pi (M/k)^2 (1 - cos alpha), so the field is normalised without looking at its peak, which may be a null.
+z > 0 is away from the objective, where the image is in front of the array. By Parseval, the energy through the pupil
+is 2 pi (M/k)^2 (1 - cos alpha), so the field is normalized without using its peak, which may be zero.
 
-The dipoles of a vectorial scene make five fields, K_m(r) times cosine or sine of m phi, whose intensities add: K_m has
-J_m for J0 and the amplitude a_m in its integrand. Factors i^m, the same all over a field, are left out.
+The dipoles of a vectorial scene give five fields, K_m(r) times cosine or sine of m phi, whose intensities add. K_m has
+J_m instead of J0, and the amplitude a_m in its integrand. Factors i^m, constant over a field, are omitted.
 
-A dipole along x sends, per solid angle, cos(t) cos(phi) along theta and -sin(phi) along phi. The objective turns theta
-into the radial direction, and the tube lens is so slow that fields stay transverse. Averaged over dipoles along x, y
-and z (Richards and Wolf 1959; Novotny and Hecht, Principles of Nano-Optics, 3.6 and 4.1), five fields in all add their
-intensities: of order m = 0, and of m = 1 and 2 by cosine and sine of m phi, with
+A dipole along x radiates, per solid angle, cos(t) cos(phi) along theta and -sin(phi) along phi. The objective turns
+theta into the radial direction, and the tube lens is so slow that fields stay transverse. Averaging over dipoles along
+x, y and z (Richards and Wolf 1959; Novotny and Hecht, Principles of Nano-Optics, 3.6 and 4.1) gives five fields whose
+intensities add: of order m = 0, and of m = 1 and 2 by cosine and sine of m phi, with
 
     a0 = (1 + cos t)/2,    a2 = (1 - cos t)/2,    a1 = sin t / sqrt(2),    a0² + a1² + a2² = 1,
 
-so that the pupil is as bright as that of a scalar point, whose one field has a0 = 1.
+so that the pupil is as bright as that of a scalar point, whose single field has a0 = 1.
 
-Behind a plane interface, n2 sin t2 = n1 sin t, each plane wave arrives with Fresnel's coefficients (Török et al. 1995;
-`Specimen.crossing`), a scalar one with that of waves polarised along the interface, and with the phase k (d n2 cos t2 -
-D n1 cos t), d and D the depths of source and focal plane (Gibson and Lanni 1991). Beyond total reflection cos t2 is
-imaginary: what a source so near the interface still sends there is attenuated by exp(-k d n2 |cos t2|).
+Behind a plane interface, n2 sin t2 = n1 sin t. Each plane wave has Fresnel's coefficients (Török et al. 1995;
+`Specimen.crossing`), a scalar one those of waves polarized along the interface. Its phase is k (d n2 cos t2 - D n1 cos
+t), with D and d the depths of focal plane and source (Gibson and Lanni 1991). Beyond total reflection, cos t2 is
+imaginary: the light of a source close to the interface is attenuated by exp(-k d n2 |cos t2|).
 """
 
 from __future__ import annotations
@@ -114,9 +114,9 @@ def _sections(scene: Scene, count: int) -> tuple[F8, F8]:
 def pupil_phase(scene: Scene, theta: F8) -> C16:
     """Return the phase at ``theta``, 0 on the axis; its imaginary part attenuates.
 
-    d n2 cos t2 - D n1 cos t less its value on the axis is z n2 (cos t2 - 1) + D (n2 cos t2 - n1 cos t - n2 + n1), and
-    with q = n1 sin t the bracket is q^2 (n2 - n1) (1 + (n2 + n1)/(n2 cos t2 + n1 cos t)) / ((n1 + n1 cos t)(n2 + n2
-    cos t2)): nothing cancels.
+    d n2 cos t2 - D n1 cos t minus its value on the axis is z n2 (cos t2 - 1) + D (n2 cos t2 - n1 cos t - n2 + n1).
+    With q = n1 sin t, the bracket is q^2 (n2 - n1) (1 + (n2 + n1)/(n2 cos t2 + n1 cos t)) / ((n1 + n1 cos t)(n2 + n2
+    cos t2)), which avoids cancellation.
     """
     optics, specimen, n1 = objective_of(scene), _crossed(scene), objective_of(scene).medium_index
     k = 2 * math.pi / scene.wavelength_um

@@ -53,11 +53,11 @@ class FieldsSum:
     Parameters
     ----------
     scene
-        What is computed.
+        The scene to compute.
     makers
-        One for each field: returns its engine from a scene.
+        Functions from a scene to an engine, one for each field.
     parts
-        The engines of the scene, where they are made already: they may share tables.
+        The engines of the scene, if they already exist; they may share tables.
     """
 
     def __init__(self, scene: Scene, makers: list[Maker], parts: list[PlaneEngine] | None = None) -> None:

@@ -141,25 +141,25 @@ class FusedResponse:
     ) -> NDArray[np.float64]:
         """Fill ``out`` (positions, rows, columns) with the light on pixels and return the powers behind the array.
 
-        One call for many positions: nothing else of this process waits for it, nor it for them.
+        One call handles many positions, without waiting for other threads of this process.
 
         Parameters
         ----------
         lit
-            Field that meets the array (n, n).
+            Field incident on the array (n, n).
         array
-            Table of what it lets through, and where in it (row, column) the grid of each position begins.
+            Table of the array's transmission, and the origin (row, column) in it of the grid of each position.
         weights
-            Of the samples of a pixel, along either axis.
+            Weights of the samples of a pixel, along either axis.
         place
-            Samples per pixel, and where those of the first pixel begin (row, column).
+            Samples per pixel, and the first sample of the first pixel (row, column).
         work
-            From `workspace`, for no other thread.
+            Scratch memory from `workspace`, not shared between threads.
 
         Raises
         ------
         ValueError
-            Where pixels, or a grid, reach beyond what there is: compiled code does not look.
+            If pixels or a grid exceed the arrays, because compiled code does not check this.
         """
         table, corners = array
         n, (per, *starts), (height, width) = self._n, place, table.shape

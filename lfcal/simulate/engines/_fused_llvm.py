@@ -1,14 +1,15 @@
-"""Compiled passes of a response on a grid: fast Fourier transforms on lanes, with all that lies between them.
+"""Compiled passes of a response on a grid: fast Fourier transforms on lanes, with all steps between them.
 
-A lane holds one complex number of its own transform, so that `LANES` columns, or rows, of the grid are transformed at
-once, in the caches (Van Loan, Computational Frameworks for the Fast Fourier Transform, 1992). On the way forth the
-frequencies are decimated (Gentleman and Sande 1966), which leaves them in the order of reversed digits; on the way back
-the times (Cooley and Tukey 1965), which takes them so: nothing is put in order. Butterflies of composite size are made
-of smaller ones (those of Good 1958 where their sizes have no factor in common). numba has no words for lanes: they are
-given as LLVM code, for any processor. Sums are done in one order, and results are the same in every run.
+Each lane holds one complex number of a separate transform, so that `LANES` columns or rows of the grid are transformed
+together, in the caches (Van Loan, Computational Frameworks for the Fast Fourier Transform, 1992). The forward
+transform decimates in frequency (Gentleman and Sande 1966), which leaves the frequencies in digit-reversed order. The
+inverse decimates in time (Cooley and Tukey 1965), which accepts this order, so that no reordering is needed.
+Butterflies of composite size consist of smaller ones (those of Good 1958 if their sizes have no common factor). numba
+cannot express lanes, so they are written as LLVM code for any processor. The order of sums is fixed, and results are
+identical in every run.
 
-A buffer of ``n`` numbers on lanes holds (n, 2, LANES) reals, real parts before imaginary ones; places are counted in
-reals. The way back is the way forth with real and imaginary parts exchanged, at its start and at its end.
+A buffer of ``n`` numbers on lanes is an array (n, 2, LANES) of reals, real parts before imaginary ones; addresses are
+counted in reals. The inverse is the forward transform with real and imaginary parts exchanged at its start and end.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ __all__ = ["LANES", "RADICES", "STEP", "Pixels", "ResponseGrid", "Stages", "Way"
 Reals = NDArray[np.float32]
 
 LANES = 16
-"""Transforms that are made at once: each part is a cache line."""
+"""Number of transforms done together: each part is a cache line."""
 
 STEP = 2 * LANES
 """Reals from one number on lanes to the next."""
@@ -259,7 +260,8 @@ _step_forth, _step_back, _step_last = _stage(False, True), _stage(True, False), 
 def _multiply(_: Any, lit: Any, i: Any, seen: Any, j: Any, x: Any, at: Any, rows: Any, sums: Any) -> Any:
     """Fill x from ``at`` on with products of ``LANES`` numbers (re, im) of two arrays on each of several rows.
 
-    ``rows`` are their count and the reals from one to the next in either array; ``sums`` become the products' power.
+    ``rows`` are their number, and the distance (reals) between them in either array; ``sums`` receive the power of the
+    products.
     """
 
     def implement(context: Any, b: Any, signature: Any, arguments: Any) -> Any:

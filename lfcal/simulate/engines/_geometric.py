@@ -1,9 +1,9 @@
-"""G0: rays only. Each lenslet's part of the iris's shadow, drawn on the sensor with exact pixel areas.
+"""G0: rays only. Each lenslet's part of the iris's shadow is drawn on the sensor with exact pixel areas.
 
 A pupil point u (in radii of the disc f/(2 Nw)) sends its ray through X = X0 + a' u/(2 Nw) on the array and, by a
-lenslet at c, to s = c + (1 - B'/f)(X - c) - B' u/(2 Nw). Both forms of that map are used, so that nothing is ever
-divided by a' or by sigma: lenslets smaller than the shadow are cut by it and drawn, else the pupil is cut by the
-lenslet. Wavefront, iris fringes and lenslet diffraction are not part of this level.
+lenslet at c, to s = c + (1 - B'/f)(X - c) - B' u/(2 Nw). Two forms of this map avoid division by a' or sigma: lenslets
+smaller than the shadow are clipped by it and drawn; otherwise the pupil is clipped by the lenslet. Wavefront, iris
+fringes and lenslet diffraction are not part of this level.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ __all__ = ["GeometricPlane"]
 LEAST_SPOT_PX = 1e-3
 """Smallest radius of a spot: a lenslet exactly in focus is drawn this large."""
 CIRCLE = 48
-"""Sides of the polygon, of equal area, that stands for a round lenslet."""
+"""Number of sides of the polygon with equal area that represents a round lenslet."""
 
 
 class GeometricPlane:

@@ -5,12 +5,13 @@ With c the lenslet, X0 the source's image and L = lambda B', the field behind th
     V(s) = exp(i pi |s-c|^2/L)/L sum_k E(x_k + c - X0) m(x_k) exp(i pi sigma x_k^2/L)
            exp(-2 pi i x_k.(s - c + (B'/a')(c - X0))/L) dx^2,     x_k = (x0 + kx dx, y0 + ky dx).
 
-The sum is split by parity in both axes: with samples and nodes symmetric about 0 only cosines and sines over half
-the samples and half the nodes are needed, real zoom that are the same for every lenslet of a type. That is a
-quarter of the products of the complex form. Every product is kept below 2^18 multiply-adds, where BLAS libraries do
-not start threads of their own.
+The sum is split by parity in both axes. With samples and nodes symmetric about 0, only cosines and sines over half the
+samples and half the nodes are needed, as real matrices that are the same for every lenslet of a type. This takes a
+quarter of the products of the complex form. Every product is kept below 2^18 multiply-adds, below which BLAS libraries
+do not start threads.
 
-What a kernel calls stands in its own file, records included: the cache on disk sees changes of that file alone.
+Functions and records that a kernel uses must be in the same file, because the cache on disk only detects changes of
+that file.
 """
 
 from __future__ import annotations
@@ -244,9 +245,10 @@ def fold(
 ) -> float:
     """Multiply field, aperture and tilt, f_k = E_k m_k exp(i (turn_y k_y + turn_x k_x)), and split f by parity.
 
-    ``place`` is the table's row and column of the sample k = 0, ``turn`` the phase per sample (y, x). With
-    f(+-i, +-j) the values at samples mirrored in both axes, ee sums all four, and o takes those at negative k with a
-    minus; samples on an axis count once. Returns the sum of |E m|^2. ``line`` is scratch ``(6, 2h+1)``: f at +i and
+    ``place`` is the table's row and column of the sample k = 0, ``turn`` the phase per sample (y, x). With f(+-i, +-j)
+    the values at samples mirrored in both axes, ee sums all four, and o subtracts those at negative k; samples on an
+    axis count once. Returns the sum of |E m|^2. ``line`` is scratch ``(6, 2h+1)``: f at +i and at -i (re, im), and the
+    tilt along x.
     at -i (re, im), and the tilt along x.
     """
     field_re, field_im, mask_re, mask_im = field.re, field.im, mask.re, mask.im
@@ -285,11 +287,11 @@ def fold(
 
 @njit()
 def transform(zoom: Zoom, parts: F4, half: F4, out: F4) -> None:
-    """Write the transforms of the four parities at the nodes >= 0: ``out`` (4, 2 k, k), rows re and im in turn.
+    """Write the transforms of the four parities at the nodes >= 0: ``out`` (4, 2 k, k), rows re and im alternating.
 
-    out[0] = C ee C^T, out[1] = C eo S^T, out[2] = S oe C^T, out[3] = S oo S^T with C, S (k, h+1) of cosines and
-    sines. ``half`` is scratch (k, 2 (h+1)): what a matrix along y leaves has re and im side by side, so that read
-    as (2 k, h+1) one product along x does both.
+    out[0] = C ee C^T, out[1] = C eo S^T, out[2] = S oe C^T, out[3] = S oo S^T, with C, S (k, h+1) of cosines and
+    sines. ``half`` is scratch (k, 2 (h+1)): after the matrix along y it has re and im side by side, so that, read as
+    (2 k, h+1), one product along x handles both.
     """
     cosine, sine, cosine_t, sine_t = zoom.cosine, zoom.sine, zoom.cosine_t, zoom.sine_t
     lines = half.reshape(2 * cosine.shape[0], cosine.shape[1])
@@ -343,8 +345,8 @@ def add_incoherent(scratch: _Scratch, zoom: Zoom, image: F4, top: int, left: int
 def add_coherent(quarters: F4, turns: F8, grid_re: F4, grid_im: F4, top: int, left: int) -> float:
     """Add the field times its phase to the position's node grid; return the sum of its square.
 
-    ``turns`` are ``(axis, 2, n)``, cosines and sines of the phase along y and x; ``top``, ``left`` are in nodes.
-    The field at (+-y, +-x) is put together as in `add_incoherent`.
+    ``turns`` are ``(axis, 2, n)``, cosines and sines of the phase along y and x; ``top``, ``left`` are in nodes. The
+    field at (+-y, +-x) is combined as in `add_incoherent`.
     """
     q, turn_y, turn_x = quarters, turns[0], turns[1]
     k, n = q.shape[2], turns.shape[2]
@@ -378,10 +380,11 @@ def add_coherent(quarters: F4, turns: F8, grid_re: F4, grid_im: F4, top: int, le
 
 @njit(fastmath=True)
 def _node_turns(zoom: Zoom, optics: Optics, spot: Any, turns: F8) -> None:
-    """Fill the phase of a lenslet's field at the nodes, along y and x: what the transform leaves out.
+    """Fill the phase of a lenslet's field at the nodes, along y and x, which the transform omits.
 
-    With l = c - X0 and s - X0 = m + node: pi l^2 (1 - B'/a')/L - 2 pi l.(s - X0)/L from the two spheres, the square
-    of s - X0 being the same for all lenslets, and -2 pi x0.(o + node)/L as the samples start at x0, not at the centre.
+    With l = c - X0 and s - X0 = m + node, the two spheres give pi l^2 (1 - B'/a')/L - 2 pi l.(s - X0)/L; the square of
+    s - X0 is the same for all lenslets. In addition there is -2 pi x0.(o + node)/L, because the samples start at x0
+    and not at the centre.
     """
     rate, nodes = 2 * math.pi * optics.per_spread, zoom.nodes_um
     common = 0.5 * rate * (spot.lx * spot.lx + spot.ly * spot.ly) * optics.sphere
@@ -413,7 +416,7 @@ def respond(
     """Add one lenslet's response to the cutouts (incoherent) or node grids (coherent) of the listed positions.
 
     ``spots`` are those of `lfcal.simulate.engines._lenslets.select`, sorted so that neighbours share their place
-    between two samples, and so the mask; their ``energy_in`` and ``energy_out`` are filled.
+    between two samples, and thus the mask; their ``energy_in`` and ``energy_out`` are filled.
     """
     # arrays out of their records before the loop: inside, each access would count references
     scratch, dx, per, w = _memory(zoom, field.re), field.dx_um, zoom.per_px, zoom.bins.shape[1]

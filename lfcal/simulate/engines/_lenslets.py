@@ -71,8 +71,8 @@ def select(
 ) -> tuple[int, int]:
     """List in ``spots`` the positions whose light reaches a lenslet and, behind it, the cutout; return how many.
 
-    Those whose light reaches it beyond the window alone are listed from the end on, with what evenly lit the lenslet
-    passes as ``energy_in``; how many is what is returned second.
+    Positions whose light reaches the lenslet only outside the window are listed from the end, with ``energy_in`` for
+    uniform light through the lenslet; their number is the second return value.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""Sensor nodes: how the light on a pixel follows from intensities at a few points.
+"""Sensor nodes: the light on a pixel from intensities at a few points.
 
-The intensity behind an aperture of radius r is band-limited to 2 r / (lambda B). Evenly spaced nodes with
-non-negative weights that reach a little into the neighbouring pixels, fitted to the pixel's transfer function
-over that band, integrate it with fewer points than Gauss-Legendre inside the pixel does.
+The intensity behind an aperture of radius r is band-limited to 2 r / (lambda B). Evenly spaced nodes with non-negative
+weights, which extend slightly into neighbouring pixels, are fitted to the pixel's transfer function over that band.
+They integrate it with fewer points than Gauss-Legendre nodes inside the pixel.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ EVEN = 0.01
 
 @dataclass(frozen=True, slots=True)
 class NodeRule:
-    """Evenly spaced nodes, ``per_px`` to a pixel, of which ``weights`` make one pixel.
+    """Evenly spaced nodes, ``per_px`` per pixel, whose ``weights`` give one pixel.
 
-    ``weights`` has ``per_px + 2 beyond`` entries: ``beyond`` nodes on either side lie in the neighbours.
+    ``weights`` has ``per_px + 2 beyond`` entries: ``beyond`` nodes on either side are in the neighbours.
     """
 
     per_px: int
@@ -67,20 +67,20 @@ def fitted_rule(
     Parameters
     ----------
     per_px
-        Nodes per pixel.
+        Number of nodes per pixel.
     band
         Highest frequency of the intensity (cycles per pixel), 2 r pixel / (lambda B).
     fill
         Light-sensitive share of the pixel's side.
     beyond
-        Nodes taken from each neighbour; more than one gains nothing.
+        Number of nodes in each neighbour; more than one has no benefit.
     falloff
         Power of 1 - f/band with which the light's spectrum ends, `ONE_APERTURE` or `MANY_ANGLES`.
     even
-        How much weights are held to those that are the same at all nodes: else light that needs fewer leaves some out.
+        Strength of the pull towards equal weights; without it, light that needs fewer nodes leaves some unused.
 
-    The weights solve a non-negative least-squares fit of sum_k w_k cos(2 pi f x_k) to sinc(f fill) fill,
-    weighted by the transfer function 1 - f/band of the light, with the sum held to ``fill``.
+    The weights solve a non-negative least-squares fit of sum_k w_k cos(2 pi f x_k) to sinc(f fill) fill, weighted by
+    the transfer function 1 - f/band of the light, with the sum constrained to ``fill``.
     """
     n = per_px + 2 * beyond
     x = (np.arange(n) - (n - 1) / 2) / per_px

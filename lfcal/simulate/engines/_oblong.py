@@ -1,8 +1,9 @@
-"""Pixels that are not square: frames resampled by unequal factors, computed on fine square pixels and summed.
+"""Non-square pixels: frames resampled by unequal factors, computed on fine square pixels and summed.
 
-The engines know square pixels. A fine grid, `FINER` square pixels to the width of an oblong one, holds the light of
-each response; its running sum along an axis is smooth, and its differences at the oblong pixels' edges are their light.
-Columns of the grids coincide; rows drift apart by less than a pixel, and the windows' rows are laid for each source.
+The engines support only square pixels. The light of each response is computed on a fine grid with `FINER` square
+pixels across the width of an oblong one. Its running sum along an axis is smooth, and differences at the edges of the
+oblong pixels give their light. Columns of the grids coincide; rows drift apart by less than a pixel, and the windows'
+rows are chosen for each source.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ SPARE = 6
 def _sums(fine: int, oblong: int, step: float, fill: float, shift: float, degree: int) -> NDArray[np.float64]:
     """Return ``(oblong, fine)``: the light of each oblong pixel, of sensitive share ``fill``, from that of fine ones.
 
-    ``step`` fine pixels lie between oblong ones, whose middle one is ``shift`` fine pixels from the fine middle. The
+    ``step`` fine pixels are between oblong ones, whose middle one is ``shift`` fine pixels from the fine middle. The
     running sum is a spline of ``degree``: 5 for waves, 1 for the sharp edges of rays.
     """
     from scipy.interpolate import make_interp_spline  # takes long to load
@@ -70,7 +71,7 @@ def _odd(width: float, around: int) -> int:
 
 
 def _fine_sampling(sampling: Sampling) -> Sampling:
-    """Return how finely fine pixels are sampled, from how finely oblong ones are to be."""
+    """Return the sampling of fine pixels from the requested sampling of oblong ones."""
     samples = sampling.samples_per_px
     return replace(
         sampling,

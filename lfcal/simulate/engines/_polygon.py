@@ -137,8 +137,8 @@ def spectrum(
 ) -> NDArray[np.complex128]:
     """Return `transform` on the grid ``fy`` x ``fx``: shape ``(len(fy), len(fx))``.
 
-    A row whose frequencies are those of another one with the other sign is that one's complex conjugate: of the
-    grid of a discrete Fourier transform half the rows are worked out.
+    Rows with opposite frequencies are complex conjugates: for the grid of a discrete Fourier transform, only half the
+    rows are computed.
     """
     centre = outline.mean(0)
     closed = np.concatenate([outline, outline[:1]]) - centre
@@ -148,7 +148,7 @@ def spectrum(
         f, g = fx[columns], fy[rows]
         re, im = np.empty((g.size, f.size)), np.empty((g.size, f.size))
         for_each_chunk(lambda a, b: _edge_rows(closed, f, g[a:b], re[a:b], im[a:b]), g.size, workers)
-        result.real[rows, columns], result.imag[rows, columns] = re, im  # of a large grid no sum is made beside it
+        result.real[rows, columns], result.imag[rows, columns] = re, im  # avoids a temporary sum for a large grid
 
     opposite = -np.arange(fx.size)  # where -f lies, counted from the first sample, or from the end
     alone = np.flatnonzero(fx[opposite] != -fx)
@@ -195,9 +195,9 @@ def _edge_rows(
 
         F(f) = i / (2 pi |f|^2) sum_edges (f_x e_y - f_y e_x) (sinc(f.e) exp(-2 pi i f.m) - 1),
 
-    where the 1, which adds nothing to the sum since edges close, leaves terms of the size of the result as f goes
-    to 0. Sines and phases of f.e = f_x e_x + f_y e_y are made by the addition theorem of those along the axes: none
-    is taken per point. f = 0 gets 0.
+    where the 1, which cancels in the sum because edges form a closed polygon, keeps the terms as small as the result
+    as f goes to 0. Sines and phases of f.e = f_x e_x + f_y e_y come from those along the axes by the addition theorem;
+    none is computed per point. f = 0 gets 0.
     """
     re[:], im[:] = 0, 0
     for k in range(closed.shape[0] - 1):

@@ -1,4 +1,4 @@
-"""How a plane's field goes on to a plane parallel to it."""
+"""Propagation of a plane's field to a parallel plane."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ Complex = NDArray[np.complex128]
 def sensor_propagator(
     f: NDArray[np.float64], wavelength: float, gap: float, exact: bool, glass: tuple[float, float] = (0.0, 1.0)
 ) -> tuple[Complex, bool]:
-    """Return the transfer function over ``gap`` and whether it is separable.
+    """Return the transfer function over ``gap``, and whether it is separable.
 
-    ``glass`` is thickness and index of a plate; the gap is that in air with the same Fresnel integral.
+    ``glass`` is thickness and index of a plate; the gap is the equivalent one in air, with the same Fresnel integral.
 
-    Fresnel: exp(-i pi lambda B f^2) per axis. Exact: 2 pi B (sqrt(1/lambda^2 - f^2) - 1/lambda) in the form
-    without cancellation, zero for evanescent waves, band-limited to 1/(lambda sqrt((2 B/L)^2 + 1)) per axis
-    (Matsushima and Shimobaba 2009, eq. 13).
+    Fresnel: exp(-i pi lambda B f^2) per axis. Exact: 2 pi B (sqrt(1/lambda^2 - f^2) - 1/lambda) in a form without
+    cancellation, zero for evanescent waves, band-limited to 1/(lambda sqrt((2 B/L)^2 + 1)) per axis (Matsushima and
+    Shimobaba 2009, eq. 13).
     """
     if not exact:
         return np.exp(-1j * np.pi * wavelength * gap * f * f), True

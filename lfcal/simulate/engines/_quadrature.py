@@ -1,4 +1,4 @@
-"""Gauss-Legendre nodes without a linear-algebra library: quick, accurate, and no threads of its own."""
+"""Gauss-Legendre nodes without a linear-algebra library: fast, accurate, and without threads."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ F8 = NDArray[np.float64]
 def _newton(n: int, x: F8, w: F8) -> None:
     """Fill nodes ``x`` and weights ``w`` (n,) on [-1, 1] by Newton's method on the three-term recurrence.
 
-    Nodes are the roots of P_n with k P_k = (2k - 1) t P_k-1 - (k - 1) P_k-2; weights 2 / ((1 - t^2) P_n'(t)^2) with
-    P_n' = n (P_n-1 - t P_n) / (1 - t^2) (Abramowitz and Stegun 25.4.29).
+    Nodes are the roots of P_n, with k P_k = (2k - 1) t P_k-1 - (k - 1) P_k-2. Weights are 2 / ((1 - t^2) P_n'(t)^2),
+    with P_n' = n (P_n-1 - t P_n) / (1 - t^2) (Abramowitz and Stegun 25.4.29).
     """
     for i in range((n + 1) // 2):
         t = math.cos(math.pi * (i + 0.75) / (n + 0.5))  # close enough that Newton finds this root and no other

@@ -53,9 +53,9 @@ def focus_integral(
 ) -> NDArray[np.complex128]:
     """Return the field near focus, 2 integral_0^1 J0(v rho) exp(-i u rho^2/2 + 2 pi i W(rho)) rho d rho.
 
-    Born and Wolf 8.8 eq. (11), 1 at u = v = 0. With rho^2 as variable the integrand is entire, so Gauss-Legendre
-    with half the phase's range plus half of v and 30 more nodes reaches rounding (1e-14 for u up to 600). The
-    Lommel series lose everything near u = 0 and near u = v.
+    Born and Wolf 8.8 eq. (11), 1 at u = v = 0. With rho^2 as variable the integrand is entire. Gauss-Legendre with
+    half the phase's range plus half of v plus 30 nodes therefore reaches rounding (1e-14 for u up to 600). The Lommel
+    series lose all accuracy near u = 0 and near u = v.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def focus_integral(
     waves
         Aberration W(rho) in waves, or None.
     nodes
-        Nodes of the integral; None takes those of the phase without an aberration.
+        Number of nodes; None: that for the phase without aberration.
     amplitude
         Amplitude over the pupil A(rho), a factor of the integrand; None is 1.
     """

@@ -1,8 +1,8 @@
 """Compiled loops of the microscope's separable path: V = A_y U A_x^T on the sensor's nodes (see `microscope.py`).
 
-Complex products are made of three real ones (Gauss): with parts stored as real, imaginary and their sum,
-re = p - q and im = s - p - q for p, q, s the products of like parts. Every product stays below 2^18
-multiply-adds, where BLAS libraries start no threads of their own.
+Complex products use three real ones (Gauss): with parts stored as real, imaginary and their sum, re = p - q and im = s
+- p - q for p, q, s the products of like parts. Every product stays below 2^18 multiply-adds, below which BLAS
+libraries do not start threads.
 """
 
 from __future__ import annotations
@@ -43,11 +43,12 @@ def product(a: Array, b: Array) -> Array:
 
 @njit()
 def fold_rows(wide: Array, first: int, per_node: int, start: int, per_sample: int, out: Array) -> None:
-    """Fill rows ``first``, ``first + per_sample`` ... of the matrices for even and, where there is one, odd fields.
+    """Fill rows ``first``, ``first + per_sample`` ... of the matrices for even and, if there are any, odd fields.
 
-    ``wide`` (3, rows, distances) holds row r's response to sample k at ``start + per_node r -+ k``. A sample and its
-    mirror image have one column of A, in ``out`` (parities, 3, nodes, n): out[0, :, r, k] = wide(-k) + wide(+k) for an
-    even field, out[1, :, r, k] = wide(-k) - wide(+k) for an odd one; the middle one once, where nothing is odd.
+    ``wide`` (3, rows, distances) has row r's response to sample k at ``start + per_node r -+ k``. A sample and its
+    mirror image share one column of A, in ``out`` (parities, 3, nodes, n): out[0, :, r, k] = wide(-k) + wide(+k) for
+    an even field, out[1, :, r, k] = wide(-k) - wide(+k) for an odd one; the middle one counts once, where nothing is
+    odd.
     """
     for part in range(3):
         for r in range(wide.shape[1]):

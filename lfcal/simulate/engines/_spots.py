@@ -1,8 +1,8 @@
-"""Compiled loops of the geometric engine: clip a lenslet's light, draw the spot with exact pixel areas.
+"""Compiled loops of the geometric engine: clip a lenslet's light, and draw the spot with exact pixel areas.
 
-A spot is a convex polygon of constant irradiance. It is clipped by Sutherland and Hodgman (1974), and its cover of
-each pixel is the exact area, by signed areas under the edges (Green's theorem), as in font rasterisers: an edge leaves
-its cover in the cells it crosses, and a sum along the row spreads it over all cells to its right.
+A spot is a convex polygon of constant irradiance. It is clipped by the algorithm of Sutherland and Hodgman (1974). Its
+cover of each pixel is the exact area, from signed areas under the edges (Green's theorem), as in font rasterizers: an
+edge adds its cover to the cells it crosses, and a sum along the row extends it to all cells to its right.
 """
 
 from __future__ import annotations
@@ -87,8 +87,8 @@ def _area(p: Array, n: int) -> float:
 def _edge(acc: Array, r: int, xl: float, xr: float, d: float) -> None:
     """Add the signed cover ``d`` of one edge within row r: the share right of the edge, column by column.
 
-    What is added are differences from column to column; their sum along the row is the cover. ``d`` is the height of
-    the edge's part in the row, ``xl`` <= ``xr`` are its ends.
+    The added numbers are differences from column to column; their sum along the row is the cover. ``d`` is the height
+    of the edge's part in the row, ``xl`` <= ``xr`` are its ends.
     """
     il, ir = int(xl), int(xr)
     if il == ir or xr == il + 1.0:
@@ -136,7 +136,7 @@ def _draw(p: Array, n: int, acc: Array, h: int) -> None:
 def _overlap(shapes: Shapes, dx: float, dy: float, a: Array, b: Array) -> int:
     """Leave in ``a`` the part of the subject inside the window, c - X0 = (dx, dy); return its number of vertices."""
     n: int = shapes.subject.shape[0]
-    for i in range(n):  # not at once: for arrays whose shapes may differ numba compiles seconds longer
+    for i in range(n):  # a loop, because numba takes seconds longer to compile operations on arrays of different shapes
         a[i, 0], a[i, 1] = shapes.subject[i, 0], shapes.subject[i, 1]
     if math.sqrt(dx * dx + dy * dy) <= shapes.inner - shapes.reach:
         return n  # wholly inside: nothing to clip
@@ -166,8 +166,8 @@ def _bounds(p: Array, n: int) -> tuple[float, float, float, float]:
 def _paint(image: Array, a: Array, b: Array, n: int, gain: float, acc: Array) -> tuple[float, float]:
     """Add a spot of irradiance ``gain``, in pixels from the cutout's corner, to ``image`` (nt, ns).
 
-    Returns the energy of the spot's part in the cutout and what was drawn, (0, 0) where it lies outside: they agree
-    up to rounding, by two different sums. ``a`` holds the polygon, ``b`` and ``acc`` are scratch.
+    Returns the energy of the spot's part in the cutout, and what was drawn; both are 0 if it is outside. They are
+    computed by two different sums and agree up to rounding. ``a`` holds the polygon, ``b`` and ``acc`` are scratch.
     """
     nt, ns = image.shape
     x0, x1, y0, y1 = _bounds(a, n)
@@ -206,7 +206,8 @@ def draw_spots(
 ) -> tuple[int, float, float, float]:
     """Add the spots of all lenslets to the cutouts ``out`` (n, nt, ns).
 
-    A point u of the subject arrives at s = c - pull (c - X0) + size u, both forms of the ray map of `geometric.py`.
+    A point u of the subject arrives at s = c - pull (c - X0) + size u, which covers both forms of the ray map in
+    `geometric.py`.
 
     Parameters
     ----------
@@ -215,7 +216,7 @@ def draw_spots(
     pixel
         Middle pixels of the cutouts ``(n, 2)`` as (row, column).
     lenslets, shapes, drawing
-        See there.
+        See `geometric.py`.
 
     Returns
     -------

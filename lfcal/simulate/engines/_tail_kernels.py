@@ -16,18 +16,18 @@ F4 = NDArray[Any]
 
 @njit(fastmath=True)
 def add_tails(spots: Any, lacking: NDArray[np.float64], pattern: F4, beyond: int, image: F4) -> None:
-    """Add what each spot's window lacks to its cutout, spread as ``pattern``.
+    """Add to each cutout the light that the windows of spots lack, distributed as ``pattern``.
 
     Parameters
     ----------
     spots
         `lfcal.simulate.engines._lenslets.SPOT` array ``(n,)``.
     lacking
-        Light beyond each window ``(n,)``.
+        Light outside each window ``(n,)``.
     pattern
-        ``(m, m)`` pixels about the spot, 0 in its window: shares of the light beyond it.
+        ``(m, m)`` pixels about the spot, 0 inside its window: shares of the light outside it.
     beyond
-        How far it begins before the window (pixels).
+        Distance by which it begins before the window (pixels).
     image
         Cutouts ``(positions, rows, columns)``; changed.
     """

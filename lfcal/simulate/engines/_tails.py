@@ -1,9 +1,9 @@
-"""The light of lenslets beyond their windows.
+"""The light of lenslets outside their windows.
 
-A window a few pixels wider than the spot lacks a percent or two of a lenslet's light, which falls off as slowly as
-1/r^3 and takes wide windows to gather. How much is lacking is known: what the lenslet passes, by its energy, less what
-its window received. Where it goes is that of an evenly lit lenslet of the same type, computed once on a wide window:
-tails come from the aperture's edge, and hardly change with the light on it.
+A window a few pixels wider than the spot lacks one or two percent of a lenslet's light, which decreases as slowly as
+1/r^3 and would need wide windows. The missing amount is known: the light that the lenslet transmits minus the light in
+its window. Its distribution is that of a uniformly lit lenslet of the same type, computed once on a wide window,
+because tails come from the edge of the aperture and hardly depend on the light on it.
 """
 
 from __future__ import annotations
@@ -53,19 +53,19 @@ NODES = 2.2
 
 @dataclass(frozen=True, slots=True)
 class Tail:
-    """Where the light of one lens type goes that its windows lack.
+    """Distribution of the light of one lens type outside its windows.
 
     Attributes
     ----------
     pattern
-        ``(m, m)`` pixels about the spot, 0 in its window: shares of the light beyond the window.
+        ``(m, m)`` pixels about the spot, 0 inside its window: shares of the light outside the window.
     edge
-        Light that a lenslet passes, over what its samples hold: they hold its edge a little softer.
+        Ratio of the light that a lenslet transmits to that in its samples, which soften its edge slightly.
     share
-        Of an evenly lit lenslet's light what pixels get beyond its window.
+        Share of a uniformly lit lenslet's light that pixels receive outside its window.
     by_window
-        Whether a window's own light tells what it lacks. It does not where pixels have gaps between them: what they get
-        of a small spot says little of its light.
+        Whether the light in a window determines what it lacks. This fails for pixels with gaps between them, which
+        receive an unrepresentative share of a small spot.
     """
 
     pattern: F4
@@ -80,7 +80,7 @@ class Tail:
         return self._spread(spots, lacking, width, image)
 
     def add_far(self, spots: NDArray[Any], gain: float, width: int, image: NDArray[Any]) -> float:
-        """Add the tails of lenslets whose windows miss the cutout; ``energy_in`` is what even light tells."""
+        """Add the tails of lenslets whose windows miss the cutout; ``energy_in`` comes from uniform light."""
         return self._spread(spots, gain * self.share * spots["energy_in"], width, image)
 
     def _spread(self, spots: NDArray[Any], lacking: NDArray[np.float64], width: int, image: NDArray[Any]) -> float:

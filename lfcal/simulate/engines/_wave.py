@@ -1,13 +1,13 @@
-"""W2: the light of each lenslet by a zoomed Fourier transform, from the main lens's tabulated field.
+"""W2: the light of each lenslet by a zoomed Fourier transform of the main lens's tabulated field.
 
 With c the lenslet's centre, X0 the source's image and L = lambda B', a lenslet's field on the sensor is
 
     V(s) = exp(i pi |s-c|^2 / L) / L * integral E(x + c - X0) m(x) exp(i pi sigma x^2 / L)
            exp(-2 pi i x.(s - c + (B'/a')(c - X0)) / L) dx,     sigma = 1 - B'/a' - B'/f
 
-(E-mode; near the native plane E is the field U itself, sigma = 1 - B'/f and the term in B'/a' is absent). All
-steep phases have cancelled, so single precision holds. Between lenslets intensities are added, or fields
-(``coherent``) where their spots overlap.
+(E-mode; near the native plane E is the field U itself, sigma = 1 - B'/f, and the term in B'/a' is absent). All steep
+phases have cancelled, so single precision suffices. Intensities of lenslets are added, or their fields (``coherent``)
+if their spots overlap.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ TOLERANCE = 0.02
 FAINT = 0.01
 """Share of the best-lit lenslet's energy below which a response may err by that of one so faint."""
 COHERENT_BATCH = 8
-"""Positions whose node grids are held at once."""
+"""Number of positions whose node grids are in memory together."""
 
 PILOT_COLUMNS = 48
 """Positions of a row that are timed: what is done once for each lenslet of a row counts as in whole rows."""
@@ -86,7 +86,7 @@ class WavePlane:
         scene = replace(self.scene, offsets_um=offsets_um)
         other = copy(self)
         other.scene = scene
-        # far beside their cutouts sources light lenslets that the tables do not hold
+        # sources far outside their cutouts illuminate lenslets that are not in the tables
         if scene.farthest_um > self.scene.farthest_um and not serve(self.tables, scene, self.sampling, self.mode):
             if self._wider is None or not serve(self._wider, scene, self.sampling, self.mode):
                 # twice as far: the next source may lie farther still
@@ -197,8 +197,8 @@ class WavePlane:
     ) -> tuple[NDArray[Any], NDArray[Any]]:
         """Add the light behind the lenslet at ``centre`` (x, y) for sources (n, 2) as (x, y).
 
-        ``ratio`` is B'/a', of this lenslet where the array is tilted. Returns `SPOT` arrays: the spots, and those whose
-        windows miss the cutout.
+        ``ratio`` is B'/a', that of this lenslet if the array is tilted. Returns two `SPOT` arrays: the spots, and
+        those whose windows miss the cutout.
         """
         scene, tables, dx = self.scene, self.tables, lens.field.dx_um
         spots = np.empty(len(source), SPOT)
@@ -220,7 +220,7 @@ class WavePlane:
         share = (tables.spread_um2 / (lens.field.dx_um * scene.reduced_pixel_um)) ** 2
         flat = 1 / tables.spread_um2, share, 1 - tables.ratio
         none = np.ones(5)
-        # near the native plane rays cross, and have no direction of their own
+        # near the native plane rays cross, and have no unique direction
         straight = scene.exact_rays and self.mode == "E"
         accept = scene.accept if self._directed else (0.0, 0.0, 0.0)
         if not straight and accept[0] == 0:
@@ -242,10 +242,10 @@ class WavePlane:
         return self.mode == "E" or (self.mode == "D" and self.scene.fresnel_number >= SWITCH)
 
     def _undirected_gain(self, image: Array, source: NDArray[np.float64], pixel: NDArray[np.int64]) -> None:
-        """Multiply by the pixels' response near the native plane, where the lenslet nearest to the image has the light.
+        """Multiply by the pixels' angular response near the native plane, where one lenslet has the light.
 
-        A ray of slope -u there meets it at X0 + a' u and the sensor at c + o (X0 - c) + (o a' - B') u, o = 1 - B'/f: a
-        pixel tells u.
+        A ray of slope -u meets that lenslet at X0 + a' u, and the sensor at c + o (X0 - c) + (o a' - B') u, with o = 1
+        - B'/f: a pixel thus corresponds to one u.
         """
         scene, px = self.scene, self.scene.reduced_pixel_um
         (power, *chief), gap, a = scene.accept, scene.reduced_gap_um, scene.reduced_image_um
@@ -266,12 +266,12 @@ class WavePlane:
             image[k] *= pixel_response(power, slopes[0][:, None], slopes[1][None, :])
 
     def _certify(self, spots: NDArray[Any], lens: LensTable, edge: float, beyond: float) -> None:
-        """Raise `EnergyError` where a window received more than its lenslet passed.
+        """Raise `EnergyError` if a window received more than its lenslet transmitted.
 
-        ``edge`` times what samples hold is what the lenslet passes, ``beyond`` what lies beyond the windows.
+        A lenslet transmits ``edge`` times the light in its samples; ``beyond`` is the light outside the windows.
         """
         energy_in, energy_out = spots["energy_in"], spots["energy_out"]
-        # behind a faint lenslet errors of the sum's accuracy look large, and mean nothing beside a bright one's light
+        # relative errors behind a faint lenslet look large, but are negligible compared with the light of a bright one
         slack = TOLERANCE * np.maximum(energy_in, FAINT * float(lens.energy.max()))
         ratio = energy_out / np.maximum(energy_in, 1e-300)
         if (energy_out > energy_in + slack).any():

@@ -25,21 +25,20 @@ class EnergyError(LfcalError):
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
-    """How finely an engine computes; each engine reads what concerns it.
+    """Sampling of an engine; each engine uses the fields that concern it.
 
     Attributes
     ----------
     samples_per_px
-        Samples per pixel on the lenslet array; None takes the fewest that the window allows.
+        Samples per pixel on the lenslet array; None: the fewest that the window allows.
     nodes_per_px
         Nodes per pixel and axis on the sensor.
     margin_px
         Pixels of window around the geometric spot; of the grid around the iris's shadow.
     energy_floor
-        Lenslets that pass less than this share of what the best-lit one passes, or of a sixteenth of all light,
-        are left out.
+        Lenslets that transmit less than this share of the brightest one, or of a sixteenth of all light, are left out.
     coherent
-        Whether the fields of different lenslets are summed before the square; None decides by the plane.
+        Whether the fields of different lenslets are summed before squaring; None: decided by the plane.
     double
         Compute in complex128 instead of complex64.
     """
@@ -62,16 +61,16 @@ class Sampling:
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """The energy of the responses computed so far; the unit is what passes the iris for one position.
+    """Energy balance of the responses computed so far, in units of the light through the iris for one position.
 
     Attributes
     ----------
     responses
-        How many were computed and checked.
+        Number of responses computed and checked.
     energy_in, energy_out
-        Sums over the responses: what passed the lenslets, and what their windows received.
+        Sums over the responses: light through the lenslets, and light received in their windows.
     worst
-        Largest ratio of energy out to energy in among responses that carry any; at most 1 up to rounding.
+        Largest ratio of energy out to energy in among responses with any energy; at most 1 up to rounding.
     """
 
     responses: int = 0
@@ -130,8 +129,8 @@ class PlaneEngine(Protocol):
     ) -> NDArray[np.float32]:
         """Return ``(len(ys), len(xs), nt, ns)``: the cutouts of positions ys x xs (any whole numbers).
 
-        ``workers`` threads share the rows; None takes every processor, 1 runs in the caller's thread.
-        Raises `EnergyError` where the sampling is too coarse.
+        ``workers`` threads share the rows; None: all processors; 1: the caller's thread.
+        Raises `EnergyError` if the sampling is too coarse.
         """
         ...
 
@@ -154,9 +153,9 @@ class Displaceable(Protocol):
 
 
 class Pilot:
-    """Predict an engine's time from a short run of its own, made once when first asked.
+    """Predict an engine's time from a short run of it, made once on first use.
 
-    Positions spread over the period are computed twice in the caller's thread, the second time with the clock on.
+    Positions spread over the period are computed twice in the caller's thread; the second run is timed.
     """
 
     # it does not hold its engine: tables in a circle of references would stay in memory long after their use

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 __all__ = ["MAX_ORDERS", "MAX_SAMPLES", "MAX_SIDE", "SWITCH", "SWITCH_EXACT", "Extent"]
 
 SWITCH = 12.0
-"""Fresnel number of the iris's shadow from which on the E-mode is used (see `lfcal.simulate.engines.field`)."""
+"""Fresnel number of the iris's shadow above which the E-mode is used (see `lfcal.simulate.engines.field`)."""
 SWITCH_EXACT = 8.0
 """The same where rays have exact angles, which windows follow in the E-mode alone: it errs less than they differ."""
 
@@ -32,9 +32,9 @@ class Extent:
     Attributes
     ----------
     shadow
-        Light on the array by rays, with what aberrations and a displaced source add.
+        Light on the array by rays, including aberrations and a displaced source.
     outward
-        How far rays of its rim go outwards from the array to the sensor; 0 where they go inwards.
+        Outward displacement of rays at its rim between array and sensor; 0 if it is inward.
     half_cutout
         Half the cutout.
     pitch

@@ -4,10 +4,10 @@ With the pupil P(u), u in units of the radius of the disc f/(2 Nw), the field ab
 
     U(X) = integral P(-f 2 lambda Nw) exp(i pi lambda a' f^2 + 2 pi i f.X) df.
 
-Away from the native plane (E-mode) the sphere that converges to the image is taken off,
-U = exp(-i pi X^2 / (lambda a')) E(X): E is the Fresnel pattern, over the distance a', of the iris's shadow.
-Its spectrum is the polygon's analytic transform times a chirp. Near the native plane (U-mode) the pupil is
-sampled instead and the defocus is a phase on it; a' = 0 is nothing special, 1/a' is never formed.
+Away from the native plane (E-mode), the sphere that converges to the image is removed, U = exp(-i pi X^2 / (lambda
+a')) E(X): E is the Fresnel pattern of the iris's shadow over the distance a'. Its spectrum is the polygon's analytic
+transform times a chirp. Near the native plane (U-mode), the pupil is sampled instead and defocus is a phase on it. a'
+= 0 is not a special case, because 1/a' is never computed.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ EDGE_PARTS = 4
 """Parts in which an edge of the iris is drawn where a lens law bends it: by 0.1 % of its radius at f/5."""
 
 PART = 1_000_000
-"""Samples of a table that are worked on at a time where that takes many arrays beside it."""
+"""Samples of a table that are processed together if that needs many temporary arrays."""
 
 DIPOLE_MODES: dict[str, DebyeField] = {f"D{f.order}{'s' if f.sine else 'c'}": f for f in DIPOLE_FIELDS}
 """Mode to field of a vectorial scene: D0c, D1c, D1s, D2c, D2s."""
@@ -66,14 +66,14 @@ class FieldTable:
     Attributes
     ----------
     mode
-        ``"E"``, with the converging sphere taken off, ``"U"``, ``"D"`` for the Debye field of a microscope, or one of
+        ``"E"``, without the converging sphere; ``"U"``; ``"D"`` for the Debye field of a microscope; or one of
         `DIPOLE_MODES` for one of the fields of a vectorial scene.
     dx_um
         Sample distance.
     values
         ``(n, n)`` complex, rows along y; the chief ray meets sample (n // 2, n // 2).
     half_um
-        Distance up to which the values hold.
+        Distance up to which the values are valid.
     """
 
     mode: str

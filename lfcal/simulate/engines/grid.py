@@ -1,8 +1,8 @@
-"""W2g: all lenslets of a position on one grid, taken to the sensor by two FFTs in single precision (see `fused`).
+"""W2g: all lenslets of a position on one grid, propagated to the sensor by two FFTs in single precision (see `fused`).
 
-What the array lets through is tabulated once, on samples that lie alike about every pixel. A position multiplies a
-part of it by the main lens's field and takes the product over the gap: fields of all lenslets are added, no window
-cuts their light, and rays have exact angles at any depth, the native plane included.
+The transmission of the array is tabulated once, on samples with the same offsets in every pixel. For a position, a
+part of this table is multiplied by the main lens's field and propagated over the gap. Fields of all lenslets are
+added, no window truncates their light, and rays have exact angles at any depth, including the native plane.
 """
 
 from __future__ import annotations
@@ -82,16 +82,16 @@ class GridPlane:
     Parameters
     ----------
     scene
-        What is computed.
+        The scene to compute.
     sampling
-        ``samples_per_px`` (whole, default 4) of array and sensor alike, and the ``margin_px`` around the shadow.
+        ``samples_per_px`` (whole, default 4) for both array and sensor, and the ``margin_px`` around the shadow.
     mode
         ``"E"`` or ``"U"`` to override the choice by Fresnel number (see `lfcal.simulate.engines.field`).
 
     Raises
     ------
     InputError
-        For a grid too large, or an array tilted too far.
+        If the grid is too large, or the array tilted too far.
     """
 
     level = "grid"
@@ -117,7 +117,7 @@ class GridPlane:
         if scene.tilt != (0.0, 0.0):
             self._tilted = TiltedArray(scene, self._n, self._dx, self._n / 2 * self._dx, self._dtype)
         band = min(2.0 * self.per_px, largest_angle(scene))
-        if scene.pixel_fill == 1:  # pixels without gaps between them make no light of their own
+        if scene.pixel_fill == 1:  # pixels without gaps cannot create light
             self._rule = conserving_rule(self.per_px, band, MANY_ANGLES)
         else:
             self._rule = fitted_rule(self.per_px, band, scene.pixel_fill, falloff=MANY_ANGLES)
@@ -349,7 +349,7 @@ class GridPlane:
         return lit
 
     def _shifted(self, by: Place) -> Complex:
-        """Return the ``(n, n)`` values of the main lens's field ``by`` samples (y, x) beside its own samples."""
+        """Return the ``(n, n)`` values of the main lens's field displaced by ``by`` samples (y, x)."""
         n, size = self._n, self._size
         whole = [math.floor(b + 0.5) for b in by]
         f = sf.fftfreq(size)

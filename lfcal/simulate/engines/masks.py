@@ -1,8 +1,8 @@
 """Lenslet apertures with low-passed edges, so that sums over samples are exact for band-limited fields.
 
-A hard mask on samples ``dx`` apart misstates the aperture's area by 4e-4 at two samples per pixel. The
-indicator whose spectrum is exact up to W and falls to zero at 1/dx - W makes the trapezoid rule exact for
-every field band-limited to W: what is cut off could only alias.
+A hard mask on samples ``dx`` apart has an area error of 4e-4 at two samples per pixel. An indicator whose spectrum is
+exact up to W and falls to zero at 1/dx - W makes the trapezoid rule exact for every field band-limited to W, because
+the removed part could only alias.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ __all__ = [
 FLAT = 0.30
 """Exact part W of the band, in units of 1/dx."""
 BENT_FLAT, BENT_FINE = 0.4, 6
-"""The same of apertures low-passed with their phase, and the fewest fine samples to one on which these are bent where
-there is room: their masks are exact up to 0.15 of the rate of those."""
+"""Oversampling of apertures that are low-passed together with their phase, and the smallest oversampling for curved
+masks if memory allows: their masks are exact up to 0.15 of the sampling rate."""
 KNOWN, KNOT = 8, 4
 """Samples to one of a low-passed disc that its table is interpolated from, within 4e-6; half the spline's order."""
 RING = 3
@@ -139,12 +139,12 @@ def polygon_table(
 ) -> tuple[NDArray[np.float64], float]:
     """Return the low-passed polygon finely sampled from ``-reach`` to ``reach``, origin in the middle, and its step.
 
-    ``fine`` is its samples to one of ``dx``; None takes `fineness`.
+    ``fine`` is the oversampling relative to ``dx``; None: `fineness`.
 
     Raises
     ------
     InputError
-        Where the table would need more than `MAX_TABLE` samples a side.
+        If the table would need more than `MAX_TABLE` samples per side.
     """
     chosen = fineness(reach / dx) if fine is None else fine
     n = _table_side(dx / chosen, reach)
@@ -165,8 +165,8 @@ def bent_polygon(
 ) -> NDArray[np.complex128]:
     """Return a polygon times exp(i phase), low-passed as a whole, on ``n`` x ``n`` samples ``every dx / fine`` apart.
 
-    Where lenslets touch, such pieces add up to the low-passed array. Masks that are low-passed first do not: beyond the
-    edge each goes on with its own lenslet's phase, and light focused there came out up to 36 % too much.
+    If lenslets touch, such pieces add up to the low-passed array. Masks that are low-passed first do not: beyond its
+    edge, each continues with the phase of its own lenslet, and focused light there was up to 36 % too bright.
     ``centre`` is the polygon's origin, (x, y), from the sample (n // 2, n // 2).
     """
     step = dx / fine

@@ -1,4 +1,4 @@
-"""The coherent Debye path: a microscope's field, all lenslets at once, on the sensor.
+"""The coherent Debye path: a microscope's field on the sensor, for all lenslets together.
 
 For square lenslets that fill the plane, along the pixel rows, array and propagation act on rows and columns
 separately. One step from the radial field on the array to the field at the sensor's nodes is then two small
@@ -6,12 +6,12 @@ matrices,
 
     V = A_y U A_x^T,   A = (propagation) (lenslets' phase) (interpolation),
 
-whose accuracy is bought once per lattice phase, not per position: U needs only the samples of its own band, and
-its symmetry halves each matrix. Positions that mirror each other about a lenslet share their response: 36 of 225
-remain for lenslets of 15 pixels. Other arrays take the wave engine's coherent sum over lenslets, same field.
+The cost of accuracy arises once per lattice phase, not per position: U needs only the samples of its own band, and its
+symmetry halves each matrix. Positions that are mirror images about a lenslet share their response: for lenslets of 15
+pixels, 36 of 225 remain. Other arrays use the coherent sum over lenslets in the wave engine, with the same field.
 
 The fields of a vectorial scene are even or odd in each of x and y, and so are the halved matrices of the axes; their
-intensities add. Mirrored, each field keeps its light; transposed, those of one order change places.
+intensities add. Mirroring keeps the light of each field; transposing exchanges those of the same order.
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ def _lens_orders(scene: Scene, pitch: float) -> tuple[NDArray[np.int64], NDArray
 class DebyePlane:
     """Engine of level ``"debye"`` for square lenslets along the pixel rows.
 
-    ``sampling.nodes_per_px`` sets the nodes on the sensor; the samples on the array follow from the field's band.
+    ``sampling.nodes_per_px`` sets the nodes on the sensor; the band of the field sets the samples on the array.
     """
 
     level = "debye"
@@ -187,7 +187,7 @@ class DebyePlane:
     def _matrix(self, phase: Phase) -> Matrix:
         """Return A ``(parities, 3, nodes, n)`` (real, imaginary, sum): a lenslet at ``place``, nodes moved.
 
-        The first is for even fields, the second for odd ones where there are such.
+        The first is for even fields, the second for odd ones, if there are any.
 
         The lenslets' phase is periodic, sum_m t_m exp(2 pi i m (x - place)/p), and order m of a band-limited
         sample psi at x_k arrives as exp(-i pi L m^2/p^2 + 2 pi i m s/p) psi_L(s - x_k - L m/p), L = lambda B.

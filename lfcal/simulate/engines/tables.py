@@ -42,10 +42,10 @@ TAIL, NEAREST, FARTHEST = 8, 20, 64
 them lies farther."""
 
 ARC_SIDES = 96
-"""Sides of the circle, of equal area, that stands for a disc which its cell cuts: 5e-4 of the radius from it."""
+"""Number of sides of the circle with equal area that represents a disc clipped by its cell (error 5e-4 radii)."""
 
 BEST = 1 / 16
-"""Share of the light from which on a lenslet counts as the best-lit one: the floor is no coarser near focus."""
+"""Share of the light above which a lenslet counts as the brightest, to keep the floor fine near focus."""
 
 Array = NDArray[Any]
 Lit = NDArray[np.float32]
@@ -53,22 +53,22 @@ Lit = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class LensTable:
-    """What the responses of one lens type are computed from.
+    """Tables for the responses of one lens type.
 
     Attributes
     ----------
     width
         Window on the sensor (pixels).
     pull
-        The window's middle lies at c + pull (X0 - c).
+        The window's middle is at c + pull (X0 - c).
     half
         Samples from the middle to the edge of the aperture.
     aperture, zoom, field
-        What the kernels read; see there.
+        Inputs of the kernels; see `lfcal.simulate.engines._kernels`.
     energy
-        What a lenslet at each sample of the field passes.
+        Light transmitted by a lenslet at each sample of the field.
     field_reach_um
-        Distance from the source up to which the field holds.
+        Distance from the source up to which the field is valid.
     """
 
     width: int
@@ -83,7 +83,7 @@ class LensTable:
 
 @dataclass(frozen=True, slots=True)
 class PlaneTables:
-    """Tables of all lens types of a plane, and what they share.
+    """Tables of all lens types of a plane, and shared values.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class PlaneTables:
     floor
         Energy below which a lenslet is left out.
     reach_um
-        Distance from the source beyond which no lenslet passes the floor.
+        Distance from the source beyond which no lenslet exceeds the floor.
     """
 
     kinds: tuple[LensTable, ...]
@@ -260,9 +260,9 @@ def aperture_tables(
     kind: int = 0,
     fine: int | None = None,
 ) -> LensAperture:
-    """Return a lens type's tables, ``level`` high: then the square of the transform is energy per pixel's area.
+    """Return a lens type's tables, scaled by ``level`` so that the transform squared is energy per pixel area.
 
-    ``fine`` are the samples of a cell's table to one of ``dx``; None takes as many as are exact between them.
+    ``fine`` is the oversampling of a cell's table relative to ``dx``; None: enough for exact interpolation.
     """
     if scene.round_lenslets:
         m, step = disc_table(scene.clear_radius_um, dx, reach)
@@ -320,10 +320,10 @@ def _field(
 
 
 def table_reach(scene: Scene, sampling: Sampling, mode: str, dx: float, half_px: int) -> float:
-    """Return how far from the source's image a lenslet that matters may lie (µm).
+    """Return the largest distance from the source's image of a lenslet that matters (µm).
 
-    The light farther than r outside the shadow is 2 lambda Nw / (pi^2 r), so its density near r is known; it
-    does not get farther than the sampled spectrum carries it. Nor does a lenslet matter whose spot misses the cutout.
+    The light farther than r outside the shadow is 2 lambda Nw / (pi^2 r), so its density near r is known; the sampled
+    spectrum limits its range. A lenslet whose spot misses the cutout does not matter either.
     """
     lam, nw, radius = scene.wavelength_um, scene.f_number, aperture_radius(scene)
     shadow = scene.shadow_radius_um

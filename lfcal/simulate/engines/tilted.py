@@ -1,8 +1,8 @@
-"""Fields on an array that is not parallel to the sensor: each sample of it lies at its own distance.
+"""Fields on an array that is not parallel to the sensor: each sample is at a different distance.
 
-A field of directions s changes over a distance d by exp(i 2 pi d (sqrt(1 - s²) - 1)/lambda), smooth in d: over the
-distances of the whole array it is a polynomial in d of a few orders, each of which is one Fourier transform
-(interpolation at Chebyshev's nodes; error 2 (phi/2)^K/K! for K of them and a phase of +-phi at the steepest light).
+A field of directions s changes over a distance d by exp(i 2 pi d (sqrt(1 - s²) - 1)/lambda), which is smooth in d.
+Over the distances of the whole array it is a polynomial in d of a few orders, each of which is one Fourier transform
+(interpolation at Chebyshev nodes; error 2 (phi/2)^K/K! for K of them and a phase of +-phi at the steepest light).
 """
 
 from __future__ import annotations
@@ -50,23 +50,23 @@ def orders_of(scene: Scene, reach_um: float) -> int:
 
 
 class TiltedArray:
-    """Takes fields from a plane to a tilted array and back; both planes are that through the period's middle.
+    """Propagates fields from a plane to a tilted array and back; both planes contain the middle of the period.
 
     Parameters
     ----------
     scene
-        Whose tilt it is.
+        Scene with the tilt.
     n, dx
-        Samples a side of a field, and their distance (µm).
+        Samples per side of a field, and their spacing (µm).
     reach_um
-        How far from a position's middle lenslets are lit (µm).
+        Radius around a position within which lenslets are lit (µm).
     dtype
-        Of fields, complex64 or complex128.
+        Type of the fields, complex64 or complex128.
 
     Raises
     ------
     InputError
-        For a tilt of too many orders.
+        If the tilt needs too many orders.
     """
 
     def __init__(self, scene: Scene, n: int, dx: float, reach_um: float, dtype: Any) -> None:

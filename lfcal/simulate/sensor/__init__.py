@@ -1,6 +1,6 @@
-"""From light to frames: the simulated sensor.
+"""The simulated sensor: from light to frames.
 
-- ``noise``: photons to sample values; ``white``: the white image
+- ``noise``: conversion of photons to sample values; ``white``: the white image
 - ``responses``: light of planes and of depths near them, cached, and its place on an image
 - ``camera_source``: a simulated session as frames
 - ``session``: such a session written to a folder

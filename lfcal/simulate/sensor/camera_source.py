@@ -1,4 +1,4 @@
-"""Frames of a simulated session: the light of the source on the whole sensor, and what the sensor makes of it."""
+"""Frames of a simulated session: the light of the source on the whole sensor, and the sensor's response."""
 
 from __future__ import annotations
 
@@ -34,23 +34,23 @@ Lit = tuple[int, int, NDArray[np.float32]]
 
 
 class SimulatedCamera(Frames):
-    """A `FrameSource` whose frames are simulated: full sensor frames, one per position of a plan, in scan order.
+    """A `FrameSource` with simulated frames: full sensor frames, one per position of a plan, in scan order.
 
-    Every frame depends on its index and the seed alone: they may be read in any order, from several threads.
-    The source's windows are placed where its chief ray meets the sensor; the lenslets are fixed to the sensor.
-    Motion effects displace the source; the frames' records do not show it.
+    Every frame depends only on its index and the seed: frames may be read in any order, from several threads. The
+    source's windows are placed where its chief ray meets the sensor; the lenslets are fixed to the sensor. Motion
+    effects displace the source; the frames' metadata do not show this.
 
     Parameters
     ----------
     plan
         The scan plan; `read` follows its order.
     effects
-        As in `simulate_psf`, frame and motion effects included; ``"auto"`` plans for frames. Frames are uint16
+        As in `simulate_psf`, frame and motion effects included; ``"auto"`` chooses them for frames. Frames are uint16
         if `Quantisation` is among them, else float32 sample values.
     level, tolerance, sampling
         As in `simulate_psf`.
     peak
-        Share of the full well that the brightest pixel of the session reaches.
+        Brightest pixel of the session, as a share of the full well.
     seed
         Seed of all random numbers.
 

@@ -1,8 +1,8 @@
-"""From light on the sensor to a frame: the frame effects in their order, reproducibly.
+"""Conversion of light on the sensor to a frame: the frame effects in order, reproducibly.
 
-A frame is worked off in strips of rows. Every effect on every strip of every frame has its own random numbers,
-derived from the seed, the kind of frame, its index, the strip and the effect: frames may be made in any order
-and in any thread, and an effect that is added or left out does not change the numbers of the others.
+A frame is processed in strips of rows. Every effect on every strip of every frame has separate random numbers, derived
+from the seed, the kind of frame, its index, the strip and the effect. Frames may therefore be made in any order and in
+any thread, and adding or removing an effect does not change the numbers of the others.
 """
 
 from __future__ import annotations

@@ -32,18 +32,18 @@ Window = tuple[int, int, NDArray[np.float32]]
 
 
 class Responses:
-    """What sources of a plan's planes, and of depths beside them, send to the sensor.
+    """Light that sources at a plan's planes, and at depths near them, send to the sensor.
 
     Parameters
     ----------
     plan
         The scan plan.
     budget
-        Effects, and what they leave of the tolerance.
+        Effects, and the remaining tolerance.
     level, sampling
         As in `simulate_psf`.
     like
-        Those of another region of the field, which are computed as finely: what they have probed is not probed again.
+        Responses of another region of the field, whose sampling is used, so that no probe is needed.
     """
 
     def __init__(

@@ -72,15 +72,15 @@ def iter_write_session(
 ) -> Work[int]:
     """Write a simulated session and return the number of frames.
 
-    16-bit PNG frames in ``frames/`` with ``manifest.csv`` (file, z, y, x), ``dark/``, ``white/``, and
-    ``camera.json``, ``plan.json`` and ``truth.json`` (what was simulated). Each file appears whole or not at all.
+    Writes 16-bit PNG frames in ``frames/`` with ``manifest.csv`` (file, z, y, x), ``dark/``, ``white/``, and
+    ``camera.json``, ``plan.json`` and ``truth.json`` (what was simulated). Each file is written atomically.
 
     Parameters
     ----------
     source
         A simulated camera whose frames are uint16.
     folder
-        Made where it is not there.
+        Folder of the session, created if needed.
     darks, whites
         Number of dark and white frames.
     resume
@@ -96,7 +96,7 @@ def iter_write_session(
     Raises
     ------
     InputError
-        If the frames are not whole numbers, or ``resume`` finds the frames of another session.
+        If the frames are not integers, or ``resume`` finds the frames of another session.
     StorageError
         If they cannot be written.
 

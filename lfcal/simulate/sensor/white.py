@@ -16,8 +16,8 @@ from lfcal.simulate.response import PlaneResponse
 __all__ = ["fold", "white_light", "white_tile"]
 
 BLURRED_DEPTH = 1.2
-"""Virtual depth of the plane, on one side of the lenslets or the other, that represents a uniform scene: a point lights
-few lenslets, and at 1 its images would be a whole pixel apart."""
+"""Virtual depth of the plane, on either side of the lenslets, that represents a uniform scene: a point illuminates few
+lenslets, and at 1 its images would be a whole pixel apart."""
 
 
 def fold(pattern: NDArray[np.float32], period: tuple[int, int], shift: tuple[int, int]) -> NDArray[np.float64]:

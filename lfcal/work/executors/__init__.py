@@ -1,4 +1,4 @@
-"""Who does the units of a run; found by a registry, others by the entry point ``lfcal.executors``."""
+"""Executors, which do the units of a run; other distributions add theirs by the entry point ``lfcal.executors``."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""The public names of `lfcal.work.executors`, loaded when the first of them is asked for."""
+"""The public names of `lfcal.work.executors`, loaded when the first of them is used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an executor is, and what it reports of the units it was given."""
+"""Base class of executors, and the events that they report about units."""
 
 from __future__ import annotations
 
@@ -14,39 +14,39 @@ __all__ = ["EXECUTORS", "FINAL_EVENTS", "Event", "EventKind", "Executor", "Execu
 
 
 class EventKind(Enum):
-    """What happened to a unit."""
+    """Kinds of events of a unit."""
 
     STARTED = "started"
     ADVANCED = "advanced"
     DONE = "done"
     FAILED = "failed"
-    """Its task raised; it would again."""
+    """The task raised an error, and would raise it again."""
     LOST = "lost"
-    """Its worker ended, or its file was held by another program: it may be tried again."""
+    """The worker ended, or another program held the file: the unit may be tried again."""
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """News of one unit.
+    """An event of one unit.
 
     Attributes
     ----------
     job
-        Which.
+        The unit.
     kind
         What happened.
     worker
-        Who does it, for people.
+        Name of the worker, for display.
     share
-        Of the unit that is done, in [0, 1].
+        Share of the unit that is done, in [0, 1].
     stage
-        What is being done, for people.
+        Current step, for display.
     seconds
-        That the unit took, where the worker says it.
+        Duration of the unit, if the worker reports it.
     error
-        Of `EventKind.FAILED` and `EventKind.LOST`.
+        Error of `EventKind.FAILED` and `EventKind.LOST`.
     seal
-        Of `EventKind.DONE`: that of its file (see `lfcal.work.unit.seal_of`).
+        For `EventKind.DONE`, the seal of the unit's file (see `lfcal.work.unit.seal_of`).
     """
 
     job: Job
@@ -60,22 +60,22 @@ class Event:
 
 
 FINAL_EVENTS = (EventKind.DONE, EventKind.FAILED, EventKind.LOST)
-"""After these the executor knows the unit no longer."""
+"""Events after which the executor has no record of the unit."""
 
 
 class Executor(Protocol):
-    """Does units, several at a time or one after the other. A context: at its end whatever is under way is stopped.
+    """Does units, several at a time or one after the other. As a context, it stops all running units at its end.
 
     Attributes
     ----------
     name
         As in `ExecutorKind`.
     workers
-        Units or threads at work at a time.
+        Number of units or threads that run at a time.
     place
-        Where its workers can be watched, an address; empty where they cannot.
+        Address of a dashboard that shows the workers; empty if there is none.
     ahead
-        Whether workers have their next unit before one has ended; else they get it in the next call of `events`.
+        Whether workers get their next unit before one has ended; otherwise they get it at the next call of `events`.
     """
 
     name: str
@@ -88,32 +88,33 @@ class Executor(Protocol):
         ...
 
     def __exit__(self, *error: object) -> None:
-        """Stop everything that is under way; nothing half-written stays."""
+        """Stop all running units; no incomplete file remains."""
         ...
 
     def submit(self, job: Job) -> None:
-        """Take a unit; it is begun when a worker is free."""
+        """Accept a unit; it begins when a worker is free."""
         ...
 
     def events(self) -> list[Event]:
-        """Return what happened since the last call; waits a moment for something to happen."""
+        """Return the events since the last call; waits briefly for one."""
         ...
 
 
 @dataclass(frozen=True)
 class ExecutorKind:
-    """An executor by name.
+    """An executor's name and how to make it.
 
     Attributes
     ----------
     name
-        What ``--executor`` calls it.
+        Name given to ``--executor``.
     title
-        What it is, in a line.
+        Short description.
     make
-        Makes one of ``workers`` (None: what this machine has) at an ``address`` (empty: none is given).
+        Function that makes an executor with ``workers`` (None: all processors of this machine) at an ``address``
+        (empty: none).
     addressed
-        Whether it takes an address.
+        Whether it accepts an address.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Units on workers of dask.distributed: a cluster of this machine, or one whose scheduler runs already."""
+"""Units on workers of dask.distributed: a cluster of this machine, or one whose scheduler is already running."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from lfcal.work.unit import Job, numbered
 __all__ = ["EXECUTOR", "Dask", "do"]
 
 CONNECT_TIMEOUT_S = 20.0
-"""Seconds within which a scheduler has to answer."""
+"""Seconds within which a scheduler must answer."""
 
 ADDRESS = re.compile(r"([a-z]+://)?([\w.-]+|\[[\da-fA-F:.]+\]):\d{1,5}", re.ASCII)
 
 SETTINGS: dict[str, Any] = {
-    # dask's own value hands every array's memory back to the system when it is let go: each is then mapped and filled
-    # with zeros anew, a fifth of a unit's time. What the user's environment says of it holds.
+    # # dask's default returns freed memory to the system: each array is then mapped and zeroed again, which takes a
+    # fifth of the time of a unit. A value in the user's environment has priority.
     "distributed.nanny.pre-spawn-environ": {"MALLOC_TRIM_THRESHOLD_": None},
-    # a look at every thread each 10 ms, for a page of the dashboard that shows where Python code spends its time
+    # the profiler samples all threads every 10 ms for a page of the dashboard; it is not needed
     "distributed.worker.profile.enabled": False,
-    # a look every 20 ms whether the loops of scheduler and workers still turn: three hundredths of a processor
+    # by default the event loops are checked every 20 ms, which takes 3 % of a processor
     "distributed.admin.tick.interval": "500ms",
 }
-"""What workers of this machine are started with that dask has otherwise."""
+"""Settings of local workers that differ from dask's defaults."""
 
 
 def do(job: Job) -> tuple[str, str, dict[str, Any]]:
-    """Do a unit on a worker; return what happened, the worker's address, and what else an `Event` tells of it."""
+    """Do a unit on a worker; return the kind of event, the worker's address, and further fields of the `Event`."""
     from distributed import get_worker
 
     worker, began = get_worker(), time.perf_counter()
@@ -51,14 +51,14 @@ def do(job: Job) -> tuple[str, str, dict[str, Any]]:
 
 
 class Dask:
-    """See `lfcal.work.executors.base.Executor`.
+    """Executor on workers of dask.distributed; see `lfcal.work.executors.base.Executor`.
 
-    Only records of paths travel, never values: parts must lie on a disk that all workers see.
+    Only records of paths are sent, never arrays: the files must be on a disk that all workers can access.
 
     Raises
     ------
     InputError
-        If dask.distributed is not installed, the address is none, or no scheduler answers there.
+        If dask.distributed is not installed, the address is invalid, or no scheduler answers.
     """
 
     name, ahead = "dask", True
@@ -79,7 +79,7 @@ class Dask:
         self._count = itertools.count()
 
     def __enter__(self) -> Self:
-        """Start a local cluster of single threads, or find the scheduler."""
+        """Start a local cluster of single threads, or connect to the scheduler."""
         with self._stack as stack:
             if self.address:
                 try:
@@ -99,14 +99,14 @@ class Dask:
 
     @contextmanager
     def _local(self) -> Iterator[Any]:
-        """Give a cluster of this machine."""
+        """Return a local cluster."""
         import dask
 
-        # what becomes of workers is reported by the journal; dask's own lines would fall into the progress of a command
+        # the journal reports the state of workers; dask's own log lines would break the progress bar of a command
         logger = logging.getLogger("distributed")
         before = logger.level
         logger.setLevel(logging.ERROR)
-        # workers that take the place of others get the same settings
+        # replacement workers get the same settings
         with dask.config.set(SETTINGS), without_script():
             cluster = self._library.LocalCluster(
                 n_workers=self.workers, threads_per_worker=1, dashboard_address="127.0.0.1:0", memory_limit=0
@@ -118,19 +118,19 @@ class Dask:
             logger.setLevel(before)
 
     def __exit__(self, *error: object) -> None:
-        """Take back what was not begun, and end the local cluster."""
+        """Cancel units that were not begun, and end the local cluster."""
         self._stack.close()
 
     def submit(self, job: Job) -> None:
-        """Take a unit."""
-        # in order, as parts are joined while others are made; of equal ones the last given would be done first
+        """Accept a unit."""
+        # in order, because files are joined while units run; at equal priority, the last submitted would run first
         key, first = f"{job.unit.name}-{next(self._count)}-{job.out}", -job.number
         future = self._client.submit(do, job, pure=False, key=key, priority=first)
         future.add_done_callback(lambda done: self._news.put((job, done)))
         self._begun.append(job)
 
     def events(self) -> list[Event]:
-        """Return what happened since the last call."""
+        """Return the events since the last call."""
         found = [Event(job, EventKind.STARTED, "cluster") for job in self._begun]
         self._begun.clear()
         try:

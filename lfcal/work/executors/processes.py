@@ -1,4 +1,4 @@
-"""Units in processes of their own, one thread each: what one of them does to itself does not touch the others."""
+"""Units in separate processes with one thread each: a crash of one does not affect the others."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ from lfcal.work.unit import Job, numbered
 __all__ = ["EXECUTOR", "Processes", "WorkerLost", "news", "without_script"]
 
 POLL_S = 0.2
-"""Seconds that `Processes.events` waits at most, and between two reports of progress of a unit."""
+"""Longest wait of `Processes.events`, and time between two progress reports of a unit (s)."""
 
 KILLED = -9
-"""Exit code of a process that was killed, as the system of most workers has it."""
+"""Exit code of a killed process, on most systems."""
 
 _SCRIPT = threading.Lock()
-"""Held while the program's script is out of sight."""
+"""Lock held while the program's script is hidden."""
 
 
 class WorkerLost(LfcalError):
-    """A worker ended before its unit was done: killed, or out of memory."""
+    """A worker ended before its unit was done: it was killed, or out of memory."""
 
 
 class TaskFailed(LfcalError):
-    """A task raised what is no message for people: a defect, reported with where it arose."""
+    """A task raised an unexpected error: a defect, reported with its traceback."""
 
 
 def news(error: Exception) -> tuple[EventKind, Exception]:
-    """Return what an error of a task means, and the error in a form that travels between processes."""
-    if isinstance(error, StorageError):  # another program may be writing the file, or a disk be full for a while
+    """Return the kind of event for an error of a task, and the error in a form that can be sent between processes."""
+    if isinstance(error, StorageError):  # another program may be writing the file, or the disk be full temporarily
         return EventKind.LOST, error
     if isinstance(error, LfcalError):
         return EventKind.FAILED, error
@@ -52,8 +52,8 @@ def news(error: Exception) -> tuple[EventKind, Exception]:
 
 
 def _serve(link: Connection, number: int) -> None:
-    """Do the units that come through ``link``, until it is closed; the main function of the worker of a number."""
-    # Ctrl-C reaches every process of a terminal: it is for the first alone, which ends the others
+    """Do the units that arrive through ``link`` until it is closed; the main function of the worker ``number``."""
+    # Ctrl-C reaches every process of a terminal, but only the first should handle it and end the others
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with bounded_threads(1), numbered(number), suppress(EOFError, BrokenPipeError):
@@ -70,10 +70,10 @@ def _serve(link: Connection, number: int) -> None:
 
 @contextmanager
 def without_script() -> Iterator[None]:
-    """Let processes that are begun meanwhile not run the program's script again, as multiprocessing has them do.
+    """Prevent processes started in this block from running the program's script again, as multiprocessing would do.
 
-    A unit names the module of its task and needs nothing of the script, and one that is not kept under
-    ``if __name__ == "__main__":`` would begin its work anew in each of them.
+    A unit names the module of its task and needs nothing from the script. A script without ``if __name__ ==
+    "__main__":`` would start its work again in each process.
     """
     with _SCRIPT:
         script = sys.modules["__main__"]
@@ -85,7 +85,7 @@ def without_script() -> Iterator[None]:
 
 
 class _ProgressReporter:
-    """Tells of progress through a link, now and then."""
+    """Reports progress through a link at intervals."""
 
     def __init__(self, link: Connection) -> None:
         self.link, self.last = link, 0.0
@@ -105,7 +105,7 @@ def _end_with_parent() -> None:
 
 
 class _Worker:
-    """One process, and the unit that it has."""
+    """One process and its unit."""
 
     def __init__(self, number: int) -> None:
         context = multiprocessing.get_context("spawn")
@@ -128,7 +128,7 @@ class _Worker:
 
 
 class Processes:
-    """See `lfcal.work.executors.base.Executor`; a worker that ends is replaced, and its unit reported as lost."""
+    """Executor in processes; a worker that ends is replaced, and its unit reported as lost."""
 
     name, place, ahead = "processes", "", False
 
@@ -138,21 +138,21 @@ class Processes:
         self._team: list[_Worker] = []
 
     def __enter__(self) -> Self:
-        """Start; processes are made when there is something for them to do."""
+        """Start; processes are created when there are units for them."""
         return self
 
     def __exit__(self, *error: object) -> None:
-        """End the processes; what they were writing is swept up by whoever writes it next."""
+        """End the processes; the next writer removes their incomplete files."""
         self._waiting.clear()
         while self._team:
             self._team.pop().end()
 
     def submit(self, job: Job) -> None:
-        """Take a unit."""
+        """Accept a unit."""
         self._waiting.append(job)
 
     def events(self) -> list[Event]:
-        """Return what happened since the last call."""
+        """Return the events since the last call."""
         found = self._begin()
         busy = {worker.link: worker for worker in self._team if worker.job is not None}
         for link in wait(list(busy), timeout=0 if found else POLL_S):
@@ -178,7 +178,7 @@ class Processes:
         return found
 
     def _free_number(self) -> int:
-        """Return the least number that no process has: one that ended hands on its own."""
+        """Return the smallest free worker number; a process that ended frees its number."""
         taken = {worker.number for worker in self._team}
         return min(set(range(len(taken) + 1)) - taken)
 
@@ -197,7 +197,7 @@ class Processes:
         return Event(job, what, worker.name, **details)
 
     def _replace(self, worker: _Worker) -> int:
-        """Let go of a worker that ended; return its exit code."""
+        """Release a worker that ended; return its exit code."""
         self._team.remove(worker)
         worker.process.join(1.0)
         code = worker.process.exitcode

@@ -1,4 +1,4 @@
-"""Units in this process: one after the other with all threads, or, where they are made for it, one beside another."""
+"""Units in this process: one at a time with all threads, or several concurrently if they are made for it."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from lfcal.work.unit import Job, numbered
 __all__ = ["EXECUTOR", "Threads", "concurrent_memory", "concurrent_units"]
 
 FREE_SHARE = 0.6
-"""Of the memory that is free when the first unit begins, what units beside each other may take together."""
+"""Share of the free memory at the start that concurrent units may use together."""
 
 POLL_S = 0.2
-"""Seconds that `Threads.events` waits at most for units beside each other."""
+"""Longest wait of `Threads.events` for concurrent units (s)."""
 
 
 def concurrent_units(sizes: Iterable[int], threads: int, memory: int) -> int:
     """Return how many units of ``sizes`` bytes each run at the same time; 0: none fits.
 
-    A size of 0 is that of a unit that is done alone.
+    A size of 0 marks a unit that runs alone.
     """
     count = 0
     for size in itertools.islice(sizes, max(0, threads)):
@@ -37,12 +37,12 @@ def concurrent_units(sizes: Iterable[int], threads: int, memory: int) -> int:
 
 
 def concurrent_memory() -> int:
-    """Return the bytes that units may take together that run at the same time."""
+    """Return the memory (bytes) that concurrent units may use together."""
     return int(FREE_SHARE * free_memory())
 
 
 class _Team:
-    """What units in threads of their own share with who waits for them."""
+    """State that units in separate threads share with the waiting caller."""
 
     def __init__(self) -> None:
         self.news: queue.SimpleQueue[tuple[_Worker, Event]] = queue.SimpleQueue()
@@ -50,7 +50,7 @@ class _Team:
 
 
 class _Worker:
-    """One unit in a thread of its own, which may use ``threads`` in all."""
+    """One unit in a separate thread, which may use ``threads`` threads in all."""
 
     def __init__(self, team: _Team, number: int, job: Job, threads: int) -> None:
         self.team, self.number, self.job, self.threads = team, number, job, threads
@@ -79,11 +79,11 @@ class _Worker:
 
 
 class Threads:
-    """See `lfcal.work.executors.base.Executor`; what a task raises reaches the caller as it is.
+    """Executor in threads of this process; errors of a task reach the caller unchanged.
 
-    Units that state the memory they take (`Unit.concurrent_bytes`) run at the same time as far as memory reaches, the
-    threads divided among them: of two threads on one unit each waits for what the other alone can do. All others are
-    done one after the other, with all threads, in the caller's.
+    Units that state their memory (`Unit.concurrent_bytes`) run concurrently as far as memory allows, with the threads
+    divided among them. This is faster, because two threads on one unit wait for each other. All other units run one
+    after the other, with all threads, in the caller's thread.
     """
 
     name, place, ahead = "threads", "", False
@@ -102,7 +102,7 @@ class Threads:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Stop the units that are under way."""
+        """Stop the running units."""
         self._waiting.clear()
         self._team.stopped = True
         if self._alone is not None:
@@ -112,11 +112,11 @@ class Threads:
             self._busy.pop().thread.join()
 
     def submit(self, job: Job) -> None:
-        """Take a unit."""
+        """Accept a unit."""
         self._waiting.append(job)
 
     def events(self) -> list[Event]:
-        """Go one step further with a unit that is alone, or return what happened to those beside each other."""
+        """Advance a unit that runs alone by one step, or return the events of concurrent units."""
         begun = self._begin()
         if begun:
             return begun
@@ -134,7 +134,7 @@ class Threads:
         return [event]
 
     def _begin(self) -> list[Event]:
-        """Begin what waits, as far as there are threads and memory for it."""
+        """Start waiting units, as far as threads and memory allow."""
         found: list[Event] = []
         while self._waiting and self._alone is None:
             free = self.workers - sum(worker.threads for worker in self._busy)
@@ -153,7 +153,7 @@ class Threads:
         return found
 
     def _step(self, job: Job, steps: Work[str]) -> Event:
-        """Go one step further with the unit that is done alone."""
+        """Advance the unit that runs alone by one step."""
         try:
             record = next(steps)
         except StopIteration as end:
@@ -166,5 +166,5 @@ class Threads:
 
 
 EXECUTOR = ExecutorKind(
-    "threads", "planes beside each other in this process, or one with all threads", lambda n, _: Threads(n)
+    "threads", "several planes at a time in this process, or one with all threads", lambda n, _: Threads(n)
 )

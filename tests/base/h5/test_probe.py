@@ -68,7 +68,7 @@ def test_the_end_of_the_child_is_not_ours(tmp_path: Path, monkeypatch: pytest.Mo
     path = small_file(tmp_path / "a.h5")
     for _ in range(2):
         with pytest.raises(
-            FileFormatError, match=r"got damaged data that end the process reading them \(status -?\d+\)"
+            FileFormatError, match=r"got damaged data that crash the process reading them \(status -?\d+\)"
         ):
             probe(path)
     probing._CHILD.end()

@@ -157,7 +157,7 @@ def test_without_light_the_plan_decides_and_it_is_said() -> None:
     found = scan(right="-x")
     placed = place(listing_of(found), plan_of())
     assert placed.stage.right == "+x"
-    assert any("the list alone does not tell" in note for note in placed.notes)
+    assert any("the list alone does not show" in note for note in placed.notes)
     stated = place(listing_of(found), plan_of(stage=StageAxes("-x")))
     np.testing.assert_array_equal(stated.positions, found.positions)
 
@@ -227,7 +227,9 @@ def test_the_plan_of_a_list_without_light_says_what_it_assumes() -> None:
     found = scan()
     plan, notes = plan_of_list(listing_of(found), found.camera, cutout=(9, 11))
     assert plan.period == (ROWS, COLUMNS)
-    assert any("--anchor states it" in note for note in notes) and any("--stage states them" in note for note in notes)
+    assert any("state it with --anchor" in note for note in notes) and any(
+        "state them with --stage" in note for note in notes
+    )
 
 
 def test_what_no_plan_can_be_made_of() -> None:

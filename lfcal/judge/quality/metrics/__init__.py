@@ -1,11 +1,11 @@
-"""The quality metrics, one module per family; each names its metrics in ``METRICS``.
+"""The quality metrics, one module per family; each lists its metrics in ``METRICS``.
 
-- ``order``, ``stage``: did frames and positions belong together, and did the stage go where it should?
-- ``frames``, ``planes``, ``repeats``, ``session``: missing, copied, odd, dark, misordered
-- ``cutout``, ``light``, ``noise``, ``saturation``, ``sensor``: the frames' values
+- ``order``, ``stage``: assignment of frames to positions, and accuracy of the stage
+- ``frames``, ``planes``, ``repeats``, ``session``: missing, copied, unusual, dark or misordered frames and planes
+- ``cutout``, ``light``, ``noise``, ``saturation``, ``sensor``: values of the frames
 - ``target``: frames of many points
-- ``tiling``: does one cell stand for the field?
-- ``file``: does H hold what it says?
+- ``tiling``: whether one cell represents the field
+- ``file``: whether H contains what it states
 
-A new module here, or an entry point of group ``lfcal.metrics``, is all a new metric takes.
+To add a metric, add a module here, or an entry point of group ``lfcal.metrics``.
 """

@@ -12,7 +12,9 @@ __all__ = ["METRICS"]
 
 def _snr(plane: PlaneMeasures) -> Reading:
     noise = plane.dark.noise
-    if plane.edges.cut_off or not noise > 0:  # the corners are not dark, or rounded away: the sensor's figure stands in
+    if (
+        plane.edges.cut_off or not noise > 0
+    ):  # the corners are not dark, or are rounded to zero: use the value of the sensor
         noise = plane.sensor_noise or noise
     return Reading(plane.table.peak / noise if noise > 0 else math.inf)
 
@@ -20,7 +22,7 @@ def _snr(plane: PlaneMeasures) -> Reading:
 def _background(plane: PlaneMeasures) -> Reading:
     if plane.edges.cut_off or not plane.energy > 0:  # the corners are not dark, or nothing is: nothing follows
         return UNKNOWN
-    # what chance may make of a mean is no background
+    # the random error of a mean is not a background
     sure = math.sqrt(max(0.0, plane.background**2 - (2 * plane.dark.chance) ** 2))
     return Reading(100 * sure * plane.table.lit.size / plane.energy)
 

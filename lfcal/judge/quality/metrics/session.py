@@ -23,7 +23,7 @@ def _suspect(measures: MatrixMeasures) -> Sequence[Reading]:
         if _is_entry(entry, (nz, ny, nx)):
             named[tuple(entry[:3])] = True
             words.add(str(entry[3])[:80])
-    # without flags nothing is said: the frames may be another program's, which nobody watched
+    # without flags the value is unknown: the frames may come from another program without supervision
     if not named.any():
         return [UNKNOWN]
     detail = "; ".join(sorted(words)[:8])

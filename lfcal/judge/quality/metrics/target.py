@@ -38,7 +38,7 @@ def _metric(
     words: tuple[str, str, str],
     **more: Any,
 ) -> MetricSpec:
-    """Return a metric of a number ``told`` by the provenance; shares are told in percent.
+    """Return a metric of a number ``told`` stated in the provenance; shares are in percent.
 
     ``limits`` are good and bad, ``cost`` at bad and at worst, ``words`` title, meaning and advice.
     """
@@ -66,7 +66,7 @@ METRICS = (
         (0.1, 0.5),
         (
             "Light of neighbouring points",
-            "Most light of a target's other holes in a cutout, over that of its own.",
+            "Largest light of a target's other holes in a cutout, relative to the hole at its centre.",
             "Take a target with holes farther apart, or cover the bright ones.",
         ),
     ),
@@ -76,8 +76,8 @@ METRICS = (
         (0.2, 0.5),
         (0.15, 0.5),
         (
-            "Points beside the target's lattice",
-            "How far the light of holes lies beside the pose, pitch and distortion that explain all of them (rms).",
+            "Points off the target's lattice",
+            "Deviation of the holes' light from the common pose, pitch and distortion (rms).",
             "Describe the target as it is: pitch, kind, depth; look for dirt and reflections.",
         ),
     ),
@@ -88,7 +88,7 @@ METRICS = (
         (0.02, 0.1),
         (
             "Target moved otherwise than planned",
-            "How far images lie beside where the stage was to move them, but for what all frames share (rms).",
+            "Deviation of images from their planned places, without the part that all frames share (rms).",
             "Points are used where they are found; to meet phases as planned check the stage's scale and axes.",
         ),
     ),
@@ -110,7 +110,7 @@ METRICS = (
         (0.6, 1.2),
         (
             "Doubtful labels of points",
-            "Share of a target's points whose label or place is not certain: dim, doubled, or beside the lattice.",
+            "Share of a target's points whose label or place is uncertain: dim, doubled, or off the lattice.",
             "Look at the frames where holes are named; clean the target, or leave these holes out with absent=.",
         ),
         verdict_detail=True,

@@ -1,4 +1,4 @@
-"""Whether the recorded cell stands for the whole field."""
+"""Whether the recorded cell represents the whole field."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ METRICS = (
         cost=CostModel(at_bad=0.1, worst=1.0),
         plot="map",
         meaning="Largest difference of control frames, whole periods away, from the same position of the cell.",
-        advice="Use the period that fits best over the field, resample the frames to it, or calibrate regions of their "
-        "own.",
+        advice="Use the period that fits best over the field, resample the frames to it, or calibrate separate "
+        "regions.",
         needs_light=False,
         of_plane=_tiling,
     ),

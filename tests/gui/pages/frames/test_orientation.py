@@ -163,7 +163,7 @@ def test_what_cannot_be_told_is_said_with_h(qtbot: QtBot, context: Context, open
     page.panel.choices.edited.emit("use_background", True)
     qtbot.waitUntil(lambda: page.found is not None, timeout=GUARD_MS)
     record = assembled(qtbot, context, page, tmp_path / "H.h5")
-    assert "cannot be told" in record["note"] and f"H.h5: {record['note']}" in said
+    assert "cannot be determined" in record["note"] and f"H.h5: {record['note']}" in said
 
 
 def test_a_frame_is_shown_upright_before_and_after_its_correction(mirrored: Path) -> None:

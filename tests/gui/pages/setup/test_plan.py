@@ -67,12 +67,12 @@ def test_a_half_cell_scan_is_shown_and_saved_with_its_positions(
     odd = ScanPlan.for_camera(camera_of((7.0, 12.0), 1), virtual_depths=(3.0,), cutout=31)
     window.project.update("camera", camera=odd.camera, plan=odd)
     assert (
-        "half of it lies half a pixel off" in page.panel.inspector.refused.text()
+        "half of it is not a whole number of pixels" in page.panel.inspector.refused.text()
         and not page.panel.inspector.refused.isHidden()
     )
     page.save_plan(str(tmp_path / "odd.json"))
-    assert "half a pixel off" in page.notice.label.text() and not (tmp_path / "odd.json").exists()
+    assert "not a whole number" in page.notice.label.text() and not (tmp_path / "odd.json").exists()
     page.panel.inspector.scan.editor("half_cell").setChecked(False)
     assert page.panel.inspector.refused.isHidden()
     page.panel.inspector.scan.editor("half_cell").setChecked(True)
-    assert "half a pixel off" in page.panel.inspector.scan.error
+    assert "not a whole number" in page.panel.inspector.scan.error
