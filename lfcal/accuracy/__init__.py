@@ -1,9 +1,9 @@
-"""What accuracy costs, everywhere it is paid: curves of error against seconds, bytes or frames for one camera or H.
+"""The cost of accuracy: curves of error against seconds, bytes or frames for one camera or H.
 
 - ``curves``: `Rung`, `Curve`, the Pareto front, the cheapest rung for an error
-- ``subject``: the scan plan or H that is measured, and samples of it that are quick to work with
-- ``place``: `Place`, a module of ``places`` each, found by registry
-- ``measure``: places to curves, rung by rung, within seconds; what was measured is kept when it is stopped
+- ``subject``: the measured scan plan or H, and samples of it that are quick to process
+- ``place``: `Place`, one module of ``places`` each, found by registry
+- ``measure``: measurement of curves, rung by rung, within a time limit; results are kept if it is stopped
 - ``drawing``: curves on one page
 """
 

@@ -20,22 +20,22 @@ SHOWN = {"seconds": ("s", 1.0), "bytes": ("MB", 1e6), "frames": ("", 1.0)}
 
 @dataclass(frozen=True, slots=True)
 class Rung:
-    """One way to work, its error and its cost.
+    """One setting with its error and cost.
 
     Attributes
     ----------
     label
-        For people.
+        Display name.
     settings
-        The same for programs: names and plain values of what was set.
+        Settings by name, as plain values.
     error
-        Relative error, at least 0; what it is the error of, and of what it is a share, is the curve's to say.
+        Relative error, at least 0; the curve defines its meaning and reference.
     cost, unit
-        What it costs, in one of `UNITS`.
+        Cost, in one of `UNITS`.
     others
-        Further figures by name, the unit in the name: ``{"read (s)": 0.2}``.
+        Further values by name, with the unit in the name: ``{"read (s)": 0.2}``.
     note
-        What else one should know of it, or empty.
+        Remark, or empty.
     efficient
         Whether no other rung of the curve is both cheaper and more accurate.
 
@@ -70,24 +70,24 @@ class Rung:
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """Error against cost in one place of the work.
+    """Error against cost for one part of the processing.
 
     Attributes
     ----------
     place, title
-        Name of the place, and the same for people.
+        Name of the place, and its display name.
     error, cost
-        What the error and the cost mean, in words with units.
+        Meaning of error and cost, with units.
     unit
         Unit of the cost, one of `UNITS`.
     truth
-        What the errors are measured by.
+        Reference of the errors.
     rungs
         As measured, cheapest first, with the Pareto front marked.
     notes
-        Under which conditions they were measured, a line each.
+        Conditions of the measurement, one line each.
     stopped
-        Why there are no further rungs; empty where all were measured.
+        Why there are no further rungs; empty if all were measured.
 
     Examples
     --------
@@ -165,7 +165,7 @@ def marked(rungs: Iterable[Rung]) -> tuple[Rung, ...]:
 def cost_axis(curve: Curve) -> tuple[str, float]:
     """Return the label of a chart's axis of costs, and what costs are divided by for it."""
     unit, scale = SHOWN[curve.unit]
-    name = curve.cost.split(",")[0]  # all of it does not fit beside an axis
+    name = curve.cost.split(",")[0]  # the whole text does not fit along an axis
     return f"{name} ({unit})" if unit else name, scale
 
 

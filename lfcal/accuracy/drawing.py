@@ -25,7 +25,7 @@ FLOOR = 1e-9
 def draw_curves(
     curves: Sequence[Curve], path: str | os.PathLike[str], title: str = "", *, error: float | None = None
 ) -> None:
-    """Write the curves that have rungs as one page: a panel each, logarithmic, the front as a line.
+    """Write the curves that have rungs as one page: one panel each, logarithmic, the front as a line.
 
     Parameters
     ----------
@@ -34,9 +34,9 @@ def draw_curves(
     path
         PNG to write, or another format by its suffix.
     title
-        Above all of them.
+        Title of the page.
     error
-        Error asked about (a share): a line in each panel, and a star at the cheapest rung.
+        Requested error (a share): a line in each panel, and a star at the cheapest rung.
 
     Raises
     ------

@@ -63,7 +63,7 @@ class _Run:
         return CurveProgress(self.number, self.total, "what accuracy costs", self.elapsed, note, curve=self.curve)
 
     def take(self, found: Truth | AccuracyStep | Rung | Progress) -> str:
-        """Take what a place tells; return a word on it."""
+        """Process one result of a place; return a remark on it."""
         if isinstance(found, Truth):
             self.curve = replace(self.curve, truth=found.label, notes=found.notes)
             self.rung_at = self.elapsed
@@ -93,23 +93,23 @@ def iter_measure_curve(
 ) -> Work[Curve]:
     """Measure the curve of one place.
 
-    If the place has no curve for this subject, or something ends it early, ``stopped`` of the curve says why.
+    If the place has no curve for this subject, or ends early, ``stopped`` of the curve says why.
 
     Parameters
     ----------
     place
         The place.
     subject
-        What is measured.
+        The measured plan or H.
     seconds
-        About how long it may take (s): no further rung is begun that would end later.
+        Approximate time limit (s): no rung is begun that would end later.
     number, total
-        Of the place among those measured, for the records.
+        Number of the place, and total number of places, for the records.
 
     Yields
     ------
     CurveProgress
-        With the curve so far: you can stop at any record and keep it.
+        With the curve so far, which you can keep if you stop.
 
     Raises
     ------
@@ -166,7 +166,7 @@ measure_curve = drained(
 
 
 def _followed(measuring: Measuring, run: _Run) -> Work[None]:
-    """Take what ``measuring`` tells until it ends or the seconds are spent."""
+    """Process results of ``measuring`` until it ends or the time is used up."""
     try:
         for found in measuring:
             note = run.take(found)

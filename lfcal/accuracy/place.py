@@ -34,19 +34,19 @@ Measuring = Generator[Truth | AccuracyStep | Rung | Progress, None, None]
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """One place where accuracy is paid; a module of `lfcal.accuracy.places` has it in ``PLACE``.
+    """One part of the processing whose accuracy can be chosen; modules of `lfcal.accuracy.places` define ``PLACE``.
 
     Attributes
     ----------
     name, title
-        What commands call it, and what people do.
+        Name in commands, and display name.
     error, cost
-        What error and cost mean, in words with units.
+        Meaning of error and cost, with units.
     unit
         Unit of the cost, one of `lfcal.accuracy.curves.UNITS`.
     measure
-        Given the subject and the seconds it may take, yields the truth, steps, rungs and progress. Raises `LfcalError`
-        where this subject has no such curve, with the reason.
+        Function that, given the subject and a time limit (s), yields the reference, steps, rungs and progress. Raises
+        `LfcalError` with the reason if this subject has no such curve.
     rank
         Order in lists.
 

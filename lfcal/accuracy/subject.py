@@ -23,11 +23,11 @@ PATTERN_BYTES = 16 << 20
 """Single patterns with their whole cutout are so many bytes at most."""
 
 TOLERANCE, EFFECTS_TOLERANCE = 0.1, 0.02
-"""Of the computation of samples, and of the effects in them: how they look matters, not their last per cent, but rays
-where waves belong would leave their dark pixels empty."""
+"""Tolerance of the computation of samples, and of their effects: their appearance matters, not their last per cent,
+but rays instead of waves would leave their dark pixels empty."""
 
 LONGEST_WAVES = 6.0
-"""Predicted CPU-seconds of a sample up to which it is simulated with the effects it calls for; by rays beyond."""
+"""Predicted CPU-seconds of a sample up to which it is simulated with the effects it needs; above, by rays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,20 +70,20 @@ class Patterns:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A scan plan, H, or H with the plan it belongs to.
+    """A scan plan, H, or H with its plan.
 
     Attributes
     ----------
     name
-        For titles.
+        Name for titles.
     plan
-        The scan plan, where it is known.
+        The scan plan, if known.
     matrix
-        H, where there is one; else samples are simulated.
+        H, if there is one; otherwise samples are simulated.
     no_plan
-        Why there is no plan; empty where there is one.
+        Why there is no plan; empty if there is one.
     workers
-        Threads; None takes every processor.
+        Number of threads; None: all processors.
 
     Examples
     --------
@@ -110,7 +110,7 @@ class Subject:
 
     @classmethod
     def of_matrix(cls, matrix: PSFMatrix, name: str, workers: int | None = None) -> Subject:
-        """Return H (also that of HT) as subject, with the plan that its provenance or its camera tells of."""
+        """Return H (also that of HT) as a subject, with the plan from its provenance or its camera."""
         H = matrix.T if matrix.is_transposed else matrix
         plan, reason = _plan_of(H)
         return cls(name, plan, H, reason, workers)

@@ -54,7 +54,7 @@ def merge(
     reference_s: float,
     black_level: float = 0.0,
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return bracketed frames merged to the counts an unlimited sensor had shown at ``reference_s``.
+    """Return bracketed frames merged to the counts of an unlimited sensor at ``reference_s``.
 
     Each pixel is the sum of its unsaturated counts above black over the sum of their exposures, which is
     the maximum-likelihood rate for shot noise, times the reference exposure, plus black. Values may
@@ -72,7 +72,7 @@ def merge(
     reference_s
         Exposure whose counts are returned (s).
     black_level
-        Counts of no light, the same at every exposure.
+        Counts without light, the same at every exposure.
 
     Returns
     -------
@@ -100,12 +100,13 @@ SLACK_S = 1e-4
 
 
 class ExposedFrame(NamedTuple):
-    """What was read from the sensor at one place.
+    """Samples read from the sensor at one position.
 
-    ``data`` ``(rows, columns)`` of the region: samples as they came, or float32 where several were combined;
-    ``saturated`` counts of the whole region, ``mask`` which pixels (None: those at the maximum);
-    ``exposure_s`` the exposure that ``data`` corresponds to. ``raws`` all that was exposed for it, of the region asked
-    for; ``reported_s`` what the camera said with the frames of the whole exposure, where it says anything.
+    ``data`` ``(rows, columns)`` of the region: samples as delivered, or float32 if several were combined.
+    ``saturated`` is the number of saturated pixels in the whole region, ``mask`` marks them (None: those at the
+    maximum). ``exposure_s`` is the exposure that ``data`` corresponds to. ``raws`` are all exposures made for it, in
+    the requested region; ``reported_s`` are the times that the camera reported with the frames of the whole exposure,
+    if any.
     """
 
     data: NDArray[Any]
@@ -117,16 +118,16 @@ class ExposedFrame(NamedTuple):
 
 
 class Exposer:
-    """Grab, check, average and merge.
+    """Grabs, checks, averages and merges frames.
 
     Parameters
     ----------
     rig, control
-        The devices, and what the user asks.
+        The devices, and the requests of the user.
     bracket
         Factors of the exposure; see `Options.bracket`.
     black_level
-        Counts of no light.
+        Counts without light.
     timeout_s
         Longest wait for a frame beyond its exposure (s).
     """
@@ -209,14 +210,14 @@ class Exposer:
 
 
 def check_frame(frame: Frame, shape: tuple[int, int], dtype: np.dtype[Any], last_number: int, arrived_s: float) -> None:
-    """Raise unless ``frame`` may be kept.
+    """Raise unless ``frame`` is acceptable.
 
     Parameters
     ----------
     frame
-        As the camera gave it.
+        Frame as delivered by the camera.
     shape, dtype
-        What is expected of the region of interest and the camera.
+        Expected shape of the region of interest, and sample type of the camera.
     last_number
         Number of the last frame seen.
     arrived_s

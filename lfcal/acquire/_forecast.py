@@ -35,16 +35,16 @@ class SessionForecast:
     Attributes
     ----------
     positions, other_frames
-        Frames of the plan's positions (of a target: its frames), and dark, reference and control frames.
+        Number of frames at the plan's positions (for a target: its frames), and of dark, reference and control frames.
     seconds
-        Exposures, settling, movement, and readout where it is known; retries and the approach from one side come on
-        top (s).
+        Duration of exposures, settling, movement, and readout if it is known, without retries and the approach from
+        one side (s).
     recording_bytes, free_bytes
-        Size of the recording, and what the disk has.
+        Size of the recording, and free disk space.
     camera, stage
         The devices.
     readout_seconds
-        Reading frames out (s); None where the camera's rate is not known, and nothing is counted.
+        Time for readout (s); None if the camera's rate is unknown; it is then not counted.
     """
 
     positions: int

@@ -23,14 +23,14 @@ __all__ = ["Looker"]
 class Looker:
     """The stage and the camera of a rig, driven as a session drives them.
 
-    As a context manager it moves the stage back to where it was, unless a device failed or somebody stopped it.
+    As a context manager, it moves the stage back to its previous place, unless a device failed or it was stopped.
 
     Parameters
     ----------
     rig, plan, options, control
         As in `Runner`.
     targets
-        ``(N, 3)`` all stage coordinates that will be gone to (µm).
+        ``(N, 3)`` all stage coordinates to visit (µm).
     roi
         Region of the sensor to read; the whole sensor by default.
     bracket

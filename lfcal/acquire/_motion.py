@@ -20,17 +20,17 @@ LAST_POLL_S = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """How the stage is driven.
+    """Settings for moving the stage.
 
     Attributes
     ----------
     settle_s
-        Wait after arrival (s).
+        Waiting time after arrival (s).
     tolerance_um
         Largest difference of read-back and target along x, y, z (µm).
     overshoot_um
-        Every target is approached in the positive sense; moves in the negative sense go this far beyond
-        first, so that backlash is always taken up in the same direction (µm). 0: not needed.
+        Every target is approached in the positive direction; moves in the negative direction first go this far beyond
+        it, so that backlash is always taken up in the same direction (µm). 0: not needed.
     timeout_s
         Longest wait for arrival (s).
     """

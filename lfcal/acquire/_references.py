@@ -26,7 +26,7 @@ MANY = 1000
 
 
 class References:
-    """Frames of one place, in the order they were recorded.
+    """Frames of one position, in the order of recording.
 
     Parameters
     ----------
@@ -36,8 +36,8 @@ class References:
     Attributes
     ----------
     seen
-        Of each frame: seconds of recording, light above the background (counts), row and column of the light (pixels
-        of the frame; NaN where it is too faint), and background (counts).
+        For each frame: seconds of recording, light above the background (counts), row and column of the light (pixels
+        of the frame; NaN if it is too faint), and background (counts).
     hot
         Pixels that became hot after the first frame.
     """
@@ -83,10 +83,10 @@ class References:
 
 
 def light_where(energy: NDArray[np.float64], y: int, x: int, moves_px: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the light of position ``(y, x)`` after moves of its source ``(n, 2)`` by rows and columns.
+    """Return the light of position ``(y, x)`` after displacements of its source ``(n, 2)`` by rows and columns.
 
-    ``energy`` ``(ny, nx)`` is the light of the positions of a plane: a source that is off by a pixel is where the next
-    position should be. NaN where those were not recorded.
+    ``energy`` ``(ny, nx)`` is the light of the positions of a plane: a source displaced by a pixel is at the next
+    position. NaN if that was not recorded.
     """
     from scipy.ndimage import map_coordinates  # the window loads this module at its first look
 

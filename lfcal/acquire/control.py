@@ -1,8 +1,8 @@
 """Requests to a running session, from any thread.
 
-- **pause**: finish the position under way, then hold still; ``resume`` goes on.
-- **stop**: finish the position under way, then end in order; the session can be resumed.
-- **abort**: stop the stage now and drop the frame under way; the session can be resumed.
+- **pause**: finish the present position, then hold; ``resume`` continues.
+- **stop**: finish the present position, then end in order; the session can be resumed.
+- **abort**: stop the stage immediately and drop the present frame; the session can be resumed.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Control:
         self._paused.set()
 
     def resume(self) -> None:
-        """Go on after a pause."""
+        """Continue after a pause."""
         self._paused.clear()
         self._wake.set()
 
@@ -75,7 +75,7 @@ class Control:
 
     @property
     def aborting(self) -> bool:
-        """Whether an end at once was asked for."""
+        """Whether an immediate end was requested."""
         return self._abort.is_set()
 
     def check(self) -> None:
@@ -84,7 +84,7 @@ class Control:
             raise self.aborted()
 
     def aborted(self) -> Aborted:
-        """Return the error that ends a session at once."""
+        """Return the error that ends a session immediately."""
         return Aborted("aborted: the stage was stopped; what was acknowledged is safe")
 
     def wait(self, seconds: float) -> None:

@@ -32,14 +32,14 @@ GOLDEN = (5**0.5 - 1) / 2
 
 @dataclass(frozen=True, eq=False)
 class EarlierRuns:
-    """What earlier runs of a session recorded.
+    """Frames recorded by earlier runs of a session.
 
     Attributes
     ----------
     flat
         ``(n,)`` positions, or numbers of a target's frames, as the session's records count them on ``grid``.
     grid
-        ``(nz, ny, nx)``, or planes, 1 and most frames of a plane.
+        ``(nz, ny, nx)``, or number of planes, 1, and largest number of frames of a plane.
     recordings
         Names of the files, oldest first.
     """
@@ -112,19 +112,19 @@ class _Frames:
 
 
 class EarlierFrames:
-    """Gives ``quality`` what earlier runs recorded, and adds up the frames of the plane in view.
+    """Passes records of earlier runs to ``quality``, and sums the frames of the displayed plane.
 
-    Records are read first; frames of a plane for `SECONDS` at most, in an order that is spread over the period. Of
-    the sums `MEMORY` is kept. `want` and `read` may be called in two threads.
+    Records are read first, then frames of a plane for at most `SECONDS`, in an order spread over the period. Of the
+    sums, `MEMORY` is kept. `want` and `read` may be called in two threads.
 
     Parameters
     ----------
     folder, quality
-        The session, and what its records and frames go to.
+        The session, and the receiver of its records and frames.
     known
-        What earlier runs recorded; None: nothing.
+        Frames recorded by earlier runs; None: none.
     seconds, clock
-        How long a plane is read, and by which clock (s).
+        Time for reading a plane, and the clock (s).
     """
 
     def __init__(

@@ -30,29 +30,30 @@ def iter_assemble_session(
     skip_damaged: bool = False,
     make: Callable[..., Work[AssemblyReport]] = iter_assemble_plan,
 ) -> Work[AssemblyReport]:
-    """Assemble H from a session, also from planes that are complete while others are being recorded.
+    """Assemble H from a session, even from complete planes while others are being recorded.
 
     Parameters
     ----------
     folder
-        The session's.
+        Folder of the session.
     out
         H file; None keeps H in memory.
     planes
-        Depth planes to take; None takes all, with what is missing marked as missing.
+        Depth planes to use; None: all, with missing positions marked.
     recipe
-        Corrections; None: the session's own darks, and nothing else.
+        Corrections; None: only the session's dark frames.
     settings
         As in `lfcal.psf.iter_assemble_plan`.
     skip_damaged
-        Leave damaged frames out, and name them in report and file, instead of refusing the session.
+        Leave out damaged frames, and list them in report and file, instead of refusing the session.
     make
-        Makes H of upright frames, called as `lfcal.psf.iter_assemble_plan` is: plane by plane, for one that goes on.
+        Function that makes H from upright frames, with the arguments of `lfcal.psf.iter_assemble_plan`: plane by
+        plane, for a session in progress.
 
     Raises
     ------
     InputError
-        If the frames certainly do not lie as the plan says (`lfcal.psf.upright`).
+        If the frames are certainly not oriented as planned (`lfcal.psf.upright`).
 
     Examples
     --------
@@ -119,7 +120,7 @@ def iter_finish(folder: Path, *, workers: int | None = None) -> Work[Packed]:
 
 
 def iter_repack(path: Path, *, workers: int | None = None) -> Work[int]:
-    """Rewrite a recording as chunked, compressed HDF5 beside it and put that in its place; return bytes gained.
+    """Rewrite a recording as chunked, compressed HDF5 next to it, and replace it; return the number of bytes saved.
 
     Every frame is checked against its CRC-32 on the way. Recordings that are packed already, or lack
     frames, are left alone. The chunks are one frame each, gzip 1 with shuffle and fletcher32.

@@ -1,4 +1,4 @@
-"""Plans of whole frames, each of many points at once: what acquisition needs to know of a target's plan."""
+"""Plans of whole frames with many points each: the facts about a target's plan needed for acquisition."""
 
 from __future__ import annotations
 

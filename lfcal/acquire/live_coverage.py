@@ -29,23 +29,23 @@ FEW = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CoverageState:
-    """A copy of what is known at one moment.
+    """Snapshot of the coverage of a running session.
 
     Attributes
     ----------
     done, total
-        Frames seen, and frames of the plan.
+        Number of frames seen, and in the plan.
     shown
-        ``(nz, ny, nx)`` how many of them show each position within the plan's tolerance, where the target lies as
-        planned.
+        ``(nz, ny, nx)`` number of them that show each position within the plan's tolerance, if the target is at its
+        planned pose.
     light
-        ``(frames,)`` light of each above its median (counts), NaN where it is not recorded, in the plan's order.
+        ``(frames,)`` light of each above its median (counts), in the plan's order; NaN if not recorded.
     saturated
         ``(frames,)`` saturated pixels.
     lamp
         ``(n, 2)`` seconds of recording and light of the reference frames (counts).
     alarms
-        What is out of bounds, in the words of `lfcal.acquire.live_quality`.
+        Values out of bounds, in the form of `lfcal.acquire.live_quality`.
     """
 
     done: int
@@ -88,7 +88,7 @@ class LiveCoverage:
     >>> from lfcal.targets import Wishes, parse_target, plan_target
     >>> scan = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,), cutout=31)
     >>> plan = plan_target(scan, parse_target("array:3x3@2mm"), Wishes(most_frames=3, level="geometric"))
-    >>> watch = LiveCoverage(plan)  # handed to record as an observer, it counts every frame by itself
+    >>> watch = LiveCoverage(plan)  # passed to record as an observer, it counts every frame automatically
     >>> watch.know(0, 0)  # a frame of an earlier run
     >>> state: CoverageState = watch.state()
     >>> print(state.done, "of", state.total, "frames,", f"{state.coverage:.0%} of the positions shown")

@@ -58,30 +58,30 @@ def alarm(kind: str, size: float, words: str) -> list[Finding]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QualityState:
-    """A copy of what is known at one moment.
+    """Snapshot of the quality of a running session.
 
     Attributes
     ----------
     done
-        Positions seen; those of earlier runs do not count.
+        Number of positions seen, without those of earlier runs.
     energy
-        ``(nz, ny, nx)`` light of each position above the background (counts), NaN where not recorded.
+        ``(nz, ny, nx)`` light of each position above the background (counts), NaN if not recorded.
     residual_px
-        ``(nz, ny, nx)`` read-back against target, sideways (pixels), NaN where not recorded.
+        ``(nz, ny, nx)`` lateral difference between read-back and target (pixels), NaN if not recorded.
     saturated
         ``(nz, ny, nx)`` saturated pixels of each cutout.
     depth_sums
-        ``(nz, nt, ns)`` growing sums of the cutouts above the background (counts); ``(1, nt, ns)`` of one plane.
+        ``(nz, nt, ns)`` running sums of the cutouts above the background (counts); ``(1, nt, ns)`` of one plane.
     lamp
         ``(n, 2)`` seconds of recording, over all recordings that were followed, and energy of the reference frames
         (counts).
     places_px
-        ``(n, 2)`` row and column of their light in the cutout (pixels), NaN where it is too faint.
+        ``(n, 2)`` row and column of their light in the cutout (pixels), NaN if it is too faint.
     follow_px
         Movement of the image within the cutout per step: ``((row per y, row per x), (column per y, column
-        per x))``; ideally 0. -2 on the diagonal says that an axis runs the wrong way.
+        per x))``; ideally 0. -2 on the diagonal means that an axis is reversed.
     alarms
-        Findings on recorded frames that may call for a stop, by the kinds of `LIMITS`.
+        Findings on recorded frames that may require a stop, by the kinds of `LIMITS`.
     """
 
     done: int

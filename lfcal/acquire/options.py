@@ -21,51 +21,51 @@ _RESHAPING = ("bracket", "margin_px", "darks", "dark_every", "reference_every", 
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """How a session records.
+    """Settings of a recording.
 
     Attributes
     ----------
     order
-        ``"plan"``: as the plan says; ``"coarse"``: a coarse grid over all planes first, then ever finer.
+        ``"plan"``: the order of the plan; ``"coarse"``: a coarse grid over all planes first, then finer ones.
     bracket
         Exposures of each position as factors of its plane's; several are merged to a high dynamic range.
     margin_px
-        Pixels kept around the cutout, for interpolation at sub-pixel anchors and for drift. None keeps none,
-        or 12 where the plan's anchor lies between pixels or frames are resampled.
+        Pixels kept around the cutout, for interpolation at sub-pixel anchors and for drift. None: none, or 12 if the
+        plan's anchor is between pixels or frames are resampled.
     darks, dark_every
-        Frames averaged into each dark frame (0: none), taken at the start and every so many positions
-        (0: at the start only), one dark frame for each exposure of the plan. Assembly subtracts them; without
-        them H keeps the sensor's pedestal. They need a light that can be switched off.
+        Number of frames averaged into each dark frame (0: none), taken at the start and after every ``dark_every``
+        positions (0: at the start only), one dark frame for each exposure of the plan. Assembly subtracts them;
+        without them, H contains the sensor's pedestal. They need a light that can be switched off.
     reference_every
-        A frame of the same place every so many positions, at the start and at the end, shows the lamp's
-        drift (0: none). The default costs 1 % of the frames.
+        Number of positions after which a frame of the same place is taken, also at the start and at the end; it shows
+        the lamp's drift (0: none). The default costs 1 % of the frames.
     controls
-        Control frames per plane and direction, from one period away to the edge of the field, for the
-        check of periodicity (0: none).
+        Number of control frames per plane and direction, from one period away to the edge of the field, for the check
+        of periodicity (0: none).
     retries
-        How often a position is tried again after a transient fault.
+        Number of further attempts at a position after a transient fault.
     tolerance_um, overshoot_um
-        As in `Motion`; None tolerates a tenth of the smallest step sideways and a whole one in depth.
+        As in `Motion`; None tolerates a tenth of the smallest lateral step and a whole step in depth.
     move_timeout_s, grab_timeout_s, light_settle_s
-        Longest waits for arrival and (beyond the exposure) for a frame, and the wait after the light
+        Longest waits for arrival and (beyond the exposure) for a frame, and the waiting time after the light
         is switched (s).
     keep_free_bytes
         The session is refused, and holds, while the disk has less than this free in addition to the recording; None:
         a tenth of the recording, at least 16 MiB.
     origin_tolerance_px
-        On resume the last position is taken again; a larger shift of the image says that the stage's
-        origin is lost (pixels). None leaves the check out.
+        When resuming, the last position is taken again; a larger shift of the image means that the stage's origin is
+        lost (pixels). None skips the check.
     on_suspect
-        What becomes of a frame whose content stays suspicious after it was taken again: ``"stop"`` the session, or
+        Treatment of a frame whose content stays suspicious after it was taken again: ``"stop"`` the session, or
         ``"flag"`` the position, to be recorded again later.
     allow_automatic
         Record although the camera changes samples automatically: automatic exposure, gain or black level, or a gamma.
     suspend, steady_s
-        Bounds of gauges as `Bound.parse` reads them, such as ``"temperature=20:22"``: the session holds while one is
-        outside, and goes on when all have been within for so long (s).
+        Bounds of gauges in the form of `Bound.parse`, such as ``"temperature=20:22"``: the session holds while one is
+        outside, and continues when all have been within for this time (s).
     check_stage
-        Whether sign, scale, repeatability and depth of the stage are measured before the first frame of each run, with
-        some 16 frames that are not recorded; see `lfcal.acquire.setup.iter_stage_check`.
+        Whether to measure sign, scale, repeatability and depth of the stage before the first frame of each run, with
+        about 16 frames that are not recorded; see `lfcal.acquire.setup.iter_stage_check`.
 
     Examples
     --------

@@ -17,22 +17,22 @@ __all__ = ["LiveFrame", "Preview"]
 
 @dataclass(frozen=True, slots=True)
 class LiveFrame:
-    """A frame as it came from the camera, for showing.
+    """A frame from the camera for display.
 
     Attributes
     ----------
     data
         The region of interest, ``(rows, columns)``; read-only.
     roi
-        Where it lies on the sensor.
+        Region on the sensor.
     cutout
-        What of it is kept, on the sensor; None in the live view.
+        The part of it that is kept, on the sensor; None in the live view.
     position
         Position of the plan, or None.
     saturated
-        Saturated pixels in ``data``, all counted.
+        Number of saturated pixels in ``data``.
     what
-        For people: ``"position"``, ``"dark"``, ``"live"`` …
+        Kind, for display: ``"position"``, ``"dark"``, ``"live"`` …
     """
 
     data: NDArray[Any]

@@ -21,9 +21,9 @@ LARGEST = 1 << 28
 
 @dataclass(frozen=True, slots=True)
 class RedoList:
-    """Positions (z, y, x) to record, with a reason each.
+    """Positions (z, y, x) to record, each with a reason.
 
-    ``kept_aside`` are those among them that a fit must not use: they tell how good it is.
+    ``kept_aside`` are those held out from a fit to measure its quality.
 
     Examples
     --------

@@ -81,7 +81,7 @@ def recorded_neighbours(folder: Path, todo: NDArray[np.bool_]) -> list[RecordedN
 
 
 class TakenFrame(NamedTuple):
-    """A frame ``(rows, columns)`` as it is to be kept, in numbers, its note, and all that was read of ``roi``."""
+    """A frame ``(rows, columns)`` to store, its measurements, its record, and all samples read from ``roi``."""
 
     frame: NDArray[Any]
     now: MeasuredFrame
@@ -192,16 +192,15 @@ class _Judged(NamedTuple):
 
 
 class Attempts:
-    """Take steps and judge what comes.
+    """Takes steps and checks the frames.
 
-    A doubtful frame is taken again, because most faults pass. If it stays unlike its neighbours, the latest trusted
-    position is taken again: where that comes out as it was recorded, the rig is as it was, and the pattern itself is
-    unusual; where it does not, the rig changed. So a pattern of any kind costs a few frames more, and never an alarm.
-
-    Parameters
+    A doubtful frame is taken again, because most faults are transient. If it still differs from its neighbours, the
+    latest trusted position is taken again: if it equals its recorded frame, the rig is unchanged and the pattern
+    itself is unusual; otherwise the rig has changed. Thus any pattern costs only a few additional frames, and never
+    causes an alarm.
     ----------
     taker, guard
-        What takes a frame, and what judges it.
+        Object that takes frames, and object that checks them.
     schedule, plan, options
         As in `Runner`.
     """
@@ -232,7 +231,7 @@ class Attempts:
         if judged.doubt and judged.doubt.what != self._standing.what:
             judged = self._looked_into(step)
         elif not judged.doubt and self._standing and step.kind is not Kind.DARK:
-            # with few neighbours to be trusted, only a known place tells whether the fault is over
+            # with few trusted neighbours, only a known position shows whether the fault is over
             judged = judged._replace(doubt=self._witness())
         self._standing = judged.doubt
         if judged.doubt:
@@ -246,7 +245,7 @@ class Attempts:
         return judged.taken
 
     def _looked_into(self, step: ScheduledFrame) -> _Judged:
-        """Return a later frame of ``step`` with what is to be thought of it."""
+        """Return a later frame of ``step`` with the verdict on it."""
         second = self._again(step)
         if not second.doubt or second.doubt.certain or step.kind is not Kind.POSITION:
             return second
@@ -326,10 +325,10 @@ Observer = Callable[[ScheduledFrame, Note, NDArray[Any]], None]
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a run ended: ``"complete"``, ``"stopped"`` or ``"aborted"``; positions acknowledged, of how many.
+    """How a run ended: ``"complete"``, ``"stopped"`` or ``"aborted"``; acknowledged positions, and their total number.
 
-    ``damaged`` frames of earlier runs were found on resuming, to be taken again. ``notes`` say what was not checked of
-    the stage, and what is worth knowing of it.
+    ``damaged`` frames of earlier runs were found on resuming, and will be taken again. ``notes`` state which checks of
+    the stage were not done, and remarks about it.
     """
 
     how: str
@@ -341,36 +340,37 @@ class Outcome:
 
 
 class Runner:
-    """Record the steps of a schedule that are still to do.
+    """Record the remaining steps of a schedule.
 
     Parameters
     ----------
     rig, plan, options, schedule
-        What to do with which devices.
+        The work to do, and the devices.
     sink
-        Where frames go.
+        Receiver of the frames.
     todo
         ``(len(schedule),)`` steps without an acknowledged frame.
     control
         Pause, resume, stop and abort, from any thread.
     preview, observers
-        Who may see the frames.
+        Receivers of frames for display and live quality.
     trouble
-        Returns why the session should hold, or an empty string: too little disk, a lab that is not as it should be.
+        Function that returns why the session should hold, such as a full disk or a gauge out of bounds, or an empty
+        string.
     elapsed_s
         Seconds recorded by earlier runs of the session.
     recorded
-        CRC-32 of the frames they kept, with their positions.
+        CRC-32 of the frames that they stored, with their positions.
     known
-        Frames of them around the steps to do.
+        Frames of earlier runs around the remaining steps.
     whole_frames
-        Frames are of many points, not of one that moves on by a pixel.
+        Whether frames show many points, instead of one that moves by a pixel.
 
     Raises
     ------
     LimitError, InputError
-        At once, before anything moves: the plan leaves the stage's travel, or dark frames are to be taken and the
-        light cannot be switched.
+        Before anything moves: if the plan leaves the stage's travel, or dark frames are requested and the light cannot
+        be switched.
     """
 
     def __init__(

@@ -34,15 +34,15 @@ class Block:
     Attributes
     ----------
     kind
-        What they are.
+        Kind of the steps.
     slots
         ``(N,)`` place of each in the file of its kind.
     positions
         ``(N, 3)`` position of the plan (z, y, x) each belongs to.
     periods
-        ``(N, 2)`` whole periods (y, x) away from that position.
+        ``(N, 2)`` number of periods (y, x) away from that position.
     before
-        ``(N,)`` number of the position each comes before, in the order of recording.
+        ``(N,)`` number of the position that follows each, in the order of recording.
     """
 
     kind: Kind
@@ -126,9 +126,9 @@ def frame_blocks(plan: FramePlan, options: Options, redo: Sequence[Position] | N
 def coarse_order(plan: ScanPlan) -> NDArray[np.intp]:
     """Return all positions ``(N, 3)`` as (z, y, x), coarse grids first.
 
-    The first pass visits every plane on a grid of up to 16 pixels' pitch, each later pass the points of a
-    grid twice as fine that are not yet taken; so that after 1/256 of the session all planes have been seen.
-    Within a pass the plan's own order holds.
+    The first pass visits every plane on a grid with a pitch of up to 16 pixels. Each later pass visits the remaining
+    points of a grid twice as fine. After 1/256 of the session, all planes have been seen. Within a pass, the order is
+    that of the plan.
 
     Examples
     --------
@@ -243,8 +243,8 @@ class ScheduledFrame(NamedTuple):
     """One frame to record.
 
     ``slot`` is its place in the file of its kind, ``flat`` the plan's position as ``(z * ny + y) * nx + x``,
-    ``target`` stage coordinates (µm), ``row, column`` the first sensor pixel kept, ``period_y, period_x``
-    whole periods away from the plan's position.
+    ``target`` the stage coordinates (µm), ``row, column`` the first sensor pixel kept, and ``period_y, period_x`` the
+    number of periods away from the plan's position.
     """
 
     kind: Kind

@@ -115,32 +115,33 @@ def iter_record(
     folder
         A new or empty folder; with ``resume`` or ``redo`` that of an earlier session.
     plan, rig, options
-        What (a scan, or a `lfcal.targets.TargetPlan`: whole frames), with which devices, how; by default the options of
-        the session that is continued, or `Options()`.
+        What to record (a scan, or a `lfcal.targets.TargetPlan`: whole frames), the devices, and the settings; by
+        default the options of the session that is continued, or `Options()`.
     resume
-        Continue where an earlier run was interrupted, after checking that plan, options, devices and the
-        stage's origin and scale are the same. Every frame is checked first, and those that are damaged are taken
-        again: in their place, or, where the recording was packed, in a separate file.
+        Continue an interrupted run, after checking that plan, options, devices and the stage's origin and scale are
+        unchanged. Every frame is checked first, and damaged ones are taken again: in place, or in a separate file if
+        the recording was packed.
     redo
-        Record these positions of a finished session again, into a separate file; the later frame counts. Where
-        the session has no others they are added to it. Whole frames are named as `lfcal.acquire.frame_plan` says.
+        Record these positions of a finished session again, into a separate file; the later frame counts. Positions
+        that the session does not have are added. Whole frames are named as in `lfcal.acquire.frame_plan`.
     only
-        Record these positions and no others; a continued session has its own.
+        Record only these positions; a continued session keeps its own.
     kept_aside
-        Positions among them that a fit is not to use.
+        Positions among them that are held out from a fit.
     control, preview, observers
         See `Runner`.
     task
-        What asked for the recording, as `lfcal.tasks.Task.to_dict` returns it: the session keeps it, and H made of it.
+        Task that requested the recording, from `lfcal.tasks.Task.to_dict`; stored with the session and with H made
+        from it.
 
     Raises
     ------
     InputError, StorageError
-        Before anything moves, and with nothing left behind.
+        Before anything moves, without leaving any files.
     InputError, DeviceError, Cancelled
-        From the check of the stage, `lfcal.acquire.setup.iter_stage_check`, after which nothing is left behind, too.
+        From the check of the stage, `lfcal.acquire.setup.iter_stage_check`, also without leaving any files.
     AcquisitionStopped
-        When the session had to end early; it can be resumed.
+        If the session had to end early; it can be resumed.
 
     Examples
     --------
@@ -159,7 +160,9 @@ def iter_record(
     scan = plan.scan
     devices = check_devices(scan, rig)
     if scan is not plan and (only is not None or len(kept_aside)):
-        raise InputError.expected("positions to record", "none beside a target", "some", "its frames show many at once")
+        raise InputError.expected(
+            "positions to record", "none together with a target", "some", "its frames show many of them"
+        )
     if not isinstance(plan, ScanPlan) and plan.lit is not None and not rig.switches:
         remedy = "show its pictures (lfcal plan target --patterns), and assemble the folder of frames"
         raise InputError.expected("plan", "a target that a stage moves", "frames of a display", remedy)
@@ -294,7 +297,7 @@ def _with_recording(file: SessionFile, redo: Sequence[Position]) -> SessionFile:
 
 
 def _repaired(folder: Path, file: SessionFile, rig: Rig, options: Options, found: SessionReport) -> Work[SessionFile]:
-    """Return the session ready to take its damaged frames again; those of packed recordings get one of their own."""
+    """Return the session ready to take its damaged frames again; those of packed recordings go to a separate one."""
     again = yield from iter_repair(folder, file, found)
     if not again:
         return file
@@ -323,7 +326,7 @@ def _create(folder: Path, file: SessionFile, run: int, rig: Rig, options: Option
     try:
         file.write(folder)
     except BaseException:
-        # files that no session.json names would stand in the way of the next attempt
+        # files without a session.json would block the next attempt
         for kind in Kind:
             (folder / file_name(kind, run)).unlink(missing_ok=True)
         raise

@@ -61,13 +61,13 @@ def optics_of(rig: Rig) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Devices:
-    """The devices of a session, as they name themselves, and what the camera reads.
+    """The devices of a session by their names, and the settings that the camera reports.
 
     ``optics`` says how frames of the simulator were computed: ``"pattern"``, or a level of `lfcal.simulate`. It is
     empty for real frames, and for sessions of older versions.
 
-    ``settings`` are those by which the camera may change samples, as it gave them at the start: name and value.
-    ``automatic`` names those that did not have the value that leaves samples proportional to light.
+    ``settings`` are those by which the camera may change samples, with their names and values at the start.
+    ``automatic`` lists those that did not leave samples proportional to light.
     """
 
     camera: str
@@ -110,10 +110,10 @@ class Devices:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """One stretch of recording: when (ISO 8601), how it ended, positions safe then, seconds, a message.
+    """One run of a recording: start time (ISO 8601), end, number of safe positions, seconds, a message.
 
-    ``recording`` says of which recording; -1: an older version did not note it. ``stage`` is what the check of the
-    stage found before it, or why it was left out; empty: an older version did not note it.
+    ``recording`` is the number of the recording; -1: not stored by an older version. ``stage`` is the result of the
+    stage check before the run, or why it was skipped; empty: not stored by an older version.
     """
 
     started: str
@@ -133,19 +133,20 @@ class SessionFile:
     Attributes
     ----------
     identity
-        A random name; every recording of the session carries it.
+        A random name that every recording of the session contains.
     plan, options, devices
-        What is recorded, how, and with what.
+        The plan, the settings, and the devices.
     recordings
-        Files with positions, oldest first; a later one counts where both have a position.
+        Files with positions, oldest first; if several have a position, the latest counts.
     redo
-        Positions (z, y, x) of each recording, empty for all: of the first one where no others are recorded.
+        Positions (z, y, x) of each recording; empty: all, or for the first one only those of ``only``.
     runs
         Every stretch of recording.
     kept_aside
-        Positions (z, y, x) that a fit is not to use: they tell how good it is.
+        Positions (z, y, x) held out from a fit, to measure its quality.
     target
-        The plan of a target whose whole frames are recorded, `plan` the scan that it stands for; None: single points.
+        The plan of a target whose whole frames are recorded; `plan` is then the scan that it replaces. None: single
+        points.
 
     Examples
     --------
@@ -199,7 +200,7 @@ class SessionFile:
             own = [Position(*p) for p in self.redo[run]]
             return Schedule.of_frames(self.target, self.options, own or None)
         whole = Schedule.of(self.plan, self.options)
-        if not self.redo[run]:  # an empty list stands for all positions
+        if not self.redo[run]:  # an empty list means all positions
             return whole
         own = [Position(*p) for p in self.redo[run]]
         # the first recording brings what belongs to a session: darks, and controls
@@ -240,7 +241,7 @@ class SessionFile:
                 del run["stage"]
         if self.kept_aside:  # sessions without them stay as older versions read them
             data["kept_aside"] = self.kept_aside
-        if self.target is not None:  # so an older version does not take whole frames for those of single points
+        if self.target is not None:  # so that an older version does not mistake whole frames for those of single points
             data |= {"version": TARGET_VERSION, "target": self.target.to_dict()}
         if not folder.is_dir():
             raise StorageError(f"{folder}: the session folder is gone; restore it, or start a new session")

@@ -32,7 +32,7 @@ class Spot:
         Highest sample above the background (counts).
     sharpness
         Squared differences of neighbouring pixels over squared values, in [0, 4]: larger is sharper,
-        for any brightness.
+        independent of brightness.
     snr
         Peak over the noise of the background.
     radius
@@ -51,13 +51,13 @@ class Spot:
 def find_spot(frame: NDArray[Any]) -> Spot:
     """Return the light of the source in ``frame`` ``(rows, columns)``.
 
-    Background and noise are the median and the scaled median deviation; light is what exceeds five times
-    the noise and a twentieth of the peak and does not stand alone, which leaves hot pixels out.
+    Background and noise are the median and the scaled median deviation. Light is what exceeds five times the noise and
+    a twentieth of the peak and is not isolated, which excludes hot pixels.
 
     Raises
     ------
     InputError
-        If no light stands out.
+        If no light is significant.
 
     Examples
     --------

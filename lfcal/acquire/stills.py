@@ -38,7 +38,7 @@ class Stills:
     level: float
 
     def words(self) -> str:
-        """Return it in a line."""
+        """Return the description as one line."""
         return (
             f"{len(self.files)} {self.kind} frames in {self.files[0].parent}, at {100 * self.level:.0f} % of the range"
         )
@@ -50,9 +50,9 @@ def still_files(folder: Path, kind: str) -> tuple[Path, ...]:
 
 
 def recipe_of(folder: Path) -> CorrectionRecipe:
-    """Return the corrections that a session calls for: by the white image beside it, with its dark frames."""
+    """Return the corrections that a session needs: with its white image, if there is one, and its dark frames."""
     white, dark = (folder / kind if still_files(folder, kind)[0].is_file() else "" for kind in ("white", "dark"))
-    # a recording has darks of its own; those of the whole sensor are there for the white image
+    # a recording has separate darks; those of the whole sensor are for the white image
     return CorrectionRecipe(white=white, dark=dark) if white else CorrectionRecipe()
 
 
@@ -64,7 +64,7 @@ def iter_stills(
     Parameters
     ----------
     take
-        Returns frame ``k`` of the whole sensor, ``(rows, columns)`` (counts).
+        Function that returns frame ``k`` of the whole sensor, ``(rows, columns)`` (counts).
     plan
         Plan of the session; its sensor states black level and range.
     folder, kind

@@ -1,8 +1,8 @@
-"""Suspenders: a session that holds while the lab is not as it should be, and goes on by itself.
+"""Suspenders: hold a session while conditions in the lab are out of bounds, and continue automatically.
 
-A gauge (temperature, the lamp's power) has bounds. Outside them the session holds after the position under way; back
-within them for a while it goes on. The idea is that of suspenders in beamline control (Allan et al., "Bluesky's Ahead",
-Synchrotron Radiation News 32, 2019).
+A gauge (temperature, the lamp's power) has bounds. Outside them, the session holds after the present position; when
+the gauge has been within them for some time, it continues. The idea comes from suspenders in beamline control (Allan
+et al., "Bluesky's Ahead", Synchrotron Radiation News 32, 2019).
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ EVERY_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """What a gauge may read while frames are taken.
+    """Allowed readings of a gauge while frames are taken.
 
     Attributes
     ----------
     gauge
-        Name of one of the rig's gauges, or path of a text file that ends with the newest number.
+        Name of a gauge of the rig, or path of a text file that ends with the newest reading.
     low, high
         Smallest and largest reading, in the gauge's unit; infinite: no bound.
 
@@ -65,7 +65,7 @@ class Bound:
         return self.low <= value <= self.high
 
     def words(self, value: float, unit: str) -> str:
-        """Return in a line why ``value`` stops a session."""
+        """Return why ``value`` stops a session, as one line."""
         after = f" {unit}" if unit else ""
         return f"{self.gauge} {value:.4g}{after}, outside {self.low:g} to {self.high:g}{after}"
 
@@ -84,21 +84,21 @@ def gauge_of(rig: Rig, name: str) -> Gauge:
 
 
 class Suspender:
-    r"""Say why a session is to hold, by gauges read every second.
+    r"""Report why a session should hold, from gauges read every second.
 
     Parameters
     ----------
     rig
-        Whose gauges and time.
+        Rig with the gauges and the clock.
     bounds
-        What the gauges may read; none: nothing is read.
+        Bounds of the gauges; empty: none are read.
     steady_s
-        How long all gauges must be within their bounds before a session that holds goes on (s of the rig's time).
+        Time for which all gauges must be within their bounds before a held session continues (s of the rig's time).
 
     Raises
     ------
     InputError
-        At once, where a gauge is not there.
+        Immediately, if a gauge does not exist.
 
     Examples
     --------
@@ -136,7 +136,7 @@ class Suspender:
             self._good_since = now
         if self._good_since is not None:
             left = self._steady - (now - self._good_since)
-            self._why = f"suspended: within bounds again, goes on in {left:.0f} s" if left > 0 else ""
+            self._why = f"suspended: within bounds again, continues in {left:.0f} s" if left > 0 else ""
         return self._why
 
 

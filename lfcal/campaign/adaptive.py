@@ -81,7 +81,7 @@ FEWEST = 5
 
 
 ENDS = {
-    "reached": "the wanted error of H is reached, as far as the fit can tell",
+    "reached": "the wanted error of H is reached, by the estimate of the fit",
     "used up": "no positions are left: the wanted error of H is not reached",
     "incomplete": "the model does not suffice: more patterns do not lower the error of H",
 }
@@ -90,20 +90,20 @@ ENDS = {
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """When to end, and what to fit.
+    """Stopping rule, and what to fit.
 
     Attributes
     ----------
     error
-        Wanted relative error (L2) of H; what the computation of patterns itself errs by at the least.
+        Target relative error (L2) of H, at least that of the computation of patterns.
     most
-        Record no more positions than this; None: all of the plan.
+        Largest number of positions; None: all of the plan.
     first
-        Positions before the first fit.
+        Number of positions before the first fit.
     unknowns
-        Groups of unknowns, or ``"auto"``, as of `lfcal.fit.fit_camera`.
+        Groups of unknowns, or ``"auto"``, as in `lfcal.fit.fit_camera`.
     candidates
-        Positions that are looked at for each choice; 0: all.
+        Number of candidate positions for each choice; 0: all.
 
     Examples
     --------
@@ -131,22 +131,22 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class AdaptiveStep:
-    """What is known after one fit.
+    """Result after one fit.
 
     Attributes
     ----------
     positions
-        Positions recorded so far.
+        Number of positions recorded so far.
     expected_error
-        Relative error (L2) of H that the unknowns' own standard deviations make.
+        Relative error (L2) of H due to the standard deviations of the unknowns.
     held_out_error
         Error from held-out patterns: a value, or a limit.
     chi2, complete
-        Of the fit; whether the model suffices.
+        Chi-square of the fit; whether the model suffices.
     groups
         Groups of unknowns that were fitted.
     outliers
-        Patterns that were left out.
+        Number of patterns that were left out.
     """
 
     positions: int
@@ -158,7 +158,7 @@ class AdaptiveStep:
     outliers: int
 
     def __str__(self) -> str:
-        """Return the error against the positions, in a line."""
+        """Return the error against the number of positions, as one line."""
         said = f"{self.positions} positions: error of H {format_share(self.expected_error)} expected"
         return f"{said}, {self.held_out_error} at positions kept aside" + (
             "" if self.complete else "; model incomplete"
@@ -186,11 +186,11 @@ class Adapted:
         ``"reached"``; ``"used up"``: no positions are left; ``"incomplete"``: the model does not suffice, and more
         patterns do not help; ``"stopped"`` or ``"aborted"``.
     outcome
-        Of the recording as a whole.
+        Outcome of the whole recording.
     steps
-        What was known after each fit.
+        Results after each fit.
     fit
-        The last one; None where there was none.
+        The last fit; None if there was none.
     """
 
     how: str
@@ -200,7 +200,7 @@ class Adapted:
 
     @property
     def words(self) -> str:
-        """What the end means, in a line; empty where recording was stopped."""
+        """Meaning of the end, as one line; empty if recording was stopped."""
         return ENDS.get(self.how, "")
 
     def to_dict(self) -> dict[str, Any]:
@@ -211,7 +211,7 @@ class Adapted:
 R = TypeVar("R")
 
 GAINED = 0.9
-"""Left-out error over that of the step before from which on an incomplete model has gained nothing."""
+"""Ratio of the held-out error to that of the previous step above which an incomplete model has not improved."""
 
 
 def iter_adaptive(
@@ -234,23 +234,23 @@ def iter_adaptive(
     Parameters
     ----------
     folder
-        A new or empty folder; with ``resume`` that of a session of chosen positions, which goes on.
+        A new or empty folder; with ``resume`` that of a session of chosen positions, which is continued.
     plan, rig, options, control, preview, observers, task
-        As of `lfcal.acquire.iter_record`.
+        As in `lfcal.acquire.iter_record`.
     goal
-        When to end, and what to fit.
+        Stopping rule, and what to fit.
     seen
-        Is handed every step after its fit: the error against positions.
+        Function called with every step after its fit.
     workers
-        Threads of fits and choices.
+        Number of threads for fits and choices.
 
     Raises
     ------
     InputError
-        Before anything moves, if the noise of frames will not be known; if a session that goes on is a whole scan. And
-        if patterns are not of such a camera.
+        Before anything moves, if the noise of frames will be unknown, or if the session to continue is a whole scan.
+        Also if patterns do not fit such a camera.
     AcquisitionStopped
-        When recording had to end early; it can be resumed.
+        If recording had to end early; it can be resumed.
 
     Examples
     --------
@@ -315,7 +315,7 @@ class _Campaign:
 
     @property
     def ended(self) -> str:
-        """How it ended where recording did not end by itself."""
+        """How it ended if recording was interrupted."""
         return "aborted" if self._control.aborting else "stopped"
 
     def begin(self, *, resume: bool) -> Work[Outcome | None]:
@@ -422,7 +422,7 @@ class _Campaign:
         return AdaptiveStep(count, error.statistical, error, fit.chi2, fit.complete, fit.groups, len(fit.outliers))
 
     def over(self, steps: Sequence[AdaptiveStep]) -> str:
-        """Return how the session ends after these steps; empty where it goes on."""
+        """Return how the session ends after these steps; empty if it continues."""
         now = steps[-1]
         if now.reaches(self._goal.error):
             return "reached"

@@ -26,21 +26,22 @@ __all__ = ["PointFrames", "iter_assemble_points", "shown_positions", "target_fac
 def shown_positions(
     points: Points, tolerance_px: float | None = None, *, resampled: bool = False
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Return the positions ``(n, 3)`` that points show, -1 where none, and how far off they are ``(n, 2)`` (pixels).
+    """Return the positions ``(n, 3)`` that points show, -1 for none, and their deviations ``(n, 2)`` (pixels).
 
-    A point shows a position if its phase is, and if its chief ray lies as near to a pixel's centre as the position's
-    does: whole periods of the array are no whole pixels, and the same light half a pixel beside is another pattern.
-    What an undersampled pattern lacks no resampling brings back; such points serve a fit.
+    A point shows a position if its phase matches, and if its chief ray is as near to a pixel centre as that of the
+    position: the array's period is not a whole number of pixels, and the same light displaced by half a pixel gives a
+    different pattern. Resampling cannot restore an undersampled pattern; such points are used in a fit.
 
     Parameters
     ----------
     points
-        What was found.
+        The points found.
     tolerance_px
-        How far off either may be, in rows and in columns; None: the plan's.
+        Largest deviation of either, in rows and in columns; None: that of the plan.
     resampled
-        Patterns are moved by the part of a pixel that chief rays lie beside pixels' centres: then the phase alone
-        counts, and how far off they are is that part. Only where the pixels hold all of the light (`may_resample`).
+        Whether patterns are moved by the fraction of a pixel between chief ray and pixel centre. Then only the phase
+        counts, and the deviation is that fraction. This requires pixels fine enough for all of the light
+        (`may_resample`).
     """
     scan = points.plan.scan
     limit = points.plan.tolerance_px if tolerance_px is None else tolerance_px
@@ -59,21 +60,21 @@ def shown_positions(
 
 
 class PointFrames(SourceView):
-    """A source of frames of one point each, made of whole frames of many.
+    """A source of frames with one point each, made from whole frames with many points.
 
-    A point's frame is the whole frame moved by whole pixels so that the point lies where the scan has its position;
-    brightness is that of the median hole, and pixels that neighbours reach are marked as not valid.
+    A point's frame is the whole frame moved by whole pixels so that the point is at the place of its position in the
+    scan. Its brightness is that of the median hole, and pixels that neighbours reach are marked as not valid.
 
     Parameters
     ----------
     source
         The whole frames that ``points`` were found in.
     points
-        What was found.
+        The points found.
     tolerance_px
-        As of `shown_positions`.
+        As in `shown_positions`.
     resampled
-        As of `shown_positions`; None: wherever the camera's pixels are fine enough.
+        As in `shown_positions`; None: if the camera's pixels are fine enough.
 
     Raises
     ------
@@ -170,12 +171,12 @@ MOST = 20
 
 
 def target_facts(points: Points) -> dict[str, Any]:
-    """Return what was found of a target as plain JSON types.
+    """Return the results for a target as plain JSON types.
 
-    ``crosstalk`` is the most light of neighbours in a cutout: the plan's, of equally bright holes, times how much
-    brighter than its own hole the brightest neighbour is. ``stage_px`` is how far frames lie beside where the plan
-    moved them (rms), ``pose_rms_px`` how far holes' light lies beside the lattice, ``doubtful`` the share of labels
-    that are not certain.
+    ``crosstalk`` is the largest light of neighbours in a cutout: that of the plan, for equally bright holes, times the
+    largest ratio of a neighbour's brightness to that of its own hole. ``stage_px`` is the deviation of frames from the
+    planned places (rms), ``pose_rms_px`` that of the holes' light from the lattice, ``doubtful`` the share of
+    uncertain labels.
     """
     found = list(points.found.values())
     confidence = np.concatenate([one.confidence for one in found])
@@ -242,12 +243,12 @@ def iter_assemble_points(
     view
         Whole frames with their dark level subtracted.
     plan
-        The target, and where it was moved.
+        The target with its planned places.
     out
         H file.
     settings
-        As of `lfcal.psf.iter_assemble_plan`; positions that no point shows are left empty. Where the pixels are fine
-        enough for it patterns are moved to whole pixels, band-limited unless it says otherwise.
+        As in `lfcal.psf.iter_assemble_plan`; positions without a point stay empty. If the pixels are fine enough,
+        patterns are moved to whole pixels, by default with band-limited interpolation.
 
     Raises
     ------

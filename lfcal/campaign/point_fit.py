@@ -1,8 +1,9 @@
-"""One camera from the points of a target, each at its real place on the sensor and in its own part of the field.
+"""One camera fitted to the points of a target, each at its real place on the sensor and in its part of the field.
 
-A part of the field is computed with the optics of its middle: derivatives by all unknowns need one set of tables a
-part. What a point's pattern has beside that hardly changes while the unknowns move, so it is computed now and then
-and held in between (`Measured.extra_light`): at the end it is that of the camera as found.
+A part of the field is computed with the optics of its middle, so that derivatives by all unknowns need only one set of
+tables per part. The remaining difference of a point's pattern hardly changes while the unknowns move. It is therefore
+computed from time to time and kept constant in between (`Measured.extra_light`); at the end it is that of the fitted
+camera.
 
 The diameter of the holes is an unknown that all points share. The fit is written as a camera with its effects, H of
 regions of the field, and the numbers.
@@ -81,18 +82,18 @@ F8 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PointOptics:
-    """What is known of each point separately: its cutout, its depth, and the size of its hole.
+    """Facts about single points: cutouts, depths, and the size of the holes.
 
     Attributes
     ----------
     middles
         Pixel ``(n, 2)`` at the middle of each cutout.
     farther_um
-        How much farther away than the plane each hole is ``(n,)`` (µm).
+        Distance of each hole beyond the plane ``(n,)`` (µm).
     hole_um
         Diameter of the holes, unless it is an unknown (µm).
     parts_um
-        How much farther away the middle of each part of the field is (µm).
+        Distance of the middle of each part of the field beyond the plane (µm).
     """
 
     middles: NDArray[np.intp]
@@ -116,7 +117,7 @@ class PointOptics:
         return cls(middles, found, points.plan.target.hole_um, _plane(points.pixels, farther, _middles(measured)))
 
     def beyond(self, measured: Regional, setup: Setup) -> F8:
-        """Return how much farther away points ``(n,)`` are where a setup tilts the target beside its pose."""
+        """Return the distance of points ``(n,)`` beyond the plane if a setup tilts the target relative to its pose."""
         parts = np.array([place.farther_um for place in setup.regions]) - self.parts_um
         return _plane(_middles(measured), parts, self.middles.astype(np.float64))
 
@@ -141,18 +142,18 @@ def _plane(pixels: F8, values: F8, at: F8) -> F8:
 def iter_with_point_light(
     problem: Problem, optics: PointOptics, u: F8, offsets_px: F8, sampling: Sampling, note: str
 ) -> Work[Problem]:
-    """Return the problem with the light of each point's own optics at a vector; yields progress in points.
+    """Return the problem with the light of each point's optics at a vector; yields progress in points.
 
     Parameters
     ----------
     problem
-        Of points.
+        Problem with points.
     optics
-        What each has to itself.
+        Facts about the single points.
     u, offsets_px
-        Where it is computed: the unknowns, and each point's displacement.
+        The unknowns, and each point's displacement.
     sampling
-        How finely.
+        Sampling of the computation.
     note
         Text of the progress.
     """
@@ -290,18 +291,18 @@ def without_hole(finished: Finished) -> Finished:
 
 
 def hole_words(fit: Fit, *, asked: bool = True) -> str:
-    """Return what a fit of points says of the size of the holes, in a line; empty where it says nothing new.
+    """Return the result of a fit of points for the size of the holes, as one line; empty if there is none.
 
     Parameters
     ----------
     fit
-        Of points.
+        Fit of points.
     asked
         Whether the size was requested by name; else an undetermined size is not mentioned.
     """
     if asked and HOLE in fit.unhelpful:
         stays = _described(fit.setup.hole_um or 0.0)
-        return f"size of the holes: not told, their images are far smaller than the light's details; {stays} stay"
+        return f"size of the holes: undetermined, as their images are too small; {stays} unchanged"
     found = fit.parameters.get("hole_um")
     if found is None or abs(found.value - found.start) <= found.sigma:
         return ""
@@ -348,22 +349,23 @@ def iter_fit_points(
     stage: str | float = "auto",
     workers: int | None = None,
 ) -> Work[FieldFit]:
-    """Return the one camera that explains the points of a target's frames, each where it really is.
+    """Return the one camera that explains the points of a target's frames, each at its real place.
 
-    Nothing is taken modulo the array's period: patterns are computed at their own pixels, with what is left of their
-    positions, under the array as it lies there. The field falls into parts, each with the optics of its middle.
+    Nothing is reduced modulo the array's period: patterns are computed at their own pixels, with the remaining
+    fractions of their positions, under the actual array. The field is divided into parts, each with the optics of its
+    middle.
 
     Parameters
     ----------
     source, points
-        The frames, with their dark level subtracted, and what was found in them.
+        The frames, with their dark level subtracted, and the points found in them.
     unknowns, effects, stage, workers
-        As of `lfcal.fit.fit_camera`; the array's pitch is always found. ``hole`` is the diameter of the target's
-        holes, which is also found where chi² requires it.
+        As in `lfcal.fit.fit_camera`; the array's pitch is always fitted. ``hole`` is the diameter of the target's
+        holes, which is also fitted if chi² requires it.
     parts
         Parts of the sensor (rows, columns).
     most
-        No more points than this, spread evenly over the parts; None: all.
+        Largest number of points, spread evenly over the parts; None: all.
 
     Yields
     ------
@@ -373,7 +375,7 @@ def iter_fit_points(
     Raises
     ------
     InputError
-        If the points are not of such a camera, or too few.
+        If the points do not fit such a camera, or are too few.
     """
     check_stage(stage)
     measured = measured_points(source, points, parts, most=most)
@@ -424,10 +426,10 @@ def _with_hole(points: Points, effects: tuple[Effect, ...]) -> tuple[Points, tup
 def _placed(
     problem: Problem, optics: PointOptics, core: Sequence[str], workers: int | None
 ) -> Work[tuple[Problem, NDArray[np.float64]]]:
-    """Return the problem with points where a first fit has them, and the vector it ended at.
+    """Return the problem with points at the places of a first fit, and the vector at its end.
 
-    A cat's eye moves the middle of the light beside the chief ray by most of a pixel. A fit that holds the places takes
-    that for focal lengths; so each point has a displacement of its own from the start.
+    A cat's eye displaces the centroid of the light from the chief ray by most of a pixel. A fit with fixed places
+    would attribute this to focal lengths, so each point has a displacement from the start.
     """
     count = len(problem.measured)
     still = np.zeros((count, 2))
@@ -451,9 +453,9 @@ def _placed(
 
 
 def _settled(finished: Finished, points: Points, *, asked: bool) -> Work[Finished]:
-    """Return the best point where what each pattern has to itself is that of the camera as found.
+    """Return the best point at which the light of single patterns is that of the fitted camera.
 
-    Whether the size of the holes is among it was ``asked``; else the points may call for it.
+    ``asked`` says whether the size of the holes was requested; otherwise it is fitted if the points require it.
     """
     assert isinstance(finished[0].measured, Regional)
     optics = PointOptics.of(points, finished[0].measured)
@@ -500,22 +502,22 @@ def iter_write_points(
     with_h: bool = True,
     workers: int | None = None,
 ) -> Work[list[Path]]:
-    """Write a fit of points, ``fit.json`` last; H is the model's in the light of the points.
+    """Write a fit of points, ``fit.json`` last; H is that of the model with the light of the points.
 
     Parameters
     ----------
     fit
-        One camera from the points of the whole field.
+        One camera fitted to the points of the whole field.
     scan
-        The region of the field that H is of, or several: H of all of them is one file.
+        The region of the field for H, or several, whose H are written to one file.
     folder
-        Made where it is not there yet.
+        Output folder, created if needed.
     known
-        What is known of the frames, as plain JSON types.
+        Facts about the frames, as plain JSON types.
     with_h
-        Whether H is computed and written.
+        Whether to compute and write H.
     workers
-        Threads; None takes every processor.
+        Number of threads; None: all processors.
 
     Raises
     ------

@@ -35,12 +35,12 @@ MOST_DEVIATION_PX = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Points of a target's frames that can be used: their cutouts are on the sensor whole, their labels certain.
+    """Usable points of a target's frames: with complete cutouts on the sensor and certain labels.
 
     Attributes
     ----------
     plan
-        What was recorded.
+        The recorded plan.
     frame, z
         Frame and plane of each ``(n,)``.
     holes
@@ -48,11 +48,11 @@ class Points:
     pixels
         Sensor position ``(n, 2)`` of each chief ray (row, column); the cutout lies about the nearest pixel.
     brightness
-        Light of each, over that of the median hole in its frame ``(n,)``.
+        Light of each, relative to the median hole in its frame ``(n,)``.
     away_um
         Depth of each, by the pose of the target in its frame ``(n,)`` (µm).
     found
-        What was found in each frame, by its number.
+        Results for each frame, by its number.
     """
 
     data: ClassVar[str] = "target"
@@ -129,12 +129,12 @@ def iter_points_of(source: FrameSource, plan: TargetPlan, frames: Sequence[int] 
     Parameters
     ----------
     source
-        Whole frames, with their dark level subtracted: hand over the corrected view. ``metadata.target_frames``, or
-        else the plan's order, says which frame is which.
+        Whole frames, with their dark level subtracted: pass the corrected view. ``metadata.target_frames``, or else
+        the plan's order, identifies the frames.
     plan
-        The target, and where it was moved.
+        The target with its planned places.
     frames
-        Which are read; None: all.
+        Frames to read; None: all.
 
     Yields
     ------
@@ -224,16 +224,16 @@ def tiles_of(sensor: tuple[int, int], cutout: tuple[int, int], parts: tuple[int,
 def measured_points(
     source: FrameSource, points: Points, parts: tuple[int, int] = (3, 3), *, most: int | None = None
 ) -> Regional:
-    """Return points as the patterns of parts of the field, each at its own place.
+    """Return points as the patterns of parts of the field, each at its place.
 
     Parameters
     ----------
     source, points
-        The frames, with their dark level subtracted, and what was found in them.
+        The frames, with their dark level subtracted, and the points found in them.
     parts
         Parts of the sensor (rows, columns), in each of which the optics are those of its middle.
     most
-        No more points than this, spread evenly over the parts; None: all.
+        Largest number of points, spread evenly over the parts; None: all.
 
     Raises
     ------

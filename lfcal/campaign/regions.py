@@ -1,7 +1,7 @@
-"""Several regions of the field in one session: a folder of sessions, one for each region, begun and resumed as one.
+"""Several regions of the field in one session: a folder of sessions, one per region, begun and resumed as one.
 
-Each region is read out on its own part of the sensor, with its own darks, and is as safe as any session is; together
-they are one plan, one command and one H file.
+Each region is read out on its part of the sensor, with separate darks, and is as safe as any session. Together they
+are one plan, one command and one H file.
 """
 
 from __future__ import annotations
@@ -101,18 +101,18 @@ def iter_record_regions(
     observers: Callable[[int], tuple[Observer, ...]] = lambda _: (),
     task: Mapping[str, Any] | None = None,
 ) -> Work[Outcome]:
-    """Record every region of ``plan`` into a session of its own below ``folder``; return how all ended.
+    """Record every region of ``plan`` into a separate session below ``folder``; return how all ended.
 
     Parameters
     ----------
     folder
         A new or empty folder; with ``resume`` that of an earlier session.
     plan, rig, options, control, preview, task
-        As of `lfcal.acquire.iter_record`, which raises the same.
+        As in `lfcal.acquire.iter_record`, which raises the same errors.
     resume
-        Go on with the first region that is not complete, after a check of all of them.
+        Continue with the first incomplete region, after a check of all of them.
     observers
-        Returns who sees the frames of a region, by its number.
+        Function from the number of a region to the observers of its frames.
 
     Examples
     --------
@@ -196,7 +196,7 @@ def temporary_parts(out: Path, names: Sequence[str]) -> Iterator[dict[str, Path]
 
 
 def save_parts(parts: dict[str, Path], out: Path, **settings: Any) -> Path:
-    """Write H of several regions, each in a file of its own, to one file by name."""
+    """Write H of several regions, each in a separate file, to one file by name."""
     with ExitStack() as stack:
         matrices: dict[str, PSFMatrix] = {name: stack.enter_context(open_psf(path)) for name, path in parts.items()}
         return save_regions(matrices, out, **settings)

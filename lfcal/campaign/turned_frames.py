@@ -42,14 +42,14 @@ class SeenPattern:
 
 @dataclass(frozen=True, slots=True)
 class TurnedFrames:
-    """Orientations in which patterns are far more like those of their camera than as they lie.
+    """Orientations in which patterns match their camera far better than as delivered.
 
     Attributes
     ----------
     turns
-        What makes the frames upright; several where they explain the patterns equally well.
+        Orientations of the frames; several if they explain the patterns equally well.
     residual, as_is
-        Shares of the light (squared) that the camera leaves unexplained so, and as the frames lie.
+        Unexplained shares of the light (squared) in this orientation, and as delivered.
     """
 
     turns: tuple[Orientation, ...]

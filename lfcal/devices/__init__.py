@@ -1,9 +1,9 @@
 """Cameras, stages and lamps behind small protocols, found by name.
 
-- ``protocols``: what a camera, a stage, a light and a clock must do; `Rig` holds them together
-- ``errors``: what can go wrong with a device, by kind
-- ``registry``: which backends there are, why others are not, and their options
-- ``rig``: the devices of a session; ``calling``, ``checked``: time limits of their calls, checks of their answers
+- ``protocols``: interfaces of camera, stage, light and clock; `Rig` combines them
+- ``errors``: kinds of device errors
+- ``registry``: available backends, why others are unavailable, and their options
+- ``rig``: the devices of a session; ``calling``, ``checked``: time limits of calls, checks of answers
 - ``backends``: real devices
 - ``simulated``: a camera and a stage that need no hardware
 """

@@ -73,25 +73,25 @@ class Caller:
         seconds: float = 0.0,
         cancelled: Callable[[], bool] = never,
     ) -> Any:
-        """Return what ``function(*arguments)`` returns; `CANCELLED` once ``cancelled`` is true.
+        """Return the result of ``function(*arguments)``; `CANCELLED` once ``cancelled`` is true.
 
         Parameters
         ----------
         what
             Name of the call, for messages.
         function, arguments
-            The driver's.
+            Function of the driver, and its arguments.
         seconds
-            How long it may take; the wait ends `ANSWER_S` later.
+            Time limit; the wait ends `ANSWER_S` later.
         cancelled
-            Asked while the driver is waited for.
+            Function that is called repeatedly while waiting.
 
         Raises
         ------
         DeviceLost
             If the driver does not return in time, or still hangs in an earlier call.
         DeviceError
-            What the driver raises: one of lfcal's errors, or any other exception with the device's name.
+            The driver's error: one of lfcal's errors, or any other exception with the device's name.
         """
         if self._direct:
             try:  # some ten calls a frame: a context around each would cost more than the checks

@@ -65,10 +65,10 @@ class LimitError(StageError, InputError):
 
 
 class driver_errors:
-    """Context that raises `DeviceError` with the name of ``device`` for any other error that its driver raises inside.
+    """Context that converts any other error of a driver to a `DeviceError` with the name of ``device``.
 
-    Drivers fail with errors of their own libraries: RuntimeError, an OSError of the USB bus. An OSError, or a
-    StorageError of a device that works with files, would otherwise be taken for one of the recording's disk.
+    Drivers raise errors of their libraries: RuntimeError, or an OSError of the USB bus. An OSError, or a StorageError
+    of a device that works with files, would otherwise be mistaken for an error of the recording's disk.
     """
 
     # a class: entered some ten times a frame, where a generator would cost as much as the frame's checks

@@ -108,9 +108,9 @@ class Frame:
     exposure_s
         Exposure time the device reports (s).
     started_s
-        Earliest start of the exposure on the rig's clock (s), or None where only `number` shows that the frame is new.
+        Earliest start of the exposure on the rig's clock (s), or None if only `number` shows that the frame is new.
     status
-        ``"complete"``, or what is wrong with the buffer.
+        ``"complete"``, or the fault of the buffer.
 
     Examples
     --------
@@ -210,7 +210,7 @@ class StageDevice(Protocol):
         ...
 
     def stop(self) -> None:
-        """Stop all axes at once."""
+        """Stop all axes immediately."""
         ...
 
     def home(self) -> None:
@@ -233,7 +233,7 @@ class Light(Protocol):
 
 @runtime_checkable
 class Gauge(Protocol):
-    """What tells how the lab is: a thermometer, a photodiode at the lamp."""
+    """A sensor of the conditions in the lab: a thermometer, a photodiode at the lamp."""
 
     @property
     def name(self) -> str:
@@ -242,7 +242,7 @@ class Gauge(Protocol):
 
     @property
     def unit(self) -> str:
-        """Of the readings; empty where nobody knows."""
+        """Unit of the readings; empty if unknown."""
         ...
 
     def read(self) -> float:
@@ -304,7 +304,7 @@ class SystemTime:
     >>> from lfcal.camera import ScanPlan, preset
     >>> from lfcal.devices import SystemTime, simulated_rig
     >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21)
-    >>> with simulated_rig(plan, time=SystemTime()) as rig:  # its waits are real; by default they pass at once
+    >>> with simulated_rig(plan, time=SystemTime()) as rig:  # with real waiting times; by default they take no time
     ...     print(type(rig.time).__name__)
     SystemTime
     """

@@ -32,16 +32,16 @@ GROUP = "lfcal.devices"
 
 @runtime_checkable
 class Backend(Protocol):
-    """A way to reach devices.
+    """A way to access devices.
 
     Attributes
     ----------
     name, title
-        For commands, and for people.
+        Name in commands, and display name.
     options
         Name and one-line meaning of each option of `open`.
     has_stage
-        Whether it brings a stage; others are given one of another backend.
+        Whether it includes a stage; others use that of another backend.
     """
 
     name: str

@@ -17,12 +17,12 @@ __all__ = ["FileGauge", "Rig"]
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """A camera, a stage, and a light where it can be switched; closes them as a context manager.
+    """A camera, a stage, and a light if it can be switched; closes them as a context manager.
 
     Every call of camera, stage and light has a time limit, and every answer is checked; see `lfcal.devices.checked`.
-    ``others`` are devices that had to be opened along with these and are closed with them. ``gauges`` measure the
-    conditions in the lab, where there are any. ``switches`` says that points of a display are switched with the
-    stage's moves, as a simulator does.
+    ``others`` are devices that had to be opened together with these and are closed with them. ``gauges`` measure the
+    conditions in the lab, if there are any. ``switches`` says that points of a display are switched with the stage's
+    moves, as in a simulator.
 
     Examples
     --------

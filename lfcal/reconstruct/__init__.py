@@ -1,12 +1,12 @@
 """Volume reconstruction: the projector pair and the solvers.
 
-- ``projectors``: `Projector`, the pair, the ways it works, and what each costs on this machine
+- ``projectors``: `Projector`, the pair, its methods, and the cost of each on this machine
 - ``solvers``: one module each, found by name
-- ``phantoms``, ``resolution``: volumes whose truth is known, and how close a reconstruction is to it
-- ``resample``: light fields onto whole periods; ``metric_grid``: voxels of one size
-- ``series``, ``volumes``: many frames, results as files; ``memory``: what a reconstruction takes
-- ``frame_run``: frames in files to volumes in files, in units (``_frame_units``) or not; ``frame_files``: the frames;
-  ``optics``: what all of them share
+- ``phantoms``, ``resolution``: synthetic volumes, and the quality of their reconstruction
+- ``resample``: resampling of light fields to whole periods; ``metric_grid``: voxels of one size
+- ``series``, ``volumes``: many frames, results as files; ``memory``: memory of a reconstruction
+- ``frame_run``: from files of frames to files of volumes, optionally in units (``_frame_units``); ``frame_files``: the
+frames; ``optics``: shared settings and H
 """
 
 from typing import TYPE_CHECKING

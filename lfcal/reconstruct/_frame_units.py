@@ -39,9 +39,9 @@ def frame_units(
     *,
     warm: bool,
 ) -> list[Unit]:
-    """Return a unit for each frame; with ``warm`` each begins with the volume of the one before it.
+    """Return a unit for each frame; with ``warm``, each starts from the volume of the one before it.
 
-    ``hints`` are the memory that projections may use, and `device_hints`; ``recipe`` is how they are quickest here.
+    ``hints`` are the memory that projections may use, and `device_hints`; ``recipe`` is the fastest method here.
     """
     hints = {**hints, "alone": len(frames) == 1}
     shared = {"optics": optics.plain(), "choice": asdict(choice)}
@@ -65,9 +65,9 @@ def frame_units(
 
 
 def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
-    """Reconstruct one frame into a volume file of its own: the task of a unit.
+    """Reconstruct one frame into a separate volume file: the task of a unit.
 
-    Of a frame of several that has no volume the file says why, and holds what the next one begins with.
+    If one of several frames has no volume, the file states the reason, and contains the start for the next frame.
     """
     began = time.perf_counter()
     initial = _begun_from(arguments["initial"])
@@ -106,7 +106,7 @@ def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
 
 
 def _save_nothing(out: Path, initial: NDArray[Any] | None, error: Exception, began: float) -> None:
-    """Write why there is no volume; where the frames before had one, it goes on to the next frame."""
+    """Write why there is no volume; the volume of the previous frame, if any, is passed on to the next."""
     details = {"failed": str(error), "seconds": time.perf_counter() - began, "empty": initial is None}
     save_volume(out, np.zeros((1, 1, 1)) if initial is None else initial, details=details)
 
@@ -201,7 +201,7 @@ def iter_collect(parts: Sequence[Path], names: Sequence[str], saved: Saved, resu
     clock = Clock("write volumes", len(parts))
     with saved() as save:
         for k, (part, result, known) in enumerate(zip(parts, results, told, strict=True)):
-            # a run that went on took the method that it was begun with
+            # a continued run uses the method that it was begun with
             said: dict[str, Any] = {
                 key: known[key]
                 for key in ("residual", "stopped", "method", "notes", "chi2")

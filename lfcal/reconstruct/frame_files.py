@@ -45,16 +45,16 @@ Cleaner = Callable[["NDArray[Any]"], "NDArray[Any]"]
 
 @dataclass(frozen=True)
 class FrameFile:
-    """Where a frame of a series is.
+    """Location of a frame of a series.
 
     Attributes
     ----------
     name
-        The frame's.
+        Name of the frame.
     file, page
         Image file, and page in it; or a session's folder, and the number of the frame in the order of recording.
     time_s
-        When it was taken (s of recording), where that is known.
+        Time of recording (s), if known.
     """
 
     name: str
@@ -215,26 +215,26 @@ def saving(
     grid: MetricGrid | None,
     times_s: Sequence[float | None],
 ) -> Iterator[Save]:
-    """Give what saves the volume of a frame: into its own file, or into one file that holds them all.
+    """Yield a function that saves the volume of a frame: into a separate file, or into one file for all.
 
-    A frame without volume gets no file; in one that holds all, NaN keeps its place in time.
+    A frame without a volume gets no file; in a file for all, NaN fills its place in time.
 
     Parameters
     ----------
     P
-        Projector, which knows the depths.
+        Projector, which states the depths.
     voxel
-        Sides (y, x) of a voxel (µm), where they are known.
+        Sides (y, x) of a voxel (µm), if known.
     targets
         File of each frame's volume, by the frame's name.
     details
-        What else all files say.
+        Additional entries of all files.
     shape
-        ``(nz, Y, X)`` of a volume as it is written.
+        ``(nz, Y, X)`` of a written volume.
     grid
-        Where volumes are put on a grid of one voxel size.
+        Grid of one voxel size for the volumes, if any.
     times_s
-        When each frame was taken (s), where that is known.
+        Time of each frame (s), if known.
     """
     depths = P.depths if P.camera is not None else None
     origin = None if grid is None else grid.origin_um

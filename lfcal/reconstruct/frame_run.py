@@ -34,20 +34,20 @@ USUAL = 20
 
 @dataclass(frozen=True)
 class FrameRun:
-    """Frames, with what reconstructs them.
+    """Frames, with everything needed to reconstruct them.
 
     Attributes
     ----------
     frames, matrices
         The frames, and H of each region.
     view
-        How frames are brought onto the period of H; None: they are used as they are.
+        Resampling of frames to the period of H; None: frames are used unchanged.
     optics, choice, voxels
-        What was asked for, with what was found: place of the frames, margin, noise.
+        Requested settings, completed by place of the frames, margin and noise.
     warm
-        Whether each frame begins with the volume of the one before it.
+        Whether each frame starts from the volume of the one before it.
     projector
-        Of the wider frame, where there is a margin.
+        Projector of the wider frame, if there is a margin.
     """
 
     frames: list[FrameFile]

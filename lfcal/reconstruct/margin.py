@@ -1,8 +1,8 @@
-"""A margin around the frame: light from beside it falls into the frame, and is sought where it comes from.
+"""A margin around the frame: sources outside it also illuminate the frame.
 
-A volume that ends where the frame does must explain all light with what lies under the frame, and its edges become
-too bright. With a margin the volume goes on beyond, as far as patterns reach or as one can afford; no pixel is
-recorded there (weight 0), and what is found there is cut off.
+A volume that ends at the border of the frame must explain all light with sources inside the frame, and its edges
+become too bright. With a margin, the volume extends further, as far as patterns reach or memory allows. No pixel is
+recorded there (weight 0), and the margin is cropped from the result.
 """
 
 from __future__ import annotations

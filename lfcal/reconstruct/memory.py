@@ -14,12 +14,12 @@ FREE_SHARE = 0.8
 """Share of the memory that is free now which a reconstruction takes, where nothing else is said."""
 
 PROJECTING, FITTING = 2, 9
-"""Images beside a volume's arrays: while it is projected, and compared with the frame."""
+"""Number of images in addition to a volume's arrays, for projecting it and comparing it with the frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunMemory:
-    """Most bytes that a reconstruction holds at once, by what they are for.
+    """Peak memory of a reconstruction (bytes), by use.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class RunMemory:
     projection
         Working memory of a projection.
     program
-        What this process holds already.
+        Memory that this process already uses.
     """
 
     matrix: int
@@ -73,22 +73,22 @@ def room_for_projections(
     warm: bool = False,
     share: int = 1,
 ) -> int:
-    """Return the bytes left for H and projections where a solver has what it needs: a projector's ``memory_limit``.
+    """Return the memory left for H and projections besides that of a solver: a projector's ``memory_limit`` (bytes).
 
     Parameters
     ----------
     shape
-        Of the volume, (nz, Y, X).
+        Shape of the volume, (nz, Y, X).
     choice
-        Solver and its subsets.
+        Solver with its subsets.
     itemsize
         Bytes of a number: 4 in single precision.
     memory
-        Bytes the reconstruction may take; by default most of what is free now.
+        Memory that the reconstruction may use (bytes); by default most of the free memory.
     warm
         Whether the last volume is kept, for the next frame to begin with.
     share
-        How many processes share the memory, each with an H of its own.
+        Number of processes that share the memory, each with a separate H.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def _solver_bytes(shape: tuple[int, int, int], choice: SolverChoice, itemsize: i
 
 def _held(choice: SolverChoice, warm: bool) -> tuple[int, int]:
     """Return how many arrays of the size of the volume are held during a projection, and most between them."""
-    # a run that stops by itself keeps its best volume and that of the iteration before
+    # a run that stops automatically keeps its best volume and that of the previous iteration
     more = choice.solver.parts(choice.subsets) - 1 + int(warm) + 2 * int(choice.auto)
     held, most = choice.solver.volumes
     return held + more, most + more

@@ -1,8 +1,8 @@
-"""Volumes on a grid of one voxel size: behind a main lens every plane has voxels of its own size.
+"""Volumes on a grid of one voxel size: behind a main lens, the voxel size differs between planes.
 
-A voxel of plane z is as wide as the step of the source that moves its image by one pixel, and steps grow with the
-distance: 3-7 % over the depths of an R29, 12 % on a bench. Planes laid on each other pixel by pixel make a cylinder of
-a cone.
+A voxel of plane z is as wide as the step of the source that moves its image by one pixel. These steps grow with the
+distance: 3-7 % over the depths of an R29, 12 % on a bench. Stacking the planes pixel by pixel would turn a cone into a
+cylinder.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ SMALLEST_UM = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class MetricGrid:
-    """A grid of voxels of one size about the optical axis, and what every plane gives to it.
+    """A grid of voxels of one size about the optical axis, with the contribution of every plane.
 
     Attributes
     ----------
     voxel_um
         Side of a voxel, the same for rows and columns (µm).
     origin_um
-        Where the middle of the first voxel lies, rows and columns from the axis (µm).
+        Middle of the first voxel, rows and columns from the axis (µm).
     shape
-        ``(Y, X)`` voxels: what the widest plane sees.
+        ``(Y, X)`` voxels, the field of the widest plane.
     rows, columns
         For each plane the share of each of its rows that falls into each row of the grid ``(Y, y)``, and the same for
         columns.
@@ -68,18 +68,18 @@ class MetricGrid:
         Parameters
         ----------
         sides_um
-            Of each plane (µm).
+            Voxel sides of each plane (µm).
         shape
             ``(y, x)`` voxels of each plane.
         axis
-            Row and column that all planes see straight ahead.
+            Row and column on the optical axis of all planes.
         voxel
             Side of the grid's voxels (µm); None: the smallest of all planes.
 
         Raises
         ------
         InputError
-            If the side is no size, or makes more voxels than there may be.
+            If the side is invalid, or gives too many voxels.
         """
         side = min(min(pair) for pair in sides_um) if voxel is None else voxel
         check_number("voxel (µm)", side, at_least=SMALLEST_UM)
@@ -116,8 +116,8 @@ class MetricGrid:
         shape
             ``(Y, X)`` pixels of the image, and of each plane of the volume.
         anchor
-            Pixel of the image at which H's position (0, 0) lies; None: that of H. What it differs by is taken for the
-            place of the image on the sensor.
+            Pixel of the image on which H's position (0, 0) is imaged; None: that of H. A difference is interpreted as
+            the place of the image on the sensor.
         voxel
             Side (µm); None: the smallest of all planes.
 

@@ -26,7 +26,7 @@ ALL = "all"
 
 @dataclass(frozen=True)
 class SharedOptics:
-    """H, how frames are brought onto it, and how it is applied.
+    """H, the resampling of frames to it, and the settings of projections.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class SharedOptics:
     anchor
         Pixel of a frame on which position (0, 0) of H is imaged; None: that of H.
     resample
-        Whether frames are resampled.
+        Resampling of the frames.
     """
 
     psf: Path
@@ -115,9 +115,9 @@ class SharedOptics:
         device: str | ArrayDevice,
         method: str = "",
     ) -> Projector:
-        """Return the projector of frames with ``margin`` pixels around, with less noise where that of H is known.
+        """Return the projector of frames with a margin of ``margin`` pixels, with less noise if that of H is known.
 
-        ``method``: the way to project in place of that of the settings.
+        ``method`` replaces the projection method of the settings.
         """
         H, own, anchor = matrices[0], self.projection, self.image_anchor(view, matrices[0])
         shape = frame if view is None else view.shape

@@ -60,7 +60,7 @@ def vesicle(
     z_step: float = 1.0,
     brightness: float = 1.0,
 ) -> NDArray[np.float64]:
-    """Return a spherical shell, as of a labelled membrane.
+    """Return a spherical shell, like a labelled membrane.
 
     Parameters
     ----------
@@ -69,11 +69,11 @@ def vesicle(
     centre
         (z, y, x), in planes and voxels; by default the middle.
     radius, thickness
-        Of the shell's middle, and its Gaussian sigma (voxels in y and x).
+        Radius of the shell's middle, and its Gaussian sigma (voxels in y and x).
     z_step
-        Distance of planes over that of voxels in a plane.
+        Ratio of the distance of planes to that of voxels in a plane.
     brightness
-        On the shell.
+        Brightness on the shell.
     """
     middle = tuple((n - 1) / 2 for n in shape) if centre is None else centre
     size = min(shape[1:]) / 4 if radius is None else radius

@@ -44,14 +44,14 @@ class Resampling:
     down, across
         One period downwards and to the right, as vectors in the frame (pixels).
     period
-        Pixels ``(ny, nx)`` that a period gets.
+        Number of pixels ``(ny, nx)`` of a period in the result.
     shape
         Rows and columns of the result.
     centre
-        Where ``origin`` lies in the result.
+        Place of ``origin`` in the result.
     distortion
-        `LatticeDistortion` of the lattice in the frame (pixels, points (column, row)), which the result is freed from,
-        or None; ``origin`` is then that of the straight lattice.
+        `LatticeDistortion` of the lattice in the frame (pixels, points (column, row)), which the map removes, or None;
+        ``origin`` is then that of the straight lattice.
 
     Examples
     --------
@@ -93,7 +93,7 @@ class Resampling:
         period: tuple[int, int],
         lattice_anchor: Pair = (0.0, 0.0),
     ) -> Resampling:
-        """Return the map of a frame of ``shape`` onto whole periods that keeps as much of it as whole pixels allow.
+        """Return the map of a frame of ``shape`` to whole periods that keeps as much of it as whole pixels allow.
 
         Parameters
         ----------
@@ -104,8 +104,8 @@ class Resampling:
         period
             ``(ny, nx)`` of H.
         lattice_anchor
-            Where H's position (0, 0) lies from the nearest micro-image centre (pixels of the result, as
-            `ScanPlan.lattice_anchor` says). The result's pixel `anchor` is that position.
+            Place of H's position (0, 0) relative to the nearest micro-image centre (pixels of the result, as in
+            `ScanPlan.lattice_anchor`). The result's pixel `anchor` is that position.
         """
         matrix = _invertible(down, across, period)
         # the corners of the frame bound it in the result too: the map is affine
@@ -126,14 +126,14 @@ class Resampling:
         Parameters
         ----------
         fit
-            Gives ``kind``, ``shape``, ``origin_px`` (row, column), ``distortion`` (None: straight rows) and
+            Object with ``kind``, ``shape``, ``origin_px`` (row, column), ``distortion`` (None: straight rows) and
             ``basis_px()``, rows (x, y).
         period
             ``(ny, nx)``; by default the nearest whole numbers.
         lattice_anchor
             As in `to_period`.
         types
-            Lens types: three on a hexagonal array make the period three lenslets wide.
+            Number of lens types: with three on a hexagonal array, the period is three lenslets wide.
         """
         bend, origin = fit.distortion, fit.origin_px
         if bend is not None:
@@ -278,24 +278,24 @@ def resampling_for(
     *,
     quiet: bool = True,
 ) -> Resampling | None:
-    """Return the map that frames of ``shape`` need to keep step with the period of ``H``, a `PSFMatrix`.
+    """Return the map for frames of ``shape`` that do not match the period of ``H``, a `PSFMatrix`.
 
-    None where they are used as they are: the lattice drifts by at most `MOST_DRIFT` over the frame, it is not known, or
-    ``light_field`` says so. The projector is that of the map's ``shape`` and ``anchor(lattice_anchor_of(H))``.
+    None if they can be used unchanged: the lattice drifts by at most `MOST_DRIFT` over the frame, it is unknown, or
+    ``light_field`` says so. The projector uses the map's ``shape`` and ``anchor(lattice_anchor_of(H))``.
 
     Parameters
     ----------
     H
-        Of one region.
+        H of one region.
     shape
         Rows and columns of a frame.
     light_field
-        Gives a white image or a measured lattice; without them the lattice is that of H's camera, for frames of its
-        whole sensor.
+        Settings with a white image or a measured lattice; without them, the lattice is that of H's camera, for frames
+        of its whole sensor.
     placed
-        What gives the place of the frames in H, so that they cannot be moved.
+        Source of the place of the frames in H, if it is fixed.
     quiet
-        Do not report what is decided.
+        Whether to report nothing.
 
     Examples
     --------

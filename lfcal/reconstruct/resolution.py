@@ -27,11 +27,11 @@ class TwoPoint:
     plane
         Index of the plane.
     depth_um
-        Its depth, where H has depths (else the index).
+        Depth of the plane, if H has depths (otherwise the index).
     distance
-        Least distance tried at which the points are apart (voxels); infinity: none.
+        Smallest tested distance at which the points are resolved (voxels); infinity: none.
     dips
-        Value between the points over the smaller peak, for each distance tried.
+        Ratio of the value between the points to the smaller peak, for each tested distance.
     """
 
     plane: int
@@ -80,7 +80,7 @@ def fwhm(profile: NDArray[np.floating]) -> float:
 
 
 def bead_widths(volume: NDArray[np.floating], places: NDArray[np.floating], reach: int = 9) -> float:
-    """Return the median width of beads (voxels), down and across, each in the plane nearest to it.
+    """Return the median width of beads (voxels), down and across, each in its nearest plane.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def bead_widths(volume: NDArray[np.floating], places: NDArray[np.floating], reac
     places
         Plane, row and column of each bead ``(n, 3)``, in planes and voxels.
     reach
-        Voxels to each side that are looked at; profiles are summed over a third of them.
+        Number of voxels used on each side; profiles are summed over a third of them.
     """
     widths = []
     for place in places:
@@ -119,13 +119,13 @@ def iter_two_point(
     P
         Projector pair.
     distances
-        Distances tried (voxels), ascending.
+        Tested distances (voxels), ascending.
     iterations
-        Of Richardson-Lucy.
+        Number of Richardson-Lucy iterations.
     photons
         Light of each pair; Poisson noise is drawn with ``seed`` (None: no noise).
     limit
-        Points are apart where the dip falls below this.
+        Points are resolved if the dip is below this value.
 
     Examples
     --------
@@ -156,7 +156,7 @@ def iter_two_point(
             dips.append(dip(volume[z, row].astype(np.float64), left, left + distance))
             yield clock.at(z * len(distances) + k + 1)
         apart = [d for d, value in zip(distances, dips, strict=True) if value < limit]
-        # the least distance from which on every larger one is resolved too.
+        # the smallest distance above which all are resolved
         best = next((d for k, d in enumerate(distances) if all(v < limit for v in dips[k:])), float("inf"))
         results.append(TwoPoint(z, float(P.depths[z]), float(best) if apart else float("inf"), tuple(dips)))
     return tuple(results)

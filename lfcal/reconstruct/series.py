@@ -18,24 +18,24 @@ __all__ = ["FrameResult", "check_any", "check_warm", "iter_frame", "iter_series"
 
 @dataclass(frozen=True, slots=True)
 class FrameResult:
-    """How one frame of a series went.
+    """Result of one frame of a series.
 
     Attributes
     ----------
     name
-        The frame's.
+        Name of the frame.
     iterations
-        Done.
+        Number of iterations done.
     residual
-        Of the last iteration.
+        Residual of the last iteration.
     seconds
-        Reading and writing included.
+        Duration, including reading and writing.
     notes
-        What was done to the frame.
+        Changes made to the frame.
     stopped
-        Why the solver ended where it did; empty where all iterations were done.
+        Why the solver stopped early; empty if all iterations were done.
     failed
-        Why there is no volume of this frame; empty where there is one.
+        Why there is no volume of this frame; empty if there is one.
     chi2
         Per pixel, as in `Reconstruction`.
     """
@@ -51,7 +51,7 @@ class FrameResult:
 
     @classmethod
     def without_volume(cls, name: str, why: str, seconds: float) -> FrameResult:
-        """Return what is to be said of a frame that has no volume."""
+        """Return the message for a frame that has no volume."""
         return cls(name, 0, float("nan"), seconds, (), failed=why)
 
 
@@ -76,9 +76,9 @@ def iter_frame(
     weights: ArrayLike | None = None,
     initial: ArrayLike | None = None,
 ) -> Generator[SolverProgress, None, Reconstruction | InputError]:
-    """Reconstruct one frame; return what is wrong with it where it is damaged, or tells nothing.
+    """Reconstruct one frame; return the problem if it is damaged or has no light.
 
-    All else that is wrong would be wrong with the next frame, too, and is raised.
+    Other errors would also occur with the next frame, and are raised.
     """
     try:
         image = read()
@@ -101,9 +101,9 @@ def iter_series(
     warm: bool = False,
     missing: Callable[[str], None] | None = None,
 ) -> Work[tuple[FrameResult, ...]]:
-    """Reconstruct each frame and hand it to ``save``; yields progress in iterations over the whole series.
+    """Reconstruct each frame and pass it to ``save``; yields progress in iterations over the whole series.
 
-    A frame of several that is damaged, or tells nothing, has no volume: its `FrameResult` says why, and others go on.
+    If one of several frames is damaged or has no light, its `FrameResult` states the reason, and the others continue.
 
     Parameters
     ----------
@@ -112,24 +112,24 @@ def iter_series(
     frames
         Name and reader of each frame, ``(Y, X)``.
     count
-        How many there are.
+        Number of frames.
     choice
         Solver.
     save
-        Called with name and result.
+        Function called with name and result.
     weights
         Weight of each pixel.
     warm
-        Start each frame from the last one's volume: fewer iterations where little moves between frames. Voxels
-        that became zero stay zero under multiplicative solvers.
+        Start each frame from the volume of the previous one, which needs fewer iterations if little moves between
+        frames. Voxels that became zero stay zero with multiplicative solvers.
     missing
-        Called with the name of a frame without a volume, in place of ``save``.
+        Function called with the name of a frame without a volume, instead of ``save``.
 
     Raises
     ------
     InputError
-        If frames, weights and choice do not fit, ``warm`` is asked of a solver that has no start, or there is no
-        volume of any frame.
+        If frames, weights and choice do not fit, ``warm`` is used with a solver that has no start, or no frame has a
+        volume.
 
     Examples
     --------

@@ -1,9 +1,9 @@
-"""Reconstructed volumes as files: TIFF stacks, HDF5, OME-Zarr, whole or not at all.
+"""Reconstructed volumes as files, written atomically: TIFF stacks, HDF5, OME-Zarr.
 
-Written is version 0.4 of the layout (https://ngff.openmicroscopy.org/0.4/) on zarr format 2, which napari, Fiji
-(n5-ij, MoBIE, BigDataViewer) and the web viewers all open; readers of 0.5 (zarr format 3) are fewer: napari's plug-in
-needs ome-zarr 0.12 for it, and MoBIE has none. Pieces are packed by zlib, for which no reader needs a library of its
-own. Both versions are read.
+OME-Zarr is written in version 0.4 of the layout (https://ngff.openmicroscopy.org/0.4/) on zarr format 2, which napari,
+Fiji (n5-ij, MoBIE, BigDataViewer) and the web viewers open. Fewer programs read version 0.5 (zarr format 3): napari's
+plug-in needs ome-zarr 0.12 for it, and MoBIE does not support it. Chunks are compressed with zlib, for which no reader
+needs an additional library. Both versions can be read.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class VolumeFacts:
-    """What a file says of its volumes.
+    """Facts that a file states about its volumes.
 
     Attributes
     ----------
@@ -68,11 +68,11 @@ class VolumeFacts:
     voxel_um
         Voxel size (y, x) in object space (µm).
     details
-        What else to keep, plain JSON types.
+        Further entries, as plain JSON types.
     origin_um
-        Where the middle of the first voxel (y, x) lies (µm from the axis), where that is known.
+        Middle of the first voxel (y, x) (µm from the axis), if known.
     times_s
-        When the frame behind each volume of a series was taken (s), where that is known.
+        Time of the frame of each volume in a series (s), if known.
     """
 
     depths_um: NDArray[np.float64] | None = None
@@ -111,9 +111,10 @@ def check_zarr() -> ModuleType:
 def write_ome_zarr(
     target: Path, shape: tuple[int, ...], facts: VolumeFacts
 ) -> Iterator[Callable[[NDArray[np.float32]], None]]:
-    """Give a function that adds the next volume of a series to the folder ``target``, which appears when all are there.
+    """Yield a function that adds the next volume of a series to the folder ``target``, which appears when complete.
 
-    ``shape`` is ``(nz, Y, X)`` or ``(n, nz, Y, X)``; stored is always ``(t, z, y, x)``, a single volume with one time.
+    ``shape`` is ``(nz, Y, X)`` or ``(n, nz, Y, X)``; the stored axes are always ``(t, z, y, x)``, with one time for a
+    single volume.
     """
     zarr = check_zarr()
     check_writable(target)
@@ -148,7 +149,7 @@ def _attributes(target: Path, facts: VolumeFacts) -> dict[str, Any]:
     known: set[str] = set()
     depths = None if facts.depths_um is None else np.asarray(facts.depths_um, np.float64)
     if depths is not None and len(depths) > 1:
-        # one size for all: the mean where planes are uneven, whose own places stand in lfcal's words
+        # one size for all: the mean if planes are uneven, whose places are in lfcal's attributes
         scale[1] = float(np.abs(np.diff(depths)).mean()) or 1.0
     if depths is not None and len(depths):
         known.add("z")
@@ -183,7 +184,7 @@ def _attributes(target: Path, facts: VolumeFacts) -> dict[str, Any]:
 
 @contextmanager
 def _understood(source: Path, wanted: str, remedy: str) -> Iterator[None]:
-    """Tell what the disk refuses as `StorageError`, whatever else is raised as `FileFormatError`."""
+    """Convert errors of the disk to `StorageError`, and all others to `FileFormatError`."""
     try:
         yield
     except Exception as error:  # zarr and its codecs raise many kinds on folders that are something else
@@ -279,7 +280,7 @@ def save_volume(
     voxel_um: float | tuple[float, float] | None = None,
     details: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write a volume ``(nz, Y, X)`` as float32; the ending of ``path`` decides how.
+    """Write a volume ``(nz, Y, X)`` as float32; the suffix of ``path`` selects the format.
 
     Parameters
     ----------
@@ -294,12 +295,12 @@ def save_volume(
     voxel_um
         Voxel size in object space (µm): one for both axes, or (y, x).
     details
-        What else to keep, plain JSON types.
+        Further entries, as plain JSON types.
 
     Raises
     ------
     InputError, StorageError
-        If the ending is unknown, or the disk does not take it; nothing half-written stays.
+        If the suffix is unknown, or the disk fails; no incomplete file remains.
 
     Examples
     --------
@@ -326,7 +327,7 @@ def save_volume(
 def write_volumes(
     path: str | os.PathLike[str], shape: tuple[int, ...], facts: VolumeFacts
 ) -> Iterator[Callable[[NDArray[np.float32]], None]]:
-    """Give a function that adds the next volume ``(nz, Y, X)`` to one file, which appears when the block ends well.
+    """Yield a function that adds the next volume ``(nz, Y, X)`` to one file, which appears when the block succeeds.
 
     Parameters
     ----------
@@ -336,12 +337,12 @@ def write_volumes(
         ``(nz, Y, X)`` of a single volume, or ``(n, nz, Y, X)`` of a time series: axes TZYX, which ImageJ opens as a
         hyperstack.
     facts
-        What the file says of them.
+        Facts that the file states about them.
 
     Raises
     ------
     InputError, StorageError
-        If the ending is unknown, or the disk does not take it; nothing half-written stays.
+        If the suffix is unknown, or the disk fails; no incomplete file remains.
     """
     target = check_suffix(path)
     require_space(target.parent, 4 * math.prod(shape) + (1 << 16), what="the volume")
@@ -368,11 +369,11 @@ def _tiff(target: Path, shape: tuple[int, ...], facts: VolumeFacts) -> Iterator[
     import tifffile
 
     axes = "TZYX"[-len(shape) :]
-    # ImageJ knows one spacing: where each plane lies is told beside it
+    # ImageJ supports one spacing: the places of planes are stated separately
     depths = {} if facts.depths_um is None else {"depths_um": [float(z) for z in facts.depths_um]}
     metadata: dict[str, Any] = {"axes": axes, "unit": "um", "lfcal": json.dumps({**facts.details, **depths})}
     if facts.depths_um is not None and len(facts.depths_um) > 1:
-        # ImageJ takes one spacing for the whole stack: the mean where planes are uneven
+        # ImageJ uses one spacing for the whole stack: the mean if planes are uneven
         metadata["spacing"] = float(np.abs(np.diff(facts.depths_um)).mean())
     # TIFF says x first
     resolution = None if facts.voxel_um is None else (1 / facts.voxel_um[1], 1 / facts.voxel_um[0])
@@ -418,7 +419,7 @@ def _ome_tiff(
         metadata["Plane"] = {"PositionZ": depths * frames, "PositionZUnit": ["µm"] * (len(depths) * frames)}
         steps = np.diff(depths)
         if len(steps):
-            # one size for all: the mean where planes are uneven, whose own places stand beside it
+            # one size for all: the mean if planes are uneven, whose places are stated separately
             metadata |= {"PhysicalSizeZ": float(np.abs(steps).mean()), "PhysicalSizeZUnit": "µm"}
     big = 4 * math.prod(shape) > 3 << 30
     with replace_whole(target) as part, part.open("r+b") as file:

@@ -1,12 +1,12 @@
 """Targets: many points in one frame instead of one.
 
-Points whose cutouts do not meet are independent measurements, each of its own phase: its place in the period of
-the lenslet array. What is done with a target, and where:
+Points whose cutouts do not overlap are independent measurements. Each has a phase: its place in the period of the
+lenslet array. The steps of using a target, and their modules:
 
-1. Describe it: ``target`` (holes, marks; as the command line writes it), ``pose`` (how it lies, and how uncertain
-   that is).
-2. Know where its holes are imaged: ``images`` (chief rays, each hole at its own depth), ``phases`` (counted in
-   lenslets, so that an array that is turned, distorted, or of no whole period is none the worse).
+1. Describe it: ``target`` (holes, marks; as written on the command line), ``pose`` (its pose, and the uncertainty of
+   the pose).
+2. Compute where its holes are imaged: ``images`` (chief rays, each hole at its depth), ``phases`` (counted in
+lenslets, so that an array may be rotated, distorted, or of fractional period).
 3. Plan: ``planning`` (which pitch, how close holes may be, and from there to the plan), ``offsets`` (which offsets
    show all phases), ``expected`` (what noise leaves), ``plan`` (`TargetPlan`, a separate file that holds the scan),
    ``facts`` (what its frames show and cost).

@@ -22,7 +22,7 @@ BRIGHT, DIM = 1.8, 0.5
 """Light over that of the median hole beyond which a hole is called bright, below which dim."""
 
 SURE = 5.0
-"""Standard deviations from which on a deviation is named."""
+"""Number of standard deviations above which a deviation is reported."""
 
 BESIDE_PX = 0.5
 """A hole is not called displaced for less: the middle of its light is no chief ray."""
@@ -53,18 +53,18 @@ def _mistake(kind: str, detail: str, holes: tuple[tuple[int, int], ...] = ()) ->
 def mistakes_of(
     target: Target, fit: PoseFit, images: HoleImages, found: Index, spots: Spots, seen: tuple[Camera, float, float]
 ) -> tuple[Finding, ...]:
-    """Return what is not as described.
+    """Return the deviations from the description.
 
     Parameters
     ----------
     target
-        As described, where it was planned.
+        The target as described, at its planned pose.
     fit, images
-        How it lies, and where all of its holes are imaged.
+        Its fitted pose, and the images of all its holes.
     found
-        Which holes ``(n,)`` of ``images`` the spots are.
+        Indices ``(n,)`` in ``images`` of the holes of the spots.
     spots
-        The points.
+        The detected points.
     seen
         The camera, the step of a pixel in object space (µm), and the half width of a pattern (pixels).
     """
@@ -101,7 +101,7 @@ def _missing(holes: Index, there: NDArray[np.bool_], shown: NDArray[np.bool_]) -
 
 
 def _uneven(holes: Index, light: NDArray[np.float64]) -> list[Finding]:
-    """Return holes that are much brighter or dimmer than the others; bright neighbours are told together."""
+    """Return holes that are much brighter or dimmer than the others; bright neighbours are reported together."""
     share = light / np.median(light)
     out = []
     bright = np.flatnonzero(share > BRIGHT)
@@ -132,7 +132,7 @@ def _displaced(holes: Index, away: NDArray[np.float64], fit: PoseFit) -> list[Fi
         return []
     own = _tuples(holes[far])
     return [
-        _mistake("displaced", f"{_words(own)} up to {off[far].max():.1f} px beside the lattice: doubled or dirty", own)
+        _mistake("displaced", f"{_words(own)} up to {off[far].max():.1f} px off the lattice: doubled or dirty", own)
     ]
 
 

@@ -33,26 +33,27 @@ LEAST_PX = 0.02
 """What a middle of light is never better than, and a fit of few points seems to be."""
 
 FEW_PAIRS = 8
-"""Neighbours from which on their likeness is told."""
+"""Smallest number of neighbours for measuring their correlation."""
 
 FAR = 4.0
-"""Standard deviations from which on a point counts less."""
+"""Number of standard deviations above which a point gets a lower weight."""
 
 
 @dataclass(frozen=True, eq=False)
 class PoseFit:
-    """How a target lies, as seen.
+    """Measured pose of a target.
 
     Attributes
     ----------
     pose, sigma
-        What was found, and the standard deviation of each value.
+        The pose, and the standard deviation of each value.
     scale, scale_sigma
-        Pitch (rows, columns) over the described one, with the distance as described.
+        Ratio of the pitch (rows, columns) to the described one, for the described distance.
     bend, bend_sigma
-        Displacement over distance from the axis, at the sensor's corner; it grows with the square of the distance.
+        Displacement divided by the distance from the axis, at the sensor's corner; it grows with the square of the
+        distance.
     rms_px
-        Of points beside their places, along an axis.
+        Rms deviation of points from their places, along an axis.
     """
 
     pose: Pose
@@ -81,9 +82,9 @@ def fit_pose(
 ) -> PoseFit:
     """Return the pose, pitch and distortion that explain images ``pixels`` ``(n, 2)`` of ``holes`` ``(n, 2)``.
 
-    Least squares with what is stated of the pose as a prior: `Target.within` is how far each value may be off (taken
-    for two standard deviations); angles of which nothing is stated are known as a mount is. Points far from their
-    places count less (Huber).
+    This is a least-squares fit with the stated pose as a prior: `Target.within` gives the bounds of each value
+    (treated as two standard deviations); angles without a stated value have the uncertainty of a mount. Points far
+    from their places get a lower weight (Huber).
     """
     from scipy.optimize import least_squares
 
@@ -94,7 +95,7 @@ def fit_pose(
     centre = _values_of(target.pose)
     begin = _values_of(start or target.pose)
     prior = _prior(target, step)
-    # of one row, or one hole, nothing tells tilt or pitch across it: the prior holds
+    # a single row, or hole, does not determine tilt or pitch across it: the prior applies
     noise = 0.2
 
     def residuals(values: Array) -> Array:
@@ -109,7 +110,7 @@ def fit_pose(
         usual = 1.4826 * float(np.median(np.abs(off)))
         freedom = max(0.2, 1 - 5 / (2 * len(pixels)))
         noise = max(LEAST_PX, usual / math.sqrt(freedom))
-    # what neighbours share is no noise: the light of a phase has its middle beside the chief ray
+    # a deviation shared by neighbours is not noise: the centroid of a phase is displaced from the chief ray
     slopes = np.asarray(found.jac, np.float64)
     spread: Array = np.asarray(np.linalg.inv(slopes.T @ slopes), np.float64) * _alike(np.asarray(holes, np.intp), off)
     sigma = np.sqrt(np.diag(spread))
@@ -155,7 +156,7 @@ def _prior(target: Target, step_um: float) -> Array:
     known = []
     for name in NAMES:
         stated = getattr(target.within, name) / 2
-        # where the target is the frame tells, whatever the stage says; how far away it is hardly anything
+        # the frame determines the place of the target independent of the stage, but hardly its distance
         least = {"right_um": 1e3 * step_um, "down_um": 1e3 * step_um, "away_um": 1e-3}.get(name) or MOUNT[name]
         known.append(max(stated, least))
     return np.array([*known, SCALE, SCALE, BENT])

@@ -81,7 +81,7 @@ def find_spots(
 ) -> Spots:
     """Return the points of light of a frame.
 
-    The frame is smoothed until the micro-images of a point are one hill; its top is where the centroid starts.
+    The frame is smoothed until the micro-images of a point merge into one peak, from which the centroid starts.
 
     Parameters
     ----------
@@ -90,9 +90,9 @@ def find_spots(
     radius_px
         Half width of a point's pattern.
     apart_px
-        How far neighbouring points are apart at least.
+        Smallest distance of neighbouring points.
     valid
-        Which pixels carry a measurement; saturated ones may be counted as such: they are bright.
+        Valid pixels; saturated ones may count as valid, because they are bright.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def find_spots(
     # usual is what more than noise is usually: one hole may be many times as bright, many may be dirty
     usual = float(np.median(heights[heights > DIM * heights.max()])) if len(heights) else 0.0
     places = np.argwhere(tops & (smooth > DIM * usual)).astype(float)
-    # where all is flat every pixel is a top: patterns have room of their own
+    # in a flat region every pixel is a peak: patterns need separate space
     if len(places) > above.size / max(1.0, (0.4 * apart_px) ** 2) + 1:
         places = places[:0]
     found = [_centred(above, place, min(radius_px + 2.0, apart_px / 2)) for place in places]

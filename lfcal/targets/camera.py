@@ -42,29 +42,29 @@ class _Hole(NamedTuple):
 class TargetCamera(Frames):
     """A `FrameSource` whose frames show a target where a plan moves it, in the plan's order.
 
-    Every hole is the source that a scan has, at its own depth and in its own region of the field: what the optics do
-    there (cat's eye, field curvature, distortion) is done to each. Their light adds up, then the sensor makes a frame
-    of it. Exposures are those of the scan: the brightest pixel of a single point reaches ``peak``.
+    Every hole is a source like that of a scan, at its depth and in its region of the field, with the optics there
+    (cat's eye, field curvature, distortion). Their light is added, then converted to a frame by the sensor. Exposures
+    are those of the scan: the brightest pixel of a single point reaches ``peak``.
 
     Parameters
     ----------
     plan
         The target and its offsets.
     effects
-        As of `SimulatedCamera`, without motion. The target's ``hole_um`` is the size of sources, unless `FiniteSource`
+        As in `SimulatedCamera`, without motion. The target's ``hole_um`` is the size of sources, unless `FiniteSource`
         is among effects that are given.
     really
-        The target as it is and lies, where that is not as planned: its pose, pitch, missing holes.
+        The actual target, if it differs from the plan in pose, pitch or missing holes.
     brightness
-        Light of each hole of ``really`` over that of the scan's source, ``(n,)`` in the order of `Target.holes`; None:
-        all 1. See `uneven`.
+        Light of each hole of ``really`` relative to that of the scan's source, ``(n,)`` in the order of
+        `Target.holes`; None: all 1. See `uneven`.
     level, tolerance, sampling, peak, seed
-        As of `SimulatedCamera`.
+        As in `SimulatedCamera`.
 
     Raises
     ------
     InputError
-        If there are not as many values of brightness as holes, or an effect moves the source.
+        If the numbers of brightness values and holes differ, or an effect moves the source.
 
     Examples
     --------
@@ -138,7 +138,7 @@ class TargetCamera(Frames):
 
     @cached_property
     def metadata(self) -> FrameMetadata:
-        """What a `SimulatedCamera` of the scan tells of its frames, but for their number: they are no scan's."""
+        """Metadata of a `SimulatedCamera` of the scan, without their number of frames."""
         return replace(self.single.metadata, plan_shape=None)
 
     def __len__(self) -> int:
@@ -158,9 +158,9 @@ class TargetCamera(Frames):
 
     # -- light -----------------------------------------------------------------------------------------
     def points(self, index: int) -> HoleImages:
-        """Return where the paraxial chief rays of all holes truly meet the plane of the sensor in frame ``index``.
+        """Return where the paraxial chief rays of all holes actually meet the sensor in frame ``index``.
 
-        Of a plan whose frames show several offsets at once, those of the offset of that number alone.
+        For a plan whose frames show several offsets together, only those of the offset with that number.
         """
         z, k = self._at(index)
         return self._moved(z, self.plan.offsets_px[z][k])
@@ -184,17 +184,17 @@ class TargetCamera(Frames):
         return out
 
     def iter_lights(self, frames: Sequence[int] | None = None, workers: int | None = None) -> Work[NDArray[np.float32]]:
-        """Return the photoelectrons of many frames ``(n, rows, columns)``, as `light` has them; yields progress.
+        """Return the photoelectrons of many frames ``(n, rows, columns)``, as in `light`; yields progress.
 
-        The optics of every region and depth are set up once for all frames, used, and let go: many finely sampled
-        regions would not be held in memory together.
+        The optics of every region and depth are set up once for all frames, used, and released, because many finely
+        sampled regions would not fit in memory together.
 
         Parameters
         ----------
         frames
-            Their numbers; None: all.
+            Numbers of the frames; None: all.
         workers
-            Threads; None takes every processor.
+            Number of threads; None: all processors.
         """
         chosen = list(range(len(self))) if frames is None else list(frames)
         out = np.zeros((len(chosen), *self.shape), np.float32)

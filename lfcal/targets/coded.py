@@ -1,4 +1,4 @@
-"""Frames that show points of several offsets at once, and what each offset shows alone."""
+"""Coded frames that show points of several offsets together, and their decoding into single offsets."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ F8 = NDArray[np.float64]
 
 
 class DecodedFrames(SourceView):
-    """What each offset of a coded plan shows alone, from frames that show several at once.
+    """Frames of single offsets, decoded from frames that show several offsets together.
 
-    Frame k of plane z is the sum over recorded frames that solves for it, with their noise: of an S-matrix of order n
-    4n/(n + 1)² of the sensor's own variance, and 2/(n + 1) of the photons' of all patterns at a pixel.
+    Frame k of plane z is a weighted sum of recorded frames, with its noise. For an S-matrix of order n, this is 4n/(n
+    + 1)² of the sensor's own variance, and 2/(n + 1) of the photon noise of all patterns at a pixel.
 
     Parameters
     ----------
     source
         Recorded frames with their dark level subtracted, in the order of the plan.
     plan
-        Of a target whose points are switched (`TargetPlan.lit`).
+        Plan of a target with switched points (`TargetPlan.lit`).
 
     Examples
     --------
@@ -52,7 +52,7 @@ class DecodedFrames(SourceView):
     def __init__(self, source: FrameSource, plan: TargetPlan) -> None:
         super().__init__(source)
         if plan.lit is None or len(source) != len(plan.frames):
-            wanted = f"{len(plan.frames)} of a plan that shows several offsets at once"
+            wanted = f"{len(plan.frames)} of a plan that shows several offsets together"
             raise InputError.expected("coded frames", wanted, len(source), "give all frames, and their plan")
         self._weights: list[F8] = []
         self._shown: list[F8] = []

@@ -1,4 +1,4 @@
-"""A display as a target: nothing moves, its pixels are switched, and points of several offsets may be lit at once."""
+"""A display as a target: its pixels are switched instead of moved, and may show several offsets together."""
 
 from __future__ import annotations
 
@@ -90,10 +90,10 @@ def parse_display(text: str) -> Display | None:
 
 
 def iter_plan_display(scan: ScanPlan, display: Display, wishes: Wishes | None = None) -> Work[TargetPlan]:
-    """Plan which pixels of a display are lit in each frame so that they show all phases of a scan with few frames.
+    """Plan which pixels of a display to light in each frame, so that few frames show all phases of a scan.
 
-    Points and offsets are whole pixels of the display: where these are wide in the image, phases are met as well as
-    they can be, and `TargetPlan.coverage` says how many are.
+    Points and offsets are whole pixels of the display. If these are wide in the image, phases are met as well as
+    possible, and `TargetPlan.coverage` states the share.
 
     Raises
     ------
@@ -141,16 +141,16 @@ def _on_display(scan: ScanPlan, display: Display, target: Target) -> Target:
 
 
 def coded_plan(plan: TargetPlan, code: NDArray[np.float64], pixel_um: float) -> TargetPlan:
-    """Return the plan whose frames show several offsets at once; the last group is filled up by repeats.
+    """Return the plan whose frames show several offsets together; the last group is completed by repeats.
 
     Parameters
     ----------
     plan
-        A frame for each offset.
+        Plan with one frame for each offset.
     code
-        Square, of 0 and 1: which offsets of a group each of its frames shows; an S-matrix.
+        Square matrix of 0 and 1 that selects the offsets of a group for each frame; an S-matrix.
     pixel_um
-        Of the display (µm): repeats are a period of the array away, in whole pixels.
+        Pixel pitch of the display (µm); repeats are a period of the array away, in whole pixels.
 
     Examples
     --------
@@ -178,14 +178,14 @@ def coded_plan(plan: TargetPlan, code: NDArray[np.float64], pixel_um: float) -> 
 
 
 def display_image(plan: TargetPlan, display: Display, z: int, k: int) -> NDArray[np.uint8]:
-    """Return what the display shows in frame ``k`` of plane ``z`` ``(rows, columns)``, as the camera sees it.
+    """Return the picture of the display in frame ``k`` of plane ``z`` ``(rows, columns)``, as the camera sees it.
 
-    Pixels that are lit are 255.
+    Lit pixels are 255.
 
     Raises
     ------
     InputError
-        If a point lies beside the display.
+        If a point is outside the display.
 
     Examples
     --------

@@ -25,16 +25,16 @@ LOOKED_AT = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorForecast:
-    """Expected relative error (L1) of recorded patterns of one plane by the sensor's noise alone.
+    """Expected relative error (L1) of recorded patterns of one plane due to the sensor's noise.
 
     Attributes
     ----------
     single
-        Of a pattern that the scan of a single point records.
+        Error of a pattern recorded by the scan of a single point.
     shown
-        ``(frames,)`` share of the positions that is shown after each frame.
+        ``(frames,)`` share of the positions shown after each frame.
     error
-        ``(frames,)`` root mean square over those that are shown by then: repeats of a position are averaged.
+        ``(frames,)`` rms error of the positions shown so far; repeats of a position are averaged.
 
     Examples
     --------
@@ -77,7 +77,7 @@ def noise_share(scan: ScanPlan, z: int, *, level: str = "auto") -> float:
 
 
 def error_forecast(plan: TargetPlan, z: int, single: float | None = None) -> ErrorForecast:
-    """Return what is to be expected of plane ``z`` frame by frame; ``single`` as of `noise_share`, computed if None.
+    """Return the expectation for plane ``z`` frame by frame; ``single`` is as in `noise_share`, computed if None.
 
     Examples
     --------
@@ -93,7 +93,7 @@ def error_forecast(plan: TargetPlan, z: int, single: float | None = None) -> Err
     counts = np.zeros(phases.count, np.intp)
     shown, error = [], []
     for offset in np.array(plan.offsets_px[z]).reshape(-1, 2):
-        # every hole on a phase is a measurement of its own
+        # every hole on a phase is a separate measurement
         pixels = images.moved(offset)
         pixels = pixels[whole_at(pixels, plan.scan.camera.sensor.shape, plan.scan.cutout)]
         found = nearest_positions(phases, pixels)

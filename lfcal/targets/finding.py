@@ -27,7 +27,7 @@ REACH = 3.3
 """Pitches over which neighbours are followed: a missing row, or two, part no lattice."""
 
 OFF = 0.22
-"""Share of a pitch that a neighbour may lie beside its place."""
+"""Largest displacement of a neighbour from its place, in pitches."""
 
 NEAR = 0.3
 """The same of the first neighbours, from which the basis is measured."""
@@ -130,17 +130,17 @@ TURNS = {
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """A lattice laid on a target.
+    """A placement of a lattice on a target.
 
     Attributes
     ----------
     shift
-        What is added to places of the lattice.
+        Shift of the places of the lattice.
     turn
-        How the target lies, one of `TURNS`.
+        Orientation of the target, one of `TURNS`.
     hits, misses, extra
-        Spots on holes; holes on the frame without a spot, of a row or column without any counted once; spots where
-        there is no hole.
+        Spots on holes; holes on the frame without a spot, where an empty row or column counts once; spots without a
+        hole.
     """
 
     shift: tuple[int, int]
@@ -195,21 +195,21 @@ def matches(
     around: tuple[int, int],
     reach: int,
 ) -> Iterator[Match]:
-    """Yield how a lattice may lie on a target as it is described, and as it may have been put in otherwise.
+    """Yield possible placements of a lattice on a target as described, and in other orientations.
 
     Parameters
     ----------
     places
-        Of spots ``(n, 2)``.
+        Places of the spots ``(n, 2)``.
     target
-        As described.
+        The target as described.
     on_frame
-        Which places of the lattice ``(rows, columns)`` the frame shows whole, the first of them being `around` less
-        than (0, 0) of the lattice: misses are counted there.
+        Places of the lattice ``(rows, columns)`` that the frame shows completely, the first of them `around` before
+        (0, 0) of the lattice; misses are counted there.
     around
         Places of the lattice before its (0, 0).
     reach
-        Least number of spots on holes.
+        Smallest number of spots on holes.
     """
     seen = np.zeros(on_frame.shape, np.bool_)
     inside = places + np.array(around)
@@ -252,7 +252,7 @@ ENOUGH = 0.5
 """Share of the spots that must be on holes."""
 
 ON_PLACE = 0.2
-"""Share of the pitch beside its place from which on a spot is no hole's."""
+"""Largest offset, in pitches, at which a spot is assigned to a hole."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,23 +266,23 @@ class FoundPoints:
     pixels
         Sensor position ``(n, 2)`` of each image by the pose of all: (row, column).
     sigma_px
-        Standard deviation ``(n, 2)`` of that.
+        Standard deviation ``(n, 2)`` of ``pixels``.
     seen
-        Middle of each one's light ``(n, 2)``; ``deviation`` is how far that is beside its position.
+        Centroid of the light of each ``(n, 2)``; ``deviation`` is its displacement from the position.
     light
         Sum of each pattern above the dark level ``(n,)``.
     confidence
-        How sure the label is, 0 to 1 ``(n,)``: near its place, and as bright as others.
+        Confidence of the label, 0 to 1 ``(n,)``, from its displacement and relative brightness.
     away_um, shift
-        Depth of each hole, and pixels an image moves by, as of `HoleImages`.
+        Depth of each hole, and relative motion of its image, as in `HoleImages`.
     fit
-        The pose, and what was found beside it.
+        The pose with further results.
     mistakes
-        What is not as described.
+        Deviations from the description.
     dark
         The dark level of the frame.
     moved_px
-        Where the middle of the target was planned, images in the depth plane, (rows, columns) from the axis (pixels).
+        Planned image of the target's middle in the depth plane, (rows, columns) from the axis (pixels).
 
     Examples
     --------
@@ -316,7 +316,7 @@ class FoundPoints:
 
     @property
     def deviation(self) -> Array:
-        """How far the middle of each one's light is beside its position ``(n, 2)`` (pixels)."""
+        """Displacement of the centroid of each one's light from its position ``(n, 2)`` (pixels)."""
         away: Array = self.seen - self.pixels
         return away
 
@@ -337,19 +337,19 @@ def find_points(
     values
         The frame ``(rows, columns)``, raw or with its dark level subtracted.
     target
-        What is shown, with its pose as far as that is known.
+        The target, with its pose as far as it is known.
     camera, z_um
         The camera, and the depth of the target's pose.
     offset_px
-        How far the target was moved for this frame: images in the depth plane, (rows, columns).
+        Displacement of the target for this frame, as images in the depth plane (rows, columns).
     valid
-        Which pixels carry a measurement.
+        Valid pixels.
 
     Raises
     ------
     InputError
-        If there are no points, they are no lattice such as the target's, the target is mirrored or turned, or more than
-        one labelling explains them: the line says which.
+        If there are no points, they do not form a lattice like that of the target, the target is mirrored or rotated,
+        or the labelling is ambiguous; the message says which.
 
     Examples
     --------
@@ -439,7 +439,7 @@ def _chosen(spots: Spots, places: Index, target: Target, camera: Camera, seen: t
             "target",
             "marks where they are described",
             f"the target {every[0].turn} ({every[0].hits} points on its holes, {every[0].misses} missing)",
-            "put it in the other way round, or describe it so",
+            "put it in reversed, or describe it so",
         )
     if len(right) == 1:
         return right[0]

@@ -107,12 +107,12 @@ def open_target_frames(frames: Path, plan: TargetPlan, *, skip_damaged: bool = F
 
 
 def frames_of(source: FrameSource, plan: TargetPlan) -> tuple[tuple[int, int], ...]:
-    """Return plane and offset's number of every frame of a source, as it tells or as its plan has them.
+    """Return plane and offset number of every frame of a source, from its metadata or its plan.
 
     Raises
     ------
     InputError
-        If it does not tell, and is not of as many frames as the plan.
+        If it does not state them, and the number of frames differs from the plan.
     """
     if plan.lit is not None and not source.metadata.decoded:
         wanted = "those that show one offset each"

@@ -24,9 +24,9 @@ class HoleImages:
     pixels
         Sensor position ``(n, 2)`` as (row, column) of each chief ray; whole numbers are centres of pixels.
     away_um
-        Depth of each hole ``(n,)``: a tilted target is not of one plane (µm).
+        Depth of each hole ``(n,)``, which differs for a tilted target (µm).
     shift
-        Pixels by which an image moves where that of a hole in the depth plane moves by one ``(n,)``.
+        Motion of each image (pixels) when that of a hole in the depth plane moves by one pixel ``(n,)``.
     """
 
     holes: NDArray[np.intp]
@@ -55,14 +55,14 @@ class HoleImages:
 
 
 def hole_images(target: Target, camera: Camera, z_um: float) -> HoleImages:
-    """Return the images of all holes of ``target`` in the depth plane ``z_um``, on the sensor or beside it.
+    """Return the images of all holes of ``target`` in the depth plane ``z_um``, on the sensor or outside it.
 
     The chief ray is followed as for a scan (`lfcal.camera.ScanPlan.object_um`), at each hole's own depth.
 
     Raises
     ------
     InputError
-        If a hole lies where the camera has no image of it.
+        If a hole is at a place that the camera does not image.
     """
     placed = target.pose.points(target.flat_um(target.holes))
     away = z_um + placed[:, 2]

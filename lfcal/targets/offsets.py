@@ -46,20 +46,21 @@ def covered_by(phases: Phases, images: HoleImages, offset_px: Array, tolerance_p
 
 @dataclass(eq=False)
 class OffsetSearch:
-    """A grid of offsets over one period, and how many pairs of a hole and a missing phase each of them serves.
+    """A grid of offsets over one period, and the number of pairs of hole and missing phase that each one serves.
 
-    Several holes on one phase are counted each: a count is a limit, and the best of those are looked at exactly.
+    Several holes on one phase are counted separately, so a count is an upper limit; the best ones are evaluated
+    exactly.
 
     Attributes
     ----------
     phases, images, tolerance_px
-        As of `lfcal.targets.offsets.iter_cover`.
+        As in `lfcal.targets.offsets.iter_cover`.
     step, first
-        Of the grid, and its first offset (rows, columns) (pixels).
+        Step of the grid, and its first offset (rows, columns) (pixels).
     corner
-        First cells ``(phases, holes, 2)`` of the grid that serve a pair; -1 where none does.
+        First cells ``(phases, holes, 2)`` of the grid that serve a pair; -1 if none does.
     counts
-        Pairs that each offset of the grid serves.
+        Number of pairs that each offset of the grid serves.
     """
 
     phases: Phases
@@ -126,7 +127,7 @@ def asked_offsets(phases: Phases, images: HoleImages) -> Array:
 
 
 def line_offsets(at: Array, count: int, length: float, tolerance_px: float) -> tuple[Array, bool]:
-    """Return offsets along one axis, chosen greedily, by which images show its phases, and whether all of them.
+    """Return greedily chosen offsets along one axis, which images show its phases, and whether all are shown.
 
     Parameters
     ----------
@@ -135,7 +136,7 @@ def line_offsets(at: Array, count: int, length: float, tolerance_px: float) -> t
     count, length
         Phases 0 … count - 1, of a period of this length (pixels).
     tolerance_px
-        How far off a phase may be.
+        Largest deviation of a phase.
     """
     asked = np.arange(count)[:, None] - at
     asked -= length * np.round(asked / length)
@@ -163,7 +164,7 @@ def line_offsets(at: Array, count: int, length: float, tolerance_px: float) -> t
 
 
 GOOD = 1.6
-"""Times the least number of frames that offsets of rows and columns may take without a search over both at once."""
+"""Factor in the number of frames up to which offsets of rows and columns are used without a joint search."""
 
 FINEST_PX = 0.01
 """Least tolerance: stages and fitted positions are no better, and the search's table grows with its inverse square."""
@@ -176,11 +177,11 @@ class Covering:
     Attributes
     ----------
     offsets_px
-        How far images move from where they are without an offset, ``(frames, 2)`` as (rows, columns) of the plane.
+        Displacement of the images relative to zero offset, ``(frames, 2)`` as (rows, columns) of the plane.
     shown
-        New positions that each frame shows ``(frames,)``.
+        Number of new positions that each frame shows ``(frames,)``.
     wanted
-        Positions of the scan.
+        Number of positions of the scan.
     """
 
     offsets_px: Array
@@ -200,19 +201,19 @@ class Covering:
 def iter_cover(phases: Phases, images: HoleImages, tolerance_px: float, *, most: int | None = None) -> Work[Covering]:
     """Return offsets within one period that show every phase a target can show, with few frames.
 
-    Where all columns have the same row phases, and all rows the same column phases, axes part: offsets of rows times
-    offsets of columns cover the cell. Else, or where that takes many frames, both axes are searched at once: each frame
-    is the one that shows most of what is missing. Greedy covering takes at most 1 + ln(n) times the fewest sets
-    (V. Chvatal, "A greedy heuristic for the set-covering problem", 1979).
+    If all columns have the same row phases, and all rows the same column phases, the axes are separable: offsets of
+    rows times offsets of columns cover the cell. Otherwise, or if that needs many frames, both axes are searched
+    together: each frame is the one that shows most of the missing phases. Greedy covering takes at most 1 + ln(n)
+    times the fewest sets (V. Chvatal, "A greedy heuristic for the set-covering problem", 1979).
 
     Parameters
     ----------
     phases, images
         The scan, and the images of the target without an offset.
     tolerance_px
-        How far off a phase may be, in rows and in columns.
+        Largest deviation of a phase, in rows and in columns.
     most
-        End after so many frames.
+        Largest number of frames.
     """
     check_number("tolerance of a phase (px)", tolerance_px, at_least=FINEST_PX, at_most=0.5)
     if most is not None:
@@ -286,18 +287,18 @@ LOOKED_AT = 8
 def iter_whole_offsets(
     phases: Phases, images: HoleImages, tolerance_px: float, unit_px: float, most: int | None = None
 ) -> Work[NDArray[np.intp]]:
-    """Return offsets ``(frames, 2)`` in units, each the one that shows most of what is missing; yields progress.
+    """Return offsets ``(frames, 2)`` in units; each shows most of the missing phases; yields progress.
 
     Parameters
     ----------
     phases, images
         The scan, and the images of the target without an offset.
     tolerance_px
-        How far off a phase may be, in rows and in columns.
+        Largest deviation of a phase, in rows and in columns.
     unit_px
         A pixel of the display, in the image (pixels).
     most
-        End after so many.
+        Largest number of frames.
     """
     asked = asked_offsets(phases, images)
     cells = np.rint(asked / unit_px).astype(np.intp)

@@ -19,11 +19,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Phases:
-    """The phases of a scan: what its positions are in the lenslet array's own cell.
+    """The phases of a scan: its positions relative to the cell of the lenslet array.
 
-    The array's period is no whole number of pixels, it may be turned, and it may be distorted: modulo the plan's whole
-    period a pattern six cells away is another one. A phase is therefore counted in lenslets, from the lenslet that the
-    image is next to, and only then expressed in pixels.
+    The array's period is not a whole number of pixels, and it may be rotated and distorted. Modulo the plan's whole
+    period, a pattern six cells away is therefore a different one. A phase is counted in lenslets, from the lenslet
+    nearest to the image, and only then expressed in pixels.
 
     Attributes
     ----------

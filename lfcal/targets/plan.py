@@ -102,16 +102,16 @@ Offsets = tuple[tuple[tuple[float, float], ...], ...]
 
 @dataclass(frozen=True, slots=True)
 class TargetForecast:
-    """Time that a plan of a target needs, counted as `lfcal.camera.Forecast` counts it.
+    """Time for a plan of a target, counted as in `lfcal.camera.Forecast`.
 
     Attributes
     ----------
     frames
-        Frames in all, repetitions included.
+        Total number of frames, including repetitions.
     exposure_hours, settle_hours, move_hours
-        Exposing, settling and moving (h).
+        Time for exposing, settling and moving (h).
     readout_hours
-        Reading frames out (h); None where the camera's rate is not known, and nothing is counted.
+        Time for readout (h); None if the camera's rate is unknown; it is then not counted.
 
     Examples
     --------
@@ -140,26 +140,26 @@ class TargetForecast:
 
 @dataclass(frozen=True, slots=True)
 class TargetPlan:
-    """Where a target is put for each frame.
+    """Positions of a target for each frame.
 
     Attributes
     ----------
     scan
-        The scan of a single point whose positions are to be shown: camera, planes, cutout, stage, exposures.
+        The scan of a single point whose positions the frames show: camera, planes, cutout, stage, exposures.
     target
-        What is moved, with its pose where no offset is added.
+        The target, with its pose at zero offset.
     offsets_px
-        For each plane, how far images in the depth plane move from there, as (rows, columns) in pixels: one a frame.
+        For each plane, the displacement of images in the depth plane, as (rows, columns) in pixels, one per frame.
     tolerance_px
-        How far off the phase of an image may be to show a position.
+        Largest deviation of the phase of an image that shows a position.
     crosstalk
         For each plane, the largest share of neighbours' light in a cutout, of equally bright holes.
     tails
-        How that was computed: ``"geometric"`` (rays: patterns end) or by waves.
+        How ``crosstalk`` was computed: ``"geometric"`` (rays, without diffraction) or by waves.
     lit
-        Of a target whose points are switched, a display's: for each plane, the numbers of the offsets whose points
-        are all lit in each recorded frame. There are as many frames as offsets, and what each offset shows alone comes
-        back by solving for it (`lfcal.targets.coded`). None: frame k shows offset k.
+        For a target with switched points (a display): for each plane, the numbers of the offsets whose points are all
+        lit in each recorded frame. There are as many frames as offsets, and single offsets are decoded from them
+        (`lfcal.targets.coded`). None: frame k shows offset k.
 
     Examples
     --------
@@ -244,7 +244,7 @@ class TargetPlan:
     def forecast(self, stage_um_per_s: float = 1000.0, frames_per_s: float | None = None) -> TargetForecast:
         """Return the time of all frames, with a stage that moves all axes simultaneously at this speed (µm/s).
 
-        ``frames_per_s`` is the most that the camera delivers; without it readout is not counted.
+        ``frames_per_s`` is the largest rate of the camera; without it, readout is not counted.
         """
         check_number("stage speed (µm/s)", stage_um_per_s, above=0)
         path, scan = self.stage_um(), self.scan
@@ -299,7 +299,7 @@ class TargetPlan:
     def to_dict(self) -> dict[str, Any]:
         """Return the plan as plain JSON types."""
         scan = self.scan.to_dict()
-        # told apart from a scan plan by its first lines: the scan's own format is not repeated here
+        # distinguished from a scan plan by its first lines: the scan's format is not repeated here
         version = scan.pop("version")
         del scan["format"]
         body = {name: getattr(self, name) for name in ("offsets_px", "tolerance_px", "crosstalk", "tails")}

@@ -49,11 +49,11 @@ class Proposal:
     pitch_px
         Distance of the images (pixels): a whole number of the array's periods, and ``step`` pixels.
     step
-        By how many phases a hole differs from the one before it.
+        Difference of phase between neighbouring holes.
     holes
-        So many fit on the sensor with whole cutouts, wherever in a period the target stands.
+        Number of holes that fit on the sensor with whole cutouts, anywhere in a period.
     frames
-        Offsets along this axis that show all phases of it.
+        Number of offsets along this axis that show all its phases.
     """
 
     pitch_px: float
@@ -63,12 +63,12 @@ class Proposal:
 
 
 def proposed_axis(phases: Phases, axis: int, least_px: float, tolerance_px: float) -> Proposal:
-    """Return the pitch of images along an axis that needs the fewest frames; of equal ones that with most holes.
+    """Return the pitch of images along an axis that needs the fewest frames; among equals, that with most holes.
 
-    Holes a whole number p of pixels apart show phases 0, p, 2p … modulo the period, all of them where the two have
-    no common divisor. The array's period is no whole number, so each time round leaves its residual. The pitch is
-    therefore taken as whole periods and a few whole pixels (a vernier): phases follow each other, and a target goes
-    round its period once or not at all.
+    Holes that are a whole number p of pixels apart show phases 0, p, 2p … modulo the period, and all of them if the
+    two have no common divisor. The array's period is not a whole number, so each cycle leaves a residual. The pitch is
+    therefore whole periods plus a few whole pixels (a vernier): phases are consecutive, and a target covers its period
+    at most once.
     """
     plan, length, count = phases.plan, float(phases.period[axis]), phases.plan.period[axis]
     # offsets reach half a period either way, and a pixel is left for rounding
@@ -100,17 +100,17 @@ def proposed_target(
 ) -> tuple[Target, tuple[Proposal, Proposal]]:
     """Return the array of holes, parallel to the sensor, that shows all phases of plane ``z`` with the fewest frames.
 
-    Its rows and columns have pitches of their own: the period of a hexagonal array is wider than high by an irrational
-    number, and no single pitch suits both.
+    The pitches of its rows and columns differ: the period of a hexagonal array is wider than high by an irrational
+    factor, and no single pitch suits both.
 
     Parameters
     ----------
     plan, z
-        The scan and the number of the plane: another plane has another magnification, and images another pitch.
+        The scan, and the number of the plane, which determines the magnification and the pitch of the images.
     least_px
-        Least distance of images (pixels).
+        Smallest distance of images (pixels).
     tolerance_px
-        How far off a phase may be.
+        Largest deviation of a phase.
     hole_um
         Diameter of the holes (µm).
 
@@ -147,7 +147,7 @@ KEPT = 32
 
 @dataclass(frozen=True, eq=False)
 class Tails:
-    """The light of a point far and wide about its chief ray, averaged over phases.
+    """The light of a point over a wide area about its chief ray, averaged over phases.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ class Tails:
     cutout
         Pixels ``(nt, ns)`` of a cutout.
     level
-        How it was computed.
+        Level of the computation.
     """
 
     light: NDArray[np.float64]
@@ -165,7 +165,7 @@ class Tails:
     level: str
 
     def share(self, away_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the light of points ``(n, 2)`` as (rows, columns) away in a cutout, over that of its own point."""
+        """Return the light of points ``(n, 2)`` (rows, columns) away in a cutout, relative to that of its point."""
         sums = np.pad(self.light.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
         shape = np.array(self.light.shape)
         half = (np.array(self.cutout) - 1) // 2
@@ -237,7 +237,7 @@ def simulated_tails(plan: ScanPlan, z: int, *, level: str = "auto") -> Tails:
     if not own > 0:
         raise InputError.expected("simulated light", "some in the cutout", "none", "check cutout and depths")
     light /= own
-    light.setflags(write=False)  # kept for whoever asks next
+    light.setflags(write=False)  # cached for later calls
     return Tails(light, plan.cutout, response.level)
 
 
@@ -271,18 +271,18 @@ def _light_by_grid(plan: ScanPlan, z: int, effects: Sequence[Effect]) -> NDArray
 
 @dataclass(frozen=True, slots=True)
 class Wishes:
-    """What a plan must keep.
+    """Limits that a plan must keep.
 
     Attributes
     ----------
     tolerance_px
-        How far off the phase of an image may be to show a position, in rows and in columns (pixels).
+        Largest deviation of the phase of an image that shows a position, in rows and in columns (pixels).
     crosstalk
-        Most light of neighbours in a cutout, over that of its own point.
+        Largest light of neighbours in a cutout, relative to that of its own point.
     most_frames
-        No more frames than this for a plane; None: as many as all phases need.
+        Largest number of frames for a plane; None: as many as all phases need.
     level
-        How tails are computed: ``"auto"`` (waves) or ``"geometric"``.
+        Computation of tails: ``"auto"`` (waves) or ``"geometric"``.
 
     Examples
     --------
@@ -429,11 +429,10 @@ def poses_within(target: Target, count: int, seed: int = 0) -> Iterator[Pose]:
 
 
 def shown_within(plan: TargetPlan, z: int, *, count: int = 8, seed: int = 0) -> NDArray[np.float64]:
-    """Return what share of the positions the plan shows for each of some poses within the target's bounds ``(count,)``.
+    """Return the share of the positions shown for each of some poses within the target's bounds ``(count,)``.
 
-    Offsets are as planned, the pose is not: with bounds beyond the tolerance at the target's rim its holes lie on
-    phases that nobody chose. A frame that is recorded first and measured tells the pose, and the plan of that pose
-    covers all.
+    Offsets are as planned, but the pose is not: if the bounds exceed the tolerance at the target's rim, its holes are
+    on unplanned phases. A first recorded frame determines the pose, and a plan for that pose covers all phases.
     """
     poses = poses_within(plan.target, count, seed)
     return np.array([plan.coverage(z, target=replace(plan.target, pose=pose)) for pose in poses])

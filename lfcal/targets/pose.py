@@ -22,17 +22,17 @@ UNITS = {"um": 1.0, "µm": 1.0, "mm": 1e3}
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where the middle of a target is, and how it is turned; or by how much each of these may be off.
+    """Position and rotation of a target; or the bounds of their errors.
 
-    Positions are object points as `lfcal.camera.ScanPlan.object_um` has them: right and down in the sense in which the
-    image moves, from the optical axis; away from the camera, from the depth plane.
+    Positions are object points as in `lfcal.camera.ScanPlan.object_um`: right and down in the direction of the image
+    motion, from the optical axis; away from the camera, from the depth plane.
 
     Attributes
     ----------
     rotation_rad
-        Turn of the target in its plane, from right towards down.
+        Rotation of the target in its plane, from right towards down.
     tilt_right_rad, tilt_down_rad
-        By how much its right side, and its lower side, lie farther away; the tilt to the right comes first.
+        Tilts by which its right side and its lower side are farther away; the tilt to the right is applied first.
     right_um, down_um, away_um
         Middle of the target (µm).
 

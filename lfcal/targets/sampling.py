@@ -10,8 +10,8 @@ __all__ = ["coarsest_pixel_um", "may_resample", "resampling_words"]
 def coarsest_pixel_um(camera: Camera) -> float:
     """Return the largest pixel at which the light behind a lenslet is sampled without loss (µm).
 
-    A lenslet's light ends at the spatial frequency ``1 / (wavelength N)`` of its f-number N, pitch over gap (Goodman,
-    Introduction to Fourier Optics, section 6.3), and two samples a period hold it.
+    A lenslet's light ends at the spatial frequency ``1 / (wavelength N)``, with its f-number N (gap over pitch;
+    Goodman, Introduction to Fourier Optics, section 6.3). Two samples per period are sufficient.
     """
     lattice = camera.lattice
     found: float = camera.wavelength_um * lattice.gap_um / lattice.pitch_um / 2.0
@@ -27,6 +27,6 @@ def resampling_words(scan: ScanPlan) -> str:
     """Return in words why points that show no position are not resampled to one."""
     camera = scan.camera
     if may_resample(camera):
-        return "their phases are others, which no resampling mends"
+        return "their phases differ, which resampling cannot correct"
     wanted, own = coarsest_pixel_um(camera), camera.sensor.pixel_um
     return f"pixels of {own:g} µm are too coarse to resample them (it takes {wanted:.2g} µm)"

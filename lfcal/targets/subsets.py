@@ -39,10 +39,10 @@ def _filled(frames: int, order: int) -> int:
 
 
 def subset_patterns(plan: TargetPlan, z: int, frames: int) -> NDArray[np.float64]:
-    """Return the patterns of one hole in the first frames of a plane ``(frames, rows, columns)``, where they lie.
+    """Return the patterns of one hole in the first frames of a plane ``(frames, rows, columns)``, at their places.
 
-    Neighbouring holes have the same beside them: the window is as large as the distance of their images, and goes
-    round. NaN beyond each pattern's own cutout.
+    Neighbouring holes have the same pattern: the window is as large as the distance of their images, and wraps around.
+    NaN outside each pattern's cutout.
     """
     scan = plan.scan
     effects = plan_effects(scan, TOLERANCE).effects
@@ -61,16 +61,16 @@ def subset_patterns(plan: TargetPlan, z: int, frames: int) -> NDArray[np.float64
 
 
 def coding_verdict(plan: TargetPlan, z: int | None = None, signal_e: float | None = None) -> CodingVerdict | None:
-    """Return whether showing several frames of a plane together pays; None where there are too few, or one hole.
+    """Return whether coding several frames of a plane together reduces noise; None for too few frames, or one hole.
 
     Parameters
     ----------
     plan
-        The target's, whose frames would be shown as the sums that an S-matrix says.
+        Plan of the target, whose frames would be shown as sums by an S-matrix.
     z
         Plane; None: the middle one.
     signal_e
-        Electrons of a point's brightest pixel in a frame; None: `PEAK` of the full well.
+        Electrons in a point's brightest pixel in a frame; None: `PEAK` of the full well.
 
     Raises
     ------

@@ -42,12 +42,12 @@ class Target:
     hole_um
         Diameter of a hole (µm); 0: a point.
     absent
-        Holes (row, column) that are left out on purpose. An array is its own mirror image; with marks that tell its
-        sides apart it can be seen to lie the wrong way round.
+        Holes (row, column) that are intentionally absent. An array equals its own mirror image; asymmetric marks show
+        whether it is reversed.
     pose
-        Where it is, as far as that is known.
+        Pose, as far as it is known.
     within
-        By how much each value of the pose may be off: what is fitted. All 0: the pose is known.
+        Bounds of the error of each value of the pose, which is then fitted. All 0: the pose is known.
 
     Examples
     --------

@@ -1,5 +1,5 @@
-"""The places where accuracy is paid, a module each with its ``PLACE``.
+"""Parts of the processing whose accuracy can be chosen, one module each with its ``PLACE``.
 
-A place is found by `lfcal.accuracy.place`: adding one is adding a module here, or an entry point of the group
+Places are found by `lfcal.accuracy.place`. To add one, add a module here, or an entry point of the group
 ``lfcal.accuracy`` in another distribution (``docs/extending.md``).
 """

@@ -24,7 +24,7 @@ FULL = 0.8
 """Share of the full well that the brightest pixel reaches."""
 
 ROUNDS = 3
-"""Fits at each rung, with noise of their own."""
+"""Number of fits at each rung, with different noise."""
 
 TOLERANCE = 0.05
 
@@ -87,16 +87,16 @@ def iris_diameter_px(camera: Camera, z_um: float) -> float:
 
 
 def noisy_sum(total: NDArray[np.float64], frames: int, sensor: Sensor, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return a sum of frames with the noise of photons and read-out (electrons).
+    """Return a sum of frames with photon and read noise (electrons).
 
     Parameters
     ----------
     total
         Sum of the patterns in units of the brightest pixel of a frame, which reaches `FULL` of the full well.
     frames
-        How many frames are in it.
+        Number of frames in the sum.
     sensor, rng
-        The sensor, and the source of the noise.
+        The sensor, and the random generator.
     """
     electrons = np.maximum(total, 0) * FULL * sensor.full_well_e
     noise: NDArray[np.float64] = rng.normal(0, math.sqrt(frames) * sensor.read_noise_e, total.shape)
@@ -106,7 +106,7 @@ def noisy_sum(total: NDArray[np.float64], frames: int, sensor: Sensor, rng: np.r
 def _rung(total: NDArray[np.float64], grid: tuple[int, int], diameter: float, sensor: Sensor) -> Rung:
     frames = grid[0] * grid[1]
     found = [fit_aperture(noisy_sum(total, frames, sensor, np.random.default_rng([frames, k]))) for k in range(ROUNDS)]
-    # a sum that shows no outline tells nothing of the diameter: all of it is missing
+    # a sum without an outline does not determine the diameter: the error is 100 %
     errors = [abs(fit.diameter_px / diameter - 1) if fit.diameter_px > 0 else 1.0 for fit in found]
     refused = next((fit.reason for fit in found if fit.refusal), "")
     settings = {"rows": grid[0], "columns": grid[1]}

@@ -21,7 +21,7 @@ from lfcal.simulate.effects import Effect
 __all__ = ["PLACE"]
 
 SHIFTS = ((0.5, 0.5), (0.25, -0.4), (-0.15, 0.3))
-"""By how much the image lies beside whole pixels (rows, columns): the worst case, and two others."""
+"""Displacements of the image from whole pixels (rows, columns): the worst case, and two others."""
 
 WIDE = 24
 """Pixels more of the frame that is simulated: interpolations look beyond the cutout."""
@@ -32,7 +32,7 @@ ROUNDS = 3
 
 @dataclass(frozen=True, eq=False)
 class _Moved:
-    """A frame whose image lies beside whole pixels by ``shift`` (rows, columns)."""
+    """A frame whose image is displaced from whole pixels by ``shift`` (rows, columns)."""
 
     frame: NDArray[np.float32]
     shift: tuple[float, float]
@@ -92,7 +92,7 @@ def _tried(name: str, moved: list[_Moved], true: NDArray[np.float32]) -> tuple[f
     error, took = 0.0, float("inf")
     for one in moved:
         rows, columns = ((n - 1) / 2 for n in one.frame.shape)
-        # the image of the source lies beside the middle pixel of the frame by its shift
+        # the image of the source is displaced from the middle pixel of the frame by its shift
         cutout = Cutout(true.shape, (rows + one.shift[0], columns + one.shift[1]), name)
         for _ in range(ROUNDS):  # the first one loads what the interpolation needs
             start = time.perf_counter()

@@ -22,7 +22,7 @@ COUNTS = (2, 3, 5, 9, 17, 33, 65)
 """Planes over the plan's range of depths; each count has the planes of the one before it."""
 
 PLACES = 5
-"""Depths at which the nearest plane stands in, spread over the range."""
+"""Number of depths represented by the nearest plane, spread over the range."""
 
 TOLERANCE = 0.05
 

@@ -34,7 +34,7 @@ SETTINGS = (
 """Method, double precision, and share of the peak below which entries of H count as zero."""
 
 POINTS = 240
-"""Voxels and pixels at which the projector is held against a sum written out."""
+"""Number of voxels and pixels at which the projector is compared with an explicit sum."""
 
 SIDE = 288
 """Side of the image (px), or what holds two periods and the cutout."""

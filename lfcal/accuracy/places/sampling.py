@@ -17,10 +17,10 @@ TOLERANCE = 0.03
 """Effects that matter at this tolerance are in the scene that all samplings compute."""
 
 QUICK_SECONDS, QUICK = 60.0, Sampling(samples_per_px=6)
-"""Below so many seconds the reference has this sampling: its own finest grid may take a minute for one position."""
+"""Time (s) below which the reference has this sampling: its finest grid may need a minute for one position."""
 
 FIRST = 2
-"""Samplings measured at once at first, then one more each time: whatever is measured at once is lost together."""
+"""Number of samplings measured together at first, then one more each time: they are lost together if stopped."""
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:

@@ -16,14 +16,14 @@ from lfcal.reconstruct import SOLVERS, Projector, SolverChoice, iter_reconstruct
 __all__ = ["PLACE"]
 
 SHOWN = (1, 2, 5, 10, 20, 40, 80)
-"""Iterations at which the volume is held against the truth."""
+"""Iterations at which the volume is compared with the truth."""
 
 PLANES, SIDE = 3, 128
 FULL = 0.8
 """Share of the full well that the brightest pixel reaches."""
 
 SHARE = 0.2
-"""Share of the seconds that one solver may take: the next ones are to be seen, too."""
+"""Share of the time that one solver may use, so that others can be measured too."""
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:

@@ -51,7 +51,7 @@ def _stored(path: Path, patterns: Patterns, dtype: str, compression: str, worker
     with open_psf(path) as H:
         found = np.array(H.plane(0), np.float64)
     read = time.perf_counter() - start
-    # what the file holds beside the samples does not grow with them
+    # the rest of the file does not grow with the samples
     _write(path, values, dtype, "none", workers)
     beside = path.stat().st_size - int(np.prod(shape)) * (8 if dtype == "float64" else 4)
     others = {"write (s)": wrote * patterns.scale, "read (s)": read * patterns.scale}

@@ -1,12 +1,13 @@
 """The content guard: each frame is checked before it counts.
 
-- ``doubts``: what can be wrong with a frame, and the words for it
-- ``content``: content of an earlier exposure, and light, place, dark level and clipping that differ from the frames
+- ``doubts``: possible faults of a frame, with their messages
+- ``content``: detection of content from an earlier exposure, and of light, place, dark level and clipping that differ
+from the frames
   around it
 
-A frame is judged by what was recorded before it, never by a model: any camera and any pattern will do. What only looks
-unusual is no fault yet: `lfcal.acquire.runner` takes the frame again, and then a frame that is known, to see whether
-the rig changed or the pattern.
+A frame is compared with earlier frames, never with a model, so that any camera and any pattern are suitable. An
+unusual frame is not a fault yet: `lfcal.acquire.runner` takes the frame again, and then a known one, to see whether
+the rig has changed or the pattern is unusual.
 """
 
 from typing import TYPE_CHECKING

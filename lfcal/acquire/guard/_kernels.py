@@ -13,10 +13,10 @@ from lfcal.base import njit
 __all__ = ["COLUMNS", "count_lit", "expect", "learn", "measure", "same_rows"]
 
 COLUMNS = ("level", "energy", "row", "column", "peak", "noise", "total")
-"""What `measure` fills, and the first five of it a table of neighbours holds.
+"""Values that `measure` computes; the first five are stored in the table of neighbours.
 
-Level of the darkest corner; sum of what exceeds it; its centroid from the frame's middle (pixels); highest sample;
-noise of a pixel in that corner (counts); sum of all samples.
+Level of the darkest corner; sum of the light above it; its centroid relative to the frame's middle (pixels); highest
+sample; noise of a pixel in that corner (counts); sum of all samples.
 """
 
 

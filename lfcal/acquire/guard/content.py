@@ -55,10 +55,10 @@ class RowSample(NamedTuple):
 
 
 class Repeats:
-    """The content of every exposure so far, as checksums, and of the latest ones, as samples.
+    """The content of all exposures so far, as checksums, and of the latest ones, as samples.
 
-    Content is compared in sensor coordinates, of different places only: a source that moved makes another image even
-    for a sensor without noise, and at one place it may make the same.
+    Content is compared in sensor coordinates, and only between different positions: a displaced source gives a
+    different image even without noise, while at the same position images may be equal.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ LEVEL, ENERGY, ROW, COLUMN, PEAK = range(5)
 UNUSUAL = 8.0
 """A frame is unusual that differs so many times as much from what its neighbours lead to as frames mostly do."""
 SIGMAS = 8.0
-"""And by so many standard deviations of its own noise."""
+"""Required significance, in standard deviations of the frame's own noise."""
 GAINS = (1.3, 2.0, 2.5, 1.5)
 """Noise of a difference from what is expected, over that of one frame, for each way of `expect`."""
 FIRST = (0.001, 0.03, 0.15, 0.15)
@@ -157,9 +157,9 @@ FIRST = (0.001, 0.03, 0.15, 0.15)
 LEAST = (0.003, 0.2, 0.5, 0.5)
 """Smaller differences are no fault of the rig, in the same units."""
 ELSEWHERE = (0.01, 0.5, 1.5, 1.5)
-"""The same for a frame without neighbours, held against the latest one of another plane."""
+"""The same for a frame without neighbours, compared with the latest one of another plane."""
 MANY = (0.01, 0.5, math.inf, math.inf)
-"""The same for whole frames of many points, held against the latest one: at another offset light is elsewhere."""
+"""The same for whole frames of many points, compared with the latest one: at another offset, light is elsewhere."""
 AGAIN = (0.003, 0.15, 0.5, 0.5)
 """The same for two frames of one place."""
 REFERENCES = (0.01, 0.25, 1.0, 1.0)
@@ -257,7 +257,7 @@ class Neighbours:
         return doubt
 
     def accept(self, position: Position, now: MeasuredFrame, exposure_s: float, pitch: int) -> None:
-        """Remember a frame that is to be trusted."""
+        """Store a trusted frame."""
         way = self._expect(position, pitch)
         if way >= 0 and now.lit:
             learn(now.values, self._expected, self._sensor.ceiling, self._mostly[way])
@@ -323,9 +323,9 @@ LIT_SIGMAS, LIT_COUNTS = 5.0, 3.0
 class Content(NamedTuple):
     """A frame for the guard.
 
-    ``frame`` ``(rows, columns)`` as it is kept, ``now`` the same in numbers; ``raws`` the exposures it was made of, the
-    same region of the sensor for every frame of a kind; ``asked_s`` and ``actual_s`` all exposures that were asked for
-    and that the camera took (s), the frame's own first.
+    ``frame`` ``(rows, columns)`` as it will be stored, ``now`` its measurements. ``raws`` are its exposures, in the
+    same region of the sensor for every frame of a kind. ``asked_s`` and ``actual_s`` are the requested and the actual
+    exposures (s), that of the frame first.
     """
 
     kind: Kind
@@ -338,7 +338,7 @@ class Content(NamedTuple):
 
 
 class CheckedFrame(NamedTuple):
-    """A frame in numbers, the doubt about it, and what is remembered of it if it is to be trusted."""
+    """Measurements of a frame, the doubt about it, and what is stored if it is trusted."""
 
     now: MeasuredFrame
     doubt: Doubt
@@ -346,20 +346,20 @@ class CheckedFrame(NamedTuple):
 
 
 class ContentGuard:
-    """Judge frames in the order of recording.
+    """Checks frames in the order of recording.
 
     Parameters
     ----------
     shape
         ``(nz, ny, nx)`` positions of the plan.
     sensor
-        The camera's.
+        Sensor of the camera.
     coarse
         Whether coarse grids come first, so that neighbours lie farther away.
     recorded
         See `Repeats`.
     whole
-        Frames are whole ones of many points: each has its own places of light, and about as much of it as the others.
+        Whether frames are whole ones of many points, which differ in the places of light but have similar sums.
     """
 
     def __init__(
@@ -405,7 +405,7 @@ class ContentGuard:
         return now
 
     def accept(self, content: Content, seen: CheckedFrame) -> None:
-        """Trust a frame: later ones are held against it."""
+        """Trust a frame: later ones are compared with it."""
         self._repeats.remember(seen.samples)
         if content.kind is Kind.POSITION:
             position = content.place.position

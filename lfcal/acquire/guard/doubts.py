@@ -10,7 +10,7 @@ from lfcal.base import Finding
 __all__ = ["CERTAIN", "NO_DOUBT", "Doubt"]
 
 CERTAIN = Suspicion.REPEATED | Suspicion.TORN | Suspicion.EXPOSURE
-"""What a frame proves by itself; everything else is held against a known place before it counts."""
+"""Faults that a frame proves alone; all others are checked with a known position first."""
 
 
 SUBJECTS = {
@@ -61,7 +61,7 @@ class Doubt:
 
     @property
     def text(self) -> str:
-        """All reasons and remedies in one line."""
+        """All reasons and remedies as one line."""
         return "; ".join(part for one in self.findings for part in (one.detail, one.remedy) if part)
 
 

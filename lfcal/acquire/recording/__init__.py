@@ -1,11 +1,11 @@
-"""The crash-safe recording: frames and records in place, one sync each, readable at any moment.
+"""The crash-safe recording: frames and records written in place with one sync each, readable at any time.
 
-- ``records``: what is noted with every frame, and the proof that both are whole
+- ``records``: the record of every frame, and the proof that both are intact
 - ``recording_file``: one recording file, written in place and read; ``store``: the files of one session;
   ``writer``: the writing thread
 - ``durable``: the lock of a session folder, and a check of the free space
-- ``_recorded``: what belongs into a file and what of it is there, without its header or end too
-- ``_verify``: what of a session is whole, damaged, or was never taken, and its repair
+- ``_recorded``: expected and existing content of a file, even without its header or end
+- ``_verify``: check which frames are intact, damaged, or were never taken, and repair
 - ``source``: a recorded session as frames, of cutouts or of a whole target; ``opening``: either of them
 """
 

@@ -1,7 +1,7 @@
-"""One file of a session as it was recorded: what belongs into it, and what of it is there.
+"""One file of a recorded session: its expected and its existing content.
 
-The header may be gone and the end cut off. `lfcal.acquire.recording.recording_file.lay_out` puts the same recording at
-the same place every time, so that the session says where the frames are, and the records prove it.
+The header may be missing and the end truncated. `lfcal.acquire.recording.recording_file.lay_out` always places the
+same recording at the same offsets, so the session determines where the frames are, and the records prove it.
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ def _in_sentence(error: str) -> str:
 
 
 class Slots(NamedTuple):
-    """What belongs into each of the ``N`` slots of one file.
+    """Expected content of the ``N`` slots of one file.
 
     ``kinds`` ``(N,)``, ``flat`` ``(N,)`` positions of the plan, ``origins`` ``(N, 2)`` sensor (row, column) of the
     first pixel, as in `Schedule`.
@@ -175,28 +175,28 @@ def files_made(session: SessionFile, run: int, schedule: Schedule) -> dict[Kind,
 
 
 class RecordedFile:
-    """The frames of one kind in one recording of a session; those that are lost are there and cannot be read.
+    """The frames of one kind in one recording of a session; lost ones are included, but cannot be read.
 
     Attributes
     ----------
     slots
-        What belongs into each slot.
+        Expected content of each slot.
     records
-        ``(N,)`` what is noted of each frame; where that is lost, what the plan says.
+        ``(N,)`` record of each frame; if it is lost, the values of the plan.
     there
-        ``(N,)`` whether a slot holds a frame, or held one.
+        ``(N,)`` whether a slot contains or contained a frame.
     fault
-        What is wrong with the file itself, empty for nothing.
+        Fault of the file itself; empty if there is none.
 
     Parameters
     ----------
     folder, session, run, schedule, kind
-        Which file of which session, and the steps of its recording.
+        The file, its session, and the steps of its recording.
 
     Raises
     ------
     FileFormatError
-        If the file is another session's.
+        If the file belongs to another session.
     """
 
     def __init__(self, folder: Path, session: SessionFile, run: int, schedule: Schedule, kind: Kind) -> None:

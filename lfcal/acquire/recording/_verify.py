@@ -56,10 +56,11 @@ _STATE_WORDS = {
 
 @dataclass(frozen=True, slots=True)
 class DamagedFrame:
-    """A frame that was recorded and is no longer what it was.
+    """A recorded frame that is damaged.
 
-    ``kind`` is ``"position"``, ``"dark"``, ``"reference"`` or ``"control"``; ``position`` (z, y, x) that of the plan it
-    belongs to; ``what`` says what is wrong; ``replaced`` whether a later recording has the position whole.
+    ``kind`` is ``"position"``, ``"dark"``, ``"reference"`` or ``"control"``; ``position`` (z, y, x) is that in the
+    plan; ``what`` describes the damage; ``replaced`` says whether a later recording has an intact frame of the
+    position.
     """
 
     file: str
@@ -84,22 +85,22 @@ class FileReport:
 
 @dataclass(frozen=True, slots=True)
 class SessionReport:
-    """What a full check of a session found.
+    """Result of a full check of a session.
 
     Attributes
     ----------
     path
-        The session's folder.
+        Folder of the session.
     files
         Every file.
     damaged
         Frames that were recorded and are damaged or lost, in the order of files and slots.
     never_taken
-        Positions to record without a frame, whole or damaged.
+        Positions without any frame, intact or damaged.
     pending
-        Damaged positions that a later recording, begun and not finished, will take when the session is resumed.
+        Damaged positions that an unfinished later recording will take when the session is resumed.
     lacking
-        Positions that were acknowledged and have no record any more; only their number is known.
+        Number of acknowledged positions whose record is lost.
     """
 
     data: ClassVar[str] = "session"

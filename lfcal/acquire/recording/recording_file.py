@@ -1,9 +1,9 @@
-"""One recording file: laid out once by HDF5, then written in place; read while it is written or after it was repacked.
+"""One recording file: laid out once by HDF5, then written in place; readable meanwhile, and after repacking.
 
-``frames[N, h, w]`` and ``records[N]`` are contiguous, allocated early and never filled, so that the HDF5
-file is complete before the first frame. Each frame is written where HDF5 put its dataset, then its record,
-then ``fdatasync``; only then is it acknowledged. A frame torn by a crash fails its CRC-32 and counts
-as not taken. Any reader may open the file meanwhile.
+``frames[N, h, w]`` and ``records[N]`` are contiguous, allocated early and never filled, so that the HDF5 file is
+complete before the first frame. Each frame is written at the place of its HDF5 dataset, then its record, then
+``fdatasync``; only then is it acknowledged. A frame torn by a crash fails its CRC-32 and counts as not taken. Any
+reader may open the file meanwhile.
 """
 
 from __future__ import annotations
@@ -42,18 +42,18 @@ PAGE = 4096
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where the frames and records of a recording lie.
+    """Location of the frames and records of a recording.
 
     Attributes
     ----------
     count
-        Slots for frames.
+        Number of slots for frames.
     shape, dtype
         Rows and columns of a frame, and its sample type.
     frames_at, records_at
         Offsets in the file (bytes); -1 once the recording is repacked into chunks.
     attributes
-        What the file says of itself.
+        Attributes of the file.
     """
 
     count: int
@@ -117,7 +117,7 @@ class RecordingJournal:
         self.path = path
         self.layout = read_layout(path)
         if not self.layout.in_place:
-            raise StorageError(f"{path}: is finished and repacked; record what is to be redone beside it")
+            raise StorageError(f"{path}: is finished and repacked; record further positions into a separate file")
         with storage_errors(path):
             self._descriptor = os.open(path, os.O_RDWR | OPEN_FLAGS)
         self._closed = False

@@ -92,7 +92,9 @@ class Note:
     elapsed_s: Annotated[float, "<f8"]  # seconds of recording, pauses and interruptions left out
     energy: Annotated[float, "<f8"]  # sum of the frame's samples
     peak: Annotated[float, "<f4"]
-    suspicion: Suspicion = Suspicion.NONE  # has no field of its own, so that recordings of every age read alike
+    suspicion: Suspicion = (
+        Suspicion.NONE
+    )  # has no separate field, so that recordings of all versions have the same form
 
 
 STORED = tuple(field.name for field in fields(Note) if field.name != "suspicion")

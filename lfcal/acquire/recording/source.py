@@ -118,26 +118,26 @@ def _whole(
 class RecordingSource(Frames):
     """The acknowledged positions of a session, oldest recording first, later ones winning.
 
-    Frames are cutouts that know where on the sensor they were. ``metadata`` brings the session's ``plan``, the
-    camera's bit depth and saturation, and the ``darks`` recorded with it by exposure.
+    Frames are cutouts with their place on the sensor. ``metadata`` contains the session's ``plan``, the camera's bit
+    depth and saturation, and the recorded ``darks`` by exposure.
 
     Parameters
     ----------
     folder
-        The session's; it may still be recording.
+        Folder of the session, which may still be in progress.
     planes
-        Depth planes to take; their positions are counted from 0 in this order. None takes all.
+        Depth planes to use; their positions are counted from 0 in this order. None: all.
     skip_damaged
-        Open files that are damaged, and average the dark frames that are whole. Damaged frames still are among the
-        source's, and cannot be read: `lfcal.frames.iter_undamaged` leaves them out. An older frame never stands in
-        for a damaged one that replaced it.
+        Open damaged files, and average the intact dark frames. Damaged frames remain in the source, and cannot be
+        read: `lfcal.frames.iter_undamaged` leaves them out. An older frame never replaces a damaged one that replaced
+        it.
 
     Raises
     ------
     StorageError, FileFormatError
-        If there is no session, or a file of it is damaged.
+        If there is no session, or one of its files is damaged.
     InputError
-        If nothing was recorded, or whole frames of a target were (`TargetRecording` opens those).
+        If nothing was recorded, or the session has whole frames of a target (open it with `TargetRecording`).
     """
 
     of_whole_frames = False
@@ -173,7 +173,7 @@ class RecordingSource(Frames):
         except BaseException:
             self._stack.close()
             raise
-        self._finalizer = weakref.finalize(self, self._stack.close)  # a source that is let go closes its files
+        self._finalizer = weakref.finalize(self, self._stack.close)  # a released source closes its files
 
     def _newest(self, planes: Sequence[int] | None) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         """Return file, slot and flat position of the newest frame of every position there is, damaged or not."""
@@ -330,9 +330,9 @@ def _part_of(plan: ScanPlan, planes: Sequence[int]) -> ScanPlan:
 class CheckFrame(NamedTuple):
     """A reference or control frame.
 
-    ``kind`` says which; ``position`` is the plan's position it is held against, ``periods`` (y, x) how many
-    whole periods away it was taken, ``elapsed_s`` when (s of recording), ``energy`` its sum (counts),
-    ``origin`` the sensor (row, column) of its first pixel.
+    ``kind`` is the kind; ``position`` is the plan's position that it is compared with, ``periods`` (y, x) the number
+    of periods it is away, ``elapsed_s`` its time (s of recording), ``energy`` its sum (counts), ``origin`` the sensor
+    (row, column) of its first pixel.
     """
 
     kind: Kind
@@ -391,15 +391,15 @@ def _devices(devices: Devices) -> dict[str, Any]:
 class TargetRecording(RecordingSource):
     """The acknowledged frames of a target's session, in the plan's order.
 
-    Of a complete session frame ``k`` is frame ``k`` of its plan; `frames` says which it is of one that is not. Each
-    frame's ``points`` are the positions that its holes are next to **as planned**, in the order of
-    ``target.points(plane, offset)``: where the target really lay is found in the frames. ``metadata`` has the
-    ``plan`` of the scan and the ``target`` (`lfcal.targets.TargetPlan`) besides what every session brings.
+    In a complete session, frame ``k`` is frame ``k`` of its plan; otherwise `frames` states which it is. The
+    ``points`` of each frame are the positions nearest to its holes **as planned**, in the order of
+    ``target.points(plane, offset)``; the real pose of the target is found in the frames. ``metadata`` contains the
+    ``plan`` of the scan and the ``target`` (`lfcal.targets.TargetPlan`), in addition to those of every session.
 
     Parameters
     ----------
     folder, skip_damaged
-        As of `RecordingSource`, which raises the same.
+        As in `RecordingSource`, which raises the same errors.
 
     Examples
     --------

@@ -26,11 +26,11 @@ class Store:
     Parameters
     ----------
     journals
-        One per kind that the schedule has and whose file is not packed; a packed file was complete.
+        One per kind in the schedule whose file is not packed; a packed file was complete.
     schedule
         The steps.
     taken
-        For each journal's kind whether its slots hold an acknowledged frame that is whole; None: none does.
+        For each kind, whether its slots contain an intact acknowledged frame; None: none does.
     earlier
         Records ``[N]`` of all files of the recording, also of packed ones.
     """
@@ -86,9 +86,9 @@ class Store:
         identity: str,
         damaged: Callable[[str], NDArray[np.int64]],
     ) -> Store:
-        """Open the files of recording ``run`` to go on; ``damaged`` gives the slots of a file to be taken again.
+        """Open the files of recording ``run`` to continue it; ``damaged`` lists the slots of a file to take again.
 
-        Raises `FileFormatError` if they are another session's.
+        Raises `FileFormatError` if they belong to another session.
         """
         opened: dict[Kind, RecordingJournal] = {}
         taken: dict[Kind, NDArray[np.bool_]] = {}
@@ -157,7 +157,7 @@ def recording_bytes(schedule: Schedule, dtype: np.dtype[Any]) -> int:
 
 
 def files_of(schedule: Schedule, dtype: np.dtype[Any]) -> dict[Kind, tuple[int, tuple[int, int], np.dtype[Any]]]:
-    """Return count, shape and dtype of the file of each kind; references stand for all checks."""
+    """Return count, shape and dtype of the file of each kind; references represent all checks."""
     plans: dict[Kind, tuple[int, tuple[int, int], np.dtype[Any]]] = {}
     for kind, count, shape, sample in (
         (Kind.POSITION, schedule.count(Kind.POSITION), schedule.window, dtype),

@@ -1,8 +1,7 @@
 """A thread that waits for the disk while the next frame is being taken.
 
-The disk's time and the stage's and camera's time then overlap, and a disk that is slower than the camera makes
-several frames safe at once. Nothing is acknowledged before it is on the disk; what is in flight when the
-program dies is simply taken again.
+The disk then works in parallel with stage and camera, and a disk that is slower than the camera writes several frames
+in one sync. Nothing is acknowledged before it is on the disk. Frames in flight when the program dies are taken again.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Live set-up: what a person needs to see before the session begins; no window in here.
+"""Live set-up: measurements that a user needs before the session begins, independent of the window.
 
-- ``lfcal.acquire.spots``: where the spot is, how sharp, how far it moved
-- ``stage_fit``: stage-to-image scale, rotation and sign from a few moves, and how far the stage moves in depth
-- ``optical_axis``: where moving in depth does not move the image
+- ``lfcal.acquire.spots``: place, sharpness and displacement of the spot
+- ``stage_fit``: stage-to-image scale, rotation and sign from a few moves, and the movement in depth
+- ``optical_axis``: the place where moving in depth does not move the image
 - ``exposure``: exposure time for each plane
-- ``live``: the live view with histogram and exact saturation, and where the plan expects the image
+- ``live``: the live view with histogram, exact saturation, and the planned place of the image
 """
 
 from typing import TYPE_CHECKING

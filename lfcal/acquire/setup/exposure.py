@@ -32,7 +32,7 @@ def suggest_exposure(
     >>> from lfcal.acquire.setup import suggest_exposure
     >>> print(f"{suggest_exposure(2000, 0.01, black_level=0, max_value=4000):.3f} s")  # 70 % where 50 % were
     0.014 s
-    >>> print(suggest_exposure(4000, 0.01, black_level=0, max_value=4000))  # saturated: nobody knows by how much
+    >>> print(suggest_exposure(4000, 0.01, black_level=0, max_value=4000))  # saturated by an unknown amount
     None
     """
     if peak >= max_value or peak <= black_level:

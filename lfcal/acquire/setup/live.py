@@ -84,18 +84,18 @@ def levels(frame: NDArray[Any], max_value: int) -> Levels:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveState:
-    """What a live frame says.
+    """Measurements of a live frame.
 
     Attributes
     ----------
     levels
         Histogram of every pixel.
     spot
-        The light of the source, on the sensor; None if none stands out.
+        The light of the source on the sensor; None if none is significant.
     stage_um
-        Where the stage is (µm).
+        Position of the stage (µm).
     expected_px
-        Where the plan expects the image (row, column), None without a plan.
+        Planned place of the image (row, column), None without a plan.
     trouble
         Why the last grab gave no frame, or empty.
     """
@@ -142,16 +142,16 @@ def iter_live(
     plan: ScanPlan | None = None,
     timeout_s: float = 5.0,
 ) -> Generator[LiveState, float | None, None]:
-    """Grab whole frames until stopped, put each into ``preview`` and yield its numbers.
+    """Grab whole frames until stopped, put each into ``preview`` and yield its measurements.
 
-    Send a number to change the exposure (s). A frame that does not come, or not whole, is reported in
-    `LiveState.trouble` and the view goes on.
+    Send a number to change the exposure (s). A missing or incomplete frame is reported in `LiveState.trouble`, and the
+    view continues.
 
     Raises
     ------
     DeviceLost
     DeviceError
-        If a driver fails in a way of its own.
+        If a driver raises any other error.
 
     Examples
     --------

@@ -20,14 +20,14 @@ __all__ = ["OpticalAxis", "find_optical_axis", "iter_optical_axis"]
 
 @dataclass(frozen=True, slots=True)
 class OpticalAxis:
-    """Where the axis meets object space and the sensor.
+    """Place of the optical axis in object space and on the sensor.
 
     Attributes
     ----------
     object_um
-        Sideways place (right, down) at which the image stands still while the depth changes (µm).
+        Lateral place (right, down) at which the image does not move while the depth changes (µm).
     image_px
-        Where that image is on the sensor (row, column).
+        Place of that image on the sensor (row, column).
     residual_px
         RMS distance of the centroids from the model (pixels).
     """
@@ -38,23 +38,23 @@ class OpticalAxis:
 
 
 def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
-    """Return the axis from images seen at several depths and sideways places.
+    """Return the axis from images seen at several depths and lateral places.
 
-    In each plane k the image is an affine function ``M_k p + t_k`` of the sideways place p; the axis is the p
+    In each plane k, the image is an affine function ``M_k p + t_k`` of the lateral place p; the axis is the p
     at which all planes agree, by least squares.
 
     Parameters
     ----------
     object_um
-        ``(K, J, 2)`` sideways places (right, down) of J >= 3 images in K >= 2 planes (µm).
+        ``(K, J, 2)`` lateral places (right, down) of J >= 3 images in K >= 2 planes (µm).
     image_px
         ``(K, J, 2)`` centroids (row, column) (pixels).
 
     Raises
     ------
     InputError
-        If the magnification does not change over the depths: a telecentric system has no such place, and
-        what moves the image then is a tilted stage axis.
+        If the magnification does not change over the depths: a telecentric system has no such place, and an image that
+        moves then shows a tilted stage axis.
 
     Examples
     --------

@@ -60,7 +60,7 @@ FOCUSED_SIGMAS = 20.0
 
 @dataclass(frozen=True, slots=True)
 class StageCheck:
-    """What a few moves showed of the stage.
+    """Result of checking the stage with a few moves.
 
     Attributes
     ----------
@@ -71,9 +71,9 @@ class StageCheck:
     depth
         Movement in depth; None where it was not measured.
     notes
-        What was not checked, and what is worth knowing, a sentence each.
+        Omitted checks and remarks, one sentence each.
     frames
-        How many were taken.
+        Number of frames taken.
     """
 
     fits: tuple[StageFit, ...] = ()
@@ -101,25 +101,25 @@ def _left_out(why: str) -> StageCheck:
 def iter_stage_check(
     rig: Rig, plan: ScanPlan | FramePlan, options: Options | None = None, control: Control | None = None
 ) -> Work[StageCheck]:
-    """Look at five places in the first and in the last plane, the middle of the cell several times.
+    """Visit five places in the first and in the last plane, the middle of the cell several times.
 
-    Nothing is recorded, and the stage returns to where it was.
+    Nothing is recorded, and the stage returns to its previous place.
 
     Parameters
     ----------
     rig, plan, options, control
-        As of `lfcal.acquire.iter_record`.
+        As in `lfcal.acquire.iter_record`.
 
     Raises
     ------
     InputError
-        If no light is seen, or the stage moves the image otherwise than the plan says: an axis is reversed or swapped,
-        a scale error moves the source by more than 0.25 px over a period, one place is met to worse than 0.25 px
-        (rms), or the movement in depth is not the plan's.
+        If no light is seen, or the stage does not move the image as planned: an axis is reversed or swapped, a scale
+        error moves the source by more than 0.25 px over a period, the repeatability of one place is worse than 0.25 px
+        (rms), or the movement in depth differs from the plan.
     DeviceError
         If a device fails more often than `Options.retries` allows.
     Cancelled
-        If the control was asked for an end.
+        If an end was requested through the control.
 
     Examples
     --------
@@ -155,9 +155,9 @@ def iter_stage_check(
 
 
 class _Looks(NamedTuple):
-    """What was seen in one plane: of each place read-back (µm), centroid (row, column) and spread (pixels).
+    """Measurements in one plane: read-back (µm), centroid (row, column) and spread (pixels) of each place.
 
-    ``visits`` are all centroids of the middle, ``still`` those of it without a move, ``frame`` its cutout.
+    ``visits`` are all centroids of the middle, ``still`` those without a move, ``frame`` is its cutout.
     """
 
     stage: NDArray[np.float64]

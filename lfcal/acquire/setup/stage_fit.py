@@ -49,7 +49,7 @@ PHASE = 0.1
 
 @dataclass(frozen=True, slots=True)
 class StageFit:
-    """How the stage moves the image, measured against what the plan says.
+    """Measured motion of the image by the stage, compared with the plan.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class StageFit:
         Image movement (right, down) per planned movement (right, down), ``((a, b), (c, d))``; ideally the
         unit matrix.
     axes
-        Stage axes and origin that agree with what was seen.
+        Stage axes and origin that agree with the measurement.
     residual_px
         RMS distance of the centroids from the fit (pixels).
     """
@@ -98,7 +98,7 @@ def fit_stage(plan: ScanPlan, z: int, stage_um: ArrayLike, image_px: ArrayLike) 
     Parameters
     ----------
     plan
-        What was expected.
+        The expected plan.
     z
         Index of the depth plane.
     stage_um
@@ -187,7 +187,7 @@ def check_stage(fit: StageFit, plan: ScanPlan, *, cell_px: float = CELL_PX, resi
     Parameters
     ----------
     fit, plan
-        What was seen, and what it is held against.
+        The measurement, and the plan to compare it with.
     cell_px, residual_px
         Largest displacement of the source over one period by an error of the scale or the angle, and RMS residual
         (pixels).
@@ -286,9 +286,9 @@ def places_about(
 ) -> NDArray[np.float64]:
     """Return five places of the stage ``(5, 3)``: the middle of the cell in plane ``z``, and a rectangle about it (µm).
 
-    Its corners are whole periods from the middle, over which the lenslets' pattern cancels: three, or a tenth of the
-    sensor, and less where the period was rounded, the cutout would leave the sensor, or the stage its travel. Where the
-    sensor has not `room`, they are one period away all the same.
+    Its corners are whole periods from the middle, over which the lenslets' pattern cancels: three periods or a tenth
+    of the sensor. They are closer if the period was rounded, the cutout would leave the sensor, or the stage its
+    travel. If the sensor has no `room`, they are one period away.
 
     Raises
     ------
@@ -342,15 +342,15 @@ class DepthLook(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class DepthFit:
-    """Movement in depth over the plan's, from the first to the last plane.
+    """Ratio of the movement in depth to the plan, from the first to the last plane.
 
     Attributes
     ----------
     scale, error
-        Ideally 1, with its standard deviation; NaN where nothing shows it.
+        Ideally 1, with its standard deviation; NaN if it cannot be measured.
     by
-        ``"growth"`` of the image's movement with depth, ``"spread"`` of the pattern (where the camera is telecentric),
-        or why neither shows it.
+        ``"growth"`` of the image's movement with depth, ``"spread"`` of the pattern (for a telecentric camera), or why
+        neither is measurable.
     """
 
     scale: float
@@ -361,18 +361,18 @@ class DepthFit:
 def depth_fit(
     plan: ScanPlan, looks: Sequence[DepthLook], slope_error: NDArray[np.float64], optics: str = ""
 ) -> DepthFit:
-    """Return the movement in depth from what was seen in the first and the last plane.
+    """Return the movement in depth from measurements in the first and the last plane.
 
     Parameters
     ----------
     plan
-        What was expected.
+        The expected plan.
     looks
-        Of the first and of the last plane.
+        Measurements in the first and in the last plane.
     slope_error
         Error of a fit's slopes (right, down).
     optics
-        Of a simulated camera: the quick pattern spreads as no lens does.
+        Optics of a simulated camera: the quick pattern does not spread like that of a lens.
     """
     step, last = (plan.camera.step_um(plan.depths_um[z]) for z in (0, -1))
     grows = last / step - 1

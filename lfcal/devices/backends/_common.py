@@ -23,7 +23,7 @@ __all__ = [
 
 
 class CameraFacts:
-    """Shape and sample range of a camera; whoever opens it sets ``_shape`` and ``_bits``."""
+    """Shape and sample range of a camera; the code that opens it sets ``_shape`` and ``_bits``."""
 
     _shape: tuple[int, int]
     _bits: int

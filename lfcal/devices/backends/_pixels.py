@@ -2,7 +2,8 @@
 
 Names and layouts are those of the GenICam Pixel Format Naming Convention (PFNC). Formats such as ``Mono12p`` are one
 stream of bits, the lowest first. ``Mono12Packed`` is the older layout of GigE Vision: two pixels in three bytes. The
-outer bytes are their high bits; the middle one has the low bits of the first pixel, above them those of the second.
+outer bytes are their high bits; the middle one contains the low bits of the first pixel, and above them those of the
+second.
 """
 
 from __future__ import annotations
@@ -24,18 +25,18 @@ SUPPORTED = "Mono or BayerGR, RG, GB, BG with 8, 10, 12, 14, 16, 10p, 12p, 10Pac
 
 @dataclass(frozen=True, slots=True)
 class PixelFormat:
-    """How the samples of a frame lie in its buffer.
+    """Layout of the samples of a frame in its buffer.
 
     Attributes
     ----------
     name
-        By the PFNC, such as ``"BayerRG12p"``.
+        Name in the PFNC, such as ``"BayerRG12p"``.
     bits
         Bits of a sample.
     stored_bits
-        Bits that a pixel takes in the buffer, as the format's PFNC number says.
+        Bits per pixel in the buffer, from the PFNC number of the format.
     group
-        Pixels and bytes after which the layout repeats; (1, 1) or (1, 2) where samples are not packed.
+        Pixels and bytes after which the layout repeats; (1, 1) or (1, 2) if samples are not packed.
     legacy
         Whether it is the older packing of GigE Vision.
     """

@@ -115,7 +115,7 @@ class _Camera(CameraFacts):
         width, height = c.c_int(), c.c_int()
         lib.camera_get_sensor_size(camera, c.byref(width), c.byref(height))
         self._shape = height.value, width.value
-        # USB3 Vision has no packets of its own to size
+        # USB3 Vision has no packet size to set
         if packet_size and lib.camera_is_gv_device(camera):
             lib.camera_gv_set_packet_size(camera, packet_size)
         self._triggered = trigger == "software" or (

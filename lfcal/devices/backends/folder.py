@@ -122,7 +122,7 @@ class _Camera(CameraFacts):
         message = f"{self._folder}: no file {self._pattern} for request {self._number} in {self._wait:g} s"
         if "{number" in self._pattern:
             raise FrameTimeout(f"{message}; check the other program")
-        raise DeviceLost(f"{message}; as a late one would be taken for the next, use {{number}} in the pattern")
+        raise DeviceLost(f"{message}; a late one could be mistaken for the next, so use {{number}} in the pattern")
 
     def close(self) -> None:
         """Take the request back."""

@@ -76,7 +76,7 @@ class GenTLBackend:
         except (InputError, DeviceMissing, CameraError):
             harvester.reset()
             raise
-        except Exception as error:  # harvesters and producers raise kinds of their own
+        except Exception as error:  # harvesters and producers raise other types of errors
             harvester.reset()
             raise DeviceMissing(f"GenTL camera: {type(error).__name__}: {error}; check the producer {cti}") from error
 

@@ -1,8 +1,9 @@
 """A simulated camera and stage.
 
 - ``backend``: the backend, and `simulated_rig` for scripts and tests
-- ``_camera``, ``_stage``: the devices; ``_optics``: what light reaches the sensor, ``_targets``: of many points
-- ``faults``: what can be made to go wrong
+- ``_camera``, ``_stage``: the devices; ``_optics``: the light that reaches the sensor, ``_targets``: that of many
+points
+- ``faults``: faults that can be injected
 """
 
 from typing import TYPE_CHECKING

@@ -48,10 +48,11 @@ class _Grain(NamedTuple):
 
     @classmethod
     def two(cls, draw: int, rows: int) -> tuple[_Grain, _Grain]:
-        """Return the grains of read noise and of photon noise, which share no sample of the field.
+        """Return the deviates of read noise and of photon noise, which share no sample of the field.
 
-        Each row has its own part of the field. With one part for a whole frame, two frames in 4096 had equal noise,
-        which no real sensor has: their dark rows were equal, and the content guard took them for one buffer.
+        Each row uses a separate part of the field. With one part for a whole frame, two of 4096 frames would have
+        equal noise, unlike any real sensor: their dark rows would be equal, and the content guard would treat them as
+        one buffer.
         """
         rng = np.random.default_rng(draw)
         first = int(rng.integers(SPREAD))
@@ -97,15 +98,15 @@ class SimLight:
 class SimCamera:
     """A camera in a simulated world.
 
-    The same place and exposure always give the same frame, so that an interrupted session can be compared
-    with an undisturbed one; a second frame without a move differs in its noise.
+    The same position and exposure always give the same frame, so that an interrupted session can be compared with an
+    uninterrupted one; a second frame without a move has different noise.
 
     Parameters
     ----------
     description
         Sensor, noise, bit depth.
     axes
-        How the stage's axes really move the source.
+        Actual motion of the source by the stage's axes.
     stage, time, light
         The simulated stage, clock and lamp.
     renderer
@@ -113,7 +114,7 @@ class SimCamera:
     automatic
         Settings that cannot be switched off, of `AUTOMATIC`: every frame then has the same peak, or a gamma.
     seed
-        Of the noise.
+        Seed of the noise.
     """
 
     name = "simulated camera"
@@ -190,7 +191,7 @@ class SimCamera:
         actual = Roi(row, column, min(roi.rows, rows - row), min(roi.columns, columns - column))
         self._roi = actual
         sensor = self._sensor
-        # noise is drawn once for a region and shifted for each frame: drawing it anew takes longer than the exposure
+        # noise is drawn once for a region and shifted for each frame, because drawing it takes longer than the exposure
         rng = np.random.default_rng((self._seed, actual.row, actual.column, actual.rows, actual.columns))
         shape = (actual.rows + SPREAD, actual.columns + SPREAD)
         normal = rng.standard_normal(shape, np.float32)
@@ -236,7 +237,7 @@ class SimCamera:
         return round(CLAMPED * self._asked, 6) if "clamps exposure" in active else self._asked
 
     def _with_faults(self, data: NDArray[Any], active: frozenset[str]) -> NDArray[Any]:
-        """Return ``data`` as it comes out of a camera with faults of its own."""
+        """Return ``data`` as delivered by a camera with injected faults."""
         before, self._before = self._before, data
         if not active:
             return data

@@ -1,4 +1,4 @@
-"""Renderers for the simulated camera: a quick pattern of its own, or frames made elsewhere."""
+"""Renderers for the simulated camera: a built-in quick pattern, or frames from elsewhere."""
 
 from __future__ import annotations
 
@@ -25,23 +25,22 @@ TOLERANCE = 0.01
 """Relative L1 error of simulated optics with effects: at 5 % a fit of 24 frames found its camera incomplete."""
 
 OFF_PLANE_PX = 0.5
-"""Change of the shadow's radius from which a source does not stand in a plane of the plan."""
+"""Change of the shadow's radius above which a source is not in a plane of the plan."""
 
 GRID_TOLERANCE = 0.003
-"""The same at level ``grid``: what a fit of many frames tells lies far below the noise of one."""
+"""The same at level ``grid``: the information from a fit of many frames is far below the noise of one."""
 
 
 class PatternRenderer:
-    """A light, quick stand-in for plenoptic optics: a blurred disc seen through a periodic mask.
+    """A fast substitute for plenoptic optics: a blurred disc seen through a periodic mask.
 
-    The disc lies on the paraxial image of the source and grows with its distance from the native plane;
-    the mask has exactly the plan's period, so the resulting H is periodic. It is for exercising a session,
-    not for judging a PSF.
+    The disc is at the paraxial image of the source and grows with its distance from the native plane. The mask has
+    exactly the plan's period, so the resulting H is periodic. It is for testing a session, not for assessing a PSF.
 
     Parameters
     ----------
     plan
-        Camera, period and exposures; the brightest plane peaks at ``peak`` of the sensor's range.
+        Camera, period and exposures; the brightest plane has its peak at ``peak`` of the sensor's range.
     peak
         Share of the range between black and saturation.
     """
@@ -169,11 +168,11 @@ def simulated_optics(plan: ScanPlan, level: str, effects: str = "") -> FramesRen
     """Return the plenoptic camera of ``plan`` at a level of the simulator, with ideal optics or those of a file.
 
     It is free of noise: `SimCamera` adds that of the sensor. ``level`` is ``"auto"``, ``"geometric"``, ``"wave"``,
-    ``"grid"`` (slower, and as fine as a fit) or ``"microscope"``; ``effects`` is a JSON file as
-    `lfcal.simulate.effects.described.read_entries` reads it, of which what enters H is simulated, and with it what
-    `plan_effects` finds necessary; or ``"auto"``: this alone. Ideal optics focus a point into a single pixel of each
-    micro-image, which no search for light can tell from a hot pixel. Raises `InputError` where the level does not
-    suit the plan's camera, or the file holds no effects.
+    ``"grid"`` (slower, and as fine as a fit) or ``"microscope"``. ``effects`` is a JSON file as in
+    `lfcal.simulate.effects.described.read_entries`, whose effects on H are simulated together with those that
+    `plan_effects` finds necessary; or ``"auto"``: only the latter. Ideal optics focus a point into a single pixel of
+    each micro-image, which cannot be distinguished from a hot pixel. Raises `InputError` if the level does not suit
+    the plan's camera, or the file has no effects.
     """
     # here, so that the quick pattern does not load the simulator
     from lfcal.simulate import SimulatedCamera
@@ -185,7 +184,7 @@ def simulated_optics(plan: ScanPlan, level: str, effects: str = "") -> FramesRen
 
 
 def chosen_effects(plan: ScanPlan, effects: str, tolerance: float = TOLERANCE) -> tuple[Effect, ...]:
-    """Return the effects of a JSON file with what is necessary beside them, or of ``"auto"`` what is necessary."""
+    """Return the effects of a JSON file together with the necessary ones, or for ``"auto"`` only the latter."""
     from lfcal.simulate import plan_effects
     from lfcal.simulate.effects import parse_entries
 

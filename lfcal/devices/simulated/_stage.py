@@ -32,7 +32,7 @@ class VirtualTime:
         return self._now
 
     def sleep(self, seconds: float) -> None:
-        """Let ``seconds`` pass at once."""
+        """Advance the clock by ``seconds`` immediately."""
         self._now += max(0.0, seconds)
 
     def wall(self) -> float:
@@ -46,7 +46,7 @@ class VirtualTime:
 
 @dataclass(frozen=True, slots=True)
 class StageModel:
-    """How the simulated stage moves.
+    """Motion of the simulated stage.
 
     Attributes
     ----------
@@ -55,8 +55,8 @@ class StageModel:
     ringing_um, ringing_s
         Amplitude after a stop (µm) and the time constant with which it dies out (s).
     backlash_um
-        Backlash of each axis: after moving in the negative sense the source stands this far towards +; the
-        encoder sits on the motor and does not see it (µm).
+        Backlash of each axis: after moving in the negative direction, the source is displaced this far towards +; the
+        encoder is on the motor and does not detect it (µm).
     drift_um_s
         Speed at which each axis creeps after arrival (µm/s).
     limits
@@ -85,9 +85,9 @@ class SimStage:
     Parameters
     ----------
     time, model, faults
-        Clock, how it moves, what goes wrong.
+        Clock, motion, and faults.
     slip_um
-        How far off along x the source stands where the encoder is off, and half as far as where steps are lost (µm).
+        Displacement of the source along x for an encoder fault; half of it for lost steps (µm).
     """
 
     name = "simulated stage"

@@ -61,7 +61,7 @@ class TargetPattern:
 
 
 class TargetRenderer:
-    """What the simulator makes of a target: every hole at its own depth and place of the field.
+    """Simulated optics of a target: every hole at its depth and place in the field.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class TargetRenderer:
         Raises
         ------
         InputError
-            If the stage stands in no plane of the plan.
+            If the stage is in no plane of the plan.
         """
         scan = self._frames.plan.scan
         z = int(np.argmin(np.abs(np.array(scan.depths_um) - source_um[2])))
@@ -99,14 +99,14 @@ class TargetRenderer:
 
 
 class SwitchedRenderer:
-    """A display before the camera: where the stage would stand for an offset, the points of all that are lit in it.
+    """A display in front of the camera: at the stage position of an offset, all points lit in it are shown.
 
     Parameters
     ----------
     target
-        What makes the light of the target at one place.
+        Optics of the target at one place.
     plan
-        Of a target whose points are switched: which offsets each frame shows.
+        Plan of a target with switched points, which states the offsets in each frame.
     """
 
     def __init__(self, target: Renderer, plan: TargetPlan) -> None:
@@ -136,18 +136,18 @@ class SwitchedRenderer:
 def simulated_target(
     plan: ScanPlan, path: str, level: str, effects: str = "", *, spread: float = 0.0, seed: int = 0
 ) -> Renderer:
-    """Return the optics of ``plan`` with a target before them.
+    """Return the optics of ``plan`` with a target in front of them.
 
     Parameters
     ----------
     plan
-        The scan that the target stands for.
+        The scan that the target replaces.
     path
         JSON file of a target, or of the plan of one.
     level, effects
-        ``"pattern"``, or as of `simulated_optics`.
+        ``"pattern"``, or as in `simulated_optics`.
     spread, seed
-        Relative spread of the brightness of the holes, and of its draw.
+        Relative spread of the brightness of the holes, and its random seed.
     """
     target, stated = _target_in(Path(path))
     brightness = uneven(target, spread, seed)

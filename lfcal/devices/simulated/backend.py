@@ -42,18 +42,18 @@ def simulated_rig(
     plan
         Camera, period and exposures.
     model, faults
-        How the stage moves, and what goes wrong.
+        Motion of the stage, and faults.
     axes
-        How the stage's axes really move the source; by default as the plan says.
+        Actual motion of the source by the stage's axes; by default as planned.
     optics
         A `Renderer`, or a `FrameSource` of full sensor frames such as `lfcal.simulate.SimulatedCamera`;
         by default a light, quick pattern.
     time
-        By default virtual: waits pass at once.
+        Clock; by default virtual: waits take no time.
     automatic
-        Settings that the camera keeps automatic, of ``"ExposureAuto"``, ``"GainAuto"`` and ``"Gamma"``.
+        Settings that the camera keeps automatic, from ``"ExposureAuto"``, ``"GainAuto"`` and ``"Gamma"``.
     seed
-        Of the camera's noise.
+        Seed of the camera's noise.
 
     Examples
     --------
@@ -115,7 +115,7 @@ class SimBackend:
         "simulate computes it; or pattern: a quick blur without lenslets, the default with a target",
         "effects": "auto (default without the option optics: what the camera needs), or a JSON file of effects on the "
         "optics as lfcal simulate --effect reads it; with optics alone they are ideal",
-        "time": "virtual (waits pass at once) or real",
+        "time": "virtual (waits take no time) or real",
         "velocity": "speed of the stage (µm/s)",
         "backlash": "backlash of each axis (µm)",
         "drift": "creep of each axis after arrival (µm/s)",

@@ -29,7 +29,7 @@ STAGE_FAULTS = (
 )
 # "bumped" happens to the stage, but while a frame is exposed: it is counted in frames
 CONTENT_FAULTS = ("blank", "repeats", "frozen", "torn", "region slips", "dark level", "clamps exposure", "lamp dims")
-"""Frames that come complete, in time and with a number of their own, and are wrong."""
+"""Faulty frames that are complete, in time and have valid numbers."""
 CAMERA_FAULTS = (
     "times out",
     "incomplete",
@@ -56,7 +56,7 @@ class DeviceFault:
     at
         Number of the call to ``move`` (stage faults), ``grab`` (camera faults) or ``read`` (faults of gauges), from 0.
     times
-        How many calls in a row are affected; a device that vanishes does not come back, nor do lost steps.
+        Number of consecutive affected calls; a vanished device does not return, nor do lost steps.
     """
 
     kind: str

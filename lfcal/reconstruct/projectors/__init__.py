@@ -1,8 +1,8 @@
-"""The projector pair and the ways it is computed.
+"""The projector pair and its methods.
 
 - ``projector``: `Projector`; ``_polyphase``, ``_direct``, ``_sparse``, ``_position_fft`` are its methods
 - ``grid``, ``_tiles``, ``_planes``, ``_engine``: the lattice of whole periods, overlap-save tiles, H plane by plane
-- ``forecast``, ``_rates``: what each method costs on this machine
+- ``forecast``, ``_rates``: cost of each method on this machine
 """
 
 from typing import TYPE_CHECKING

@@ -18,16 +18,16 @@ __all__ = ["DeviceEngine", "DeviceOperand", "Placement"]
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Where and how the arrays of an engine lie.
+    """Location of the arrays of an engine.
 
     Attributes
     ----------
     device
         The device.
     kept
-        Whether prepared planes stay there; else they stay with the processor and are moved in every projection.
+        Whether prepared planes stay there; otherwise they stay in host memory and are moved in every projection.
     room
-        Bytes of working memory that an engine plans its steps for.
+        Working memory for which an engine plans its steps (bytes).
     """
 
     device: ArrayDevice
@@ -37,7 +37,7 @@ class Placement:
 
 @dataclass(frozen=True, slots=True)
 class DeviceOperand:
-    """One prepared plane: ``arrays`` of the processor or of the device, and what is to be known of them."""
+    """One prepared plane: ``arrays`` on the processor or on the device, with facts about them."""
 
     arrays: tuple[Any, ...]
     nbytes: int
@@ -62,7 +62,7 @@ class DeviceEngine(ABC):
     # -- the parts that engines differ in -----------------------------------------------------------------
     @abstractmethod
     def prepared(self, plane: NDArray[Any]) -> tuple[tuple[NDArray[Any], ...], Any]:
-        """Return the arrays of one plane of H, on the processor, and what is to be known of them."""
+        """Return the arrays of one plane of H, on the processor, with facts about them."""
 
     @abstractmethod
     def add(self, total: Any, operand: DeviceOperand, plane: Any) -> Any:
@@ -85,7 +85,7 @@ class DeviceEngine(ABC):
         """Return the operand of one plane of H, ``(ny, nx, nt, ns)``, on the device where it is kept there."""
         arrays, facts = self.prepared(plane)
         operand = DeviceOperand(arrays, sum(array.nbytes for array in arrays), False, facts)
-        # entries are foretold from a few positions: where they are more than that, the last planes stay here
+        # entries are predicted from a few positions: if there are more, the last planes stay here
         fits = self.device.free_bytes() - operand.nbytes > self.placement.room
         return self._there(operand) if self.placement.kept and fits else operand
 

@@ -115,15 +115,15 @@ class _Option:
 def device_forecast(
     problem: ProjectionProblem, method: str, memory_limit: int, device: ArrayDevice
 ) -> ProjectionForecast:
-    """Return the cheapest way to project on ``device``, where prepared planes stay there or are moved each time.
+    """Return the cheapest method on ``device``, with prepared planes kept there or moved each time.
 
-    ``memory_limit`` are bytes of the processor, which hold planes that the device cannot keep; where neither can, they
-    are prepared anew in each projection.
+    ``memory_limit`` is that of the processor (bytes), for planes that do not fit on the device; if they do not fit
+    there either, they are prepared again in each projection.
 
     Raises
     ------
     InputError
-        If devices do not know the method, or not even one plane and the least working memory fit there.
+        If devices do not support the method, or not even one plane and the smallest working memory fit.
     """
     known = ("auto", *ON_DEVICES)
     if method not in known:
@@ -177,7 +177,7 @@ def _placed(
         scratch,
         prepare,
     )
-    if here and cost.memory_bytes > memory_limit:  # neither has room: planes are prepared anew each time
+    if here and cost.memory_bytes > memory_limit:  # they fit nowhere: planes are prepared again each time
         anew = option.prepare_s
         ahead, back = cost.forward_s + anew, cost.adjoint_s + anew
         cost = replace(
@@ -252,9 +252,9 @@ def _polyphase(problem: ProjectionProblem, rates: DeviceRates) -> Iterator[_Opti
 def forecast_on(
     device: str | ArrayDevice, problem: ProjectionProblem, method: str, memory_limit: int
 ) -> tuple[ArrayDevice | None, ProjectionForecast]:
-    """Return the device that ``device`` names, None for the processor, and the cheapest way to project there.
+    """Return the device named ``device``, None for the processor, and the cheapest method there.
 
-    ``auto`` falls back to the processor where the device does not know the method, or has no room for it.
+    ``auto`` falls back to the processor if the device does not support the method, or has too little memory.
     """
     found = find_device(device) if isinstance(device, str) else device
     if found is None or (device == "auto" and method not in ("auto", *ON_DEVICES)):

@@ -22,7 +22,7 @@ def band_bytes(plan: TilePlan, rows: int, itemsize: int) -> int:
     tiles = rows * plan.x.count
     windows = plan.y.length * plan.x.length * tiles * plan.grid.phases * itemsize
     spectra = plan.frequencies * tiles * plan.grid.phases * 2 * itemsize
-    # windows along one axis and along both, and what a transform holds beside its result
+    # windows along one axis and along both, and the temporary memory of a transform
     return 3 * windows + 3 * spectra
 
 

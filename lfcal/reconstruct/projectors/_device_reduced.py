@@ -76,7 +76,7 @@ class DeviceReduced(DeviceEngine):
 
     # -- steps -----------------------------------------------------------------------------------------
     def _at(self, spacing: float) -> tuple[Nodes, DeviceDirect, DeviceSparse]:
-        """Return nodes so far apart, the engine of their patterns, and that of the entries beside them."""
+        """Return nodes with this spacing, the engine of their patterns, and that of the additional entries."""
         if spacing not in self._tools:
             host, nodes = self.host, Nodes.of(self.grid.period, spacing)
             wider = replace(self.grid, cutout=nodes.widened(self.grid.cutout))
@@ -98,12 +98,12 @@ class DeviceReduced(DeviceEngine):
 
 
 def _rest(operand: DeviceOperand) -> DeviceOperand:
-    """Return the entries of an operand as one of their own."""
+    """Return the entries of an operand as a separate operand."""
     return DeviceOperand(operand.arrays[1:], operand.nbytes, operand.there, operand.facts[1])
 
 
 def collected(device: ArrayDevice, nodes: Nodes, packed: Any, dtype: np.dtype[Any]) -> Any:
-    """Return what each node stands for, ``(my, cells, mx)``: `Nodes.collected` on the device."""
+    """Return the weighted sums at each node, ``(my, cells, mx)``: `Nodes.collected` on the device."""
     xp, (ny, nx), (my, mx) = device.xp, (nodes.y.period, nodes.x.period), nodes.shape
     down, across = (device.moved(axis.shares.astype(dtype)) for axis in (nodes.y, nodes.x))
     cells_y, cells_x = packed.shape[0] // ny, packed.shape[1] // nx
@@ -134,6 +134,6 @@ def _carried(xp: Any, device: ArrayDevice, sums: Any) -> Any:
 
 
 def _with_next(xp: Any, device: ArrayDevice, values: Any) -> Any:
-    """Return values ``(cells, m, n)`` and the next cell's first beside them: the transpose of `_carried`."""
+    """Return values ``(cells, m, n)`` with the first of the next cell appended: the transpose of `_carried`."""
     nothing = xp.zeros((1, 1, values.shape[2]), dtype=values.dtype, device=device.place)
     return xp.concat([values, xp.concat([values[1:, :1, :], nothing], axis=0)], axis=1)

@@ -1,6 +1,6 @@
 """Sparse projection on a device: rows of shifted lattices gathered, and summed by small products.
 
-Entries of H are kept as in `projectors._sparse`, for both directions, in slices of rows of about equal
+Entries of H are stored as in `projectors._sparse`, for both directions, in slices of rows of about equal
 length that are filled up with zeros (SELL: Kreutzer et al. 2014, SIAM J. Sci. Comput. 36, C401).
 """
 
@@ -21,7 +21,7 @@ from lfcal.reconstruct.projectors.grid import Grid
 __all__ = ["DeviceSparse", "Slices", "sparse_bytes"]
 
 ROWS, EVEN = 64, 0.85
-"""Most rows to a slice, sorted by length, and the least length of one beside the longest of its slice."""
+"""Largest number of rows in a slice, sorted by length, and smallest ratio of a length to the longest in its slice."""
 
 
 def sparse_bytes(grid: Grid, itemsize: int) -> int:

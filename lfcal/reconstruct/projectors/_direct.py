@@ -38,10 +38,10 @@ CELLS, SOURCES = 256, 200
 """Lattice cells and sources that a product takes at least, where there are as many (measured)."""
 
 LEAST_RAMP = 4
-"""Window rows below which a product of their own costs more than what it spares."""
+"""Number of window rows below which a separate product costs more than it saves."""
 
 PARTS = 16
-"""Into which a projection falls, whoever works on it: its sums are the same for any number of workers."""
+"""Number of parts of a projection, which does not depend on the workers, so that sums are identical."""
 
 
 Task = tuple[list[tuple[int, int]], slice]
@@ -88,9 +88,9 @@ def strips_together(grid: Grid, workers: int) -> int:
 
 
 def rows_together(rows: int, columns: int, strips: int) -> int:
-    """Return how many rows of sources, ``columns`` each, share a window: its additions are spared all but once.
+    """Return how many rows of sources, ``columns`` each, share a window, which saves all its additions but one.
 
-    Where there are few strips of the lattice to work on at a time, so many that there are some groups of rows.
+    With few strips of the lattice to process together, the number is chosen to give several groups of rows.
     """
     return max(1, min(math.ceil(SOURCES / columns), math.ceil(4 * rows * strips / PARTS)))
 
@@ -98,7 +98,7 @@ def rows_together(rows: int, columns: int, strips: int) -> int:
 class Direct:
     """Project with dense matrix products; H needs no preparation and may be read plane by plane.
 
-    ``phases`` (ny, nx) selects image phases: rows of the patterns that hold none of them are left out. With ``nodes``
+    ``phases`` (ny, nx) selects image phases: rows of the patterns without any of them are left out. With ``nodes``,
     only positions at nodes have patterns, ``(my, mx, nt, ns)``: see `image_of` and `cells_of`.
     """
 
@@ -254,8 +254,8 @@ class Direct:
     ) -> Iterator[tuple[slice, slice, NDArray[Any]]]:
         """Yield runs of window rows, the group's sources whose rows reach there, and their banded matrix.
 
-        That is ``(rows of sources, columns of sources, window rows, nx + ns - 1)``: pattern ``x`` lies ``x`` columns
-        to the right, and those of later rows of sources lower down.
+        The matrix is ``(rows of sources, columns of sources, window rows, nx + ns - 1)``: pattern ``x`` is ``x``
+        columns to the right, and those of later rows of sources are lower.
         """
         at_y, at_x = self.sources
         nt, ns = operand.shape[2:]
@@ -268,7 +268,7 @@ class Direct:
                 int(np.searchsorted(down, rows.start - nt, side="right")), int(np.searchsorted(down, rows.stop))
             )
             patterns = operand[group][own]
-            # what lies beside the patterns is never written, so the zeros of the first use last
+            # places outside the patterns are never written, so the zeros of the first use remain
             band = scratch.array(f"band of {count} rows", (len(patterns), len(at_x), count, width))
             lay_patterns(patterns, down[own] - rows.start, at_x, band)
             yield rows, slice(own.start * len(at_x), own.stop * len(at_x)), band

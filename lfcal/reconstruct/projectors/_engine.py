@@ -22,16 +22,16 @@ class Cost:
     method
         Its name.
     prepare_s, forward_s, adjoint_s
-        Seconds to set all planes up, for one forward and for one adjoint projection of the whole volume.
+        Seconds for preparing all planes, for one forward, and for one adjoint projection of the whole volume.
     operand_bytes
-        What the prepared planes take together.
+        Memory of all prepared planes.
     scratch_bytes
-        Working memory of one projection, beside its result.
+        Working memory of one projection, without its result.
     prepare_bytes
-        Working memory while a plane of H is read and prepared, beside the operand.
+        Working memory while a plane of H is read and prepared, without the operand.
     resident
-        Whether all prepared planes are kept; else they are prepared anew in every projection, and the
-        seconds say so.
+        Whether all prepared planes are kept; otherwise they are prepared again in every projection, which the seconds
+        include.
     """
 
     method: str
@@ -58,18 +58,18 @@ class Cost:
 
 @dataclass(frozen=True, slots=True)
 class DeviceUse:
-    """What a projection takes of the memory of a device.
+    """Device memory of a projection.
 
     Attributes
     ----------
     operand_bytes
-        Prepared planes that are there at once.
+        Prepared planes that are there together.
     room
-        Working memory, by which steps are planned.
+        Working memory, for which steps are planned.
     free
-        Bytes that were free there before.
+        Free memory there before (bytes).
     kept
-        Whether all prepared planes stay there; else they are moved there in every projection, one at a time.
+        Whether all prepared planes stay there; otherwise they are moved there in every projection, one at a time.
     """
 
     operand_bytes: int

@@ -1,8 +1,8 @@
 """Compiled inner loops of the projectors.
 
-All do parts of f[p] = sum_v g[v] H[v mod n][p - v + c] (Eberhart et al. 2020, equation 1) for one depth plane: v are
-positions of the volume, p pixels of the image, n = (ny, nx) the period and c = ((nt - 1)/2, (ns - 1)/2) the middle of
-a pattern. A phase is a position within the period, counted row by row; a lattice cell is one period.
+All compute parts of f[p] = sum_v g[v] H[v mod n][p - v + c] (Eberhart et al. 2020, equation 1) for one depth plane: v
+are positions of the volume, p pixels of the image, n = (ny, nx) the period and c = ((nt - 1)/2, (ns - 1)/2) the middle
+of a pattern. A phase is a position within the period, counted row by row; a lattice cell is one period.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ __all__ = [
 Array = NDArray[Any]
 
 LANES = 1024
-"""Lattice positions summed at once, at most: entries are read again for the next, and nine runs share the cache."""
+"""Most lattice positions summed in one run: each run reads the entries again; nine runs share the cache."""
 
 
 class Tiling(NamedTuple):
@@ -95,9 +95,9 @@ def gather_windows(windows: Array, image: Array, tiling: Tiling, first: int) -> 
 
 @njit()
 def lay_patterns(patterns: Array, rows: Array, columns: Array, band: Array) -> None:
-    """Lay patterns ``(ky, kx, nt, ns)`` into windows ``(ky, kx, any, any)``, where their rows and columns begin.
+    """Place patterns ``(ky, kx, nt, ns)`` into windows ``(ky, kx, any, any)``, starting at their rows and columns.
 
-    ``rows`` (ky,) may be negative and patterns reach beyond the last row. Beside patterns nothing is written.
+    ``rows`` (ky,) may be negative, and patterns may extend beyond the last row. Nothing is written outside patterns.
     """
     ky, kx, nt, ns = patterns.shape
     for j in range(ky):
@@ -116,7 +116,7 @@ def lay_patterns(patterns: Array, rows: Array, columns: Array, band: Array) -> N
 
 @njit()
 def count_entries(plane: Array, keep: Array, by_source: Array, by_pixel: Array) -> None:
-    """Count the entries of H that are not zero by source phase and by image phase, each ``(phases,)``.
+    """Count the non-zero entries of H by source phase and by image phase, each ``(phases,)``.
 
     ``plane`` is ``(ny, nx, nt, ns)``; ``keep`` (ny, nx) selects image phases.
     """
@@ -138,9 +138,9 @@ def count_entries(plane: Array, keep: Array, by_source: Array, by_pixel: Array) 
 def fill_entries(plane: Array, keep: Array, layout: PhaseLayout, sources: Entries, pixels: Entries) -> None:
     """Sort the entries of H by source phase (for the adjoint) and by image phase (for the forward projection).
 
-    H[y, x][t, s] leads from phase (y, x) to the image phase (y + t - ct, x + s - cs) mod n, dy and dx cells farther
-    on; an offset leads from a lattice position to the other side's value. The counts in ``start`` are those of
-    `count_entries`. Entries that reach farther than the margins never meet the image: offset 0 and value 0.
+    H[y, x][t, s] leads from phase (y, x) to the image phase (y + t - ct, x + s - cs) mod n, dy and dx cells further.
+    An offset leads from a lattice position to the value on the other side. The counts in ``start`` are those of
+    `count_entries`. Entries that reach beyond the margins never meet the image: offset 0 and value 0.
     """
     ny, nx, nt, ns = plane.shape
     ct, cs = (nt - 1) // 2, (ns - 1) // 2
@@ -179,9 +179,9 @@ def fill_entries(plane: Array, keep: Array, layout: PhaseLayout, sources: Entrie
 def gather_sums(entries: Entries, values_in: Array, values_out: Array, base: int, low: int, high: int) -> None:
     """Add to ``values_out[k, q]`` the sum over entries e of phase k of ``value[e] * values_in[offset[e] + base + q]``.
 
-    ``low <= k < high``; ``values_in`` is flat, ``values_out`` is ``(phases, positions)`` and ``base`` the first
-    position behind the margins. Eight entries are taken at a time, which saves seven of eight loads and stores of the
-    sums.
+    The phases are ``low <= k < high``; ``values_in`` is flat, ``values_out`` is ``(phases, positions)`` and ``base``
+    is the first position after the margins. Eight entries are processed together, which saves seven of eight loads and
+    stores of the sums.
     """
     start, offset, value = entries.start, entries.offset, entries.value
     positions = values_out.shape[1]

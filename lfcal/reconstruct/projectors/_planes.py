@@ -28,9 +28,9 @@ class PlaneReader:
     dtype
         float32 or float64.
     threshold
-        Entries whose size is below this share of their plane's largest are taken as zero.
+        Entries whose magnitude is below this share of their plane's largest are treated as zero.
     denoise
-        Whether the noise of recorded patterns is reduced where it is known.
+        Whether to reduce the noise of recorded patterns, if it is known.
     """
 
     H: Any
@@ -128,7 +128,7 @@ def centre_of(patterns: Any) -> tuple[int, int]:
 
 
 def runs_of_rows(phases: NDArray[np.bool_] | None, height: int, first: int) -> list[tuple[int, int]]:
-    """Return runs (start, stop) of ``height`` rows that fall onto selected image phases, row 0 onto phase ``first``.
+    """Return runs (start, stop) of ``height`` rows on selected image phases; row 0 has phase ``first``.
 
     ``phases`` ``(ny, nx)``; None: all are.
     """

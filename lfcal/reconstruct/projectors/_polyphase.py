@@ -5,7 +5,7 @@ Split image and volume by phase, ``p = n P + i`` and ``v = n V + j``. Then ::
     f_i[P] = sum_j sum_D K_ij[D] g_j[P - D],      K_ij[D] = H[j][n D + i - j + c]
 
 is, at each frequency of the coarse lattice, one product with the small matrix ``K_ij`` of all phases. The lattice is
-cut into overlap-save tiles, so that the spectra of H stay small and every product has a column per tile.
+divided into overlap-save tiles, so that the spectra of H stay small and every product has one column per tile.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ class Polyphase:
     dtype
         float32 (complex64 spectra) or float64 (complex128).
     workers
-        Threads.
+        Number of threads.
     phases
         ``(ny, nx)`` mask of the image phases to compute and to use; None: all.
     band
-        Rows of tiles worked on at once; fewer take less memory.
+        Rows of tiles processed together; fewer need less memory.
     """
 
     name = "polyphase"
@@ -280,7 +280,7 @@ class Polyphase:
 
 
 def _step(rows: int, phases: int) -> int:
-    """Return how many rows of the lattice are transformed at once, by whoever works."""
+    """Return how many rows of the lattice are transformed together, for any worker."""
     return max(-(-rows // PARTS), -(-COLUMNS // phases))
 
 

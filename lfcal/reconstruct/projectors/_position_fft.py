@@ -17,7 +17,7 @@ __all__ = ["PositionFFT"]
 class PositionFFT:
     """Project with a 'same' FFT convolution for each of the ``ny*nx`` positions (Prevedel et al. 2014).
 
-    Exact and slow: the yardstick the other methods are held against. ``phases`` (ny, nx) selects image phases.
+    Exact and slow: the reference for the other methods. ``phases`` (ny, nx) selects image phases.
     """
 
     name = "fft"

@@ -48,7 +48,7 @@ def _threaded(run: Callable[[int], Any], workers: int) -> float:
 
 @lru_cache(maxsize=256)
 def gemm_seconds(m: int, k: int, n: int, dtype: str, workers: int, *, turned: bool = False) -> float:
-    """Return the seconds of one real product ``(m, k) @ (k, n)`` when all workers are busy with their own.
+    """Return the seconds of one real product ``(m, k) @ (k, n)`` while all workers are busy with their products.
 
     ``turned``: the right factor is a transposed view.
     """
@@ -64,8 +64,8 @@ def gemm_seconds(m: int, k: int, n: int, dtype: str, workers: int, *, turned: bo
 def product_seconds(phases: int, pixels: int, dtype: str, workers: int, *, turned: bool = False) -> tuple[float, float]:
     """Return (a, b) of ``a + b * columns``: seconds of one complex product ``(columns, phases) @ (phases, pixels)``.
 
-    ``turned``: of ``(phases, pixels) @ (columns, pixels).T``, as in the adjoint. Measured over more matrices than
-    the caches hold, as in a projection.
+    ``turned``: for ``(phases, pixels) @ (columns, pixels).T``, as in the adjoint. It is measured over more matrices
+    than fit in the caches, as in a projection.
     """
     count = max(2, min(4096, 2 * LIMIT // 5 // (phases * pixels)))
     stacks = [np.ones((count, phases, pixels), dtype) for _ in range(workers)]

@@ -15,7 +15,7 @@ SEPARATOR = "+"
 
 
 class Tiles(NamedTuple):
-    """Numbers of tiles down and across, and how many rows of them are worked on at once."""
+    """Numbers of tiles down and across, and of rows of tiles processed together."""
 
     down: int
     across: int
@@ -23,7 +23,7 @@ class Tiles(NamedTuple):
 
 
 def recipe_of(method: str, plan: TilePlan | None, band: int | None) -> str:
-    """Return the method with its tiles down and across, and rows of them at once if not all: ``"polyphase:7x3/2"``."""
+    """Return the method with its tiles (and rows of tiles per pass, if not all), e.g. ``"polyphase:7x3/2"``."""
     if plan is None:
         return method
     down, across = plan.counts

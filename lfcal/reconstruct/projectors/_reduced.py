@@ -29,9 +29,9 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True, slots=True)
 class ReducedOperand:
-    """One plane of H: patterns at nodes and the entries beside them, or all patterns where ``rest`` is None.
+    """One plane of H: patterns at nodes and additional entries, or all patterns if ``rest`` is None.
 
-    ``error`` is the largest share of its pattern that a position lacks.
+    ``error`` is the largest share of its pattern that a position loses.
     """
 
     patterns: Array
@@ -43,17 +43,19 @@ class ReducedOperand:
 class Reduced:
     """Project a plane as few patterns, of sources that are weighted sums, plus sparse corrections.
 
-    |(H - Hs) g|_1 is at most ``tolerance`` times the sum of g_v |H_v|_1 over all voxels v, for any g that is nowhere
-    negative; Hs is what is projected, forward and back. A plane that no spacing of nodes serves is projected whole.
+    |(H - Hs) g|_1 is at most ``tolerance`` times the sum of g_v |H_v|_1 over all voxels v, for any non-negative g; Hs
+    is the projected operator, forward and back. A plane for which no spacing of nodes pays off is projected
+    completely.
 
     Parameters
     ----------
     grid, dtype, workers, phases
         As in `lfcal.reconstruct.projectors._direct.Direct`.
     tolerance
-        Largest share of a pattern (L1) that is left out.
+        Largest share of a pattern (L1) that is omitted.
     work
-        Of one projection with nodes so far apart and such a share of entries kept; each plane takes the least.
+        Function for the cost of one projection with a spacing of nodes and a share of kept entries; each plane uses
+        the cheapest.
     """
 
     name = "reduced"

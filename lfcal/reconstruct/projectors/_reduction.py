@@ -1,7 +1,7 @@
-"""A plane of H as few patterns that stand for those between, and the entries where that is not enough.
+"""A plane of H as few patterns that represent those in between, plus entries where these do not suffice.
 
-What changes slowly from source to source, the weak light around each lenslet's spot, holds most entries of H and
-little of its light: it is interpolated between nodes. Spots are not, and are kept entry by entry.
+Most entries of H are the weak light around each lenslet's spot, which changes slowly from source to source and
+contains little of its light: it is interpolated between nodes. Spots are not, and are stored entry by entry.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class AxisNodes:
-    """Nodes along one axis: whole positions about ``spacing`` apart, the first at 0; the next period goes on alike.
+    """Nodes along one axis: whole positions about ``spacing`` apart, the first at 0, repeated in the next period.
 
     Attributes
     ----------
     period
-        Positions of the axis.
+        Number of positions along the axis.
     spacing
-        Wanted distance of two nodes (positions).
+        Requested distance of two nodes (positions).
     """
 
     period: int
@@ -117,13 +117,13 @@ class Nodes:
         return cutout[0] + 2 * self.y.farthest, cutout[1] + 2 * self.x.farthest
 
     def collected(self, packed: NDArray[Any]) -> NDArray[Any]:
-        """Return what each node stands for: weighted sums of ``packed`` over the positions about it.
+        """Return the weighted sums of ``packed`` at each node, over the positions about it.
 
         Parameters
         ----------
         packed
-            Values of whole cells, ``(cells_y ny, cells_x nx)``; the last cell of both axes is zero, and takes what
-            falls to the first nodes beyond the others.
+            Values of whole cells, ``(cells_y ny, cells_x nx)``; the last cell of both axes is zero, and receives the
+            contributions to the first nodes beyond the others.
 
         Returns
         -------
@@ -160,7 +160,7 @@ def _carried(sums: NDArray[Any]) -> NDArray[Any]:
 
 
 def _with_next(values: NDArray[Any]) -> NDArray[Any]:
-    """Return values ``(cells, m, n)`` and the next cell's first beside them: the transpose of `_carried`."""
+    """Return values ``(cells, m, n)`` with the first of the next cell appended: the transpose of `_carried`."""
     found = np.zeros((len(values), values.shape[1] + 1, values.shape[2]), values.dtype)
     found[:, :-1] = values
     found[:-1, -1] = values[1:, 0]
@@ -168,7 +168,7 @@ def _with_next(values: NDArray[Any]) -> NDArray[Any]:
 
 
 BINS = 512
-"""Of the sizes of entries, by which those that may be left out are told."""
+"""Classes of the magnitudes of entries, by which those to omit are chosen."""
 
 
 class Corners(NamedTuple):
@@ -204,17 +204,17 @@ def residual_entries(
     pattern
         ``(nt, ns)``.
     nodes, corners
-        Patterns of nodes, ``(any, nt, ns)``, and those about it.
+        Patterns of nodes, ``(any, nt, ns)``, and the surrounding ones.
     tolerance
-        Largest sum of the sizes that are left out, of the sum of the pattern's.
+        Largest sum of omitted magnitudes, relative to that of the pattern.
     rest
-        Filled: ``(nt + 2 my, ns + 2 mx)``, zero where nothing is kept; its margins take what nodes bring beside the
-        cutout, at most (my, mx) positions away.
+        Filled: ``(nt + 2 my, ns + 2 mx)``, zero where nothing is kept; its margins receive contributions of nodes
+        outside the cutout, at most (my, mx) positions away.
 
     Returns
     -------
     tuple of int and float
-        Entries kept, and the share of the pattern that is left out.
+        Number of kept entries, and the omitted share of the pattern.
     """
     nt, ns = pattern.shape
     which, at, shares = corners.which, corners.at, corners.shares
@@ -261,7 +261,7 @@ SPACINGS = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 11.0)
 """Distances of nodes (positions) that are tried."""
 
 NODE_WORK, ENTRY_WORK = 1.2, 2.0
-"""Work on a node's pattern and on a single entry beside those of a plane that is projected whole (measured)."""
+"""Cost of a node's pattern and of a single entry, relative to those of a plane projected completely (measured)."""
 
 
 @dataclass(frozen=True)
@@ -271,15 +271,16 @@ class Reduction:
     Attributes
     ----------
     nodes
-        Where the patterns belong.
+        Positions of the patterns.
     patterns
         ``(my, mx, nt, ns)``.
     rest
-        ``(ny, nx, nt + 2 my, ns + 2 mx)``, zero for what is left out; margins hold what nodes bring beside a cutout.
+        ``(ny, nx, nt + 2 my, ns + 2 mx)``, zero for omitted entries; margins contain contributions of nodes outside a
+        cutout.
     kept
-        Entries of ``rest`` that are not left out.
+        Number of kept entries of ``rest``.
     error
-        ``(ny, nx)``: the sum of the sizes that each position lacks, as a share of its own.
+        ``(ny, nx)``: sum of the omitted magnitudes at each position, as a share of its total.
     """
 
     nodes: Nodes
@@ -289,12 +290,12 @@ class Reduction:
     error: NDArray[np.float64]
 
     def plane(self) -> Array:
-        """Return the plane that this stands for, ``(ny, nx, nt + 2 my, ns + 2 mx)``."""
+        """Return the represented plane, ``(ny, nx, nt + 2 my, ns + 2 mx)``."""
         (nt, ns), rest = self.patterns.shape[2:], self.rest
         flat, nothing = self.patterns.reshape(-1, nt, ns), np.zeros((nt, ns), rest.dtype)
         out = np.empty_like(rest)
         for y, x in np.ndindex(*rest.shape[:2]):
-            # beside nothing there is minus what is interpolated
+            # outside the cutout, the residual is minus the interpolated value
             residual_entries(nothing, flat, _corners(self.nodes, y, x), 0.0, out[y, x])
         return rest - out
 
@@ -322,7 +323,7 @@ def reduce_plane(plane: Array, spacing: float, tolerance: float, workers: int | 
 
 
 def relative_work(spacing: float, kept: float) -> float:
-    """Return the work of one projection beside that of the whole plane, with a share ``kept`` of its entries."""
+    """Return the cost of one projection relative to that of the whole plane, with a share ``kept`` of its entries."""
     return 1.0 if spacing == 1 else NODE_WORK / spacing**2 + ENTRY_WORK * kept
 
 

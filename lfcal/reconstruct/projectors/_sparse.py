@@ -1,4 +1,4 @@
-"""Sparse projection: only the entries of H that are not zero, each applied to a whole lattice at once."""
+"""Sparse projection: only the non-zero entries of H, each applied to a whole lattice."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class SparseOperand:
 
 
 class Sparse:
-    """Project entry by entry: the cost goes with the number of entries of H that are not zero.
+    """Project entry by entry: the cost is proportional to the number of non-zero entries of H.
 
-    Values are kept by phase, each phase's lattice contiguous and with zero margins, so that an entry is a shifted
+    Values are stored by phase, each phase's lattice contiguous and with zero margins, so that an entry is a shifted
     multiply-add of whole lattices. ``phases`` (ny, nx) selects image phases.
     """
 

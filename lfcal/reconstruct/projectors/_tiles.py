@@ -23,9 +23,9 @@ class AxisTiles:
     cells
         Lattice cells to cover.
     reach
-        Cells a pattern reaches to either side.
+        Reach of a pattern to either side, in cells.
     count
-        Number of tiles; a single tile needs zero padding on one side alone.
+        Number of tiles; a single tile needs zero padding on only one side.
     half
         Keep only the non-negative half of the spectrum (real data).
     """

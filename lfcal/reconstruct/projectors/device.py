@@ -32,7 +32,7 @@ LIBRARIES = ("torch", "cupy")
 
 @dataclass(frozen=True)
 class ArrayDevice:
-    """A device: travels to other processes as the few words that it is.
+    """A device; sent to other processes as its few parameters.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class ArrayDevice:
     index
         Number of the accelerator; None for the processor.
     room
-        Bytes that may be taken there; by default all that is free.
+        Memory that may be used there (bytes); by default all free memory.
     """
 
     library: str
@@ -76,7 +76,7 @@ class ArrayDevice:
         return found
 
     def free_bytes(self) -> int:
-        """Return the memory that may be taken now, as the library tells it, its own reserve included."""
+        """Return the memory that may be used now, as reported by the library, including its reserve."""
         if self.library == "torch" and self.index is not None:
             cuda = importlib.import_module("torch").cuda
             reserve = cuda.memory_reserved(self.index) - cuda.memory_allocated(self.index)
@@ -161,15 +161,15 @@ def find_device(text: str, *, worker: int = 0) -> ArrayDevice | None:
     Parameters
     ----------
     text
-        ``cpu``; ``cuda``, an accelerator, that of the worker's number where there are several; ``cuda:1``, this one;
-        ``auto``, as ``cuda`` where an accelerator is present that computes correctly, else the processor.
+        ``cpu``; ``cuda``, an accelerator, chosen by the worker's number if there are several; ``cuda:1``, this one;
+        ``auto``, like ``cuda`` if there is an accelerator that computes correctly, otherwise the processor.
     worker
         Number of this process among those that share the work.
 
     Raises
     ------
     InputError
-        If the text is none of these, or no such accelerator can be used.
+        If the text is invalid, or there is no such accelerator.
     """
     kind, _, number = text.partition(":")
     if kind not in ("auto", "cpu", "cuda") or (number and kind != "cuda") or (":" in text and not number.isdecimal()):
@@ -228,7 +228,7 @@ def _trusted(device: ArrayDevice, *, must: bool) -> ArrayDevice | None:
         if must:
             raise
         return None
-    except Exception as error:  # libraries raise errors of their own where driver and device do not match
+    except Exception as error:  # libraries raise various errors if driver and device do not match
         if not must:
             return None
         said = f"{type(error).__name__}: {error}"

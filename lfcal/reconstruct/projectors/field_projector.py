@@ -1,10 +1,10 @@
-"""The projector pair of H that changes over the field: H of several regions, blended from place to place.
+"""The projector pair of an H that varies over the field: H of several regions, blended linearly.
 
-Patterns change slowly over the field. Between places where H is known each voxel's pattern is taken as the mean of
-those of the places around, linear from place to place (the variation in space of Nagy & O'Leary 1998, SIAM J. Sci.
-Comput. 19, 1063): the weights belong to the voxel that shines, not to the pixel it is seen in. So what a voxel emits is
-the weighted mean of what the regions have it emit, patterns stay as they are where one region alone counts, and the
-operator ``sum_r H_r W_r`` has the exact adjoint ``sum_r W_r HT_r``.
+Patterns change slowly over the field. Between places where H is known, each voxel's pattern is the mean of the
+surrounding ones, with weights that are linear between places (the spatial variation of Nagy & O'Leary 1998, SIAM J.
+Sci. Comput. 19, 1063). The weights belong to the emitting voxel, not to the pixel. The light of a voxel is thus the
+weighted mean over the regions, patterns are unchanged where only one region counts, and the operator ``sum_r H_r W_r``
+has the exact adjoint ``sum_r W_r HT_r``.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def _check_apart(places: F8) -> None:
         if near.size:
             raise InputError.expected(
                 "regions of the field",
-                "a place of its own for each",
+                "a different place for each",
                 f"{near[0] + 1} and {k + 1} at one",
                 "leave one out",
             )
@@ -164,29 +164,28 @@ class _Part:
 
 
 class FieldProjector(Projector):
-    """The operator ``sum_r H_r W_r`` of several regions of the field and its exact adjoint ``sum_r W_r HT_r``.
+    """The operator ``sum_r H_r W_r`` of several regions of the field, and its exact adjoint ``sum_r W_r HT_r``.
 
-    ``W_r`` weighs voxels by where they lie between the regions' middles (`field_weights`); at each voxel the
-    weights sum to one. Of one region it is that region's `Projector`, bit for bit. Each region is
-    projected where its weight is not zero: all together take as long as one H where regions are many, up to once for
-    each where they are two or three.
+    ``W_r`` weights voxels by their place between the middles of the regions (`field_weights`); at each voxel the
+    weights sum to one. For one region it equals that region's `Projector` exactly. Each region is projected only where
+    its weight is not zero: with many regions, this takes as long as one H; with two or three, up to once for each.
 
     Parameters
     ----------
     matrices
-        H of each region, of one period and the same planes; cutouts may differ. Where a region lies is said by its
-        ``anchor``: its middle is half a period from there, as the scan it was measured by. Patterns of neighbouring
-        regions must not be displaced: the array's pitch is to be that of the period to less than a pixel between them.
+        H of each region, with the same period and planes; cutouts may differ. The ``anchor`` states the place of a
+        region: its middle is half a period from there, as in its scan. Patterns of neighbouring regions must not be
+        displaced: between them, the array's pitch must equal the period to less than a pixel.
     image_shape, method, dtype, threshold, tolerance, memory_limit, workers, phases, device
-        As of `Projector`; phases are those of the first H, and the regions share the memory of a device.
+        As in `Projector`; phases are those of the first H, and the regions share the memory of a device.
     anchor
-        The pixel of the image at which position (0, 0) of the first H is imaged, by default its own anchor; the other
-        regions lie as far from it as their anchors say.
+        Pixel of the image on which position (0, 0) of the first H is imaged, by default its own anchor; the other
+        regions keep the distances of their anchors from it.
 
     Raises
     ------
     InputError
-        If the matrices do not belong together, lie at one place, or one is no H of a place; and as `Projector`.
+        If the matrices do not belong together, have the same place, or one has no place; and as in `Projector`.
 
     Examples
     --------
@@ -433,7 +432,7 @@ class FieldProjector(Projector):
         return (_remade, (made,)) if self._reader.denoise else (made, ())
 
     def __repr__(self) -> str:
-        """Return size, regions and method in a line."""
+        """Return size, regions and method as one line."""
         return f"<FieldProjector {self.volume_shape} -> {self.image_shape}, {self.regions} regions, {self.method}>"
 
 
@@ -474,7 +473,7 @@ def _together(costs: Sequence[Cost], weights: int, blending: int) -> Cost:
     """Return the cost of projections one after the other; ``weights`` are kept, ``blending`` is taken in each."""
     resident = all(cost.resident for cost in costs)
     kept = [cost.operand_bytes for cost in costs if cost.resident]
-    # where some planes are prepared anew each time, those that are kept still take their room
+    # if some planes are prepared again each time, the kept ones still use memory
     more = 0 if resident else sum(kept) + weights
     return Cost(
         costs[0].method,

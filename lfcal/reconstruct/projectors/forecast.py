@@ -51,7 +51,7 @@ PAIRS = 20
 
 @dataclass(frozen=True, slots=True)
 class ProjectionProblem:
-    """What is to be projected.
+    """Description of a projection problem.
 
     Attributes
     ----------
@@ -64,17 +64,17 @@ class ProjectionProblem:
     dtype
         float32 or float64.
     workers
-        Threads.
+        Number of threads.
     density
-        Share of the entries of H that are not zero.
+        Share of non-zero entries of H.
     read_s
         Seconds to read one plane of H.
     kept
-        Spacing of nodes to the share of entries that H reduced to them keeps; empty where no tolerance is given.
+        Mapping from the spacing of nodes to the share of kept entries of a reduced H; empty without a tolerance.
     tiles
-        Where they are given.
+        Tiles, if given.
     noisy
-        Whether H states its noise, which a reconstruction reduces as it reads a plane.
+        Whether H states its noise, which a reconstruction reduces when reading a plane.
     """
 
     grid: Grid
@@ -112,22 +112,22 @@ class ProjectionProblem:
 
 @dataclass(frozen=True, slots=True)
 class ProjectionForecast:
-    """The method taken, what it will cost, and what the others would.
+    """The chosen method with its cost, and the costs of the others.
 
     Attributes
     ----------
     chosen
-        Forecast of the method taken.
+        Forecast of the chosen method.
     plan
-        Its tiles, where it has any.
+        Its tiles, if any.
     band
-        Rows of tiles worked on at once.
+        Rows of tiles processed together.
     options
-        Forecasts of all methods looked at.
+        Forecasts of all examined methods.
     memory_limit
-        Bytes a projection may use.
+        Memory that a projection may use (bytes).
     device
-        What is taken of the device, where it is not the processor.
+        Memory used on the device, if it is not the processor.
 
     Examples
     --------
@@ -149,7 +149,7 @@ class ProjectionForecast:
     def __str__(self) -> str:
         """Return the forecast as one line."""
         cost = self.chosen
-        kept = "" if cost.resident else ", prepared anew each time"
+        kept = "" if cost.resident else ", prepared again each time"
         return (
             f"{cost.method}: set-up {format_seconds(cost.prepare_s)}, forward {format_seconds(cost.forward_s)}, "
             f"adjoint {format_seconds(cost.adjoint_s)}, memory {format_bytes(cost.memory_bytes)} "
@@ -217,7 +217,7 @@ def reading_seconds(reader: PlaneReader) -> float:
 
 
 def _resident(cost: Cost, problem: ProjectionProblem, limit: int) -> Cost:
-    """Return ``cost``, with planes prepared anew in each projection if they cannot be kept."""
+    """Return ``cost`` with planes prepared again in each projection if they cannot be kept."""
     if cost.memory_bytes <= limit:
         return cost
     return Cost(
@@ -262,7 +262,7 @@ def _direct_scratch(problem: ProjectionProblem, grid: Grid, sources: tuple[int, 
     # each worker makes windows and bands of up to four heights, a cell's sources side by side
     own = 2 * min(WINDOW_BYTES, lines * grid.cells[1] * window) + 2 * columns * window
     own += at_once * lines * grid.cells[1] * columns * item
-    # in strips of its own; those of one worker more wait to be added, if there are as many
+    # in separate strips; those of one more worker may wait to be added
     strip = (lines * ny + nt - 1) * (width + ns - 1) * item
     waiting = min((problem.workers + 1) * at_once, len(strips) * -(-PARTS // len(strips)))
     image = (height + nt - 1) * (width + ns - 1) * item
@@ -306,7 +306,7 @@ def _reduced(problem: ProjectionProblem) -> Cost:
     wide = replace(problem.grid, image_shape=(height + ny, width + nx))
     scratch = max(_direct_scratch(problem, wide, nodes) + problem.image_bytes, _sparse_scratch(problem))
     back, forward = planes * (back + beside), planes * (forward + beside)
-    # beside the plane what it leaves over
+    # in addition to the plane, its residual
     return Cost(REDUCED, planes * prepare, forward, back, operand, scratch, once + problem.read_bytes)
 
 

@@ -35,7 +35,7 @@ def anchor_pixel(anchor: tuple[float, float], *, hair: float = 0.0) -> Pair:
 
 @dataclass(frozen=True)
 class Grid:
-    """How pixels fall onto periods: pixel v has phase ``(v - anchor) mod n`` and lattice cell ``(v + origin) // n``.
+    """Mapping of pixels to periods: pixel v has phase ``(v - anchor) mod n`` and lattice cell ``(v + origin) // n``.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Grid:
     cutout
         ``(nt, ns)`` pixels, odd x odd.
     anchor
-        A pixel (row, column) of phase (0, 0); it may lie outside the image.
+        A pixel (row, column) of phase (0, 0); it may be outside the image.
     """
 
     image_shape: Pair

@@ -35,7 +35,7 @@ from lfcal.reconstruct.projectors.grid import Grid, anchor_pixel
 __all__ = ["Projector"]
 
 LARGE = 1 << 22
-"""Values from which on threads look through them quicker than one alone."""
+"""Number of values above which checking them in threads is faster."""
 
 SMALL_S = 3e-3
 """Below these seconds per plane and pair a projection stays on one thread."""
@@ -55,29 +55,29 @@ class Projector:
     image_shape
         Rows and columns of the image and of each volume plane (pixels); need not be whole periods.
     anchor
-        A pixel (row, column) at which the source of position (0, 0) is imaged; by default that of ``H``, else
+        A pixel (row, column) on which the source of position (0, 0) is imaged; by default that of ``H``, else
         (0, 0). Rounded down to whole pixels.
     method
         ``"polyphase"``, ``"direct"``, ``"sparse"``, ``"reduced"`` (with a ``tolerance``), ``"fft"`` (the per-position
-        reference), or ``"auto"``: the cheapest by the `forecast`. With a `recipe` (``"polyphase:7x3"``: tiles down
-        and across) projections are those of the projector that gave it, to the last bit, by any number of workers.
+        reference), or ``"auto"``: the cheapest by the `forecast`. With a `recipe` (``"polyphase:7x3"``: tiles down and
+        across), projections are identical to those of the projector that gave it, for any number of workers.
     dtype
         float32 or float64.
     threshold
-        Entries of H below this share of their plane's peak are taken as zero.
+        Entries of H below this share of their plane's peak are treated as zero.
     tolerance
-        Share of the light that projections may miss, in [0, 1): |(H - Hs) g|_1 is at most ``tolerance`` times the
-        sum of g_v |H_v|_1 over all voxels, for volumes g that are nowhere negative. H that changes slowly from
-        position to position is projected several times quicker then; 0 is exact.
+        Share of the light that projections may omit, in [0, 1): |(H - Hs) g|_1 is at most ``tolerance`` times the sum
+        of g_v |H_v|_1 over all voxels, for non-negative volumes g. An H that changes slowly from position to position
+        is then projected several times faster; 0 is exact.
     memory_limit
-        Bytes a projection may use; by default half of the memory that is free now.
+        Memory that a projection may use (bytes); by default half of the free memory.
     workers
-        Threads; by default all processors.
+        Number of threads; by default all processors.
     phases
         ``(ny, nx)`` mask of the image phases in use: other pixels of the image are zero, and ignored.
     device
         ``"cpu"``; ``"cuda"`` or ``"cuda:1"``, an accelerator that PyTorch or CuPy can use; ``"auto"``, the accelerator
-        where there is one and the problem fits there; or an `ArrayDevice`. Volumes and images stay numpy arrays.
+        if there is one and the problem fits; or an `ArrayDevice`. Volumes and images remain numpy arrays.
 
     Raises
     ------
@@ -354,7 +354,7 @@ class Projector:
         return data
 
     def __repr__(self) -> str:
-        """Return size and method in a line."""
+        """Return size and method as one line."""
         return f"<Projector {self.volume_shape} -> {self.image_shape}, period {self.period}, {self.method}>"
 
 

@@ -1,10 +1,10 @@
-"""Solvers, found by registry; other distributions bring theirs (``docs/extending.md``).
+"""Solvers, found by registry; other distributions can add theirs (``docs/extending.md``).
 
-- ``choice``: all solvers by name; ``solver``: what one is; ``records``: what it reports
+- ``choice``: all solvers by name; ``solver``: definition of a solver; ``records``: its reports
 - ``multiplicative`` (Richardson-Lucy alone, with a penalty, extrapolated), ``ordered_subsets`` (of pixels, of views),
-  ``sieve``, ``image_space``: the multiplicative ones; ``_em`` is the iteration they share
+  ``sieve``, ``image_space``: multiplicative solvers; ``_em`` is their common iteration
 - ``least_squares``: conjugate gradients, for linear problems
-- ``measurement``, ``penalty``, ``_subsets``, ``smoothing``: what solvers are made of
+- ``measurement``, ``penalty``, ``_subsets``, ``smoothing``: components of solvers
 """
 
 from typing import TYPE_CHECKING

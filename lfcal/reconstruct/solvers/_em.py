@@ -51,9 +51,9 @@ def check_acceleration(name: str) -> None:
 def extrapolate(state: SolverState, name: str) -> tuple[NDArray[Any], float]:
     """Return the point the next update starts from, and the step taken along the last change.
 
-    ``biggs-andrews`` takes the step from two successive updates (Biggs & Andrews 1997, equation 10), ``nesterov``
-    from the iteration number (Beck & Teboulle 2009, equation 4.2). A state without memory is returned as it is.
-    A voxel keeps at least `SMALLEST_FACTOR` of its value.
+    ``biggs-andrews`` computes the step from two successive updates (Biggs & Andrews 1997, equation 10), ``nesterov``
+    from the iteration number (Beck & Teboulle 2009, equation 4.2). A state without memory is returned unchanged. A
+    voxel keeps at least `SMALLEST_FACTOR` of its value.
     """
     if name == "none" or not state.arrays:
         return state.volume, 0.0
@@ -93,10 +93,10 @@ def remember(
     restart: bool,
     likelihood: float,
 ) -> tuple[tuple[NDArray[Any], ...], tuple[float, ...]]:
-    """Return what the next extrapolation needs: arrays and numbers of the next state.
+    """Return the memory for the next extrapolation: arrays and numbers of the next state.
 
-    ``restart`` forgets the past: the likelihood had fallen, so the last step was too long. ``likelihood``, that of
-    ``start``, is the last of the numbers: the next one is compared with it.
+    ``restart`` discards the memory, because the likelihood had decreased and the last step was too long.
+    ``likelihood``, that of ``start``, is the last of the numbers, with which the next one is compared.
     """
     if name == "none":
         return (), ()
@@ -119,7 +119,7 @@ UNSEEN = 1e-6
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class EmUpdates:
-    """What the updates of a multiplicative solver can be combined with.
+    """Options that can be combined with the updates of a multiplicative solver.
 
     Attributes
     ----------
@@ -128,9 +128,9 @@ class EmUpdates:
     acceleration
         ``"none"``, ``"biggs-andrews"`` or ``"nesterov"``.
     subsets
-        Masks of image phases to update with in turn (`interleaved_subsets`, `angular_subsets`); None: all at once.
+        Masks of image phases to update with in turn (`interleaved_subsets`, `angular_subsets`); None: all together.
     relaxation
-        Share of each update that is taken, in (0, 1].
+        Share of each update that is applied, in (0, 1].
     smoothing
         `DepthSmoothing` after each iteration; None: none.
     """
@@ -144,20 +144,20 @@ class EmUpdates:
 
 @dataclass(frozen=True)
 class EmOptions(EmUpdates):
-    """How a multiplicative solver updates: by which rule, with what is named in `EmUpdates`, and until when.
+    """Rule, options and end of a multiplicative solver.
 
     Attributes
     ----------
     rule
         ``"richardson-lucy"`` (Poisson likelihood) or ``"isra"`` (least squares, Daube-Witherspoon & Muehllehner 1986).
     tolerance
-        Stop when the relative change falls below.
+        Stop when the relative change falls below this value.
     repeating
-        What repeats from lenslet to lenslet, to be left out of updates; None: nothing is.
+        Removal of updates that repeat from lenslet to lenslet; None: no removal.
     stretch
-        How updates are lengthened at the start, with the acceleration ``"nesterov"``; None: they are not.
+        Lengthening of updates at the start, with the acceleration ``"nesterov"``; None: no lengthening.
     model_noise
-        The noise of H, with the rule ``"richardson-lucy"``; None: there is none.
+        The noise of H, for the rule ``"richardson-lucy"``; None: not used.
     """
 
     rule: str = "richardson-lucy"
@@ -267,9 +267,9 @@ class _Pace:
 
 @dataclass(frozen=True)
 class _Pass:
-    """One pass over all subsets: the volume it began with, the one it ended with, and the fit met on the way.
+    """One pass over all subsets: the volumes before and after it, and the fit in between.
 
-    ``turned_back``: the last update had been stretched too far, and it began with a shorter one.
+    ``turned_back``: the last update had been stretched too far, so this one began with a shorter one.
     """
 
     start: NDArray[Any]
@@ -296,13 +296,13 @@ def iter_em(
     data
         Image, weights and background.
     iterations
-        How many to do, beyond those of ``resume``.
+        Number of iterations, in addition to those of ``resume``.
     options
-        What to do.
+        Rule and options.
     initial
-        Start ``(nz, Y, X)``, not negative; by default even, with the light of the image.
+        Non-negative start ``(nz, Y, X)``; by default uniform, with the light of the image.
     resume
-        State to go on from instead.
+        State to continue from instead.
     """
     _check(P, data, iterations)
     parts = _parts(P, data, options)

@@ -1,13 +1,13 @@
-"""The noise of a recorded H in a fit: which variance it adds to each pixel, and when further iterations fit noise.
+"""The noise of a recorded H in a fit: its contribution to the variance of pixels, and the end of iterations.
 
 Entry ``H[p, v]`` with variance ``a + c H[p, v]`` adds ``sum_v (a + c H[p, v]) g[v]^2`` to the variance of pixel p of
-the model ``H g``. It is added to data and model, as the square of the read noise is (shifted Poisson: Snyder et al.
-1995), so that a pixel counts by all of its variance. The errors of H are the same in every iteration. The misfit
-therefore does not fall to that of the frame's noise: it levels off, and what it falls by from then on is noise of the
-frame and of H that the volume takes up. A run ends there.
+the model ``H g``. This is added to data and model, like the square of the read noise (shifted Poisson: Snyder et al.
+1995), so that the weight of a pixel reflects its total variance. The errors of H are the same in every iteration. The
+misfit therefore does not decrease to that of the frame's noise: it levels off, and any further decrease is noise of
+the frame and of H that enters the volume. A run ends there.
 
-The variance is that of H as it was recorded even where the noise of its patterns is reduced (`lfcal.psf.denoising`):
-the errors that remain are shared by neighbouring voxels, so that they add up in the image to about as much.
+The variance is that of the recorded H even if the noise of its patterns is reduced (`lfcal.psf.denoising`): the
+remaining errors are shared by neighbouring voxels, so they add up in the image to about the same amount.
 """
 
 from __future__ import annotations
@@ -44,15 +44,15 @@ class ModelNoise:
     Attributes
     ----------
     projector
-        Of H, whole.
+        Projector of the complete H.
     sieve
-        Through which volumes are seen.
+        Sieve applied to volumes.
     noise
         Variance of entries of H without light and per unit of signal, for each plane ``(nz, 2)``.
     gain
         Counts per photo-electron of the frame.
     ends
-        Whether the run ends where the misfit levels off.
+        Whether the run ends when the misfit levels off.
     """
 
     projector: Projector
@@ -84,7 +84,7 @@ class ModelNoise:
     def ratio(
         self, volume: NDArray[Any], model: NDArray[Any], mask: NDArray[np.bool_] | None, data: Measurement, floor: float
     ) -> NDArray[Any]:
-        """Return data over model ``(Y, X)``, both with the variance by H, and add up how far they are apart.
+        """Return data divided by model ``(Y, X)``, both with the variance of H, and accumulate their distance.
 
         ``mask``: the pixels of the model, None: all of them; ``floor``: smaller models are rounding.
         """

@@ -1,10 +1,10 @@
-"""What repeats from lenslet to lenslet near the native plane: told by H alone, and by its errors before all.
+"""Removal of patterns that repeat from lenslet to lenslet near the native plane, which are mainly errors of H.
 
-Near the native plane each lenslet images the points behind it onto nearly the same pixels. A pattern that is the same
-behind all lenslets changes the frame there as a slightly wrong H does, and an error of H (vignetting, an aperture, a
-white frame) is the same under all lenslets, while what one looks at is not: such a pattern is a nuisance parameter of
-the calibration, not of the volume. An update's part that repeats, the geometric mean over all periods of
-what it is beside the mean around, is left out.
+Near the native plane, each lenslet images the points behind it onto nearly the same pixels. A pattern that is the same
+behind all lenslets changes the frame there like a slightly wrong H. An error of H (vignetting, an aperture, a white
+frame) is the same under all lenslets, while the object is not: such a pattern is a nuisance parameter of the
+calibration. The repeating part of an update, the geometric mean over all periods of its ratio to the surrounding mean,
+is therefore removed.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from lfcal.reconstruct.solvers.planes import box_mean
 __all__ = ["Repeating"]
 
 STEEP = 0.7
-"""Logarithms of factors beyond this count as this: a single bright bead does not tell what repeats."""
+"""Limit of the logarithms of factors: a single bright bead does not determine what repeats."""
 
 DARK = 1e-6
 """Smaller factors count as this: where a voxel goes out."""
 
 FEWEST = 8
-"""Periods that a plane must have, or nothing can be told to repeat."""
+"""Smallest number of periods in a plane for detecting repetition."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ class Repeating:
     shares: tuple[float, ...]
 
     def without(self, z: int, factor: NDArray[Any], seen: NDArray[np.bool_]) -> NDArray[Any]:
-        """Return the multiplicative update ``(Y, X)`` of plane ``z`` less what repeats in it.
+        """Return the multiplicative update ``(Y, X)`` of plane ``z`` without its repeating part.
 
-        ``seen``: which voxels have an update; the others do not count, and stay as they are.
+        ``seen`` marks voxels with an update; the others are ignored and unchanged.
         """
         share = self.shares[z]
         (ny, nx), (rows, columns) = self.period, factor.shape
@@ -56,7 +56,7 @@ class Repeating:
             return factor
         logs, count = np.zeros((2, down * ny, across * nx), factor.dtype)
         np.log(np.maximum(factor, DARK), out=logs[:rows, :columns], where=seen)
-        # where there is more or less light than thought is no pattern: beside the mean of a period around
+        # an error of the overall light is not a pattern: divide by the mean over a surrounding period
         logs[:rows, :columns] -= box_mean(logs[:rows, :columns], self.period)
         np.clip(logs, -STEEP, STEEP, out=logs)
         count[:rows, :columns] = seen

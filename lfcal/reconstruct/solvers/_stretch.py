@@ -1,15 +1,15 @@
-"""Longer updates while a reconstruction begins: what tells planes and details apart is taken further at once.
+"""Longer updates at the start of a reconstruction, which separate planes and details faster.
 
-A multiplicative update is short because all planes answer for the same light: a mode of one plane alone comes nearer by
-about its share of the light, and only what all planes have in common, light that changes little over the width of a
-pattern, comes all the way. So the logarithm of an update, beside its mean over as many pixels as a pattern has, is
-taken ``1 + strength`` times (over-relaxation in the exponent, Tanaka 1987; Lewitt & Muehllehner 1986) and the volume's
-light stays that of the plain update.
+A multiplicative update is short because all planes explain the same light. A mode of a single plane converges only by
+about its share of the light, while the common part of all planes, light that changes little over the width of a
+pattern, converges completely. The logarithm of an update, relative to its mean over the pixels of a pattern, is
+therefore multiplied by ``1 + strength`` (over-relaxation in the exponent, Tanaka 1987; Lewitt & Muehllehner 1986), and
+the volume's light remains that of the plain update.
 
-How long is too long, the image tells: between the models of two iterations the likelihood is nearly a parabola, and
-where its top lies before the second one (a Newton step along the way, Kaufman 1987) the strength is lowered as much.
-Where the second one is less likely than the first, the update ends at the top instead: the likelihood is concave along
-the way, so that the top is found from the two models without another projection.
+The image shows when an update is too long: between the models of two iterations, the likelihood is nearly a parabola.
+If its maximum is before the second model (a Newton step along the way, Kaufman 1987), the strength is reduced
+accordingly. If the second model is less likely than the first, the update ends at the maximum instead. The likelihood
+is concave along the way, so the maximum follows from the two models without another projection.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ STEEPEST = 3.0
 
 @dataclass(frozen=True)
 class Stretch:
-    """How updates are lengthened.
+    """Settings of the lengthening of updates.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Stretch:
     period
         ``(ny, nx)`` of H in voxels.
     shares
-        How much of what is finer than a period is not stretched, either, for each plane, in [0, 1]; none: nothing.
+        Share of details finer than a period that is not stretched, for each plane, in [0, 1]; empty: 0.
     first
         Strength of the first update.
     """
@@ -69,7 +69,7 @@ class Stretch:
     def apply(self, z: int, factor: NDArray[Any], seen: NDArray[np.bool_], strength: float) -> NDArray[Any]:
         """Return the update ``(Y, X)`` of plane ``z`` stretched: times ``exp(strength (l - mean l))``, l its logarithm.
 
-        ``seen``: which voxels have an update; the others stay as they are, and count as unchanged.
+        ``seen`` marks voxels with an update; the others are unchanged.
         """
         logs = np.zeros_like(factor)
         np.log(np.maximum(factor, math.exp(-STEEPEST)), out=logs, where=seen)

@@ -45,9 +45,9 @@ def angular_subsets(
     Parameters
     ----------
     period
-        One lenslet per period is assumed: a pixel's place under it is its direction of view.
+        Period with one lenslet: the place of a pixel under it is its direction of view.
     views
-        Blocks down and across.
+        Number of blocks down and across.
     lenslet_centre
         Phase (row, column) of the lenslet's centre.
     """

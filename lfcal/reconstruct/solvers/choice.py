@@ -68,42 +68,43 @@ class SolverChoice:
     name
         One of `SOLVERS`.
     iterations
-        How many; with ``auto`` at most.
+        Number of iterations; with ``auto`` the largest number.
     background
-        Expected value of a pixel without any source (counts).
+        Expected value of a pixel without light (counts).
     read_noise
-        Rms read noise (counts); Richardson-Lucy variants alone.
+        Rms read noise (counts); only for Richardson-Lucy variants.
     saturation
-        Pixels at or above are left out; None: none.
+        Pixels at or above this value are left out; None: none.
     strength
         Weight of the penalty of ``rl-tv`` and ``rl-tikhonov``; None: the default of each.
     subsets
         Number of subsets for ``osem``, blocks of views along each axis for ``phase-space``; None: 4 and 3.
     tolerance
-        Stop when the relative change falls below.
+        Stop when the relative change falls below this value.
     auto
-        Stop by ``stop``.
+        Whether to stop by ``stop``.
     stop
-        ``"left-out"``: when pixels that are left out of the fit, one of 25, are foretold worse; the volume is the one
-        that foretold them best. ``"discrepancy"``: when the volume's image is as near the frame as noise allows.
+        ``"left-out"``: when the prediction of held-out pixels, one of 25, gets worse; the result is the volume with
+        the best prediction. ``"discrepancy"``: when the volume's image agrees with the frame to within the noise.
     goal
-        What a run that stops by left-out pixels is for. ``"view"``: a volume to look at. ``"measure"``: sums and means
-        over regions of it, which need more iterations; single voxels are noisier then.
+        Purpose of a run that stops by held-out pixels. ``"view"``: a volume to look at. ``"measure"``: sums and means
+        over regions of it, which need more iterations; single voxels are then noisier.
     gain
-        Counts per photo-electron; None: unknown, and 1 for ``"discrepancy"``. Where it is given, the result has chi2
+        Counts per photo-electron; None: unknown, and 1 for ``"discrepancy"``. If it is given, the result has chi2
         per pixel.
     noise
-        Variance of a pixel without light (counts²), and per count of light (counts), as measured: for chi2 where
-        ``gain`` is not given. None: unknown.
+        Variance of a pixel without light (counts²), and per count of light (counts), as measured: for chi2 if ``gain``
+        is not given. None: unknown.
     margin
-        Pixels that the volume goes on beyond each edge of the frame; the projector is that of the wider frame.
+        Width in pixels by which the volume extends beyond each edge of the frame; the projector is that of the wider
+        frame.
     denoise
-        Reduce the noise of a recorded H where it is stored with H (`Projector.denoised`).
+        Whether to reduce the noise of a recorded H, if it is stored with H (`Projector.denoised`).
 
     Raises
     ------
     InputError
-        If the solver is unknown, would ignore a setting that is given, or a setting is no number that can be.
+        If the solver is unknown or does not use a given setting, or if a setting is invalid.
 
     Examples
     --------
@@ -170,7 +171,7 @@ class SolverChoice:
         if self.margin:
             raise InputError.expected(
                 f"margin of solver {self.name}",
-                "0, for it cannot leave out what lies beside the frame",
+                "0, because it cannot leave out pixels outside the frame",
                 self.margin,
                 f"give 0, or choose {known}",
             )
@@ -211,12 +212,12 @@ def iter_reconstruct(
     initial: ArrayLike | None = None,
     resume: SolverState | None = None,
 ) -> SolverWork:
-    """Reconstruct ``image`` by the solver of ``choice``.
+    """Reconstruct ``image`` with the solver of ``choice``.
 
     Parameters
     ----------
     P
-        Projector pair; with a margin that of the frame and its margin.
+        Projector pair; with a margin, that of the wider frame.
     image
         ``(Y, X)`` in counts.
     choice
@@ -367,6 +368,6 @@ def _iter_noted(work: SolverWork, note: str) -> SolverWork:
 
 
 def _iter_cropped(work: SolverWork, margin: int) -> Generator[SolverProgress, None, Reconstruction]:
-    """Run ``work`` and return its volume without margin; states keep it, to go on from."""
+    """Run ``work`` and return its volume without margin; states keep the margin, to continue from."""
     result = yield from work
     return replace(result, volume=cropped(result.volume, margin))

@@ -61,13 +61,13 @@ def iter_conjugate_gradient(P: Projector, image: ArrayLike, settings: LeastSquar
     image
         ``(Y, X)``; negative values are kept.
     iterations
-        How many to do, beyond those of ``resume``.
+        Number of iterations, in addition to those of ``resume``.
     background, weights, saturation
-        As for `Measurement.of`.
+        As in `Measurement.of`.
     damping
         lambda relative to the largest value of ``HT w H 1``.
     tolerance
-        Stop when the relative change falls below.
+        Stop when the relative change falls below this value.
     resume
         State to continue from.
 

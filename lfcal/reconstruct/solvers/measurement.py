@@ -19,7 +19,7 @@ BAND = 1 << 17
 """Pixels that are compared with the model at a time."""
 
 LARGE = 1 << 20
-"""Pixels of an image from which on threads do that quicker than one alone."""
+"""Number of pixels above which threads are faster."""
 
 NOTHING = np.zeros(0)
 
@@ -55,7 +55,7 @@ class GoodnessOfFit:
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """An image with what is known of it; build one with `Measurement.of`.
+    """An image with facts about it; build one with `Measurement.of`.
 
     Attributes
     ----------
@@ -64,11 +64,11 @@ class Measurement:
     weights
         Weight of each pixel, ``(Y, X)``; None: 1 everywhere.
     background
-        Expected image without any source, a number or ``(Y, X)``.
+        Expected image without light, a number or ``(Y, X)``.
     notes
-        What was changed.
+        Notes on changes.
     held
-        Weight of the pixels that are left out to judge the fit by, ``(Y, X)``, 0 elsewhere; None: there are none.
+        Weight of the held-out pixels, ``(Y, X)``, 0 elsewhere; None: there are none.
     """
 
     image: NDArray[Any]
@@ -103,21 +103,21 @@ class Measurement:
         saturation
             Pixels at or above this value get weight 0, positive.
         background
-            Expected image without any source, not negative; a number or ``(Y, X)``.
+            Expected image without light, not negative; a number or ``(Y, X)``.
         read_noise
             Rms of the Gaussian noise (counts): its square is added to image and background, the shifted Poisson
             approximation of Snyder et al. 1995.
         signed
-            Keep negative values (least squares); else they count as zero, and a note says how many.
+            Keep negative values (least squares); otherwise they count as zero, and a note states their number.
         held_out
-            Mask ``(Y, X)`` of pixels that get weight 0; the fit to the others is judged by its prediction of them.
+            Mask ``(Y, X)`` of held-out pixels, which get weight 0 and measure the prediction.
 
         Raises
         ------
         InputError
-            If shapes differ, or pixels, weights, background, read noise or saturation are none that can be.
+            If shapes differ, or pixels, weights, background, read noise or saturation are invalid.
         NothingMeasured
-            If no pixel has both weight and light: no volume follows from it.
+            If no pixel has both weight and light, so that there is no volume.
         """
         check_counts(read_noise, saturation)
         data = np.array(image, dtype)
@@ -213,11 +213,11 @@ class Measurement:
 
 
 def held_out_fit(terms: NDArray[np.float64], held: NDArray[Any]) -> tuple[float, float]:
-    """Return how well held-out pixels are predicted, and the standard deviation of this score by noise alone.
+    """Return the score of the prediction of held-out pixels, and its standard deviation due to noise.
 
-    ``terms`` are half the deviance of each pixel, ``held`` the weights of those that are held out. Where the model is
-    right, terms are distributed as half of chi squared, whatever the gain: the median gives the scale, and errors of
-    the model in few pixels do not count as noise.
+    ``terms`` are half the deviance of each pixel, ``held`` the weights of the held-out ones. For a correct model,
+    terms are distributed as half of chi squared, independent of the gain: the median gives the scale, and errors of
+    the model in a few pixels do not count as noise.
     """
     chosen = held > 0
     weights, values = held[chosen].astype(np.float64), terms[chosen]

@@ -25,7 +25,7 @@ def iter_richardson_lucy(P: Projector, image: ArrayLike, settings: RichardsonLuc
     """Deconvolve ``image`` ``(Y, X)`` by Richardson-Lucy.
 
     ``g <- g / HT1 * HT( f / (Hg + b) )`` (Eberhart et al. 2020, equation 2); with weights, ``HT(w f / (Hg + b)) /
-    HTw``. Where Hg + b is nothing but rounding the ratio is 0; voxels no pixel sees stay as they are.
+    HTw``. If Hg + b is only rounding error, the ratio is 0; voxels that no pixel sees are unchanged.
 
     Parameters
     ----------
@@ -34,13 +34,13 @@ def iter_richardson_lucy(P: Projector, image: ArrayLike, settings: RichardsonLuc
     image
         ``(Y, X)`` in counts.
     iterations
-        How many to do, beyond those of ``resume``.
+        Number of iterations, in addition to those of ``resume``.
     background, weights, saturation, read_noise
-        As for `Measurement.of`.
+        As in `Measurement.of`.
     penalty, acceleration, subsets, relaxation, smoothing, tolerance
         As in `EmOptions`.
     initial
-        Start ``(nz, Y, X)``, not negative; by default even, with the light of the image.
+        Non-negative start ``(nz, Y, X)``; by default uniform, with the light of the image.
     resume
         State to continue from instead.
 

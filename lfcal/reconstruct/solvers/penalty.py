@@ -73,14 +73,14 @@ class TotalVariation:
 
 @dataclass(frozen=True, slots=True)
 class Tikhonov:
-    """Tikhonov-Miller: the squared gradient; noise goes, and edges soften.
+    """Tikhonov-Miller penalty, the squared gradient: it reduces noise and softens edges.
 
     Attributes
     ----------
     weight
-        Strength relative to the sensitivity HT1 and to the volume's peak; 0.02 is mild, above 0.2 it turns unstable.
+        Strength relative to the sensitivity HT1 and to the volume's peak; 0.02 is mild, above 0.2 it is unstable.
     z_weight
-        Weight of differences between planes against those within a plane.
+        Weight of differences between planes relative to those within a plane.
 
     Examples
     --------

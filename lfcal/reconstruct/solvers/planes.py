@@ -15,14 +15,14 @@ UPDATING = 4
 """Images that a plane takes while it is changed."""
 
 LEAST = 1 << 21
-"""Bytes of a plane below which a thread of its own costs more than it saves."""
+"""Size of a plane (bytes) below which a separate thread costs more than it saves."""
 
 SHARE = 0.1
-"""Share of the free memory that planes which are changed at once may take."""
+"""Share of the free memory for planes that are processed together."""
 
 
 def plane_threads(planes: int, plane_bytes: int) -> int:
-    """Return how many planes are changed at once: one for each thread, where planes are large and memory allows."""
+    """Return the number of planes to process together: one per thread, if planes are large and memory allows."""
     if plane_bytes < LEAST:
         return 1
     room = int(SHARE * free_memory()) // max(1, UPDATING * plane_bytes)
@@ -30,7 +30,7 @@ def plane_threads(planes: int, plane_bytes: int) -> int:
 
 
 def box_mean(plane: NDArray[Any], window: tuple[int, int]) -> NDArray[Any]:
-    """Return the mean of ``plane`` ``(Y, X)`` over ``window`` (rows, columns); values at the border go on beyond it.
+    """Return the mean of ``plane`` ``(Y, X)`` over ``window`` (rows, columns); border values are extended outwards.
 
     A window of even size reaches one pixel further up and left.
     """

@@ -27,18 +27,18 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class SolverState:
-    """Where a solver stands between two iterations: enough to go on as if it had not stopped.
+    """State of a solver between two iterations, sufficient to continue as if it had not stopped.
 
     Attributes
     ----------
     volume
-        Estimate ``(nz, Y, X)``; not to be written to.
+        Estimate ``(nz, Y, X)``; must not be modified.
     iteration
-        Iterations done.
+        Number of iterations done.
     seconds
-        Time they took.
+        Duration of the iterations.
     arrays, numbers
-        What the method remembers beside the volume.
+        Memory of the method, in addition to the volume.
 
     Examples
     --------
@@ -66,17 +66,17 @@ class SolverProgress(Progress):
     Attributes
     ----------
     iteration
-        Iterations done, those before a resume counted.
+        Number of iterations done, including those before a resume.
     residual
         Weighted rms of image minus model over that of the image, for the estimate the iteration began with.
     likelihood
-        Poisson log-likelihood of that estimate less its largest possible value (0: a perfect fit).
+        Poisson log-likelihood of that estimate minus its largest possible value (0: a perfect fit).
     change
-        Norm of the change of the volume over the norm of the volume.
+        Norm of the change of the volume, relative to the norm of the volume.
     held_out
-        Poisson log-likelihood of the held-out pixels, less its largest possible value; NaN where there are none.
+        Poisson log-likelihood of the held-out pixels, minus its largest possible value; NaN if there are none.
     held_out_error
-        Standard deviation of this score by the noise of these pixels.
+        Standard deviation of this score due to the noise of these pixels.
     state
         The state after the iteration; None in the history a solver returns.
 
@@ -103,23 +103,23 @@ class SolverProgress(Progress):
 
 @dataclass(frozen=True, slots=True)
 class Reconstruction:
-    """What a solver returns.
+    """Result of a solver.
 
     Attributes
     ----------
     volume
         ``(nz, Y, X)``.
     history
-        A record per iteration.
+        One record per iteration.
     state
-        To go on from (`resume`).
+        State to continue from (`resume`).
     notes
-        What was done to the input that one should know: masked, negative or unseen values.
+        Notes on changes of the input: masked, negative or unseen values.
     stopped
-        Why it ended where it did; empty where all iterations asked for were done.
+        Why it stopped early; empty if all requested iterations were done.
     chi2
-        Mean over the pixels of the squared residual over its variance by noise: 1 where only noise is left. NaN
-        where the noise is unknown (`SolverChoice.gain`, `SolverChoice.noise`).
+        Mean over the pixels of the squared residual divided by the variance of the noise: 1 if only noise remains. NaN
+        if the noise is unknown (`SolverChoice.gain`, `SolverChoice.noise`).
 
     Examples
     --------

@@ -1,19 +1,18 @@
-"""Accelerated Richardson-Lucy within a sieve: few artefacts where lenslets sample coarsely, no rings.
+"""Accelerated Richardson-Lucy within a sieve: few artefacts near the native plane, no rings.
 
-Near the native plane a lenslet sees all points behind it alike, and what tells them apart is mostly the error of H:
-Richardson-Lucy draws the lenslets there. The method of sieves (Snyder & Miller 1985) seeks ``g = S s`` with s not
-negative and S a Gaussian, ``s <- s / (S HT1) * S HT(f / (H S s + b))``: the likelihood is
-that of H and the volume fits the image, other than where the volume is smoothed after each iteration. A Gaussian
-does not ring, and what it cannot hold is not looked for; elsewhere it is half a voxel wide, and keeps out noise that is
-finer than the grid. What repeats from lenslet to lenslet in the updates of those
-planes is left out (`repeating`): a wrong H says the same.
+Near the native plane, a lenslet sees all points behind it almost identically, and the differences are mostly the error
+of H: there, Richardson-Lucy reconstructs the lenslets. The method of sieves (Snyder & Miller 1985) seeks ``g = S s``
+with non-negative s and a Gaussian S, ``s <- s / (S HT1) * S HT(f / (H S s + b))``. The likelihood is that of H and the
+volume fits the image, unlike methods that smooth the volume after each iteration. A Gaussian does not ring, and
+details below its width are not sought. Elsewhere it is half a voxel wide, and rejects noise finer than the grid. The
+part of the updates of those planes that repeats from lenslet to lenslet is removed (`repeating`), because a wrong H
+has the same effect.
 
-All views are taken at once, extrapolated by the iteration number (Beck & Teboulle 2009) as `rl-nesterov` is, and the
-first updates are longer than its own (`stretch`). Blocks of
-views in turn, brightest first, take fewer iterations still, but where H is not quite that of the camera they draw
-lenslets in planes beside the native one.
+All views are used together, extrapolated by the iteration number (Beck & Teboulle 2009) as in `rl-nesterov`, and the
+first updates are longer (`stretch`). Blocks of views in turn, brightest first, need even fewer iterations, but if H
+differs slightly from the camera, they reconstruct lenslets in planes near the native one.
 
-Where the noise of a recorded H is known it counts as well, and ends the run (`model_noise`).
+If the noise of a recorded H is known, it is included, and ends the run (`model_noise`).
 """
 
 from __future__ import annotations
@@ -112,9 +111,9 @@ def _blocks(subsets: int | None) -> int:
 
 
 def _parts_of(P: Projector, image: ArrayLike, subsets: int | None) -> Masks | None:
-    """Return blocks of views, None where all are taken at once.
+    """Return blocks of views, None if all are used together.
 
-    Where a period has several lenslets, each with views of its own, pixels are taken evenly instead.
+    If a period has several lenslets with separate views, pixels are distributed evenly instead.
     """
     blocks = _blocks(subsets)
     if blocks == 1:

@@ -17,8 +17,8 @@ __all__ = ["SIEVE", "DepthSmoothing", "Sieve", "coarseness", "lanczos_kernel", "
 
 
 SIEVE = 0.27
-"""Standard deviation of a sieve in the native plane over the lenslets' pitch: beads stay within a tenth as narrow as
-Richardson-Lucy finds them there, and 0.23 of a pattern that repeats from lenslet to lenslet is let through."""
+"""Standard deviation of a sieve in the native plane, in units of the lenslets' pitch: beads are within a tenth as
+narrow as with Richardson-Lucy, and 0.23 of a pattern that repeats from lenslet to lenslet is transmitted."""
 
 
 FINE = 0.5
@@ -34,10 +34,10 @@ def coarseness(camera: Any, depths: ArrayLike) -> tuple[float, ...]:
 def smoothing_widths(camera: Any, depths: ArrayLike) -> NDArray[np.float64]:
     """Return the distance of independent samples in each plane at ``depths`` (µm), in voxels (pixels of the image).
 
-    ``camera`` is a `lfcal.camera.Camera`, as `PSFMatrix.camera` gives it.
-    At virtual depth v one pixel under neighbouring lenslets sees points ``p/|v|`` apart, less the lenslet's blur
-    ``p/2 |1/vf - 1/v|``; near the native plane it is a whole lenslet (Stefanoiu et al. 2019, equations 8-10, written
-    with v; for three lens types the one in focus counts).
+    ``camera`` is a `lfcal.camera.Camera`, as in `PSFMatrix.camera`. At virtual depth v, one pixel under neighbouring
+    lenslets sees points ``p/|v|`` apart, minus the lenslet's blur ``p/2 |1/vf - 1/v|``. Near the native plane the
+    distance is a whole lenslet (Stefanoiu et al. 2019, equations 8-10, written with v; with three lens types, the one
+    in focus counts).
     """
     pitch = camera.pitch_px
     gap = camera.lattice.gap_um

@@ -45,18 +45,18 @@ EM = COMMON | {"read_noise", "initial", "held_out"}
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SolverSettings:
-    """Settings of every solver: how the image is taken, and when a run begins and ends.
+    """Settings of every solver: treatment of the image, and start and end of a run.
 
     Attributes
     ----------
     background
-        Expected value of a pixel without any source (counts), a number or ``(Y, X)``.
+        Expected value of a pixel without light (counts), a number or ``(Y, X)``.
     weights
         Weight of each pixel ``(Y, X)``, not negative; None: 1.
     saturation
-        Pixels at or above are left out (counts); None: none.
+        Pixels at or above this value are left out (counts); None: none.
     tolerance
-        Stop when the relative change of the volume falls below.
+        Stop when the relative change of the volume falls below this value.
     resume
         State to continue from; None: a new start.
     """
@@ -107,22 +107,22 @@ def with_settings(settings: Callable[Q, S]) -> Callable[[Solving[S]], SolverFunc
 
 @dataclass(frozen=True, eq=False)
 class SolverRun(SolverSettings):
-    """What one run of a solver is asked for; options it does not honour have the values of `OPTIONS`.
+    """Request for one run of a solver; options that it does not use have the values of `OPTIONS`.
 
     Attributes
     ----------
     iterations
-        How many to do, beyond those of ``resume``.
+        Number of iterations, in addition to those of ``resume``.
     read_noise, strength, subsets
         As in `SolverChoice`.
     initial
         Start ``(nz, Y, X)``.
     held_out
-        Mask ``(Y, X)`` of pixels that are not fitted; `SolverProgress.held_out` is how well they are predicted.
+        Mask ``(Y, X)`` of held-out pixels; `SolverProgress.held_out` measures their prediction.
     measured
-        What `measure` returns where it is known already.
+        Result of `measure`, if it is already known.
     noise
-        Counts per photo-electron and rms read noise (counts) of the frame; None: not known.
+        Counts per photo-electron and rms read noise (counts) of the frame; None: unknown.
 
     Examples
     --------
@@ -158,30 +158,29 @@ def _one(subsets: int | None) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Solver:
-    """A way to reconstruct.
+    """A reconstruction method.
 
     Attributes
     ----------
     name
-        What commands, files and people call it; never changed, because files keep it.
+        Name in commands and files; never changed, because files store it.
     title
-        What it does, with its source, in a line.
+        Short description with its source.
     iterate
-        Given projector, image ``(Y, X)`` and `SolverRun`, yields a `SolverProgress` per iteration and returns a
-        `Reconstruction`.
+        Function of projector, image ``(Y, X)`` and `SolverRun` that yields a `SolverProgress` per iteration and
+        returns a `Reconstruction`.
     honours
-        Which of `OPTIONS` it honours; the others are refused.
+        The `OPTIONS` that it uses; others are refused.
     rank
         Order in lists.
-    volumes
-        Arrays of the size of the volume that are held at once: during a projection, its result among them, and most
+    Number of arrays of the volume's size in memory: during a projection, including its result, and the largest number
+    between projections.
         between projections.
-    parts
-        How many parts an image is taken in at given ``subsets`` (None: its default); each but one holds one more
-        array.
+    Function for the number of parts into which an image is divided with given ``subsets`` (None: its default); each
+    further part needs one more array.
     settles
-        Whether it keeps noise out however long it runs, by a penalty for one; a run that stops by itself then ends at
-        its best estimate and not before.
+        Whether it suppresses noise for any number of iterations, for example by a penalty; a run that stops
+        automatically then ends only at its best estimate.
 
     Examples
     --------

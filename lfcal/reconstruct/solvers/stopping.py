@@ -1,19 +1,19 @@
-"""When to stop: pixels that are left out of the fit tell when it begins to follow the noise of the others.
+"""Early stopping: held-out pixels show when the fit begins to follow the noise of the others.
 
-Deconvolution first finds what is there and then fits noise, subsets and acceleration sooner. What a volume fitted to
-most of the pixels says of the few others gets better as long as it finds what is there, and worse from then on
-(cross-validation: Coakley 1991 for Richardson-Lucy). The last gains are slight while noise still grows: a run ends
-where what is yet to be gained is, twice, less than the standard deviation of the score (the rule of one standard
-error, Breiman et al. 1984, section 3.4.3). Methods that keep noise out by a penalty lose nothing by going on: they end
-at the best. Neither the gain of the camera nor its noise needs to be known.
+Deconvolution first finds the object and then fits noise, earlier with subsets and acceleration. The prediction of a
+few held-out pixels by a volume fitted to the others improves while the object is being found, and then gets worse
+(cross-validation: Coakley 1991 for Richardson-Lucy). The last improvements are small while noise still grows. A run
+therefore ends when twice the expected further improvement is below the standard deviation of the score (the rule of
+one standard error, Breiman et al. 1984, section 3.4.3). Methods that suppress noise by a penalty lose nothing by
+continuing: they end at the best prediction. Neither the gain of the camera nor its noise needs to be known.
 
-That is the end for a volume to look at. Sums over regions are another matter: noise averages out in them, and what the
-iterations have not found yet does not. An estimate of sums is regularised less than one of the whole (undersmoothing:
-Hall 1992, The Annals of Statistics 20, 675-694): a run for measuring goes on for as many iterations again as it took to
-predict the left-out pixels best. The patience grows with the iterations, so that a chance dip does not end it.
+This is the end for a volume to look at. In sums over regions, noise averages out, but parts of the object that have
+not been found do not. An estimate of sums needs less regularization than one of the whole (undersmoothing: Hall 1992,
+The Annals of Statistics 20, 675-694). A run for measuring therefore continues for the same number of iterations that
+were needed for the best prediction. The patience grows with the iterations, so that a random dip does not end it.
 
-Where both are known the discrepancy principle (Morozov 1966; for photons Bertero et al. 2010, Inverse Problems 26,
-105004) needs no pixel left out: a volume is good enough once its image is no farther from the frame than noise is.
+If gain and noise are known, the discrepancy principle (Morozov 1966; for photons Bertero et al. 2010, Inverse Problems
+26, 105004) needs no held-out pixels: a volume is good enough when its image agrees with the frame to within the noise.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ from lfcal.reconstruct.solvers.records import (
 __all__ = ["GOALS", "MOST_ITERATIONS", "STOPS", "held_out_pixels", "iter_until_best", "iter_until_noise", "misfit"]
 
 MOST_ITERATIONS = 100
-"""Iterations of a run that stops by itself, where nothing else is said."""
+"""Default number of iterations of a run that stops automatically."""
 
 STOPS = ("left-out", "discrepancy")
-"""What may end a run that stops by itself: pixels left out of the fit, or the sensor's noise."""
+"""Criteria that can end a run that stops automatically: held-out pixels, or the sensor's noise."""
 
 GOALS = ("view", "measure")
 """What a volume is for: to be looked at, or to sum over regions of it."""
@@ -52,7 +52,7 @@ SHARE = 0.04
 """Of the pixels are left out."""
 
 PATIENCE = 3
-"""Iterations that the left-out pixels may be foretold worse before the best is taken."""
+"""Patience of the early stopping, in iterations."""
 
 Score = Callable[[SolverState], tuple[float, float]]
 
@@ -64,7 +64,7 @@ def held_out_pixels(shape: tuple[int, int], seed: int = 0) -> NDArray[np.bool_]:
 
 @dataclass
 class _Best:
-    """The best estimate so far, by how well it foretells the left-out pixels."""
+    """The best estimate so far, by its prediction of the held-out pixels."""
 
     settles: bool
     goal: str = GOALS[0]
@@ -73,7 +73,7 @@ class _Best:
     idle: int = 0
 
     def take(self, state: SolverState, score: float, error: float) -> str:
-        """Return why to stop at an estimate with its score and the score's error, empty where to go on."""
+        """Return why to stop at an estimate with its score and the score's error; empty to continue."""
         if not np.isfinite(score):
             return ""
         if not self.scores or score > max(self.scores):
@@ -88,15 +88,15 @@ class _Best:
             self.state = SolverState(state.volume, state.iteration, state.seconds)
             return f"left-out pixels are predicted best after iteration {best.iteration}; sums are best later"
         if state.iteration - best.iteration >= PATIENCE:
-            return f"left-out pixels are foretold best after iteration {best.iteration}"
+            return f"the prediction of held-out pixels is best after iteration {best.iteration}"
         # twice, for the first updates of a method may shrink faster than those that follow
         self.idle = self.idle + 1 if self.remaining() < error else 0
         if not self.settles and best.iteration == state.iteration and self.idle > 1:
-            return f"left-out pixels would be foretold no better beyond their noise after iteration {best.iteration}"
+            return f"held-out pixels are not predicted better, beyond their noise, after iteration {best.iteration}"
         return ""
 
     def remaining(self) -> float:
-        """Return what further iterations would gain if gains went on to shrink as they do."""
+        """Return the expected further improvement if improvements continue to shrink at this rate."""
         if len(self.scores) < 4:
             return np.inf
         gains = np.diff(self.scores[-4:])
@@ -110,19 +110,19 @@ class _Best:
 def iter_until_best(
     work: SolverWork, notes: tuple[str, ...], score: Score | None = None, *, settles: bool = False, goal: str = GOALS[0]
 ) -> SolverWork:
-    """Run ``work`` until the left-out pixels are foretold worse; return its best estimate.
+    """Run ``work`` until the prediction of held-out pixels gets worse; return its best estimate.
 
     Parameters
     ----------
     work
-        A solver that was given the pixels to leave out.
+        A solver with held-out pixels.
     notes
-        Of its measurement.
+        Notes of its measurement.
     score
-        How well an estimate foretells the left-out pixels, and the error of that; None: the solver's records tell it,
-        of the estimate that each iteration began with.
+        Function for the score of an estimate's prediction of held-out pixels, and its error; None: from the solver's
+        records, for the estimate at the start of each iteration.
     settles
-        Whether more iterations do no harm: then only the best of all ends the run.
+        Whether more iterations do no harm, so that only the best prediction ends the run.
     goal
         One of `GOALS`.
     """
@@ -149,14 +149,14 @@ def iter_until_best(
 
 
 def misfit(model: NDArray[Any], data: Measurement, read_noise: float, gain: float) -> float:
-    """Return the weighted mean of ``(f - m)^2 / (gain (max(m, b) - r^2) + r^2)``: 1 where noise alone is left.
+    """Return the weighted mean of ``(f - m)^2 / (gain (max(m, b) - r^2) + r^2)``: 1 if only noise remains.
 
     Parameters
     ----------
     model
-        m, ``(Y, X)``: the image of a volume, the background of ``data`` included.
+        m, ``(Y, X)``: the image of a volume, including the background of ``data``.
     data
-        The frame f and its background b, which has the square of the read noise in it.
+        The frame f and its background b, which includes the square of the read noise.
     read_noise
         r (counts).
     gain
@@ -164,7 +164,7 @@ def misfit(model: NDArray[Any], data: Measurement, read_noise: float, gain: floa
     """
     m, f = model.astype(np.float64), data.image.astype(np.float64)
     trust = np.asarray(data.ones(), np.float64)
-    # no less light than the background: linear solvers may foretell it
+    # no less light than the background, which linear solvers may predict
     light = np.maximum(m, data.background) - read_noise**2
     variance = gain * np.maximum(light, 0) + read_noise**2
     # where no light is expected one photo-electron of the whole frame still is
