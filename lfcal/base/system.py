@@ -339,7 +339,7 @@ def _psutil() -> Any:
 
 
 def _kilobytes(path: Path, name: str) -> int:
-    """Return the bytes in a line ``name: 123 kB`` of a file; 0 if there is none."""
+    """Return the bytes stated as ``name: 123 kB`` in a file; 0 if there is none."""
     return 1024 * _words(path).get(f"{name}:", 0)
 
 

@@ -108,7 +108,7 @@ class Goal:
     Examples
     --------
     >>> from lfcal.campaign import Goal
-    >>> goal = Goal(error=0.01, most=60)  # H is to be known to 1 %, with 60 positions at most
+    >>> goal = Goal(error=0.01, most=60)  # an error of H of 1 %, with 60 positions at most
     >>> print(goal.first, "positions before the first fit")
     12 positions before the first fit
     """
@@ -323,7 +323,7 @@ class _Campaign:
         if resume:
             session = SessionFile.read(self._folder)
             if not session.redo[0]:
-                got, remedy = "a scan of all of them", "go on with it as such, or record into another folder"
+                got, remedy = "a scan of all of them", "resume it as a whole scan, or record into another folder"
                 raise InputError.expected(f"{self._folder}", "a session of chosen positions", got, remedy)
             return (yield from self._record(resume=True))
         # what takes time comes after what may be refused

@@ -174,8 +174,8 @@ def target_facts(points: Points) -> dict[str, Any]:
     """Return the results for a target as plain JSON types.
 
     ``crosstalk`` is the largest light of neighbours in a cutout: that of the plan, for equally bright holes, times the
-    largest ratio of a neighbour's brightness to that of its own hole. ``stage_px`` is the deviation of frames from the
-    planned places (rms), ``pose_rms_px`` that of the holes' light from the lattice, ``doubtful`` the share of
+    largest ratio of a neighbour's brightness to that of the point. ``stage_px`` is the deviation of frames from the
+    planned positions (rms), ``pose_rms_px`` that of the holes' light from the lattice, ``doubtful`` the share of
     uncertain labels.
     """
     found = list(points.found.values())

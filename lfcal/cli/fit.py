@@ -72,4 +72,4 @@ def _notes(one: FitOutcome) -> Iterable[str]:
             if own.unseen:
                 yield f"note: {region}{own.unseen_words}"
     what = "these points do" if one.points is not None else "this scan does" if one.field is None else "these scans do"
-    yield from (f"note: {what} not tell apart: {combination}" for combination in one.fit.unidentified)
+    yield from (f"note: {what} not separate: {combination}" for combination in one.fit.unidentified)

@@ -23,7 +23,7 @@ def show(made: tuple[CheckedMatrix, ...]) -> None:
             ]
             for one in found.frames
         ]
-        print_table(["frame", "z, y, x", "beside (px)", "light", "background", "chi²", "error"], rows)
+        print_table(["frame", "z, y, x", "displacement (px)", "light", "background", "chi²", "error"], rows)
         show_judgement(judgement_of(found), found.answer)
         report(f"note: noise: {found.noise_from}")
         for note in found.notes:

@@ -46,7 +46,7 @@ FILE_TYPE = """<?xml version="1.0" encoding="UTF-8"?>
 """
 
 REFRESHED = (("update-desktop-database", "applications"), ("update-mime-database", "mime"))
-"""Programs that notify a running desktop of changes, and the folder of each; without them it rescans by itself."""
+"""Programs that notify a running desktop of changes, and the folder of each; without them it rescans later."""
 
 
 def command(

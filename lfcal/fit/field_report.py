@@ -120,7 +120,7 @@ def _regions(fit: FieldFit) -> str:
         aside = f"{down:+.3f}, {right:+.3f}"
         rows.append((name, f"{x / 1e3:.2f}, {y / 1e3:.2f}", str(len(own.residuals)), off, chi2, aside, farther))
     headers = ("region", "x, y (mm)", "patterns", "error of the model", "χ²")
-    return html_table((*headers, "sources beside (px)", "planes farther (µm)"), rows, escape=True)
+    return html_table((*headers, "displacement of sources (px)", "planes farther (µm)"), rows, escape=True)
 
 
 def _outliers(fit: FieldFit) -> str:

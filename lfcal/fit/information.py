@@ -119,7 +119,7 @@ def iter_information(
     """
     vector = _problem(plan, index[:0], np.zeros((0, *plan.cutout)), setup, groups, workers).vector
     k, m = len(vector), int(np.prod(plan.cutout))
-    clock = Clock("what patterns tell", 2 * len(index))
+    clock = Clock("information of patterns", 2 * len(index))
     yield clock.at(0)
     size = max(1, int(AT_ONCE / (8.0 * m * (k + 4))))
     parts, light = list(_parts(index[:, 0], size)), np.zeros((len(index), m), np.float32)

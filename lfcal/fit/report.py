@@ -130,7 +130,7 @@ def _chi2(left: FitResiduals) -> str:
 def limits(fit: Fit) -> str:
     """Return the table of fixed parameters, and of what the scan does not determine."""
     rows = [("held", one) for one in fit.held]
-    rows += [("not told apart", one) for one in fit.unidentified]
+    rows += [("not separated", one) for one in fit.unidentified]
     rows += [("tried, did not help", one) for one in fit.unhelpful]
     rows += [(name, answer) for name, answer in fit.answers.items()]
     rows += [("not measured", fit.unseen_words)] if fit.unseen else []

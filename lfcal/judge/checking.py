@@ -117,7 +117,7 @@ class Check:
     @property
     def answer(self) -> str:
         """Whether H holds, in words."""
-        return {True: "holds", False: "does not hold", None: "not told"}[self.holds]
+        return {True: "holds", False: "does not hold", None: "undecided"}[self.holds]
 
     @property
     def figures(self) -> str:

@@ -109,7 +109,7 @@ def _effects(matrix: PSFMatrix) -> tuple[Any, ...]:
     if not isinstance(said, list) or not said:
         return described_effects(matrix.camera)
     if not all(isinstance(one, Mapping) and isinstance(one.get("name"), str) for one in said):
-        raise InputError.expected("effects of H", "a list of effects", "something else", "fit it anew")
+        raise InputError.expected("effects of H", "a list of effects", "something else", "fit it again")
     return tuple(effect_from(one["name"], {k: v for k, v in one.items() if k != "name"}) for one in said)
 
 

@@ -357,7 +357,7 @@ def _of_another_array(sessions: Sequence[DatedInspection]) -> list[str]:
     newest = sessions[-1].period
     return [
         f"{one.label}: a period of {one.period[0]} × {one.period[1]} positions, the newest's has "
-        f"{newest[0]} × {newest[1]}: another camera or array, whose values may not be held against it"
+        f"{newest[0]} × {newest[1]}: another camera or array, whose values cannot be compared"
         for one in sessions
         if one.period is not None and newest is not None and one.period != newest
     ]

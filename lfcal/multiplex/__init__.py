@@ -14,7 +14,7 @@
 - ``_demosaicing``: colours estimated under a prior of images, along edges
 - ``search``: filter sets and masks of the best gain; ``masks``: also the bound that no mask exceeds
 - ``design``: layouts and masks that can be made, with a certificate
-- ``coding``: several points lit at once, and whether that pays; ``code_display``: on a display
+- ``coding``: several points lit together, and whether that pays; ``code_display``: on a display
 - ``recorded``: frames as files state them
 - ``paper``: the paper's figures as data and as PNG; ``figures``: all of them as files; ``drawing``: the rest as PNG
 """

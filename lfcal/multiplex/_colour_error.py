@@ -25,11 +25,11 @@ class ColourError:
     Attributes
     ----------
     differences
-        One per reflectance.
+        Colour difference of each reflectance.
     matrix
         XYZ from the array's kinds of filters ``(3, kinds)``, white of Y = 1.
     noise
-        Rms difference that the camera's noise adds, None without a camera.
+        Rms difference that the camera's noise adds; None without a camera.
 
     Examples
     --------
@@ -125,9 +125,9 @@ def colour_error(
     noise: SensorNoise | None = None,
     rng: np.random.Generator | None = None,
 ) -> ColourError:
-    """Return the colour error of a filter array: its filters' samples times the best 3 x n matrix, against the eye.
+    """Return the colour error of a filter array with the best 3 x n matrix from its samples to XYZ.
 
-    The matrix to XYZ is fitted to 200 smooth reflectances in balance of white and judged on others.
+    The matrix is fitted to 200 smooth reflectances with white balance and tested on others.
 
     Parameters
     ----------
@@ -136,9 +136,9 @@ def colour_error(
     illuminant
         One curve of relative power; D65 by default.
     reflectances
-        To judge on; 100 other smooth ones by default.
+        Reflectances of the test; by default 100 other smooth ones.
     noise
-        The camera's, to say what noise adds: unmodulated light fills its full scale.
+        Noise of the camera, to state what it adds; unmodulated light fills its full scale.
     rng
         Source of reflectances and noise; seeded by default.
 

@@ -16,10 +16,10 @@ Index = NDArray[np.intp]
 
 
 class Mosaic(NamedTuple):
-    """A frame, and how it goes on beyond its borders: by pixels of the same place in the super-pixel."""
+    """A frame, continued beyond its borders by pixels with the same position in the super-pixel."""
 
     frame: NDArray[Any]  # (rows, columns)
-    rows: Index  # (margin + rows + margin,): row of the frame that stands for each
+    rows: Index  # (margin + rows + margin,): row of the frame used for each
     columns: Index  # (px, cells): column of the frame; column b of super-pixel k, from the left margin on
     side_y: int  # pixels of a super-pixel
     margin: int  # super-pixels of columns before the frame's first
@@ -83,9 +83,9 @@ def _weigh(rows: Float, kernel: Float, y: int, first: int, acc: Float) -> None:
 def blend_rows(one: Float, two: Float, half: int, out: Float, skip: int) -> None:
     """Blend two estimates by how little their colours change along the rows (``one``) and the columns (``two``).
 
-    The estimate along an edge has colours that change little along it; each counts with the other's change over a
-    window of ``2 half + 1`` pixels to the fourth power. ``out`` ``(samples, rows, columns)`` begins ``skip`` rows
-    into the estimates.
+    An estimate along an edge has colours that change little in that direction. Each estimate is weighted with the
+    other's change, summed over a window of ``2 half + 1`` pixels, to the fourth power. ``out`` ``(samples, rows,
+    columns)`` begins ``skip`` rows into the estimates.
     """
     samples, height, width = one.shape
     change = np.zeros((2, height, width), out.dtype)
@@ -98,7 +98,7 @@ def blend_rows(one: Float, two: Float, half: int, out: Float, skip: int) -> None
         for d in range(2):
             for r in range(max(here - half - d, 0), min(here + half + 1, height)):
                 line = change[d, r]
-                for x in range(width):  # not at once: for arrays whose lengths may differ far more is compiled
+                for x in range(width):  # one by one: array operations on unequal lengths compile to far more code
                     columns[d, x] += line[x]
         for x in range(width):
             along, down = _window(columns[0], x - half - 1, x + half), _window(columns[1], x - half, x + half)

@@ -3,7 +3,7 @@
 Neighbouring pixels see almost the same light, and what differs between colours differs far less than what they share.
 With these two facts as a prior covariance the best linear estimate follows for any filter array (Trussell and
 Hartwell 2002, "Mathematics for demosaicking", IEEE Trans. Image Processing 11:485): the two greens of a Bayer pattern
-are one colour, and a pixel behind any filter tells of all samples.
+are one colour, and a pixel behind any filter holds information about all samples.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def sample_levels(frame: NDArray[Any], modulator: Modulator) -> Array:
 
     Taken from the rms of differences between neighbouring super-pixels: at edges all colours change alike, whatever the
     colour of the light (grey-edge assumption: van de Weijer, Gevers and Gijsenij 2007, IEEE Trans. Image Processing
-    16:2207). Without it a sensor that sees green twice as strongly as red would be taken for a green scene.
+    16:2207). Without this scale, a sensor twice as sensitive to green as to red would look like a green scene.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def sample_levels(frame: NDArray[Any], modulator: Modulator) -> Array:
         Filter array.
     """
     py, px = modulator.side
-    # a million pixels tell the levels of a frame of any size
+    # a million pixels suffice for the levels of a frame of any size
     step = py * max(1, frame.size // MOST_PIXELS)
     rms = np.zeros(py * px)
     for k in range(py * px):
@@ -115,21 +115,21 @@ def sample_levels(frame: NDArray[Any], modulator: Modulator) -> Array:
 
 
 def estimation_weights(modulator: Modulator, prior: Prior, reach: int, levels: NDArray[Any] | None = None) -> Array:
-    """Return the weights ``(K, N, 2 reach + 1, 2 reach + 1)`` of the pixels about each pixel of a super-pixel.
+    """Return the weights ``(K, N, 2 reach + 1, 2 reach + 1)`` of the pixels around each pixel of a super-pixel.
 
-    Among the weights that give even light exactly (where the window measures it) they have the least mean square
-    error under ``prior``; where samples cannot be told apart, even light comes out as the least-norm answer.
+    The weights reproduce even light exactly (where the window measures it). Among all such weights they have the least
+    mean square error under ``prior``. Where samples cannot be separated, even light gives the least-norm answer.
 
     Parameters
     ----------
     modulator
         A filter array: every pixel sees the samples at its own place.
     prior
-        What is known of the light.
+        Prior covariance of the light.
     reach
-        The window reaches as far from its middle (pixels).
+        Distance from the middle of the window to its edge (pixels).
     levels
-        Scale of each sample ``(N,)``: those of the light, divided by them, are what the prior is about.
+        Scale of each sample ``(N,)``: ``prior`` describes samples divided by these.
     """
     scale = np.ones(modulator.count) if levels is None else np.asarray(levels, float)
     n, (dy, dx), windows = modulator.count, _offsets(reach), _windows(modulator, reach)
@@ -184,7 +184,7 @@ def _unbiased(covariance: Array, cross: Array, seen: Array) -> Array:
     solved = np.linalg.solve(covariance, np.hstack([cross.T, seen]))
     free, by_seen = solved[:, :n].T, solved[:, n:]
     information = np.linalg.pinv(seen.T @ by_seen, rcond=1e-10)
-    # what the window cannot tell apart stays without an estimate: the projection on what it measures
+    # samples that the window cannot separate stay without an estimate: the projection on what it measures
     measured = information @ (seen.T @ by_seen)
     weights: Array = measured @ free + (measured - measured @ free @ seen) @ information @ by_seen.T
     return weights

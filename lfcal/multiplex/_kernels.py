@@ -1,8 +1,8 @@
 """Compiled inner loops of the spatial route: interpolation of channels and local decorrelation in one pass.
 
-A super-pixel of py x px pixels measures py px channels y = A x of the samples x (theorem 1). Channel (a, b) is a frame
-of its own, sampled once per super-pixel; interpolated to the output's places and multiplied by the pseudo-inverse of
-A, the channels give the samples, ``out[j] = sum_ab inverse[j, a px + b] (channel ab interpolated)``.
+A super-pixel of py x px pixels measures py px channels y = A x of the samples x (theorem 1). Channel (a, b) is a
+separate frame, sampled once per super-pixel. The channels are interpolated to the positions of the output and
+multiplied by the pseudo-inverse of A: ``out[j] = sum_ab inverse[j, a px + b] (channel ab interpolated)``.
 """
 
 from __future__ import annotations

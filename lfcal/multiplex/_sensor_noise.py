@@ -20,20 +20,20 @@ __all__ = ["SensorNoise", "black_level_map", "pixel_weights", "sensor_noise", "w
 
 
 def black_level_map(levels: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return the level of no light of every pixel, ``(rows, columns)``, or one number as ``()``.
+    """Return the black level of every pixel, ``(rows, columns)``, or one number as ``()``.
 
     Parameters
     ----------
     levels
-        One number, one per pixel ``(rows, columns)``, or those of a square pattern by rows, such as (R, G, G, B):
-        metadata ``black_level`` of a frame.
+        One number, one per pixel ``(rows, columns)``, or those of a square pattern by rows, such as (R, G, G, B).
+        These are metadata ``black_level`` of a frame.
     shape
-        Rows and columns of the frame, which begins with the pattern's first place.
+        Rows and columns of the frame, which begins with the first pixel of the pattern.
 
     Raises
     ------
     InputError
-        If these are no finite levels of a square pattern.
+        If the levels are not finite or not of a square pattern.
     """
     values = np.asarray(levels, float)
     if values.ndim == 2 and values.shape == tuple(shape) and np.isfinite(values).all():
@@ -159,12 +159,12 @@ def pixel_weights(
     sensor, gain, exposure_s, flat_corrected
         As in `sensor_noise`.
     dead
-        Pixels that measure nothing, true or non-zero, same shape.
+        True or non-zero for pixels that measure nothing, same shape.
     expected
-        Sample values to take the shot noise from, such as a prediction or a smoothed frame; by default the frame
-        itself, whose noise then makes dark samples count a little more than they should.
+        Sample values that give the shot noise, such as a prediction or a smoothed frame. By default the frame itself,
+        whose noise gives dark samples slightly too much weight.
     black_level
-        Level of no light as the frame's file states it (`lfcal.multiplex.without_black_level`); None: the sensor's.
+        Black level as stated by the frame's file (`lfcal.multiplex.without_black_level`); None: that of the sensor.
 
     Raises
     ------

@@ -19,24 +19,24 @@ __all__ = ["Acquisition", "acquire_light_field", "iter_acquire_light_field"]
 
 @dataclass(frozen=True, eq=False)
 class Acquisition:
-    """What one modulator makes of a scene.
+    """Recording of a scene with one modulator.
 
     Attributes
     ----------
     modulator
         The modulator.
     frame
-        Recorded frame with noise, unmodulated light being one.
+        Recorded frame with noise; unmodulated light is 1.
     views
         Demultiplexed samples ``(N, rows, columns)``, one per super-pixel.
     clean
-        The same without noise.
+        The same views without noise.
     truth
         The scene at the middle of each super-pixel.
     noise
         Rms of ``views - clean``.
     error
-        Rms of ``views - truth``: noise, and what the modulator loses in resolution.
+        Rms of ``views - truth``: noise and lost resolution.
 
     Examples
     --------
@@ -73,32 +73,32 @@ def iter_acquire_light_field(
     route: str = "spatial",
     filter: str = "cubic",
 ) -> Work[list[Acquisition]]:
-    """Return what each modulator makes of the same scene, exposure and camera.
+    """Return recordings of the same scene with several modulators, at the same exposure and with the same camera.
 
     Parameters
     ----------
     light
-        Plenoptic samples at every pixel ``(N, rows, columns)``; their sum over N is the unmodulated light.
+        Plenoptic samples at every pixel ``(N, rows, columns)``. Their sum over N is the unmodulated light.
     modulators
-        Of N samples each.
+        Modulators of N samples each.
     chi2
-        s_p^2 / s_c^2 of the camera; inf for one without read noise.
+        Ratio s_p^2 / s_c^2 of the camera; inf without read noise.
     signal_e
-        Electrons a pixel collects from unmodulated light of one.
+        Electrons that a pixel collects from unmodulated light of 1.
     rng
         Source of the shot and read noise.
     route, filter
-        Of the reconstruction, as in `demultiplex`.
+        Route and filter of the reconstruction, as in `demultiplex`.
 
     Yields
     ------
     Progress
-        In modulators.
+        Counted in modulators.
 
     Raises
     ------
     InputError
-        If chi2 is not above 0 or the scene is not one of these modulators.
+        If chi2 is not above 0, or the scene has other samples than a modulator.
     """
     scene = np.asarray(light, float)
     check_number("electrons of unmodulated light", signal_e, above=0)

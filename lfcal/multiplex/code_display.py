@@ -32,21 +32,21 @@ WHOLE = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class DisplayFit:
-    """A display in the object plane of a camera.
+    """Fit of a display to a camera that views it in the object plane.
 
     Attributes
     ----------
     pixel_um
-        Pitch of its pixels (µm).
+        Pitch of the display's pixels (µm).
     step_um
-        Step in the object plane that moves the image by one sensor pixel (µm): the largest display pixel that gives
-        every source position one of its own.
+        Step in the object plane that moves the image by one sensor pixel (µm). With larger display pixels, some source
+        positions share a pixel.
     image_px
         Width of a display pixel's image (sensor pixels).
     placing_px
         Largest error of a position that is rounded to whole display pixels (sensor pixels).
     fits
-        Whether every position has a display pixel of its own and is met within `PLACING_PX`.
+        Whether every position has a separate display pixel and is reached within `PLACING_PX`.
 
     Examples
     --------
@@ -64,7 +64,7 @@ class DisplayFit:
 
     @property
     def words(self) -> str:
-        """The verdict in a line, with the pitch that is needed."""
+        """One-line verdict with the pitch that is needed."""
         told = f"a display pixel of {self.pixel_um:.4g} µm is {self.image_px:.3g} px wide in the image"
         if self.fits:
             met = f"positions are {self.step_um:.4g} µm apart and met within {self.placing_px:.2g} px"
@@ -107,7 +107,7 @@ def display_fit(step_um: float, pixel_um: float) -> DisplayFit:
     ratio = step_um / pixel_um
     whole = ratio > 0.5 and abs(ratio - round(ratio)) < WHOLE * ratio
     placing = 0.0 if whole else pixel_um / step_um / 2
-    # a position needs a pixel of its own, wherever it falls on the display
+    # each position needs a separate pixel, wherever it falls on the display
     fits = ratio >= 1 - WHOLE and placing <= PLACING_PX
     return DisplayFit(pixel_um, step_um, pixel_um / step_um, placing, fits)
 
@@ -120,22 +120,22 @@ def display_frames(
     *,
     repeat: tuple[int, int] | None = None,
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yield what the display shows in each frame ``(rows, columns)``: 255 where a point is lit, in proportion else.
+    """Yield the display image ``(rows, columns)`` of each frame: 255 where a point is fully lit, else in proportion.
 
     Parameters
     ----------
     code
         ``(frames, points)`` of 0 … 1.
     places
-        ``(points, 2)``: positions (y, x) of the points, in steps of one sensor pixel in the image; the block of them is
-        put in the middle of the display.
+        Positions (y, x) of the points ``(points, 2)``, in steps of one sensor pixel in the image. The block of points
+        is centred on the display.
     fit
-        Of the display (`display_fit`); a point is one of its pixels.
+        Fit of the display (`display_fit`); each point is one display pixel.
     shape
         Rows and columns of the display.
     repeat
-        Steps (down, across) after which the block is shown again, so far that patterns of two do not meet: as many
-        blocks as there is room for, all with the same code. None: once.
+        Steps (down, across) after which the block is shown again, large enough that patterns of two blocks do not
+        overlap. The display shows as many blocks as it has room for, all with the same code. None: one block.
 
     Raises
     ------

@@ -92,12 +92,12 @@ def _is_paley(n: int) -> bool:
 
 
 def random_code(frames: int, points: int, density: float, rng: np.random.Generator) -> Array:
-    """Return a random code ``(frames, points)`` of 0 and 1 that tells all points apart.
+    """Return a random code ``(frames, points)`` of 0 and 1 that separates all points.
 
     Raises
     ------
     InputError
-        If there are fewer frames than points, or a hundred draws tell none apart.
+        If there are fewer frames than points, or none of a hundred draws separates the points.
 
     Examples
     --------
@@ -114,7 +114,7 @@ def random_code(frames: int, points: int, density: float, rng: np.random.Generat
         code = np.asarray(rng.random((frames, points)) < density, float)
         if np.linalg.matrix_rank(code) == points:
             return code
-    raise InputError.expected("random code", "one that tells all points apart", "none of 100", "take more frames")
+    raise InputError.expected("random code", "one that separates all points", "none of 100", "take more frames")
 
 
 def code_matrix(
@@ -125,12 +125,13 @@ def code_matrix(
     Parameters
     ----------
     kind
-        ``"S"``: the S-matrix of the least order that has as many columns, the others left out; ``"random"``; or
-        ``"single"``: one point at a time.
+        ``"S"``: columns of the smallest S-matrix that has enough. ``"random"``: a random code. ``"single"``: one point
+        at a time.
     points
         Number of points whose patterns overlap.
     frames, density, rng
-        Of random codes: as many frames as points by default, share that is lit, source (seeded by default).
+        Options of random codes: number of frames (default: that of points), share that is lit, and source of random
+        numbers (seeded by default).
 
     Examples
     --------
@@ -171,9 +172,9 @@ class CodingNumbers:
     Attributes
     ----------
     rms_db
-        Of the rms deviation of all entries: what a reconstruction with H sees.
+        Gain in the rms deviation of all entries: what a reconstruction with H sees.
     core_db, dark_db
-        The same of bright entries (half of their pattern's peak or more) and of dark ones (a hundredth or less).
+        Gain of bright entries (at least half of their pattern's peak) and of dark ones (at most a hundredth).
     better
         Share of the entries that are known better.
     exposure
@@ -239,7 +240,7 @@ class CodingVerdict:
 
     @property
     def words(self) -> str:
-        """The verdict in a line."""
+        """One-line verdict."""
         numbers = self.gain.time if self.limit == "time" else self.gain.full_well
         does = "pays" if self.pays else "does not pay"
         told = f"coding {does} at equal {self.limit}: {numbers.rms_db:+.2f} dB over all entries"
@@ -330,7 +331,7 @@ def overlapping_patterns(
 
 
 def coding_gain(patterns: ArrayLike, code: ArrayLike, noise: SensorNoise, *, signal_e: float) -> CodingGain:
-    """Return the gain of each entry by a code over one point at a time, in as many frames.
+    """Return the gain of each entry by a code, compared with one point at a time in as many frames.
 
     Each point alone is repeated (frames over points) times, so that both take the same number of frames. The response's
     fixed pattern (PRNU) is the same in all frames: it scales an entry with its light and is neither gained nor lost.
@@ -338,18 +339,19 @@ def coding_gain(patterns: ArrayLike, code: ArrayLike, noise: SensorNoise, *, sig
     Parameters
     ----------
     patterns
-        ``(points, rows, columns)`` on the sensor, in any unit; NaN where a point has no entry (`overlapping_patterns`).
+        Patterns ``(points, rows, columns)`` on the sensor, in any unit; NaN where a point has no entry
+        (`overlapping_patterns`).
     code
-        ``(frames, points)`` of 0 … 1: how bright each point is in each frame (`lfcal.multiplex.code_matrix`).
+        Brightness of each point in each frame ``(frames, points)``, 0 … 1 (`lfcal.multiplex.code_matrix`).
     noise
-        The camera's (`lfcal.multiplex.sensor_noise`).
+        Noise of the camera (`lfcal.multiplex.sensor_noise`).
     signal_e
         Electrons of the brightest entry of a single point in one frame, up to the full well.
 
     Raises
     ------
     InputError
-        If the code does not tell the points apart, or the signal is beyond the full well.
+        If the code does not separate the points, or the signal exceeds the full well.
 
     Examples
     --------
@@ -382,10 +384,11 @@ def coding_pays(
     signal_e: float | None = None,
     limit: str = "time",
 ) -> CodingVerdict:
-    """Return whether lighting several points at once pays for these patterns on this sensor, and up to which light.
+    """Return whether lighting several points together pays for these patterns on this sensor, and up to which light.
 
-    It pays where the rms error of all entries is smaller than with one point at a time in as many frames: where
-    additive noise rules, so for weak sources. With many photons it spreads the noise of bright cores over dark entries.
+    It pays where the rms error of all entries is smaller than with one point at a time in as many frames. This is so
+    where additive noise dominates, thus for weak sources. With many photons, coding spreads the noise of bright cores
+    over dark entries.
 
     Parameters
     ----------
@@ -396,8 +399,8 @@ def coding_pays(
     signal_e
         Electrons of the brightest entry of a single point in one frame; the full well by default.
     limit
-        ``"time"``: equal exposures, those of coded frames shortened only where they would saturate;
-        ``"full well"``: both expose until the brightest pixel is full.
+        ``"time"``: equal exposures; coded frames are shortened only where they would saturate. ``"full well"``: both
+        expose until the brightest pixel is full.
 
     Examples
     --------
@@ -496,18 +499,18 @@ def _error(
 
 
 class _Overlap:
-    """Patterns that lie over each other, the code that lights them, and what both make of a sensor's noise.
+    """Overlapping patterns, the code that lights them, and the resulting noise.
 
     Attributes
     ----------
     light
-        ``(points, pixels)`` over the brightest entry, 0 where a point has none.
+        Light ``(points, pixels)`` divided by the brightest entry, 0 where a point has none.
     entries
-        Where it has one, same shape.
+        True where a point has an entry, same shape.
     code
-        ``(frames, points)``.
+        Code ``(frames, points)``.
     shape
-        ``(points, rows, columns)``.
+        Shape of the patterns, ``(points, rows, columns)``.
     """
 
     def __init__(self, patterns: ArrayLike, code: ArrayLike) -> None:
@@ -522,7 +525,7 @@ class _Overlap:
         if not fits or self.code.min() < 0 or self.code.max() > 1:
             raise InputError.expected("code", f"0 … 1 (frames, {points})", self.code.shape, "one column per point")
         if np.linalg.matrix_rank(self.code) < points:
-            raise InputError.expected("code", "one that tells all points apart", "fewer", "take more frames")
+            raise InputError.expected("code", "one that separates all points", "fewer", "take more frames")
         self.shape, flat = given.shape, given.reshape(points, -1)
         self.entries: NDArray[np.bool_] = ~np.isnan(flat)
         if not self.entries.any(axis=1).all():

@@ -1,4 +1,4 @@
-"""From a frame to its plenoptic samples and back: one call for every modulator, route and filter."""
+"""From a frame to its plenoptic samples and back: one function for all modulators, routes and filters."""
 
 from __future__ import annotations
 
@@ -34,45 +34,45 @@ def demultiplex(
 ) -> NDArray[Any]:
     """Return the plenoptic samples of a frame, ``(N, rows, columns)``: colours, views, or both.
 
-    The spatial route interpolates each measurement channel and decorrelates them at every place (theorem 1); the
-    Fourier route crops and re-weighs tiles of the spectrum (theorem 2), which is the spatial route with a sinc filter.
-    Where the pseudo-inverse is needed, what is not measured comes out as zero (`Modulator.lost` says how much).
+    The spatial route interpolates each measurement channel and decorrelates the channels at every position (theorem
+    1). The Fourier route crops and re-weighs tiles of the spectrum (theorem 2), which equals the spatial route with a
+    sinc filter. Combinations that are not measured come out as zero (`Modulator.lost` returns their share).
 
     Parameters
     ----------
     frame
-        ``(rows, columns)``, background subtracted. A frame that does not end with a whole super-pixel is continued
-        by the pixels of the super-pixel before.
+        Frame ``(rows, columns)``, background subtracted. If it does not end with a whole super-pixel, the pixels of
+        the previous super-pixel continue it.
     modulator
-        What its pixels measured, see `lfcal.multiplex.colour_filters` and `lfcal.multiplex.masks`.
+        Modulator of the frame, see `lfcal.multiplex.colour_filters` and `lfcal.multiplex.masks`.
     route
         ``"spatial"`` or ``"fourier"``.
     filter
-        Of the spatial route: ``"nearest"``, ``"linear"``, ``"cubic"``, ``"lanczos"``, ``"sinc"`` (periodic) or
-        ``"bilateral"`` (edge-preserving, guided by the mean over a super-pixel); for colour filter arrays also
-        ``"lmmse"`` and ``"directional"`` (`lfcal.multiplex._demosaicing`), which take no ``rcond``. None:
+        Filter of the spatial route: ``"nearest"``, ``"linear"``, ``"cubic"``, ``"lanczos"``, ``"sinc"`` (periodic) or
+        ``"bilateral"`` (edge-preserving, guided by the mean over a super-pixel). Colour filter arrays also have
+        ``"lmmse"`` and ``"directional"`` (`lfcal.multiplex._demosaicing`), which ignore ``rcond``. None:
         `default_filter`.
     samples
-        Output samples per super-pixel, one number or (rows, columns); by default one per pixel for colours and one
-        per lenslet or mask period for light fields.
+        Output samples per super-pixel, one number or (rows, columns). Default: one per pixel for colours, one per
+        lenslet or mask period for light fields.
     origin
         Pixel ``(row, column)`` of the frame at which a super-pixel begins.
     rcond
-        Singular values up to this share of the largest count as zero; None: rounding.
+        Singular values up to this share of the largest count as zero. None: rounding error.
     weights
         Weight of each pixel ``(rows, columns)``: its inverse variance, 0 where it measured nothing (saturated, dead;
-        `lfcal.multiplex.pixel_weights`). Channels are then interpolated linearly from what has weight and decorrelated
-        by weighted least squares (`lfcal.multiplex.demultiplex_weighted` also tells the noise).
+        `lfcal.multiplex.pixel_weights`). Channels are then interpolated linearly from pixels with weight and
+        decorrelated by weighted least squares. `lfcal.multiplex.demultiplex_weighted` also returns the noise.
     out
-        Array to write to, float32 or float64; without it float64 for float64 frames and float32 for others.
+        Output array, float32 or float64. Default: float64 for float64 frames, float32 for others.
     workers
-        Threads; None takes every processor.
+        Number of threads; None: all processors.
 
     Returns
     -------
     NDArray
-        Ordered as `Modulator.sample_names`; `arrange` parts views from colours. With one sample per pixel it is
-        cropped to the frame.
+        Samples in the order of `Modulator.sample_names`; `arrange` separates views and colours. With one sample per
+        pixel the array is cropped to the frame.
 
     Raises
     ------
@@ -174,10 +174,10 @@ def demultiplex_weighted(
 
 
 def default_filter(modulator: Modulator, samples: tuple[int, int]) -> str:
-    """Return the spatial filter taken where none is named and ``samples`` per super-pixel are wanted.
+    """Return the default spatial filter for ``samples`` per super-pixel.
 
-    ``"directional"`` for filter arrays over red, green and blue that tell all three, at one sample per pixel, otherwise
-    ``"cubic"``: samples of other kinds need not be alike as the colours of an image are.
+    It is ``"directional"`` for filter arrays over red, green and blue that recover all three, at one sample per pixel,
+    and otherwise ``"cubic"``. Samples of other kinds need not resemble each other as the colours of an image do.
     """
     from lfcal.multiplex._demosaicing import can_estimate
 
@@ -282,7 +282,7 @@ def multiplex(samples: ArrayLike, modulator: Modulator) -> NDArray[np.float64]:
         light = _gathered(light, modulator.cell)
     (py, px), frame = modulator.side, np.zeros((rows, columns))
     for k, weights in enumerate(modulator.matrix):
-        # each pixel of the super-pixel at once, over all super-pixels
+        # one pixel of the super-pixel after the other, over all super-pixels
         part = (slice(k // px, None, py), slice(k % px, None, px))
         frame[part] = np.tensordot(weights, light[:, part[0], part[1]], 1)
     return frame

@@ -1,10 +1,10 @@
 """The general route: any modulator m(x, p), periodic or not, separable or not, by regularised least squares.
 
-Where every pixel has transmissions of its own, no measurement channel can be interpolated and no decorrelation is
-shared by super-pixels. The samples are then found on a grid of their own, linear between its nodes, from all pixels at
-once: minimise sum w (i - sum_n m_n B rho_n)^2 + lambda |grad rho|^2 by conjugate gradients. Each iteration costs about
-14 multiply-adds per pixel and sample (`GeneralModel.operations`), where the routes of super-pixels take one pass; some
-20 to 200 iterations are usual.
+If every pixel has different transmissions, no measurement channel can be interpolated, and super-pixels share no
+decorrelation. The samples are then found on a separate grid, linear between its nodes, from all pixels together.
+Conjugate gradients minimise sum w (i - sum_n m_n B rho_n)^2 + lambda |grad rho|^2. Each iteration costs about 14
+multiply-adds per pixel and sample (`GeneralModel.operations`), where the routes of super-pixels take one pass. Usual
+are 20 to 200 iterations.
 """
 
 from __future__ import annotations
@@ -114,30 +114,30 @@ def iter_demultiplex_generally(
     Parameters
     ----------
     frame
-        ``(rows, columns)``, background subtracted.
+        Frame ``(rows, columns)``, background subtracted.
     transmissions
-        ``(N, rows, columns)``, what each pixel takes of each sample; or a modulator, repeated over the frame.
+        Response of each pixel to each sample ``(N, rows, columns)``; or a modulator, repeated over the frame.
     spacing
-        Pixels per node of the samples' grid, or (rows, columns): about the root of N where all is to be measured.
+        Pixels per node of the samples' grid, or (rows, columns): about the root of N to measure all samples.
     weights
         Inverse variances of the pixels, 0 for saturated and dead ones.
     smoothness
-        Weight of the squared differences between neighbouring nodes, over the mean measured share: what decides where
-        pixels leave a sample open. It must be small compared with the signal-to-noise ratio.
+        Weight of the squared differences between neighbouring nodes, relative to the mean measured share. It decides
+        the samples where pixels leave them open. It must be small compared with the signal-to-noise ratio.
     tolerance
-        The gradient's norm over its first, at which the iterations end.
+        The iterations end when the norm of the gradient falls below this share of its first value.
     most
-        Iterations at most.
+        Largest number of iterations.
 
     Yields
     ------
     Progress
-        In iterations.
+        Counted in iterations.
 
     Raises
     ------
     InputError
-        If the transmissions are not those of the frame, or an option is out of range.
+        If the transmissions do not fit the frame, or an option is out of range.
     """
     pair = spacing if isinstance(spacing, tuple) else (spacing, spacing)
     seen, known = measured(frame, weights)

@@ -181,7 +181,7 @@ def lattice_by_spectrum(
 def _tile(shape: tuple[int, ...], along: Array, across: Array, k1: int, k2: int) -> Array:
     """Return which share of each frequency of a frame (order of the transform) lies in the tile about g_k."""
     inside = np.zeros(shape)
-    for turn_y in (-1, 0, 1):  # a tile at the end of the band goes on at its other end
+    for turn_y in (-1, 0, 1):  # a tile at the end of the band wraps to its other end
         for turn_x in (-1, 0, 1):
             fy, fx = (np.fft.fftfreq(n) + t for n, t in zip(shape, (turn_y, turn_x), strict=True))
             down = _share(fy[:, None] * across[0] + fx * across[1] - k1)  # in cycles per step of the lattice

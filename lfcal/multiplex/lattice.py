@@ -30,7 +30,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 REACH = 2.5
-"""Of the hats over super-pixels that stand in for what is missing (super-pixels)."""
+"""Width of the triangular weights that fill missing super-pixels from their neighbours (super-pixels)."""
 
 NOTHING = 1e-12
 VALUES_AT_ONCE = 2_000_000
@@ -102,7 +102,7 @@ def weighted_samples(
     channels, places = offsets.number[0] * offsets.number[1], near.shape[0]
     count = channels if matrix is None else matrix.shape[1]
     samples, variance = np.empty((2, count, places))
-    if matrix is None:  # channel by channel: of large frames not all are held at once
+    if matrix is None:  # channel by channel: the channels of a large frame may not fit into memory together
         for k in range(channels):
             read = _weighed(source, offsets.of(k), slice(None))
             spread = read.shares.power(2).sum(axis=1)
@@ -183,7 +183,7 @@ def _decorrelated(matrix: Array, read: list[_Pixels], light: Array, rcond: float
     demix = inverse @ (matrix.T * trust.T[:, None, :])  # (places, N, channels)
     found = np.einsum("pnk,kp->np", demix, values)
     places, count, channels = demix.shape
-    # rows by place, then channel; pixels numbered anew, as most of the frame's are of other places
+    # rows by place, then channel; pixels renumbered, because most of the frame's belong to other positions
     rows = [np.repeat(np.arange(places) * channels + k, np.diff(one.shares.indptr)) for k, one in enumerate(read)]
     pixels = [one.at[one.shares.indices] for one in read]
     at, columns = np.unique(np.concatenate(pixels), return_inverse=True)
@@ -215,14 +215,15 @@ def lattice_channels(
     Parameters
     ----------
     frame
-        ``(rows, columns)``, background subtracted.
+        Frame ``(rows, columns)``, background subtracted.
     lattice
-        Where the super-pixels lie: a `SuperPixelLattice`, a `lfcal.lattice.LatticeFit`, or `lfcal.lattice.lattice_of` a
-        camera. Neither pitch nor angle need fit the pixels, nor need the lattice be straight.
+        Positions of the super-pixels: a `SuperPixelLattice`, a `lfcal.lattice.LatticeFit`, or
+        `lfcal.lattice.lattice_of` a camera. Pitch and angle need not fit the pixels, and the lattice need not be
+        straight.
     size
-        Channels down and across, about each centre.
+        Number of channels down and across around each centre.
     spacing_px
-        Distance of channels (pixels), or down and across; None divides the pitch by ``size``.
+        Distance of channels (pixels), one number or (down, across). None: the pitch divided by ``size``.
     filter
         ``"nearest"``, ``"linear"`` or ``"cubic"`` between pixels; between super-pixels it is linear.
     axes
@@ -230,11 +231,12 @@ def lattice_channels(
         upright in the frame, between super-pixels (`lfcal.lattice.view_grid`).
     weights
         Weight of each pixel ``(rows, columns)``: its inverse variance, 0 where it measured nothing (saturated, dead;
-        `lfcal.multiplex.pixel_weights`). The filter is then linear (`lattice_channels_weighted` also tells the noise).
+        `lfcal.multiplex.pixel_weights`). The filter is then linear. `lattice_channels_weighted` also returns the
+        noise.
     out
-        float32 or float64 array to write to.
+        Output array, float32 or float64.
     workers
-        Threads.
+        Number of threads.
 
     Raises
     ------
@@ -246,7 +248,7 @@ def lattice_channels(
     >>> import numpy as np
     >>> from lfcal.multiplex import SuperPixelLattice, lattice_channels
     >>> lattice = SuperPixelLattice("square", (5.0, 5.0), (10.5, 0.0), (0.0, 10.5))
-    >>> columns = np.tile(np.arange(48.0), (48, 1))  # each pixel tells its column
+    >>> columns = np.tile(np.arange(48.0), (48, 1))  # each pixel names its column
     >>> channels = lattice_channels(columns, lattice, 3)
     >>> print(channels.shape)
     (3, 3, 4, 4)
@@ -398,32 +400,32 @@ def demultiplex_lattice(
     weights: ArrayLike | None = None,
     workers: int | None = None,
 ) -> NDArray[Any]:
-    """Return the views of a light field whose super-pixels are no whole pixels, ``(N, rows, columns)``.
+    """Return the views ``(N, rows, columns)`` of a light field whose super-pixels are not whole pixels.
 
     Parameters
     ----------
     frame, lattice, axes, workers
         As in `lattice_channels`.
     modulator
-        One super-pixel of a light field; its values lie at equal steps of the lattice's vectors.
+        Modulator of one super-pixel of a light field; its values lie at equal steps of the lattice's vectors.
     route
-        ``"spatial"`` (theorem 1) or ``"fourier"`` (theorem 2): tiles of the spectrum about the lattice's own
-        frequencies, whatever its pitch and angle, which equals the spatial route with a sinc where the frame holds
-        nothing between the tiles. It takes a transform of the frame for each pixel of a super-pixel.
+        ``"spatial"`` (theorem 1) or ``"fourier"`` (theorem 2): tiles of the spectrum around the lattice's frequencies,
+        for any pitch and angle. This equals the spatial route with a sinc filter if the frame has no content between
+        the tiles. It takes one transform of the frame for each pixel of a super-pixel.
     filter
-        Of the spatial route: ``"nearest"``, ``"linear"`` or ``"cubic"`` between pixels, the channels of a super-pixel
-        counting as taken at its centre; or ``"sinc"`` between super-pixels, each channel at its own place
-        (`lfcal.multiplex.heterodyne`).
+        Filter of the spatial route: ``"nearest"``, ``"linear"`` or ``"cubic"`` between pixels, where the channels of a
+        super-pixel count as recorded at its centre. Or ``"sinc"`` between super-pixels, with each channel at its
+        position (`lfcal.multiplex.heterodyne`).
     rcond
         Singular values up to this share of the largest count as zero.
     weights
-        As in `lattice_channels`: for the spatial route with the filter linear (`demultiplex_lattice_weighted` also
-        tells the noise).
+        As in `lattice_channels`, for the spatial route with the linear filter. `demultiplex_lattice_weighted` also
+        returns the noise.
 
     Raises
     ------
     InputError
-        If the modulator is no single light-field super-pixel, or the frame holds none.
+        If the modulator is not a single super-pixel of a light field, or the frame holds none.
 
     Examples
     --------

@@ -135,7 +135,7 @@ def dirichlet_minimum(p: int) -> float:
     def profile(x: float) -> float:
         return math.sin(math.pi * x) / math.sin(math.pi * x / p)
 
-    # the first lobe beside the peak is the deepest
+    # the first lobe next to the peak is the deepest
     found = minimize_scalar(profile, bounds=(1.0, min(2.0, p / 2)), method="bounded", options={"xatol": 1e-12})
     return min(float(found.fun), profile(min(2.0, p / 2)))
 

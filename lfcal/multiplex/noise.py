@@ -70,7 +70,7 @@ def amplification(modulator: Modulator, *, rcond: float | None = None, recoverab
     0.913
     >>> print(f"{amplification(mask('lenslet', 5)):.3f}")  # 25 times the light
     0.040
-    >>> print(amplification(cfa("RC/CR")))  # red and cyan do not tell green from blue
+    >>> print(amplification(cfa("RC/CR")))  # red and cyan cannot separate green from blue
     inf
     """
     values = modulator.singular_values
@@ -332,7 +332,8 @@ def monte_carlo_gain(
     trials
         Super-pixels acquired with each modulator.
     noise
-        ``"mean"``: every pixel has the variance of equation 12; ``"pixel"``: shot noise of its own light.
+        Noise model. ``"mean"``: every pixel has the variance of equation 12. ``"pixel"``: each pixel has the shot
+        noise of the light it receives.
 
     Examples
     --------
@@ -437,7 +438,8 @@ def gain_map(modulator: Modulator, reference: Modulator, chi2: ArrayLike | None 
 def sample_deviation(modulator: Modulator, noise: SensorNoise, *, decorrelation: str = "plain") -> Array:
     """Return the standard deviation of each sample ``(N,)`` of unmodulated light at full scale (shares of that light).
 
-    Every pixel has the noise of its own light (read, dark, quantisation, shot, response); super-pixels as they are.
+    Every pixel has the noise of the light it receives (read, dark, quantisation, shot, response), without
+    interpolation between super-pixels.
 
     Parameters
     ----------

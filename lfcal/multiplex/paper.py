@@ -42,18 +42,18 @@ LIGHT_FIELD = ("lenslet", "MURA", "pinhole", "sum_of_sinusoids")
 
 @dataclass(frozen=True, eq=False)
 class PaperPanel:
-    """One picture.
+    """One picture of a figure.
 
     Attributes
     ----------
     title
-        What it is.
+        Title of the picture.
     image
-        ``(rows, columns)``, or colours ``(rows, columns, 3)`` in 0 … 1.
+        Grey image ``(rows, columns)``, or colours ``(rows, columns, 3)`` in 0 … 1.
     numbers
-        Error, ringing or signal to noise in a line.
+        One-line text of error, ringing or signal to noise.
     levels
-        Darkest and brightest value shown: the same for all pictures that are to be compared; None for colours.
+        Darkest and brightest value shown, equal for all pictures that are compared; None for colours.
     """
 
     title: str

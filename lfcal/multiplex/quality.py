@@ -43,7 +43,7 @@ class Ringing:
     Attributes
     ----------
     flat
-        Rms error where the scene is flat over two super-pixels about, averaged over the samples.
+        Rms error where the scene is flat within two super-pixels around, averaged over the samples.
     overshoot
         Mean over the samples of the farthest excursion beyond the scene's own values.
     """
@@ -110,20 +110,20 @@ def _inside(shape: tuple[int, ...], side: tuple[int, int]) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, slots=True)
 class FilterTrial:
-    """One way to reconstruct a scene: error against seconds.
+    """Error and time of one way to reconstruct a scene.
 
     Attributes
     ----------
     route, filter
-        The way.
+        Route and filter of the reconstruction.
     seconds
-        Shortest of the rounds.
+        Shortest time of the rounds.
     error
-        Rms error over the scene's range, away from the border.
+        Rms error divided by the scene's range, away from the border.
     ringing
         `Ringing`, None where the scene has no flat parts.
     efficient
-        Whether no other way is both faster and better.
+        Whether no other way is both faster and more accurate.
 
     Examples
     --------
@@ -164,20 +164,20 @@ def iter_measure_filters(
     scene
         Plenoptic samples at every pixel ``(N, rows, columns)``.
     modulator
-        It is acquired with this.
+        Modulator that records the scene.
     ways
-        Pairs of route and filter; None: `ways_of` the modulator.
+        Pairs of route and filter. None: `ways_of` the modulator.
     noise
-        Added to the frame.
+        Noise added to the frame.
     rounds
-        Each way is run as often, after once to compile; the shortest time counts.
+        Number of timed runs of each way, after one run to compile; the shortest time counts.
     workers
-        Threads.
+        Number of threads.
 
     Yields
     ------
     Progress
-        In ways.
+        Counted in ways.
     """
     truth = np.asarray(scene, float)
     frame = multiplex(truth, modulator) + noise
@@ -240,9 +240,10 @@ class Transfer:
     frequencies
         Cycles per pixel, as measured ``(n,)``.
     transfer
-        Amplitude got back over that shown, of each sample ``(N, n)``.
+        Reconstructed amplitude over that shown, for each sample ``(N, n)``.
     aliased
-        Rms of all else that the wave makes (other frequencies, other samples), over the wave's rms ``(N, n)``.
+        Rms of everything else that the wave produces (other frequencies, other samples), over the wave's rms ``(N,
+        n)``.
 
     Examples
     --------
@@ -267,12 +268,12 @@ def modulation_transfer(
     filter: str | None = None,
     axis: str = "x",
 ) -> Transfer:
-    """Return how much of sine waves the reconstruction gives back, shown equally to all samples in unmodulated light.
+    """Return how much of sine waves the reconstruction preserves; the waves are equal in all samples.
 
     Parameters
     ----------
     modulator
-        With which the waves are recorded, without noise.
+        Modulator that records the waves, without noise.
     frequencies
         Cycles per pixel, 0 … 1/2; taken to the nearest whole number of waves over 24 super-pixels.
     route, filter

@@ -154,19 +154,19 @@ def _layout(filters: int) -> tuple[int, int]:
 def best_filter_set(
     chi2: float, *, filters: int = 4, starts: int = 12, rng: np.random.Generator | None = None
 ) -> Modulator:
-    """Return the filters of any transmission in 0 … 1 for red, green and blue with most gain at ``chi2``.
+    """Return the filters with most gain at ``chi2`` for red, green and blue, of any transmission in 0 … 1.
 
-    Minimises the noise of the recovered colours by projected quasi-Newton steps from the best set of ideal filters
-    and from random ones, with the shot noise of each pixel's own light.
+    Projected quasi-Newton steps minimise the noise of the recovered colours, with the shot noise of each pixel. They
+    start from the best set of ideal filters and from random ones.
 
     Parameters
     ----------
     chi2
-        The camera's, 0 … inf.
+        Ratio chi^2 of the camera, 0 … inf.
     filters
-        Pixels of the super-pixel.
+        Number of pixels of the super-pixel.
     starts
-        Random starts.
+        Number of random starts.
     rng
         Source of the starts; seeded by default.
 
@@ -242,20 +242,20 @@ def best_mask(
 ) -> Modulator:
     """Return the attenuation mask ``size`` x ``size`` with most gain at ``chi2`` that the search finds.
 
-    Descends from the known masks, from random ones of various shares of open pixels, and from the best so far with a
-    few pixels turned over; of up to `MAX_EXHAUSTIVE` pixels a side also from the best of all open-or-closed ones. The
-    result is never worse than any of its starts; `mask_gain_bound` says how much better a mask could be.
+    The search starts from the known masks, from random ones with various shares of open pixels, and from the best so
+    far with a few pixels inverted. Up to `MAX_EXHAUSTIVE` pixels a side it also starts from the best of all masks of
+    open and closed pixels. The result is never worse than any start; `mask_gain_bound` returns an upper bound.
 
     Parameters
     ----------
     size
         Pixels along a side, as in `mask`.
     chi2
-        The camera's, 0 … inf.
+        Ratio chi^2 of the camera, 0 … inf.
     starts
-        Random starts; the best found is changed `CHANGES` times as often.
+        Number of random starts; the best mask found is changed `CHANGES` times as often.
     begin
-        Further patterns ``(size, size)`` to begin with.
+        Further patterns ``(size, size)`` to start from.
     rng
         Source of the starts; seeded by default.
 
@@ -322,16 +322,16 @@ def iter_mask_frontier(
     size
         Pixels along a side.
     chi2
-        The camera's; one mask is searched for it.
+        Ratio chi^2 of the camera; one mask is searched for it.
     points
-        Values of chi^2 to search at, 0 and infinity among them.
+        Number of values of chi^2 to search at, including 0 and infinity.
     starts, rng
         As in `best_mask`.
 
     Yields
     ------
     SearchProgress
-        In masks.
+        Counted in masks.
     """
     random = rng or np.random.default_rng(0)
     ratios = [0.0, *np.logspace(-2, 3, max(0, points - 2)), math.inf, chi2]

@@ -108,7 +108,7 @@ class Spectra:
 
 
 def read_spectra(path: str | os.PathLike[str]) -> Spectra:
-    r"""Read a CSV: a first row ``wavelength_nm,NAME,…``, then numbers; lines that begin with # tell the source.
+    r"""Read a CSV: a first row ``wavelength_nm,NAME,…``, then numbers; lines that begin with # state the source.
 
     Raises
     ------
@@ -240,7 +240,7 @@ def bandpass_filters(middles_nm: ArrayLike, width_nm: float) -> Spectra:
 def cosine_basis(bands: int, count: int) -> Array:
     """Return the ``count`` smoothest cosines over ``bands`` bands as columns ``(bands, count)``.
 
-    Spectra of most surfaces lie near their span: with it few filters tell many bands.
+    Spectra of most surfaces lie near their span: with this basis a few filters recover many bands.
 
     Examples
     --------

@@ -73,22 +73,22 @@ def reconstruct_weighted(
 ) -> WeightedSamples:
     """Return the samples of a frame of whole super-pixels by weighted least squares at every place.
 
-    Each measurement channel is interpolated linearly from the samples that carry weight, ``c = sum h w f / sum h w``,
-    with the variance ``sum h^2 w / (sum h w)^2`` that follows where w are inverse variances; then
-    ``(A^T W A) x = A^T W c`` (theorem 1 with the weights of Gauss and Markov). Where none of these carries weight,
-    those within two super-pixels count; where none of them does, the channel drops out, and what the others do not
-    tell comes out as of least norm.
+    Each measurement channel is interpolated linearly from the samples with weight, ``c = sum h w f / sum h w``. Its
+    variance is ``sum h^2 w / (sum h w)^2`` if w are inverse variances. Then ``(A^T W A) x = A^T W c`` is solved
+    (theorem 1 with the weights of Gauss and Markov). Where no sample has weight, those within two super-pixels count;
+    where these have none either, the channel is left out. What the other channels do not determine is the least-norm
+    solution.
 
     Parameters
     ----------
     frame, weights
         ``(rows, columns)``, whole super-pixels.
     modulator
-        What the pixels measured.
+        Modulator of the frame.
     samples
         Output samples per super-pixel.
     rcond
-        Eigenvalues up to the square of this share of the largest count as zero; None: rounding.
+        Eigenvalues up to the square of this share of the largest count as zero. None: rounding error.
     """
     axes = [_axis(*args) for args in zip(frame.shape, modulator.side, modulator.positions, samples, strict=True)]
     light, scale = np.where(weights > 0, frame, 0.0), float(weights.max())

@@ -176,7 +176,7 @@ def copy_plane(source: H5Data, dataset: Any, z: int) -> None:
     filters = tuple(int(plist.get_filter(k)[0]) for k in range(plist.get_nfilters()))
     theirs = (source.dtype, source.chunks, source.filters)
     if theirs != (dataset.dtype, tuple(dataset.chunks), filters) or source.table is None:
-        raise InputError.expected(source.where, f"{dataset.dtype} stored as the others", str(theirs), "write it anew")
+        raise InputError.expected(source.where, f"{dataset.dtype} stored as the others", str(theirs), "write it again")
     places = [(0, y, x, 0, 0) for y, x in np.ndindex(*source.shape[1:3])]
     write = dataset.id.write_direct_chunk
     for (_, y, x, t, s), left_out, stored in source.table.each_stored(places):

@@ -24,20 +24,20 @@ OWN_CODE = "reconstruct with lfcal, or export a plain file"
 
 @dataclass(frozen=True)
 class Code:
-    """What a deconvolution code reads.
+    """Format of H that a deconvolution code reads.
 
     Attributes
     ----------
     name, title
-        As options say it, and as its authors write it.
+        Name as given to options, and as its authors write it.
     suffix
-        Of its file.
+        Suffix of its file.
     order
         Axes of H as the code indexes them.
     stored
         Container and type of the values.
     use
-        What a user of the code must do; empty: nothing.
+        Instruction to users of the code; empty: none.
     source
         Where its source is published.
     one_lens

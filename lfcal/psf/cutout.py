@@ -310,7 +310,7 @@ class Gatherer:
         window, region = self.place(index)
         inside = clipped(region, self.source.shape)
         if min(region_shape(inside)) < 1:
-            raise InputError.expected(self.where(index), "a cutout on the sensor", "one beside it", "check the anchor")
+            raise InputError.expected(self.where(index), "a cutout on the sensor", "one outside it", "check the anchor")
         found = self.source.samples(index, inside)
         if found.values.shape != region_shape(inside):
             raise InputError.expected(

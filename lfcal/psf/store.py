@@ -191,7 +191,7 @@ class MatrixGroup:
         """Take plane ``z`` over as another file has it: its bytes are neither unpacked nor rounded again."""
         if stored.data.shape[1:] != self._header.shape[1:] or self._written[z]:
             raise InputError.expected(
-                f"plane {z}", f"{self._header.shape[1:]} once", stored.data.shape, "write it anew"
+                f"plane {z}", f"{self._header.shape[1:]} once", stored.data.shape, "write it again"
             )
         copy_plane(stored.data, self._data, z)
         self._sums[z], self._used[z], self._error[z] = stored.sums, stored.used, stored.error

@@ -1,6 +1,6 @@
 """Targets: many points in one frame instead of one.
 
-Points whose cutouts do not overlap are independent measurements. Each has a phase: its place in the period of the
+Points whose cutouts do not overlap are independent measurements. Each has a phase: its position in the period of the
 lenslet array. The steps of using a target, and their modules:
 
 1. Describe it: ``target`` (holes, marks; as written on the command line), ``pose`` (its pose, and the uncertainty of
@@ -11,8 +11,8 @@ lenslets, so that an array may be rotated, distorted, or of fractional period).
    show all phases), ``expected`` (what noise leaves), ``plan`` (`TargetPlan`, a separate file that holds the scan),
    ``facts`` (what its frames show and cost).
 4. Simulate its frames: ``camera`` (`TargetCamera`).
-   A target whose points are switched: ``display`` (planned on its pixels), ``subsets`` (which frames may be shown at
-   once), ``coded`` (what each shows alone, from frames that show several).
+   A target whose points are switched: ``display`` (planned on its pixels), ``subsets`` (which frames may be shown
+   together), ``coded`` (the image of each alone, from frames that show several).
 5. Find its holes in a frame: ``_spots`` (points of light), ``finding`` (places of one lattice, and which hole each is),
    ``_pose_fit`` (pose, pitch, distortion), ``_mistakes`` (what is not as described).
 

@@ -206,7 +206,9 @@ def display_image(plan: TargetPlan, display: Display, z: int, k: int) -> NDArray
         rows, columns = (np.floor(np.stack([down, right]) + middle[:, None] + 0.5 + 1e-6)).astype(np.intp)
         inside = (rows >= 0) & (columns >= 0) & (rows < display.shape[0]) & (columns < display.shape[1])
         if not inside.all():
-            raise InputError.expected("points", f"within the display's {display.shape}", "some beside it", "plan again")
+            raise InputError.expected(
+                "points", f"within the display's {display.shape}", "some outside it", "plan again"
+            )
         out[rows, columns] = 255
     return out
 

@@ -63,7 +63,7 @@ class Cover:
         from lfcal.devices import DeviceError
 
         tell(f"{'uncover' if on else 'cover'} the lens, then press Enter")
-        # end of input: nobody can cover the lens, so the dark frames would be wrong.
+        # end of input: no one can cover the lens, so the dark frames would be wrong.
         if not sys.stdin.readline():
             raise DeviceError("lens cover: no answer; run in a terminal, or record without darks (--darks 0)")
 

@@ -100,7 +100,7 @@ class Job:
     number
         Counted from 0.
     unit
-        What is to be done.
+        Work of the unit.
     out
         Its file, whose name contains the fingerprint; it exists when the unit is done.
     """
@@ -114,7 +114,7 @@ class Job:
         path = Path(self.out)
         yield from self.unit.function()({**self.unit.arguments, **self.unit.hints, **self.unit.settled}, path, workers)
         if not path.exists():
-            raise InputError.expected(f"unit {self.unit.name}", f"the file {path.name}", "none", "mend its task")
+            raise InputError.expected(f"unit {self.unit.name}", f"the file {path.name}", "none", "correct its task")
         return seal_of(path)
 
 

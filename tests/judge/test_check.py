@@ -77,7 +77,7 @@ def test_a_frame_of_the_same_camera_is_found_and_h_holds(camera: bool, offset: t
     found = check(old_h(camera), new_frame(setup_of(plan_of()), offset), noise=NOISE)
     one = found.frames[0]
     assert found.holds is (True if camera or not any(offset) else None) and not found.explanations
-    assert found.answer == ("holds" if found.holds else "not told")
+    assert found.answer == ("holds" if found.holds else "undecided")
     assert judgement_of(found).verdict.startswith(
         ("This H is as the frames show it: error", "This H is not fully judged")
     )

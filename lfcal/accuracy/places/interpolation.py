@@ -56,7 +56,10 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     where = "; ".join(f"{y:+g}, {x:+g}" for y, x in SHIFTS)
     yield Truth(
         "the simulation with pixels, lenslets and source moved together",
-        (f"middle position of plane {z}, {nt} x {ns} px, image beside whole pixels by {where} px (rows, columns)",),
+        (
+            f"middle position of plane {z}, {nt} x {ns} px, image displaced from whole pixels by {where} px (rows, "
+            "columns)",
+        ),
     )
     count = plan.n_positions
     for name in INTERPOLATIONS:

@@ -200,7 +200,7 @@ def check_stage(fit: StageFit, plan: ScanPlan, *, cell_px: float = CELL_PX, resi
     >>> from lfcal.base import InputError
     >>> from lfcal.base import drain
     >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=21)
-    >>> rig = simulated_rig(plan, axes=StageAxes("-x", "+y", "+z"))  # mounted the other way round
+    >>> rig = simulated_rig(plan, axes=StageAxes("-x", "+y", "+z"))  # mounted reversed
     >>> try:
     ...     check_stage(drain(iter_stage_fit(rig, plan)), plan)
     ... except InputError as error:

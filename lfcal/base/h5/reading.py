@@ -24,7 +24,7 @@ MAX_BYTES = 1 << 44
 """Largest declared size of a dataset (17.6 TB)."""
 
 MAX_LINKS = 16
-"""Soft links that are followed to one entry; more are taken for a circle."""
+"""Largest number of soft links followed to one entry; more are treated as a circle."""
 
 
 def _opened(path: Path) -> Any:

@@ -143,7 +143,7 @@ def _scale(planes: ListedPlanes, rising: float) -> tuple[float, float]:
         z = float(np.ptp(planes.heights))
         raise InputError.expected(
             f"{planes.name}, z of the planes",
-            f"a range of about {z * abs(scale):.4g} um, as the steps of its planes tell",
+            f"a range of about {z * abs(scale):.4g} um, inferred from the steps of its planes",
             f"{z:.4g} um",
             _remedy(abs(scale)),
         )
@@ -180,7 +180,8 @@ def _differences(
     if not off or 2 * most < MIN_DIFFERENCE * span:
         return "", ()
     note = (
-        f"z: its range is {1 / abs(slope):.3f} times what the steps of the planes tell, and up to {most:.4g} um apart "
+        f"z: its range is {1 / abs(slope):.3f} times the range that the steps of the planes imply, and up to "
+        f"{most:.4g} um apart "
         "from them; check unit and scale of z, pixel pitch, focal length and working distance"
     )
     return f", single ones by ± {most:.4g} um as z and steps part", (note,)

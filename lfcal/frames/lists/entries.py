@@ -190,7 +190,7 @@ def find_files(listing: Listing, root: Path) -> tuple[list[str], list[str]]:
     if shortened:
         notes.append(f"names: {min(shortened)}/… is looked for in {root}")
     if ended:
-        notes.append(f"names: {listing.files[0]} is taken for {found[0]}")
+        notes.append(f"names: {listing.files[0]} is read from {found[0]}")
     return found, notes
 
 

@@ -285,7 +285,7 @@ def _scale_notes(listing: Listing, affine: NDArray[Any], plan: ScanPlan) -> tupl
         [] if listing.unit else [f"unit: {unit}, inferred from the plan's steps; state it with --columns x_{unit}=…"]
     )
     if not 0.8 < ratio < 1.25 and not listing.unit:
-        return [f"unit: 1 of the list is {scale:.4g} um, as the plan's steps tell"], []
+        return [f"unit: 1 of the list is {scale:.4g} um, inferred from the plan's steps"], []
     if not 0.8 < ratio < 1.25:
         raise InputError.expected(
             f"{listing.name}, steps",
@@ -306,7 +306,7 @@ def _depth_notes(listing: Listing, affine: NDArray[Any], rest: NDArray[np.float6
     scale, unit = _lateral_scale(listing, affine, plan)
     per = abs(float(affine[1 + axis, 2]))
     if not listing.unit and not (scale and 0.8 < UNITS[unit] / scale < 1.25):  # axes with stated units may differ
-        return [f"depths: 1 of the list's {AXES[axis]} is {per:.4g} um, as the plan's depths tell"]
+        return [f"depths: 1 of the list's {AXES[axis]} is {per:.4g} um, inferred from the plan's depths"]
     ratio, what = UNITS[unit] / per, f"{AXES[axis]} of the planes"
     if not LEAST < ratio < MOST:
         raise InputError.expected(
@@ -334,7 +334,7 @@ def _axes_notes(plan: ScanPlan, stage: StageAxes, reading: StageOrientation | No
     if reading is not None and reading.turn.name != AS_IS:
         return [f"axes: {found} of the stage are meant; the light moves otherwise in the frames as they lie"]
     if found != own:
-        why = "as the light moves" if reading is not None else "as the numbers of steps tell"
+        why = "as the light moves" if reading is not None else "according to the numbers of steps"
         words = f"axes: {found} move the image right, down and the source away, {why}; the plan says {own}"
         other = None if reading is None else reading.other
         if other is None:

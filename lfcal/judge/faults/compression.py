@@ -128,7 +128,7 @@ class Compression(Fault):
             yield FoundFault(
                 self,
                 f"{100 * gone[k]:.0f} % of the finest structure in blocks of {BLOCK} x {BLOCK} pixels of the {what} "
-                f"is gone, and {100 * beside[k]:.0f} % in those beside them",
+                f"is gone, and {100 * beside[k]:.0f} % in neighbouring blocks",
                 told,
                 float(np.sqrt(np.square(evidence.left).mean()) / max(float(np.abs(evidence.light).mean()), 1e-300)),
                 picture=FaultPicture(

@@ -386,6 +386,6 @@ def _decide(draft: _Draft, e: Estimate, allowed: float, used: float) -> _Decisio
         return _Decision(True, "needed", f"{size}: {share}, above {within}{cost}")
     if e.error > allowed - used:
         return _Decision(
-            True, "needed", f"{size}: {share}, too much beside {format_share(used)} left out already{cost}"
+            True, "needed", f"{size}: {share}, too much in addition to {format_share(used)} left out already{cost}"
         )
     return _Decision(False, "small", f"{size}: {share}, within {within}")

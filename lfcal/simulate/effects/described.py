@@ -227,7 +227,7 @@ def _from_words(name: str, text: str) -> Entry:
     kind = CATALOGUE.get(name)
     known = {field.name: str(field.type) for field in fields(kind)}  # type: ignore[arg-type]
     if not known:
-        raise InputError.expected(f"effect {name}", "on, off or auto", repr(text), "it has no magnitude of its own")
+        raise InputError.expected(f"effect {name}", "on, off or auto", repr(text), "it has no magnitude")
     first = next(iter(known))
     if known[first] in TRIPLES:
         text, mark = _marked(text)

@@ -166,7 +166,7 @@ def bent_polygon(
     """Return a polygon times exp(i phase), low-passed as a whole, on ``n`` x ``n`` samples ``every dx / fine`` apart.
 
     If lenslets touch, such pieces add up to the low-passed array. Masks that are low-passed first do not: beyond its
-    edge, each continues with the phase of its own lenslet, and focused light there was up to 36 % too bright.
+    edge, each continues with its lenslet's phase, and focused light there was up to 36 % too bright.
     ``centre`` is the polygon's origin, (x, y), from the sample (n // 2, n // 2).
     """
     step = dx / fine

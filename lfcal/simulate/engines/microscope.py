@@ -6,7 +6,7 @@ matrices,
 
     V = A_y U A_x^T,   A = (propagation) (lenslets' phase) (interpolation),
 
-The cost of accuracy arises once per lattice phase, not per position: U needs only the samples of its own band, and its
+The cost of accuracy arises once per lattice phase, not per position: U needs only the samples of its band, and its
 symmetry halves each matrix. Positions that are mirror images about a lenslet share their response: for lenslets of 15
 pixels, 36 of 225 remain. Other arrays use the coherent sum over lenslets in the wave engine, with the same field.
 

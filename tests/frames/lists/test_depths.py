@@ -52,7 +52,8 @@ def test_a_z_of_another_scale_is_told_and_within_the_error(scale: float) -> None
     apart = np.abs(np.array(found.depths) - DEPTHS).max()
     assert stated(words, "single ones") == pytest.approx(apart, rel=0.01)
     assert (
-        f"its range is {scale:.3f} times what the steps of the planes tell" in note and "check unit and scale" in note
+        f"its range is {scale:.3f} times the range that the steps of the planes imply" in note
+        and "check unit and scale" in note
     )
 
 
@@ -73,7 +74,8 @@ def test_what_lies_within_the_errors_is_not_told() -> None:
     [
         (
             3.0,
-            "z of the planes: expected a range of about .* um, as the steps of its planes tell, got .* um; check unit",
+            "z of the planes: expected a range of about .* um, inferred from the steps of its planes, got .* um; "
+            "check unit",
         ),
         (1e-3, r"got 50 um; is it in mm\? state its unit \(--columns z_mm=COLUMN\)"),
         (1e3, r"is it in um\? state its unit \(--columns z_um=COLUMN\)"),

@@ -101,7 +101,7 @@ def test_a_z_that_has_a_unit_of_its_own_is_said() -> None:
     """Counts of motors are of any length, and of another one along each axis."""
     found = scan()
     listing = listing_of(replace(found, stage=found.stage * [20.0, 20.0, 0.5]), unit="")
-    assert "depths: 1 of the list's z is 2 um, as the plan's depths tell" in place(listing, plan_of()).notes
+    assert "depths: 1 of the list's z is 2 um, inferred from the plan's depths" in place(listing, plan_of()).notes
     with pytest.raises(InputError, match="z of the planes"):
         place(listing_of(_deep(found, 1e-3), unit=""), plan_of())
 

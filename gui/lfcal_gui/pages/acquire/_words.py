@@ -30,7 +30,7 @@ __all__ = [
     "until_words",
 ]
 
-PART, CHOICE = "record", ("error of H", "what patterns tell", "choose positions")
+PART, CHOICE = "record", ("error of H", "information of patterns", "choose positions")
 """Stages of progress that count positions, and that choose them; all others are those of a fit."""
 
 

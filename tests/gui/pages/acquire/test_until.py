@@ -76,7 +76,7 @@ def test_words_say_what_it_is_at() -> None:
     known, now = until_words(Progress(1, 4, "record"), [step(12, 0.004)], 13)
     assert known == "H known to 0.4 % from 12 positions" and now == "recording 1 of 4 more"
     assert until_words(Progress(1, 4, "coarse, round 1"), [], 6)[1] == "fitting: coarse, round 1"
-    assert until_words(Progress(1, 4, "what patterns tell"), [], 0)[1] == "choosing the first positions"
+    assert until_words(Progress(1, 4, "information of patterns"), [], 0)[1] == "choosing the first positions"
 
 
 def test_what_no_fit_can_tell_is_refused_before_anything_moves(tmp_path: Path) -> None:
