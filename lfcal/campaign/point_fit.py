@@ -302,7 +302,7 @@ def hole_words(fit: Fit, *, asked: bool = True) -> str:
     """
     if asked and HOLE in fit.unhelpful:
         stays = _described(fit.setup.hole_um or 0.0)
-        return f"size of the holes: undetermined, as their images are too small; {stays} unchanged"
+        return f"size of the holes: undetermined, as their images are too small; kept as described: {stays}"
     found = fit.parameters.get("hole_um")
     if found is None or abs(found.value - found.start) <= found.sigma:
         return ""

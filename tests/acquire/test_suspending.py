@@ -62,7 +62,7 @@ def test_a_session_holds_and_goes_on_by_itself(tmp_path: Path, gauge: str, fault
     assert held and 0 < held[1][0] < 27, "it began, held in between, and went on"
     assert len({done for done, _ in held[1:]}) == 1, "nothing is recorded while it holds"
     assert gauge.partition("=")[0] in held[0][1] and "outside" in held[0][1]
-    assert "goes on in" in held[-1][1]
+    assert "continues in" in held[-1][1]
     assert_same_frames(frames_of(tmp_path / "held"), frames_of(tmp_path / "usual"))
     # a reading each second: five bad ones, then three seconds within
     assert outcome.seconds < 8 < rig.time.monotonic(), "the time that was held is no recording time"

@@ -186,7 +186,7 @@ def test_options_of_single_points_are_refused(plan: TargetPlan, tmp_path: Path) 
     for options in (replace(CAREFUL, order="coarse"), replace(CAREFUL, controls=2)):
         with pytest.raises(InputError, match="frames of many points"):
             record(tmp_path / "s", plan, rig_of(plan), options)
-    with pytest.raises(InputError, match="beside a target"):
+    with pytest.raises(InputError, match="together with a target"):
         record(tmp_path / "s", plan, rig_of(plan), CAREFUL, only=[Position(0, 0, 0)])
     with pytest.raises(InputError, match="a frame or more"):
         record(tmp_path / "s", replace(plan, offsets_px=((), ())), rig_of(plan), CAREFUL)

@@ -83,7 +83,7 @@ def test_what_a_display_shows(plan: TargetPlan, coded: TargetPlan) -> None:
     assert moved.tolist() == np.rint((plan.offsets_um(0)[1] - plan.offsets_um(0)[0])[::-1] / 5.0).astype(int).tolist()
     for k, lit in enumerate(coded.lit[0]):
         assert np.array_equal(display_image(coded, DISPLAY, 0, k), np.maximum.reduce([one[m] for m in lit]))
-    with pytest.raises(InputError, match="beside it"):
+    with pytest.raises(InputError, match="outside it"):
         display_image(plan, Display((100, 100), 5.0), 0, 0)
 
 
@@ -100,7 +100,7 @@ def test_a_display_may_end_at_its_last_points(plan: TargetPlan) -> None:
         touched |= {side for side, line in enumerate((inner[0], inner[-1], inner[:, 0], inner[:, -1])) if line.any()}
         for less in ((2, 0), (0, 2)):
             small = replace(tight, shape=(tight.shape[0] - less[0], tight.shape[1] - less[1]))
-            with pytest.raises(InputError, match="beside"):
+            with pytest.raises(InputError, match="outside"):
                 display_image(plan, small, 0, k)
     assert touched >= {0, 2}, "first rows and columns were met"
 
