@@ -51,10 +51,8 @@ def _package(folder: Path, root: Path) -> Package:
     given = _given(name, root)
     places: dict[str, list[str]] = {}
     for public in given:
-        module, there = _home(name, public, root)
-        package = module.rpartition(".")[0]
-        # what another package makes public is on that one's page
-        if package == name or public not in _given(package, root):
+        if not _is_elsewhere(name, public, root):
+            module, there = _home(name, public, root)
             places.setdefault(module, []).append(there)
     modules = (_module(module, names, root) for module, names in sorted(places.items()))
     return Package(name, summary, tuple(one for one in modules if one.public), tuple(given))
@@ -74,6 +72,20 @@ def _given(package: str, root: Path, face: str = "_face") -> dict[str, tuple[str
         if isinstance(node, ast.ImportFrom) and node.module != "__future__"
         for alias in node.names
     }
+
+
+def _is_elsewhere(package: str, name: str, root: Path) -> bool:
+    """Return whether another package makes a name public, on the way to the module that defines it."""
+    passed = package
+    package, name = _given(package, root)[name]
+    while True:
+        public, shared = _given(package, root), _given(package, root, "_shared")
+        if name in public and package != passed:
+            return True
+        if name not in public | shared:
+            owner = package.rpartition(".")[0]
+            return owner != passed and name in _given(owner, root)
+        package, name = (public | shared)[name]
 
 
 def _home(package: str, name: str, root: Path) -> tuple[str, str]:

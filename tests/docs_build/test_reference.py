@@ -28,6 +28,11 @@ def test_every_public_name_is_on_a_page() -> None:
         assert not {name for name, value in values.items() if isinstance(value, type | types.FunctionType)} - shown
 
 
+def test_a_name_is_on_one_page() -> None:
+    shown = [f"{module.name}.{name}" for one in found().values() for module in one.modules for name in module.public]
+    assert len(shown) == len(set(shown))
+
+
 def test_what_a_package_exports_is_documented_where_it_is_defined() -> None:
     for package in (lfcal.camera, lfcal.psf):
         for name in package.__all__:
