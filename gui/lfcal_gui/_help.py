@@ -1,13 +1,23 @@
-"""Texts of the help menu."""
+"""What the help menu opens: shortcuts, versions, the check of the installation, and the manual."""
 
 from __future__ import annotations
 
 import importlib.metadata
 import platform
+from pathlib import Path
+from typing import Any
 
-from lfcal_gui.models import PageSpec
+from PySide6.QtCore import QUrl
+from PySide6.QtGui import QDesktopServices
+from PySide6.QtWidgets import QApplication, QDialog, QHBoxLayout, QPushButton, QTextBrowser, QVBoxLayout, QWidget
 
-__all__ = ["about_text", "cheat_sheet"]
+from lfcal.base import read_text
+from lfcal_gui.jobs import Jobs
+from lfcal_gui.models import ATLAS, PageSpec, doctor_html, doctor_text, manual_folder, section_of
+from lfcal_gui.theme import style_sheet
+from lfcal_gui.widgets import line
+
+__all__ = ["DoctorDialog", "Manual", "about_text", "cheat_sheet"]
 
 _KEYS = (
     ("Ctrl+1 … Ctrl+4, Alt+1 … Alt+3", "go to a place, to a view of it"),
@@ -63,3 +73,98 @@ def about_text() -> str:
         f"<h3>lfcal {__version__}</h3><p>PSF calibration and acquisition for plenoptic cameras.<br>"
         f"BSD-3-Clause licence.</p><p>{system}<br>{'<br>'.join(lines)}</p>"
     )
+
+
+SIZE = (640, 620)
+
+
+class DoctorDialog(QDialog):
+    """Shows what ``lfcal doctor`` tells; looked up in the background, so it lives as long as its window."""
+
+    def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setWindowTitle("Doctor")
+        self.setStyleSheet(style_sheet())
+        self.resize(*SIZE)
+        self._found: dict[str, Any] = {}
+        self.view = QTextBrowser()
+        self.view.setAccessibleName("what this machine has")
+        self.view.setPlainText("looking …")
+        self.copy, close = QPushButton("Copy text"), QPushButton("Close")
+        self.copy.setToolTip("Put it on the clipboard, for a report of a problem")
+        close.setToolTip("Close this window; menu Help opens it again")
+        self.copy.setEnabled(False)
+        self.copy.clicked.connect(lambda: QApplication.clipboard().setText(doctor_text(self._found)))
+        close.clicked.connect(self.close)
+        column = QVBoxLayout(self)
+        column.addWidget(self.view, 1)
+        column.addLayout(line(QWidget(), self.copy, close, stretch=0))
+        self._jobs = jobs
+
+    def look(self) -> None:
+        """Look what is there now."""
+        from lfcal.cli import examine
+
+        self.setStyleSheet(style_sheet())
+        self._jobs.compute("doctor", examine, self._show, self.view.setPlainText)
+
+    def _show(self, found: dict[str, Any]) -> None:
+        self._found = found
+        self.view.setHtml(doctor_html(found))
+        self.copy.setEnabled(True)
+
+
+MANUAL_SIZE = (760, 620)
+
+
+class Manual(QDialog):
+    """Shows a page, or one section of it; links lead on within the manual."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setStyleSheet(style_sheet())
+        self.setWindowTitle("Manual")
+        self.resize(*MANUAL_SIZE)
+        self._page = ATLAS
+        self.browser = QTextBrowser()
+        self.browser.setOpenLinks(False)
+        self.browser.setAccessibleName("manual")
+        self.browser.setToolTip("Links lead on, to other pages of the manual and to the web")
+        self.browser.anchorClicked.connect(self._follow)
+        self.whole = QPushButton("Whole page")
+        self.whole.setToolTip("All of the page that this section is part of")
+        self.whole.clicked.connect(lambda: self.show_page(self._page))
+        close = QPushButton("Close")
+        close.setToolTip("Close the manual; the names of faults in the checks of H open it again")
+        close.clicked.connect(self.close)
+        buttons = QHBoxLayout()
+        buttons.addWidget(self.whole)
+        buttons.addStretch()
+        buttons.addWidget(close)
+        column = QVBoxLayout(self)
+        column.addWidget(self.browser, 1)
+        column.addLayout(buttons)
+
+    def show_page(self, page: str = ATLAS, name: str = "") -> None:
+        """Show a page, or its section about ``name``; raises `LfcalError` where the manual is not installed."""
+        path = manual_folder() / page
+        text, folder = read_text(path), path.parent
+        shown = section_of(text, name) if name else text
+        self._page = page
+        self.browser.setSearchPaths([str(folder)])
+        self.browser.document().setBaseUrl(QUrl.fromLocalFile(f"{folder}/"))
+        self.browser.setMarkdown(shown)
+        self.whole.setEnabled(shown != text)
+        self.setWindowTitle(f"Manual: {shown.splitlines()[0].lstrip('# ')}")
+        self.show()
+        self.raise_()
+
+    def _follow(self, link: QUrl) -> None:
+        if link.scheme() in ("http", "https"):
+            QDesktopServices.openUrl(link)
+            return
+        folder = manual_folder()
+        path = Path(link.path()) if link.isLocalFile() else (folder / self._page).parent / link.path()
+        path = path.resolve()
+        if path.suffix == ".md" and path.is_file() and path.is_relative_to(folder):
+            self.show_page(path.relative_to(folder).as_posix())

@@ -1,11 +1,11 @@
-"""Borders that a person moved, kept for each page and each size of screen."""
+"""Size, docks and borders of the window, kept for each page and each size of screen."""
 
 from __future__ import annotations
 
-from PySide6.QtCore import QByteArray, QSettings
-from PySide6.QtWidgets import QSplitter, QWidget
+from PySide6.QtCore import QByteArray, QSettings, Qt
+from PySide6.QtWidgets import QDockWidget, QMainWindow, QPlainTextEdit, QSplitter, QWidget
 
-__all__ = ["Layouts"]
+__all__ = ["SIZE", "Layouts", "LogView", "add_dock", "fit_screen", "size_within"]
 
 
 class Layouts:
@@ -41,3 +41,48 @@ class Layouts:
 def _group(page: QWidget) -> str:
     size = page.screen().size()
     return f"layout/{size.width()}x{size.height()}"
+
+
+LINES = 2000
+"""The last lines that are kept."""
+
+
+class LogView(QPlainTextEdit):
+    """Lines that are read, and copied, but not changed."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setReadOnly(True)
+        self.setAccessibleName("log")
+        self.setToolTip("All that was done and refused since the start; the file of it is in the log folder (Help)")
+        self.setMaximumBlockCount(LINES)
+
+
+def add_dock(window: QMainWindow, title: str, content: QWidget) -> QDockWidget:
+    """Add a dock with ``content`` at the bottom of a window; it is kept between starts by its title."""
+    dock = QDockWidget(title, window)
+    dock.setObjectName(title.lower())
+    dock.setWidget(content)
+    window.addDockWidget(Qt.DockWidgetArea.BottomDockWidgetArea, dock)
+    return dock
+
+
+SIZE = (1280, 800)
+
+LEAST = 1000
+"""Width that all views fit into (px)."""
+
+TITLE = 40
+"""Height of the title bar that the system puts over the window, at the most (px)."""
+
+
+def size_within(room: tuple[int, int]) -> tuple[int, int]:
+    """Return the size of a new window on a screen with ``room`` for it; one narrower than `LEAST` holds none."""
+    width, height = room
+    return SIZE if width < LEAST else (min(SIZE[0], width), min(SIZE[1], height - TITLE))
+
+
+def fit_screen(window: QWidget) -> None:
+    """Give a window the usual size, less where its screen has no room for it under a title bar."""
+    room = window.screen().availableGeometry()
+    window.resize(*size_within((room.width(), room.height())))

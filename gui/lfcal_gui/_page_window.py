@@ -6,7 +6,7 @@ from PySide6.QtCore import QByteArray, QEvent, QSettings, Signal
 from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QMainWindow
 
-from lfcal_gui._window_size import fit_screen
+from lfcal_gui._layouts import fit_screen
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.theme import current_theme, style_sheet
 

@@ -8,7 +8,7 @@ from typing import Any
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QDialog
 
-from lfcal_gui._doctor_dialog import DoctorDialog
+from lfcal_gui._help import DoctorDialog
 from lfcal_gui._verify_dialog import VerifyDialog
 from lfcal_gui._welcome import Welcome
 from lfcal_gui.models import ProjectState
@@ -78,7 +78,7 @@ class Tools(QObject):
 
     def sample(self) -> None:
         """Open the sample session, its H assembled as a job the first time."""
-        from lfcal_gui._demo import iter_demo
+        from lfcal_gui._welcome import iter_demo
 
         window = self._window
         if any(job.page == "sample" and job.active for job in window.jobs.jobs()) or not window.files.may_leave():

@@ -19,13 +19,12 @@ from PySide6.QtWidgets import (
 )
 
 from lfcal.base import LfcalError
-from lfcal_gui._docks import LogView, add_dock
 from lfcal_gui._header import HeaderBar
+from lfcal_gui._help import Manual
 from lfcal_gui._jobs_line import JobsLine
-from lfcal_gui._layouts import Layouts
+from lfcal_gui._layouts import Layouts, LogView, add_dock, fit_screen
 from lfcal_gui._leading import Leading
 from lfcal_gui._leaving import Leaving
-from lfcal_gui._manual import Manual
 from lfcal_gui._menus import WindowMenus
 from lfcal_gui._next_line import NextLine
 from lfcal_gui._page_window import PageWindow
@@ -33,7 +32,6 @@ from lfcal_gui._project_files import ProjectFiles
 from lfcal_gui._rail import Rail
 from lfcal_gui._scripts import Scripts
 from lfcal_gui._tools import Tools
-from lfcal_gui._window_size import fit_screen
 from lfcal_gui.base_page import BasePage, page_class
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JOBS_S, Jobs, JobState, WindowJob

@@ -83,7 +83,7 @@ def others(path: Path) -> set[str]:
     """Return the pages that a file imports from outside their folders."""
     used = {name.split(".")[2] for name in imports(path) if name.startswith("lfcal_gui.pages.")}
     # the demo project is a project of the sample session's frames, whose settings it sets
-    return used - ({"frames"} if path.name == "_demo.py" else {page_of(path)})
+    return used - ({"frames"} if path.name == "_welcome.py" else {page_of(path)})
 
 
 def test_nothing_reaches_into_another_page_s_folder() -> None:

@@ -6,7 +6,7 @@ import pytest
 from PySide6.QtCore import QUrl
 from PySide6.QtGui import QTextDocument
 
-import lfcal_gui._manual
+import lfcal_gui._help
 from lfcal.base.errors import StorageError
 from lfcal_gui.window import MainWindow
 
@@ -40,6 +40,6 @@ def test_without_the_manual_the_log_says_so(window: MainWindow, monkeypatch: pyt
     def gone() -> None:
         raise StorageError("the manual: not part of this installation")
 
-    monkeypatch.setattr(lfcal_gui._manual, "manual_folder", gone)
+    monkeypatch.setattr(lfcal_gui._help, "manual_folder", gone)
     window.show_manual("faults.md")
     assert "not part of this installation" in window.log_view.toPlainText()

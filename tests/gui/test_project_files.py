@@ -468,7 +468,7 @@ def test_closing_does_not_hold_the_window_while_something_is_computed_or_opened(
     window.jobs.start("Fit", "fit", fit, leave=True)
     assert all(event.wait(GUARD_MS / 1e3) for event in begun)
     monkeypatch.setattr(QMessageBox, "question", lambda *_: BUTTONS.Yes)
-    for name in ("lfcal_gui.jobs.wait_for", "lfcal_gui.workers.wait_for", "lfcal_gui._loads.wait_for"):
+    for name in ("lfcal_gui.jobs.wait_for", "lfcal_gui.workers.wait_for", "lfcal_gui._background.wait_for"):
         monkeypatch.setattr(name, lambda threads, seconds: waits.append(seconds))
     assert not window.close() and window.isVisible() and sum(waits) == 0
     window.jobs.compute("live view", lambda: "again", told.append)

@@ -22,8 +22,8 @@ from PySide6.QtWidgets import (
 )
 from pytestqt.qtbot import QtBot
 
-from lfcal_gui._job_log import JobLogView
-from lfcal_gui._manual import Manual
+from lfcal_gui._help import Manual
+from lfcal_gui._job_row import JobLogView
 from lfcal_gui._welcome import Welcome
 from lfcal_gui.base_page import EmptyState
 from lfcal_gui.crash_dialog import CrashDialog

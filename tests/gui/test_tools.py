@@ -16,7 +16,7 @@ from lfcal.acquire.recording.recording_file import RecordingFile
 from lfcal.acquire.session import record
 from lfcal.base.threads import WORKERS
 from lfcal.psf import PSFMatrix, save
-from lfcal_gui._demo import iter_demo
+from lfcal_gui._welcome import iter_demo
 from lfcal_gui.models.doctor import doctor_html, doctor_text
 from lfcal_gui.preferences import apply_threads, welcome_wanted
 from lfcal_gui.theme import DARK, LIGHT, current_theme

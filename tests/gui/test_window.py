@@ -26,7 +26,7 @@ from pytestqt.qtbot import QtBot
 from lfcal.base.errors import InputError
 from lfcal.base.progress import Progress, Work
 from lfcal.camera import preset
-from lfcal_gui._window_size import size_within
+from lfcal_gui._layouts import size_within
 from lfcal_gui.app import make_window, parse
 from lfcal_gui.jobs import JobState
 from lfcal_gui.models.page import PAGES, PLACES

@@ -46,7 +46,20 @@ from lfcal_gui.models.display import (
 from lfcal_gui.models.doctor import doctor_html, doctor_text
 from lfcal_gui.models.filling import Filling
 from lfcal_gui.models.fitted import FittedCamera
-from lfcal_gui.models.form import UNKNOWN, Field, means, parse, same, text_of
+from lfcal_gui.models.form import (
+    UNKNOWN,
+    Field,
+    check_of,
+    fields_of,
+    means,
+    options_in,
+    parse,
+    same,
+    shown_of,
+    text_in_form,
+    text_of,
+    value_in,
+)
 from lfcal_gui.models.frame_view import FrameNumbers, frame_numbers, lattice_points, render_tile, visible_tile
 from lfcal_gui.models.gathering import (
     exported_to,
@@ -76,7 +89,6 @@ from lfcal_gui.models.page import (
     page_states,
 )
 from lfcal_gui.models.project import Hold, Project, ProjectState, RecentProjects, read_project
-from lfcal_gui.models.record_form import check_of, fields_of, options_in, shown_of, text_in_form, value_in
 from lfcal_gui.models.remaking import WithoutBad, iter_made, new_file, shown_first, without_bad
 from lfcal_gui.models.shot import CUTOUT, Label, Levels, Outline, Overlay, Shot, Symbols, Tint, cutout_of, scale_bar
 from lfcal_gui.models.solid import BEGIN, Projection, Solid, Viewpoint, project_solid, turned

@@ -2,7 +2,7 @@
 
 ``stage``
     A window that is led from outside.
-``start``, ``sample``, ``recording``, ``large``, ``dialogs``, ``trouble``
+``sample``, ``parts``, ``recording``, ``trouble``
     The states: a new window; the sample session; a session that is recorded; pictures as large as those of real
     cameras; dialogs; what goes wrong.
 """

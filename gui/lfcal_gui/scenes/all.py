@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from lfcal_gui.scenes.dialogs import dialogs
-from lfcal_gui.scenes.faults import faults
-from lfcal_gui.scenes.large import large
-from lfcal_gui.scenes.parts import parts
+from lfcal_gui.scenes.parts import empty, large, parts, target
 from lfcal_gui.scenes.recording import recording
 from lfcal_gui.scenes.sample import sample
 from lfcal_gui.scenes.stage import Scene
-from lfcal_gui.scenes.start import empty
-from lfcal_gui.scenes.target import target
-from lfcal_gui.scenes.trouble import trouble
+from lfcal_gui.scenes.trouble import dialogs, faults, trouble
 
 __all__ = ["SCENES"]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from lfcal_gui.widgets.axis_arrows import AxisArrows
 from lfcal_gui.widgets.cards import (
+    HeadedCard,
     card,
     choice_box,
     clear,
@@ -11,6 +12,7 @@ from lfcal_gui.widgets.cards import (
     heading,
     line,
     scrolling,
+    split,
     told_or_shown,
 )
 from lfcal_gui.widgets.colours import theme_table
@@ -18,20 +20,17 @@ from lfcal_gui.widgets.compare_panel import ComparedNumbers, ComparePanel
 from lfcal_gui.widgets.contrast import Contrast
 from lfcal_gui.widgets.cost_curve import CostCurve
 from lfcal_gui.widgets.enlarging import toggle_in, whole_page
-from lfcal_gui.widgets.fitted_text import FittedBrowser, lines_px
 from lfcal_gui.widgets.folded import Folded
 from lfcal_gui.widgets.folded_form import FoldedForm
-from lfcal_gui.widgets.headed_card import HeadedCard
 from lfcal_gui.widgets.naming import name_controls
 from lfcal_gui.widgets.period_map import PeriodMap
 from lfcal_gui.widgets.picture import Picture, link, share_contrast
 from lfcal_gui.widgets.picture_menu import offer_menu, table_entries
 from lfcal_gui.widgets.plots import LINES, DecadeAxis, LinePlot, line_px, shown_tone, style_axes, theme_plot
 from lfcal_gui.widgets.rows_table import RowsTable
-from lfcal_gui.widgets.splitting import split
 from lfcal_gui.widgets.strip import PlaneTile, Strip, legend_words, outline_tones
 from lfcal_gui.widgets.verdict_card import VerdictCard
-from lfcal_gui.widgets.words import ElidedLabel, WrappedLabel, set_look, set_role
+from lfcal_gui.widgets.words import ElidedLabel, FittedBrowser, WrappedLabel, lines_px, set_look, set_role
 
 __all__ = [
     "LINES",

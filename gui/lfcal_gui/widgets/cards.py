@@ -1,13 +1,39 @@
-"""Titled frames, scrolling columns and rows of widgets."""
+"""Titled frames, scrolling columns, rows of widgets, and parts with a movable border."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QScrollArea, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QComboBox,
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QLayout,
+    QPushButton,
+    QScrollArea,
+    QSplitter,
+    QStackedWidget,
+    QVBoxLayout,
+    QWidget,
+)
 
-__all__ = ["SPACING", "card", "choice_box", "clear", "column_area", "heading", "line", "scrolling", "told_or_shown"]
+from lfcal_gui.widgets.words import ElidedLabel
+
+__all__ = [
+    "SPACING",
+    "HeadedCard",
+    "card",
+    "choice_box",
+    "clear",
+    "column_area",
+    "heading",
+    "line",
+    "scrolling",
+    "split",
+    "told_or_shown",
+]
 
 SPACING = 5
 """Between the parts of a card (px)."""
@@ -98,3 +124,69 @@ def clear(area: QScrollArea) -> None:
     inner = area.widget()
     if inner is not None:
         inner.setAutoFillBackground(False)
+
+
+class HeadedCard(QFrame):
+    """A low card; `column` takes what stands below the head."""
+
+    def __init__(self, title: str, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setProperty("role", "card")
+        self.column = QVBoxLayout(self)
+        self.column.setContentsMargins(10, 3, 4, 3)
+        self.column.setSpacing(3)
+        self.head = QHBoxLayout()
+        self.title = ElidedLabel(title)
+        self.title.setProperty("role", "heading")
+        self.status = ElidedLabel()
+        self.status.setProperty("role", "hint")
+        self.head.addWidget(self.title)
+        self.head.addWidget(self.status, 1)
+        self.column.addLayout(self.head)
+
+    def add_button(self, text: str, tip: str, action: Callable[[], object]) -> QPushButton:
+        """Add a button at the end of the head."""
+        button = QPushButton(text)
+        button.setToolTip(tip)
+        button.clicked.connect(lambda _=False: action())
+        self.head.addWidget(button)
+        return button
+
+    def leave(self) -> None:
+        """Go away."""
+        self.setParent(None)
+        self.deleteLater()
+
+
+MUCH = 10_000
+
+
+def split(*parts: QWidget | QLayout, sizes: Sequence[int], vertical: bool = False, fixed: int = 0) -> QSplitter:
+    """Return ``parts`` beside each other, or one above the other.
+
+    Parameters
+    ----------
+    sizes
+        Of the parts at first, as shares of what there is.
+    fixed
+        So many of the first parts have their size in pixels, and keep it when the window grows.
+    """
+    made = QSplitter(Qt.Orientation.Vertical if vertical else Qt.Orientation.Horizontal)
+    made.setChildrenCollapsible(False)
+    made.setHandleWidth(8)
+    made.setStyleSheet("QSplitter::handle { background: transparent; }")  # the cards' frames show where it is
+    for k, part in enumerate(parts):
+        made.addWidget(_widget(part))
+        made.setStretchFactor(k, 0 if k < fixed else sizes[k])
+    # more than any screen has: what is too much is taken from each by its share
+    made.setSizes([size if k < fixed else size * MUCH // max(sizes) for k, size in enumerate(sizes)])
+    return made
+
+
+def _widget(part: QWidget | QLayout) -> QWidget:
+    if isinstance(part, QWidget):
+        return part
+    holder = QWidget()
+    part.setContentsMargins(0, 0, 0, 0)
+    holder.setLayout(part)
+    return holder

@@ -1,3 +1,5 @@
+"""Fields of forms, by hand and made of records."""
+
 from __future__ import annotations
 
 import math
@@ -6,7 +8,10 @@ from typing import Any
 import pytest
 
 from lfcal.base.errors import InputError
-from lfcal_gui.models.form import Field, parse, text_of
+from lfcal.records import rows
+from lfcal.tasks import AcquireUntil, SimulateH
+from lfcal_gui.models import check_of, fields_of, options_in, shown_of, text_of
+from lfcal_gui.models.form import Field, parse
 
 NUMBER = Field("a", "Exposure", "ms", scale=1e-3)
 COUNT = Field("n", "Darks", kind="int")
@@ -94,3 +99,21 @@ def test_what_is_no_number_is_said(field: Field, text: str) -> None:
 )
 def test_what_is_shown_is_read_back(field: Field, value: Any) -> None:
     assert parse(field, text_of(field, value)) == pytest.approx(value)
+
+
+def test_a_share_is_shown_in_percent_and_stored_unchanged() -> None:
+    field = next(one for one in fields_of(SimulateH) if one.key == "tolerance")
+    assert (field.unit, field.empty) == ("", "3 %") and "0.03 or 3 %" in field.tip
+    for value in (0.0029, 0.035, 1 / 3):
+        shown = shown_of(SimulateH, {"tolerance": value})["tolerance"]
+        assert shown.endswith(" %")
+        assert options_in(SimulateH, {"tolerance": text_of(field, shown)}) == {"tolerance": value}
+    assert next(row for row in rows(SimulateH) if row.name == "tolerance").text(0.035) == "0.035", "of a command"
+
+
+def test_several_names_are_typed() -> None:
+    field = next(one for one in fields_of(AcquireUntil) if one.key == "unknowns")
+    assert (field.kind, field.choices, field.empty) == ("text", (), "auto")
+    assert options_in(AcquireUntil, {"unknowns": "iris, distance"}) == {"unknowns": ("iris", "distance")}
+    assert shown_of(AcquireUntil, {"unknowns": ("iris", "distance")})["unknowns"] == "iris,distance"
+    assert "nonsense" in check_of(AcquireUntil)("unknowns", "iris, nonsense")

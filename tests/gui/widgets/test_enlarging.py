@@ -13,11 +13,10 @@ from pytestqt.qtbot import QtBot
 
 from lfcal.psf import PSFMatrix, save
 from lfcal_gui.models.shot import Shot
-from lfcal_gui.widgets.cards import card
+from lfcal_gui.widgets.cards import card, split
 from lfcal_gui.widgets.enlarging import Enlarged, enlarge, pictures_in, toggle_in, whole_page
 from lfcal_gui.widgets.picture import Picture
 from lfcal_gui.widgets.plots import LinePlot
-from lfcal_gui.widgets.splitting import split
 from lfcal_gui.window import MainWindow
 from tests.gui.waiting import GUARD_MS, idle
 

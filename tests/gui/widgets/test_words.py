@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QPlainTextEdit, QVBoxLayout, QWidget
 from pytestqt.qtbot import QtBot
 
-from lfcal_gui.widgets.words import BREAK, ElidedLabel, WrappedLabel, breakable
+from lfcal_gui.widgets.words import BREAK, WIDEST, ElidedLabel, FittedBrowser, WrappedLabel, breakable, lines_px
+from tests.gui.layout import flaws
 
 NAME = "/data/H_of_the_second_alignment_after_cleaning_the_main_lens_100mm_f2.8_2026-03-16.h5"
 
@@ -43,3 +44,43 @@ def test_a_long_name_in_one_line_needs_no_room_and_stands_in_the_tip(qtbot: QtBo
     assert "…" in shown and shown.endswith("h5") and label.toolTip() == NAME == label.text()
     label.resize(2000, label.height())
     assert label.toolTip() == "" and super(ElidedLabel, label).text() == NAME
+
+
+LINE = "words of a fault, of which there are as many as it takes. "
+
+
+def test_a_browser_is_as_high_as_its_words(qtbot: QtBot) -> None:
+    root, words = QWidget(), FittedBrowser(60, 160)
+    column = QVBoxLayout(root)
+    column.addWidget(words)
+    column.addStretch()
+    qtbot.addWidget(root)
+    root.show()
+    root.resize(400, 300)
+    heights = []
+    for count in (1, 5, 7, 60, 1):
+        words.setHtml(f"<b>Fault</b>: {LINE * count}")
+        QApplication.processEvents()
+        heights.append(words.height())
+        bar = words.verticalScrollBar()
+        assert bar.isVisible() == (count == 60) and not flaws(root)
+    assert heights[0] == heights[4] == 60 < heights[1] < heights[2] < heights[3] == 160
+    words.setHtml(LINE * 5)
+    root.resize(320, 300)
+    QApplication.processEvents()
+    assert words.height() > heights[1] and not words.verticalScrollBar().isVisible()
+
+
+def test_the_width_of_lines_is_that_of_the_longest(qtbot: QtBot) -> None:
+    view = QPlainTextEdit()
+    qtbot.addWidget(view)
+    view.setLineWrapMode(QPlainTextEdit.LineWrapMode.NoWrap)
+    view.setPlainText(f"short\n{LINE * 2}\nshort")
+    view.show()
+    view.resize(lines_px(view), 200)
+    QApplication.processEvents()
+    assert not view.horizontalScrollBar().isVisible()
+    view.setPlainText(LINE * 100)
+    assert lines_px(view) == WIDEST
+    view.clear()
+    assert 0 < lines_px(view) < 60

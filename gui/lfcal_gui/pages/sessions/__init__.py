@@ -1,7 +1,7 @@
 """Sessions: what was recorded, made and found, in a gallery and over time; any two are compared.
 
 - ``page``, ``panel``; ``_tiles``: the results as tiles; ``_looking``: folders looked through in the background
-- ``_pairing``: two results compared; ``trend_panel``, ``_trending``: reports over time
+- ``_pairing``: two results compared; ``trend_panel``: reports over time
 - ``model``: which results are shown, in words; ``model_kept``: pictures and verdicts kept by the file's stamp
 - ``model_trend``: rows and curves of reports over time
 """

@@ -16,7 +16,6 @@ from lfcal_gui.jobs import WindowJob
 from lfcal_gui.models import PageSpec, ProjectState, capital, stated_order
 from lfcal_gui.pages.sessions._looking import Looking
 from lfcal_gui.pages.sessions._pairing import Pairing
-from lfcal_gui.pages.sessions._trending import Trending
 from lfcal_gui.pages.sessions.model import (
     PROJECT,
     SessionsSettings,
@@ -31,6 +30,7 @@ from lfcal_gui.pages.sessions.model import (
 )
 from lfcal_gui.pages.sessions.model_kept import JudgedResult, KeptResults, iter_judged
 from lfcal_gui.pages.sessions.panel import SessionsPanel
+from lfcal_gui.pages.sessions.trend_panel import Trending
 
 if TYPE_CHECKING:
     from lfcal.judge import ResultList, StoredResult
