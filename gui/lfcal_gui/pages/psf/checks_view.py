@@ -39,8 +39,8 @@ COST = "Estimate of the error of a reconstruction (NRMSE) that a fault of this s
 MARKS = {"good": "✓", "fair": "▲", "bad": "▲", "unknown": "–"}
 """What precedes a check; it repeats what its colour says."""
 
-VALUE = 112
-"""Width of the column of values (px)."""
+MARK, VALUE = 24, 112
+"""Widths of the columns of marks and values (px)."""
 
 ROW, LEAST_ROWS, PICTURE = 24, 5, 118
 """Height of a row, rows that are seen at least, and height of the picture (px)."""
@@ -96,8 +96,9 @@ class ChecksView(QWidget):
         self.table.setShowGrid(False)
         top = self.table.horizontalHeader()
         top.setMinimumSectionSize(20)
-        top.setSectionResizeMode(2, QHeaderView.ResizeMode.Fixed)
-        top.resizeSection(2, VALUE)
+        for number, width in ((0, MARK), (2, VALUE)):
+            top.setSectionResizeMode(number, QHeaderView.ResizeMode.Fixed)
+            top.resizeSection(number, width)
         title = self.table.horizontalHeaderItem(6)
         if title is not None:
             title.setToolTip(COST)

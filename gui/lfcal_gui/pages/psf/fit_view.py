@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from functools import cached_property
 
 from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QLabel, QProgressBar, QPushButton, QVBoxLayout, QWidget
 
 from lfcal.base import Progress
@@ -164,6 +165,11 @@ class FitView(QWidget):
             lambda k, column: theme.accent if column == 5 and rows[k].far else "",
         )
         self.findings.show_rows([(f"{one.kind}: {one.text}",) for one in findings_of(found.fit)])
+        self.findings.resizeRowsToContents()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Wrap the findings again."""
+        super().resizeEvent(event)
         self.findings.resizeRowsToContents()
 
     def _finding_chosen(self) -> None:

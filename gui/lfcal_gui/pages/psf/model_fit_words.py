@@ -35,7 +35,7 @@ COLUMNS = ("Parameter", "Found", "± σ", "Stated", "Unit", "Off (σ)", "Group")
 NUMBERS = (1, 2, 3, 5)
 """Columns that are sorted by their numbers."""
 
-SPARE = (2, 3, 6)
+SPARE = (2, 3, 4, 6)
 """Columns that a narrow table hides."""
 
 

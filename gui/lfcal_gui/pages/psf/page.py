@@ -136,12 +136,12 @@ class Page(BasePage):
 
     def show_levels(self) -> None:
         """Show in the lines of the inspector how each level stands."""
-        rows, parts = self.panel.rows, self._parts
+        parts = self._parts
         if "checks" in parts:
-            rows["checks"].say(*parts["checks"].row_words)
-        for level, otherwise in (("fit", "not fitted"), ("compare", Path(self.context.state.reference).name or "none")):
+            self.panel.say_level("checks", *parts["checks"].row_words)
+        for level, otherwise in (("fit", "not fitted"), ("compare", Path(self.context.state.reference).name)):
             state = parts[level].row_words if level in parts else otherwise
-            rows[level].say(LEVELS[level][0], state or "none")
+            self.panel.say_level(level, LEVELS[level][0], state or "none")
 
     def show_fit(self, found: FoundFit | None) -> None:
         """Offer the patterns of a fit next to H; None: there is none any more."""

@@ -82,10 +82,13 @@ NARROW, WIDE, ROOMY = 304, 368, 1380
 """Two widths of the inspector, and the least width of the panel for the wider one (px)."""
 
 SUM, MAP, PROFILE = 120, (84, 130), 150
-"""Heights in the inspector: sum, bounds of the map, profile (px)."""
+"""Heights in the inspector: sum, map in a low and in a high window, profile (px)."""
 
 ROW = 30
 """Height of a line that opens a level (px)."""
+
+LOW = 600
+"""Height of the panel below which the map is low (px)."""
 
 LINES_OF_APERTURE = 6
 """Least height of the numbers of an aperture, in lines."""
@@ -190,6 +193,7 @@ class PSFPanel(QWidget):
         self.levels = QStackedWidget()
         self.levels.addWidget(_scrolled(self.verdict, self._aperture_card(), self._profiles()))
         self.rows: dict[str, LevelRow] = {}
+        self.level_titles: dict[str, QLabel] = {}
         rows = QVBoxLayout()
         rows.setSpacing(0)
         for name, (title, tip) in LEVELS.items():
@@ -222,8 +226,6 @@ class PSFPanel(QWidget):
         self.frame_button.clicked.connect(lambda: self.frame_asked.emit())
         self.map = PeriodMap()
         self.map.set_axes("", "")
-        self.map.setMinimumHeight(MAP[0])
-        self.map.setMaximumHeight(MAP[1])
         self.map.chosen.connect(lambda y, x: self.asked.emit({"y": y, "x": x}))
         place, column = card()
         column.addLayout(line(self.map_title, self.map_range, stretch=1))
@@ -246,7 +248,7 @@ class PSFPanel(QWidget):
         back.setProperty("role", "link")
         back.setToolTip("Back to the verdict, the aperture and the other levels (Backspace)")
         back.clicked.connect(lambda: self.level_asked.emit(""))
-        title = ElidedLabel(LEVELS[name][0])
+        title = self.level_titles[name] = ElidedLabel(LEVELS[name][0])
         title.setProperty("role", "heading")
         title.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         level = QWidget()
@@ -257,6 +259,12 @@ class PSFPanel(QWidget):
         level.setObjectName(name)
         name_controls(level)
         self.levels.addWidget(level)
+
+    def say_level(self, name: str, title: str, state: str) -> None:
+        """Show what a level is called now, and how it stands."""
+        self.rows[name].say(title, state)
+        if name in self.level_titles:
+            self.level_titles[name].setText(title)
 
     def show_level(self, name: str) -> None:
         """Show a level of the inspector; empty: the verdict."""
@@ -269,6 +277,7 @@ class PSFPanel(QWidget):
         """Give the inspector more room in a large window."""
         super().resizeEvent(event)
         self.inspector.setFixedWidth(WIDE if self.width() >= ROOMY else NARROW)
+        self.map.setFixedHeight(MAP[0] if self.height() < LOW else MAP[1])
 
     def _aperture_card(self) -> QWidget:
         panel, column = card()
