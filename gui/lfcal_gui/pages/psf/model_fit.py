@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError
+from lfcal.base import InputError, LfcalError, plain
 from lfcal.camera import Camera, ScanPlan
-from lfcal.fit import GROUPS, Setup, kept_aside, lacking, starting_effects
+from lfcal.fit import GROUPS, Fit, Setup, kept_aside, lacking, measured_camera, starting_effects
 from lfcal.psf import PSFMatrix, noise_of
 from lfcal.records import rows
+from lfcal.simulate.effects import CATALOGUE
 from lfcal.tasks import FitMatrix, most_taken
 from lfcal_gui.models import CAMERA_FILE, PLAN_FILE, Field, PageSettings, ProjectState, Stamp, needed_plan
 from lfcal_gui.models import stamp_of as file_stamp
@@ -24,6 +25,7 @@ __all__ = [
     "HELD",
     "START",
     "FitSettings",
+    "FitUse",
     "Offer",
     "Stamp",
     "group_rows",
@@ -32,6 +34,7 @@ __all__ = [
     "stamp_of",
     "task_files",
     "task_of",
+    "use_of",
 ]
 
 STARTS = (("psf", "H's own camera"), ("window", "camera of this window"))
@@ -273,3 +276,73 @@ def task_files(settings: FitSettings, project: ProjectState, offer: Offer | None
 def stamp_of(project: ProjectState) -> Stamp | None:
     """Return the project's H as its file is now, None where there is none."""
     return file_stamp(project.psf)
+
+
+# -- what a fitted camera changes in the project ---------------------------------------------------------
+@dataclass(frozen=True)
+class FitUse:
+    """What becomes of the project.
+
+    Attributes
+    ----------
+    changes
+        Entries that change.
+    words
+        What changed, and what did not.
+    """
+
+    changes: Mapping[str, Any]
+    words: str
+
+    def holds(self, project: ProjectState) -> bool:
+        """Return whether a project has this camera: nobody took it back or changed it."""
+        camera = self.changes["camera"]
+        return bool(project.camera == camera and project.camera.marks == camera.marks)
+
+
+def use_of(project: ProjectState, fit: Fit) -> FitUse:
+    """Return what the project becomes with the camera and effects as found.
+
+    The plan keeps its positions on the sensor, its depths and its exposures; one that does not go with the camera is
+    dropped.
+    """
+    camera = measured_camera(fit)
+    words = [f"In use: camera {camera.name} as found"]
+    plan = project.plan
+    if plan is not None:
+        try:
+            plan = replace(plan, camera=camera)
+            words.append("the plan goes on with it")
+        except LfcalError as error:
+            plan = None
+            words.append(f"the plan does not go with it and was dropped ({error})")
+    settings = {**project.settings, "simulate": _simulate(project, fit)}
+    words.append("Record > Compute has the effects of the fit")
+    if any(fit.setup.depth_errors_um) or fit.setup.stage_scale:
+        words.append("depths and the stage's scale that were found are no part of a camera: the plan has its own")
+    return FitUse({"camera": camera, "plan": plan, "settings": settings}, "; ".join(words) + ".")
+
+
+def _simulate(project: ProjectState, fit: Fit) -> dict[str, Any]:
+    """Return the settings of Record > Compute with the effects of the fit in the place of all others that act on H."""
+    own = project.settings.get("simulate")
+    kept: dict[str, Any] = dict(own) if isinstance(own, Mapping) else {}
+    overrides = [list(one) for one in _entries(kept, "overrides") if _on_frames(one[0])]
+    magnitudes = [list(one) for one in _entries(kept, "magnitudes") if _on_frames(one[0])]
+    for effect in fit.effects:
+        overrides.append([effect.name, "on"])
+        for field in fields(effect):  # type: ignore[arg-type]  # effects are dataclasses
+            value = getattr(effect, field.name)
+            if value is not None:
+                magnitudes.append([effect.name, field.name, plain(value), "measured"])
+    return {**kept, "overrides": sorted(overrides), "magnitudes": sorted(magnitudes, key=lambda one: one[:2])}
+
+
+def _entries(settings: Mapping[str, Any], name: str) -> list[Any]:
+    found = settings.get(name, ())
+    return [one for one in found if isinstance(one, list | tuple) and one] if isinstance(found, list | tuple) else []
+
+
+def _on_frames(name: object) -> bool:
+    """Return whether an effect leaves H as it is; those that are not installed are kept, too."""
+    return not isinstance(name, str) or name not in CATALOGUE or not CATALOGUE.get(name).acts_on.enters_h

@@ -30,6 +30,7 @@ from lfcal_gui.pages.psf.model import (
     LoadedPlane,
     PlaneData,
     PSFIntent,
+    expected_in,
     light_map,
     place_words,
     read_plane,
@@ -37,7 +38,6 @@ from lfcal_gui.pages.psf.model import (
     shown_unit,
     unit_of,
 )
-from lfcal_gui.pages.psf.model_aperture import expected_in
 from lfcal_gui.pages.psf.model_checks import QualitySettings
 from lfcal_gui.pages.psf.panel import LEVELS, PSFPanel
 

@@ -13,6 +13,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import (
     QCheckBox,
+    QDialog,
     QHBoxLayout,
     QLabel,
     QPushButton,
@@ -23,9 +24,16 @@ from PySide6.QtWidgets import (
 )
 
 from lfcal_gui.models import DisplaySettings, Outline, Shot
-from lfcal_gui.pages.psf._apertures import Apertures, tip_of
-from lfcal_gui.pages.psf.model import PlaneData, PositionMap, PSFIntent, PSFPicture, pixel_words
-from lfcal_gui.pages.psf.model_aperture import aperture_words
+from lfcal_gui.pages.psf.model import (
+    PlaneData,
+    PositionMap,
+    PSFIntent,
+    PSFPicture,
+    aperture_tip,
+    aperture_words,
+    pixel_words,
+)
+from lfcal_gui.theme import style_sheet
 from lfcal_gui.widgets import (
     LINES,
     Contrast,
@@ -34,6 +42,7 @@ from lfcal_gui.widgets import (
     LinePlot,
     PeriodMap,
     Picture,
+    PlaneTile,
     Strip,
     VerdictCard,
     card,
@@ -55,7 +64,46 @@ if TYPE_CHECKING:
     from lfcal_gui.pages.psf.fit_pictures import FitPictures
     from lfcal_gui.pages.psf.model_fit_run import FoundFit
 
-__all__ = ["PSFPanel"]
+__all__ = ["Apertures", "PSFPanel", "tip_of"]
+
+LARGE = 200
+SIZE = (930, 640)
+
+
+def tip_of(z: int, tile: PlaneTile, count: int) -> str:
+    """Return what is known of the aperture of plane ``z`` of ``count`` planes."""
+    return aperture_tip(z, tile.depth_um, count, tile.fitted, tile.expected)
+
+
+class Apertures(QDialog):
+    """The apertures of all planes, large, in a separate window; it follows the strip while it is open.
+
+    Signals
+    -------
+    chosen(z)
+        A plane was clicked.
+    """
+
+    chosen = Signal(int)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setWindowTitle("Apertures of all planes")
+        self.resize(*SIZE)
+        self.grid = Strip(tip_of, LARGE, wrapping=True)
+        self.grid.chosen.connect(self.chosen.emit)
+        column = QVBoxLayout(self)
+        self.legend = QLabel()
+        column.addWidget(self.legend)
+        column.addWidget(self.grid, 1)
+        self.apply_theme()
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        self.setStyleSheet(style_sheet())
+        self.legend.setText(legend_words(" &nbsp; "))
+        self.grid.apply_theme()
+
 
 HOVER = "Point at a pixel of H to see its HT. Click: hold it."
 Levels = tuple[float, float] | None

@@ -14,13 +14,13 @@ from lfcal.psf import PSFMatrix, transpose
 from lfcal_gui.pages.psf.model import (
     LoadedPlane,
     PSFIntent,
+    aperture_tip,
     linked_pixel,
     place_words,
     read_plane,
     resolve,
     turn_pixel,
 )
-from lfcal_gui.pages.psf.model_aperture import aperture_tip
 
 SHAPE = (3, 4, 5, 7, 9)
 

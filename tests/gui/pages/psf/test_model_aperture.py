@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lfcal.psf.aperture import Aperture, fit_aperture
-from lfcal_gui.pages.psf.model_aperture import aperture_tip, aperture_words
+from lfcal_gui.pages.psf.model import aperture_tip, aperture_words
 
 
 def fitted(**changes: object) -> Aperture:

@@ -22,9 +22,8 @@ from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.effects import Crosstalk, Zernike
 from lfcal.simulate.simulate import simulate_psf
 from lfcal_gui.models.project import ProjectState
-from lfcal_gui.pages.psf.model_fit import FitSettings, group_rows, offer_of, stamp_of
+from lfcal_gui.pages.psf.model_fit import FitSettings, group_rows, offer_of, stamp_of, use_of
 from lfcal_gui.pages.psf.model_fit_run import FitRun, FoundFit, asked_of, iter_fit
-from lfcal_gui.pages.psf.model_fit_use import use_of
 from lfcal_gui.pages.psf.model_fit_words import (
     detail_of,
     findings_of,
