@@ -3,7 +3,7 @@
 - ``page``, ``panel``; ``_volume_view``: the volume turned (``_solid_picture``) or from three sides (``model_volume``)
 - ``_exporting``, ``_export_card``, ``export_model``: H as a file for another code; ``step``: both as commands
 - ``model``: settings; ``model_solving``: light fields, the forecast, and a run that is stopped and continued
-- ``_costing``: what accuracy costs; ``_volume_file``: the volume of the project
+- ``_costing``: what accuracy costs
 """
 
 from __future__ import annotations

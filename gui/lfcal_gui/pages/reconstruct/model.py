@@ -74,7 +74,7 @@ FIELDS: tuple[Field, ...] = (
         choices=tuple((name, name) for name in SOLVERS.names()),
         tip="; ".join(f"{solver.name}: {solver.title}" for solver in SOLVERS),
     ),
-    Field("iterations", "Iterations", "", "Number of iterations; Go on adds as many", kind="int"),
+    Field("iterations", "Iterations", "", "Number of iterations; the button adds as many", kind="int"),
     Field(
         "stop",
         "End at",

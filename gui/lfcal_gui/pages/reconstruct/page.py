@@ -16,11 +16,10 @@ from lfcal.reconstruct import VolumeFacts
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
-from lfcal_gui.models import PageSpec, ProjectState, Shot, stated_order
+from lfcal_gui.models import PageSpec, ProjectState, Shot, Taken, stated_order
 from lfcal_gui.pages.reconstruct import takes
 from lfcal_gui.pages.reconstruct._costing import Costing
 from lfcal_gui.pages.reconstruct._exporting import Exporting
-from lfcal_gui.pages.reconstruct._volume_file import VolumeFile
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings, device_reason
 from lfcal_gui.pages.reconstruct.model_solving import (
     Solving,
@@ -31,11 +30,16 @@ from lfcal_gui.pages.reconstruct.model_solving import (
     make_light_field,
 )
 from lfcal_gui.pages.reconstruct.panel import ReconstructPanel
+from lfcal_gui.pages.reconstruct.step import step
 from lfcal_gui.saving import ask_target
 
 __all__ = ["Page"]
 
 IMAGES = "Light fields (*.tif *.tiff *.png *.pgm *.npy *.raw *.nef *.cr2 *.dng);;All files (*)"
+VOLUMES = (
+    "TIFF stack, opens in ImageJ (*.tif);;OME-TIFF with depths (*.ome.tif);;OME-Zarr, a folder (*.ome.zarr);;"
+    "HDF5 (*.h5);;numpy (*.npy)"
+)
 STOPPING = "stopping after the iteration under way …"
 FOLLOWED = ("psf", "light_field", "volume")
 
@@ -58,8 +62,6 @@ class Page(BasePage):
         self._facts = spec.hint
         self.exporting = Exporting(self, self.panel.export)
         self.costing = Costing(context, self.panel, self._use, self)
-        self.volume_file = VolumeFile(self)
-        self.volume_file.loaded.connect(self._volume_loaded)
         for segment in self.panel.view.segments:
             self.segments.addWidget(segment)
         self.tools.addWidget(self.panel.view.brightest)
@@ -454,21 +456,57 @@ class Page(BasePage):
         self._show_controls()
 
     def save(self, path: str = "") -> None:
-        """Write the volume."""
-        if self.solving is not None:
-            self.volume_file.save(self.solving, path)
+        """Write what was reconstructed; asks for a name where none is given."""
+        from lfcal.reconstruct import save_volume
+
+        solving, settings = self.solving, self.settings
+        if solving is None or solving.state is None:
+            return
+        path = path or ask_target(self, "Save volume", "volume.tif", VOLUMES)
+        if not path:
+            return
+        # with all its iterations, for the history
+        done = replace(solving.settings, iterations=solving.state.iteration, voxel=settings.voxel)
+        state = replace(self.context.state, psf=solving.psf)
+        state = replace(state, settings=done.into(state))
+        title = f"Reconstruct {Path(path).name} by {done.solver}"
+        taken = self.context.taken("reconstruct", title, path, lambda: step(state, path))
+        begun, depths = self.context.project.begun, solving.depths
+
+        def write() -> str:
+            placed = solving.placed(settings)
+            save_volume(path, placed.volume, depths_um=depths, voxel_um=placed.voxel_um, details=placed.details)
+            return path
+
+        self.context.jobs.compute(
+            "reconstruct save", write, lambda path: self._volume_saved(path, taken, begun), self.refuse
+        )
+
+    def _volume_saved(self, path: str, taken: Taken, begun: int) -> None:
+        self.context.history.add(taken)
+        self.context.message.emit(f"volume saved as {path}")
+        if begun == self.context.project.begun:  # else it is of a project that is no longer open
+            self.context.project.update("reconstruction", volume=path)
 
     def _load_volume(self) -> None:
         """Show the volume of the project until there is a newer one."""
-        if self.solving is None:
-            self.saved = None
-            self.panel.show_no_volume()
-            self.volume_file.load()
+        from lfcal.reconstruct import load_volume, volume_facts
 
-    def _volume_loaded(self, path: str, volume: NDArray[Any], facts: VolumeFacts) -> None:
-        if self.solving is None and path == self.context.state.volume:
-            self.saved = volume
-            self.panel.view.set_volume(volume, facts.depths_um, facts.voxel_um, title=Path(path).name)
+        if self.solving is not None:
+            return
+        self.saved = None
+        self.panel.show_no_volume()
+        path, jobs = self.context.state.volume, self.context.jobs
+        jobs.drop("reconstruct volume")
+
+        def loaded(found: tuple[NDArray[Any], VolumeFacts]) -> None:
+            volume, facts = found
+            if self.solving is None and path == self.context.state.volume:
+                self.saved = volume
+                self.panel.view.set_volume(volume, facts.depths_um, facts.voxel_um, title=Path(path).name)
+
+        if path and Path(path).exists():
+            jobs.load("reconstruct volume", lambda: (load_volume(path), volume_facts(path)), loaded, self.refuse)
 
     def _close(self) -> None:
         if self.solving is not None:
