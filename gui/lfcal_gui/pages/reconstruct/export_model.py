@@ -190,7 +190,7 @@ class ExportSettings(PageSettings):
 def facts_of(H: PSFMatrix, code: str, quality: str) -> ExportFacts:
     """Return size, order and quality of a file for a code."""
     reader = CODES[code]
-    stored = reader.stored.removeprefix("cells of ")
+    stored = reader.stored.removeprefix("cells of ").removesuffix(" 7.3")
     size, _, unit = format_bytes(H.nbytes * (2 if reader.one_lens else 1)).partition(" ")
     return ExportFacts(
         (size, f"{unit}, {stored}"),

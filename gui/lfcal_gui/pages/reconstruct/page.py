@@ -270,7 +270,7 @@ class Page(BasePage):
     def _loaded(self, path: str, image: NDArray[Any]) -> None:
         self.image, self._opened = image, path
         self._show_file()
-        self.panel.view.light_field.set_shot(Shot(image, name="light_field"), keep_view=False)
+        self.panel.view.light_field.set_shot(Shot(image, "Light field", name="light_field"), keep_view=False)
         self._show_region()
         self._show_controls()
         self._forecast()
