@@ -21,7 +21,13 @@ STEP = (
 )
 """Values that the step of the source depends on; the gap matters for a main lens only."""
 DEPTH = ("optics.focal_length_um", "optics.working_distance_um", "optics.magnification", "lattice.gap_um")
-APERTURE = ("optics.focal_length_um", "optics.f_number", "optics.working_distance_um", "optics.numerical_aperture")
+APERTURE = (
+    "optics.focal_length_um",
+    "optics.f_number",
+    "optics.working_distance_um",
+    "optics.magnification",
+    "optics.numerical_aperture",
+)
 WHOLE_FRAMES = ("sensor.shape",)
 IN_PIXELS = ("lattice.pitch_um", "lattice.kind")
 NOISE = ("sensor.full_well_e", "sensor.read_noise_e", "sensor.bit_depth")
@@ -58,10 +64,18 @@ class Derived:
 
 
 def assumed_of(camera: Camera, paths: tuple[str, ...]) -> tuple[str, ...]:
-    """Return those of ``paths`` that ``camera`` has and that are only assumed."""
+    """Return those of ``paths``, which `STEP` or `DEPTH` contain, that are assumed and matter for this ``camera``."""
+    return _assumed(camera, _that_matter(camera, paths))
+
+
+def _assumed(camera: Camera, paths: tuple[str, ...]) -> tuple[str, ...]:
     there = set(camera.marks.paths("assumed"))
-    telecentric = camera.optics.telecentric
-    return tuple(path for path in paths if path in there and not (telecentric and path == "lattice.gap_um"))
+    return tuple(path for path in paths if path in there)
+
+
+def _that_matter(camera: Camera, paths: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the paths without the gap if the image is telecentric: its magnification does not depend on the gap."""
+    return tuple(path for path in paths if not (camera.optics.telecentric and path == "lattice.gap_um"))
 
 
 def not_stated_for_noise(camera: Camera) -> tuple[str, ...]:
@@ -98,7 +112,7 @@ def derived_of(camera: Camera) -> tuple[Derived, ...]:
     type-0 micro-image (x, y): +0.000, +0.000 px
     working f-number: 20
     f-number of the lenslets: 20
-    micro-image over lenslet: 1
+    micro-image diameter / lenslet pitch: 1
     """
     try:
         found = [*_on_the_sensor(camera), *_in_the_optics(camera), *_in_object_space(camera)]
@@ -106,7 +120,7 @@ def derived_of(camera: Camera) -> tuple[Derived, ...]:
         raise InputError.expected(
             "camera", "values of a real camera", "numbers too extreme for a calculation", "check units and exponents"
         ) from None
-    return tuple(Derived(*row[:4], assumed_of(camera, row[4])) for row in found)
+    return tuple(Derived(*row[:4], _assumed(camera, row[4])) for row in found)
 
 
 _Row = tuple[str, str, float | tuple[float, ...], str, tuple[str, ...]]
@@ -128,11 +142,12 @@ def _in_the_optics(camera: Camera) -> list[_Row]:
     optics, lattice = camera.optics, camera.lattice
     gap, number = lattice.gap_um, optics.working_f_number
     lenslet = gap / lattice.pitch_um
+    lens = ("lattice.gap_um", "lattice.pitch_um")
     rows: list[_Row] = [
         ("working f-number", f"{number:.4g}", number, "", APERTURE),
-        ("f-number of the lenslets", f"{lenslet:.4g}", lenslet, "", ("lattice.gap_um", "lattice.pitch_um")),
-        ("micro-image over lenslet", f"{lenslet / number:.3g}", lenslet / number, "", (*APERTURE, "lattice.gap_um")),
-        ("magnification |M|", f"{camera.magnification:.4g}", camera.magnification, "", DEPTH),
+        ("f-number of the lenslets", f"{lenslet:.4g}", lenslet, "", lens),
+        ("micro-image diameter / lenslet pitch", f"{lenslet / number:.3g}", lenslet / number, "", (*APERTURE, *lens)),
+        ("magnification |M|", f"{camera.magnification:.4g}", camera.magnification, "", _that_matter(camera, DEPTH)),
     ]
     if not optics.telecentric:
         distance = optics.image_distance_um
@@ -141,13 +156,13 @@ def _in_the_optics(camera: Camera) -> list[_Row]:
 
 
 def _in_object_space(camera: Camera) -> list[_Row]:
-    step = camera.step_um()
+    step, paths = camera.step_um(), _that_matter(camera, STEP)
     rows, columns = camera.sensor.shape
     field = (rows * step, columns * step)
     shown = f"{format_length(field[1])} × {format_length(field[0])}"
     found: list[_Row] = [
-        ("step for one pixel", format_length(step), step, "µm", STEP),
-        ("field of view (x × y)", shown, field, "µm", (*STEP, *WHOLE_FRAMES)),
+        ("step for one pixel", format_length(step), step, "µm", paths),
+        ("field of view (x × y)", shown, field, "µm", (*paths, *WHOLE_FRAMES)),
     ]
     for k, kind in enumerate(camera.lattice.types):
         focus = kind.focus_depth(camera.lattice.gap_um)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def show(made: tuple[InspectedMatrix, ...]) -> None:
-    """Print verdict, metrics, apertures, comparisons, and the path of the report."""
+    """Print verdict, metrics, comparisons, and the path of the report; with ``--all`` also apertures."""
     for one in made:
         _show(one)
         if one.loss is not None:
@@ -28,7 +28,7 @@ def show(made: tuple[InspectedMatrix, ...]) -> None:
 
 
 def _show(one: InspectedMatrix) -> None:
-    """Print verdict, metrics, apertures and the comparison."""
+    """Print the verdict, what is not good, one line for the rest, and the comparison."""
     from lfcal.judge.quality import counted_words, merit_word
     from lfcal.judge.report import limits, value_text
 
@@ -46,15 +46,10 @@ def _show(one: InspectedMatrix) -> None:
             ["merit", "metric", "value", "good", "bad", "cost (NRMSE)"],
             [[merit_word(m), m.spec.title, value_text(m), *limits(m), m.cost_text] for m in listed_metrics],
         )
-    more = "" if every else "; --all lists them"
+    more = "" if every else "; --all lists them, and the aperture of each plane"
     typer.echo(f"metrics: {counted_words(quality.metrics)}{more}")
-    print_table(
-        ["depth z", "aperture"],
-        [[quality.plane_words(z), a.describe()] for z, a in enumerate(quality.apertures)],
-    )
-    if quality.iris is not None:
-        typer.echo(f"iris from all planes: {quality.iris.describe()}")
-    _show_f_number(H, quality)
+    if every:
+        _show_apertures(H, quality)
     for metric in quality.metrics:
         if metric.merit in ("bad", "fair") and not found.withdrawn(metric):
             cause = found.settled(metric)
@@ -84,6 +79,17 @@ def _show_faults(found: Inspection) -> None:
     gone = [m.spec.title.lower() for m in found.quality.metrics if m.merit in ("bad", "fair") and found.withdrawn(m)]
     if gone:
         typer.echo(f"not confirmed by the camera: {', '.join(gone)}")
+
+
+def _show_apertures(H: PSFMatrix, quality: QualityReport) -> None:
+    """Print the aperture of each plane, the iris, and the working f-number."""
+    print_table(
+        ["depth z", "aperture"],
+        [[quality.plane_words(z), a.describe()] for z, a in enumerate(quality.apertures)],
+    )
+    if quality.iris is not None:
+        typer.echo(f"iris from all planes: {quality.iris.describe()}")
+    _show_f_number(H, quality)
 
 
 def _show_f_number(H: PSFMatrix, quality: QualityReport) -> None:

@@ -16,7 +16,7 @@ from lfcal.multiplex import read_white
 from lfcal.tasks import check_outputs, load_camera
 
 if TYPE_CHECKING:
-    from lfcal.lattice import LatticeErrors, LatticeFit, LensTypes, Vignetting
+    from lfcal.lattice import LatticeFit, LensTypes, Vignetting
 
 
 def command(
@@ -91,7 +91,7 @@ def _rows(fit: LatticeFit, fall: Vignetting, types: LensTypes | None) -> list[li
             f"{math.degrees(fit.shear_rad):+.4f} ± {math.degrees(errors.shear_rad):.4f}°",
         ],
         ["centre of the middle lenslet", f"row {row:.3f}, column {column:.3f}"],
-        *_distortion_rows(fit, errors),
+        *_distortion_rows(fit),
         ["distance of micro-images from it", f"{fit.residual_rms_px:.3f} px rms per axis"],
         ["lenslets", f"{len(fit.index)}, {int(fit.dead.sum())} of them dead"],
         ["light at the dimmest place", f"{100 * fall.falloff:.1f} % of the brightest"],
@@ -105,23 +105,19 @@ def _rows(fit: LatticeFit, fall: Vignetting, types: LensTypes | None) -> list[li
     return rows + [["doubtful", note] for note in fit.notes]
 
 
-def _distortion_rows(fit: LatticeFit, errors: LatticeErrors) -> list[list[str]]:
-    """Return the distortion parameters with their errors: displacements at the length scale from its centre."""
-    from lfcal.camera import polynomial_powers
+def _distortion_rows(fit: LatticeFit) -> list[list[str]]:
+    """Return the effect of the distortion on the frame; its coefficients are in ``lattice.json`` and ``--json``."""
+    import numpy as np
 
-    bend = fit.distortion
-    if bend is None:
+    if fit.distortion is None:
         return []
-    x, y = bend.centre
-    dx, dy = errors.centre
-    names = [f"k{n + 1}" for n in range(len(bend.terms[0]))]
-    if bend.model == "polynomial":
-        names = [f"u^{i} v^{j}" for i, j in polynomial_powers(bend.degree)]
-    rows = [["distortion", f"up to {bend.largest:.2f} px within {bend.scale:.0f} px of its centre"]]
-    if bend.model == "radial":
-        rows.append(["  centre", f"row {y:.1f} ± {dy:.1f}, column {x:.1f} ± {dx:.1f}"])
-    for axis, line, sigmas in zip(("to the right", "down"), bend.terms, errors.terms, strict=False):
-        name = "outwards" if bend.model == "radial" else axis
-        shown = "; ".join(f"{n} {t:+.3f} ± {e:.3f}" for n, t, e in zip(names, line, sigmas, strict=True))
-        rows.append([f"  {name} (px)", shown])
-    return rows
+    q, r = fit.index.T
+    pitches = np.hypot(*(fit.centres_px(q + 1, r) - fit.centres_px(q, r)).T)
+    middle = np.hypot(*(fit.centres_px(1, 0) - fit.centres_px(0, 0)))
+    points = fit.centres_px(q, r)[:, ::-1]
+    displaced = np.hypot(*(points - fit.distortion.invert(points)).T)
+    return [
+        ["pitch at the centre", f"{middle:.4f} px"],
+        ["pitch over the field", f"{pitches.min():.4f} to {pitches.max():.4f} px"],
+        ["largest distortion", f"{displaced.max():.2f} px"],
+    ]

@@ -110,7 +110,10 @@ class Inspect(MatrixTask):
         more=True,
     )
     every: bool = opt(
-        False, "List all metrics, also those that are good or do not apply.", label="All metrics", flag="--all"
+        False,
+        "List all metrics, also those that are good or do not apply, and the aperture of each plane.",
+        label="All metrics",
+        flag="--all",
     )
     strict: bool = opt(
         False,

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from contextlib import suppress
 from dataclasses import replace
 
 import pytest
 
-from lfcal.camera import Derived, Marks, derived_of, preset
+from lfcal.base import InputError
+from lfcal.camera import Camera, Derived, Marks, derived_of, preset, quantities_of
 
 
 def table(name: str, **marks: str) -> dict[str, Derived]:
@@ -24,7 +27,7 @@ def test_figures_of_a_lens() -> None:
     lenslets = lattice.gap_um / lattice.pitch_um
     assert found["working f-number"].value == pytest.approx(optics.working_f_number)
     assert found["f-number of the lenslets"].value == pytest.approx(lenslets)
-    assert found["micro-image over lenslet"].value == pytest.approx(lenslets / optics.working_f_number)
+    assert found["micro-image diameter / lenslet pitch"].value == pytest.approx(lenslets / optics.working_f_number)
     assert found["type 1: in focus at v"].value == pytest.approx(3)
     assert not any(item.assumed for item in found.values())
 
@@ -43,3 +46,33 @@ def test_what_rests_on_assumed_values_says_so() -> None:
     assert found["field of view (x × y)"].assumed == ("sensor.pixel_um", "sensor.shape")
     # pitch over pixel is what the maker's file states
     assert found["micro-image pitch"].assumed == ()
+
+
+def changed(camera: Camera, path: str) -> Camera | None:
+    """Return the camera with the value at ``path`` changed by 0.1 %; None if it is no such number."""
+    group, _, name = path.rpartition(".")
+    part = getattr(camera, group) if group else camera
+    value = getattr(part, name)
+    if not isinstance(value, float) or not math.isfinite(value) or value == 0:
+        return None
+    for factor in (0.999, 1.001):
+        with suppress(InputError):  # at a bound, only one direction is allowed
+            other = replace(part, **{name: value * factor})
+            return replace(camera, **{group: other}) if group else other
+    return None
+
+
+@pytest.mark.parametrize("name", ["r29", "lfm_20x05", "bench"])
+def test_no_derived_value_is_better_known_than_its_inputs(name: str) -> None:
+    camera, seen = preset(name), 0
+    for path in (one.path for one in quantities_of(camera)):
+        other = changed(camera, path)
+        if other is None:
+            continue
+        marked = derived_of(replace(camera, marks=Marks.of({path: "assumed"})))
+        for before, after, row in zip(derived_of(camera), derived_of(other), marked, strict=True):
+            # the ratio of pitch to pixel is stated, so lengths in pixels do not depend on the pixel's size
+            if before.value != after.value and (path, before.unit) != ("sensor.pixel_um", "px"):
+                assert row.assumed == (path,), (before.label, path)
+                seen += 1
+    assert seen > 10

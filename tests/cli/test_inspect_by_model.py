@@ -90,6 +90,9 @@ def test_metrics_that_do_not_apply_are_counted_not_listed(lfcal: Lfcal, place: P
     run, every = (lfcal("inspect", "H.h5", "--patterns", 24, *more) for more in ((), ("--all",)))
     assert "not applicable; --all lists them" in run.out and "Tiling over the field" not in run.out
     assert "Tiling over the field" in every.out and "--all lists them" not in every.out
+    # by default: the verdict, what is not good, and one line for the rest
+    assert "depth z" not in run.out and "working f-number" not in run.out
+    assert "depth z" in every.out and "working f-number" in every.out
     told, all_told = (lfcal("inspect", "H.h5", "--seconds", 0, "--json", *more).json for more in ((), ("--all",)))
     assert isinstance(told, dict) and isinstance(all_told, dict)
     left_out = told["counts"]["not_applicable"]
