@@ -56,10 +56,9 @@ def merge(
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Return bracketed frames merged to the counts of an unlimited sensor at ``reference_s``.
 
-    Each pixel is the sum of its unsaturated counts above black over the sum of their exposures, which is
-    the maximum-likelihood rate for shot noise, times the reference exposure, plus black. Values may
-    exceed the sensor's range. A pixel saturated even in the shortest exposure keeps that exposure's value,
-    a lower bound, and is marked.
+    Each pixel is the sum of its unsaturated counts above black over the sum of their exposures, times the reference
+    exposure, plus black. This is the maximum-likelihood rate for shot noise. Values may exceed the sensor's range. A
+    pixel saturated even in the shortest exposure keeps that exposure's value, a lower bound, and is marked.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Reference frames: what of a place changes with the stage, with the lamp, and with the sensor."""
+"""Reference frames: separate displacements caused by the stage, by the lamp and by the sensor."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ class EarlierRuns:
 
 @dataclass(frozen=True, eq=False)
 class PlaneSum:
-    """Sum of a plane's cutouts above the background, as far as they are read.
+    """Sum of the cutouts of a plane above the background, of the frames read so far.
 
     Attributes
     ----------

@@ -55,7 +55,7 @@ def frame_positions(plan: FramePlan) -> NDArray[np.int64]:
 
 
 def read_frame_plan(data: Mapping[str, Any]) -> FramePlan:
-    """Return the plan that a session's file holds; raises `FileFormatError` if it is none."""
+    """Return the plan in a session's file; raises `FileFormatError` if it is not one."""
     from lfcal.targets import TargetPlan  # here: a session of single points needs no simulator
 
     return TargetPlan.from_dict(data)

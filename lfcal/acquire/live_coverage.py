@@ -131,7 +131,7 @@ class LiveCoverage:
         return max(map(len, self._plan.offsets_px))
 
     def know(self, z: int, k: int, light: float = math.nan, saturated: int = 0) -> None:
-        """Take frame ``k`` of plane ``z`` for recorded, with its light (counts), NaN where that is not known.
+        """Mark frame ``k`` of plane ``z`` as recorded, with its light (counts); NaN if unknown.
 
         A frame that is known already counts once.
         """

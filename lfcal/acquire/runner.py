@@ -173,7 +173,7 @@ class Taker:
         )
 
     def _crop(self, step: ScheduledFrame, exposed: ExposedFrame) -> tuple[NDArray[Any], NDArray[Any] | None, int, int]:
-        """Return the part that is kept, contiguous, with its saturation mask and first sensor row and column."""
+        """Return the stored part of a frame, contiguous, with its saturation mask and first sensor row and column."""
         roi = self._exposer.roi
         # dark frames keep the whole region: the cutouts of all positions lie in it
         wanted = self._schedule.roi if step.kind is Kind.DARK else Roi(step.row, step.column, *self._schedule.window)

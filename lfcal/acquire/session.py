@@ -442,7 +442,7 @@ def _check_origin(
 
 
 def _run_noted(folder: Path, file: SessionFile, runner: Runner) -> Work[tuple[SessionFile, Outcome]]:
-    """Run, and note in ``session.json`` how it ended."""
+    """Run the recording, and store how it ended in ``session.json``."""
     try:
         outcome = yield from runner.run()
     except AcquisitionStopped as stop:

@@ -55,7 +55,7 @@ def _job_name(run: int) -> str:
 
 
 def optics_of(rig: Rig) -> str:
-    """Return how frames of the simulator are computed; empty for real ones."""
+    """Return the method by which the simulator computes frames; empty for real frames."""
     return CheckedCamera.of(rig.camera).optics
 
 

@@ -104,7 +104,7 @@ class Kernel(Generic[P, R]):
 def _drop_unreadable_cache(dispatcher: Any) -> None:
     """Empty a kernel's cache on disk if its index cannot be loaded.
 
-    An index of an earlier version may name a record that was renamed since. numba unpickles the index before it checks
+    An index of an earlier version may name a record that was renamed since. Numba unpickles the index before it checks
     whether the source has changed, and would fail at every call.
     """
     file = _cache_file(dispatcher)

@@ -1,6 +1,6 @@
 """Worker threads for kernels that release the GIL.
 
-numba's own parallel loops are not used, because its thread layers may abort when two threads of a program enter them
+The parallel loops of numba are not used. Its thread layers may abort when two threads of a program enter them
 at the same time, as in a window with jobs.
 """
 

@@ -464,8 +464,9 @@ def moved_onto_sensor(
 ) -> ScanPlan:
     """Return the plan with another cutout or anchor, moved by as little as keeps every cutout on the sensor.
 
-    Along each axis the scan moves by whole periods of the array where there is such a place, so that a position has the
-    pattern that it had; else by whole pixels. Frames that are resampled have periods of broken numbers of pixels.
+    Along each axis the scan moves by whole periods of the array where there is such a place, so that a position keeps
+    its pattern. Otherwise it moves by whole pixels. Frames that are resampled have periods of broken numbers of
+    pixels.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ def shown_positions(
     """Return the positions ``(n, 3)`` that points show, -1 for none, and their deviations ``(n, 2)`` (pixels).
 
     A point shows a position if its phase matches, and if its chief ray is as near to a pixel centre as that of the
-    position: the array's period is not a whole number of pixels, and the same light displaced by half a pixel gives a
+    position. The array's period is not a whole number of pixels, and the same light displaced by half a pixel gives a
     different pattern. Resampling cannot restore an undersampled pattern; such points are used in a fit.
 
     Parameters

@@ -126,7 +126,7 @@ def _load(listed: Listed) -> Any:
 def add_command(app: typer.Typer, module: str, name: str) -> None:
     """Add the command of a module to the app under ``name``.
 
-    The module defines one of three functions: ``register`` adds the command itself; ``command`` does the work;
+    The module defines one of three functions. ``register`` adds the command itself. ``command`` does the work.
     ``show`` prints the result of the task with the module's name, with a blank for an underscore.
     """
     found: Any = importlib.import_module(module)

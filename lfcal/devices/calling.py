@@ -17,7 +17,7 @@ __all__ = ["ANSWER_S", "CANCELLED", "Caller"]
 SLICE_S = 0.05
 
 ANSWER_S = 5.0
-"""Longest wait for a driver beyond the time that a call may take (s)."""
+"""Waiting time for a driver in addition to the time that a call may take (s)."""
 
 CANCELLED = object()
 """What a call gives that was cancelled."""

@@ -78,7 +78,7 @@ class driver_errors:
         self._device = device
 
     def __enter__(self) -> None:
-        """Begin to watch the driver."""
+        """Start watching the driver."""
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         """Raise `DeviceError` instead of the driver's own error, an exit included; lfcal's errors and Ctrl-C pass."""

@@ -456,7 +456,7 @@ def _field(data: PlaneResiduals, kind: ResidualKind) -> ResidualField:
 
 
 def chosen_kind(part: PlaneResiduals, velocity: float, seed: int = 0) -> ResidualKind:
-    """Return of what kind a plane's residual is, by patterns that are left out to be predicted by the others."""
+    """Return the kind of a plane's residual, by predicting held-out patterns from the others."""
     spots, stray = (bool(size.any()) for size in part.sizes)
     usual = ResidualKind(Moving(velocity, *USUAL) if spots else None, Moving(-velocity, *STRAY) if stray else None)
     places = np.argwhere(part.recorded)

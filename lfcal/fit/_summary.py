@@ -173,7 +173,7 @@ def degeneracies(
 
     ``data`` ``(k, k)`` and ``slope`` ``(k,)`` are matrix and gradient of data and priors in scales, ``u`` the values
     of the unknowns. ``named`` is the widening of a fitted unknown above which a fixed one is reported. One that would
-    widen it by `WIDENING_COUNTED` is included in its standard deviation, at its smallest plausible size: an unknown
+    widen it by `WIDENING_COUNTED` is included in its standard deviation, at its smallest plausible size. An unknown
     that was tried without benefit is known as well as the patterns determine it. `assumed` unknowns are always
     included.
     """

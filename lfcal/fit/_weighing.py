@@ -74,7 +74,7 @@ class PatternLevels:
     def between(self, seen: NDArray[np.intp], depths_um: Sequence[float]) -> PatternLevels:
         """Return the levels with gains of unseen planes interpolated in depth between those that were ``seen``.
 
-        Beyond the outermost seen plane, its gain is used. A gain is counts per share of the light: without a pattern
+        Beyond the outermost seen plane, its gain is used. A gain is counts per share of the light. Without a pattern
         it is undetermined, but one lamp illuminates all planes, and a gain of 1 would give H of such a plane in
         another unit.
         """

@@ -213,7 +213,7 @@ def measured_of(
 
 
 def of_quick_pattern(matrix: PSFMatrix) -> bool:
-    """Return whether H says that it was recorded with the simulator's quick pattern."""
+    """Return whether H states that it was recorded with the simulator's quick pattern."""
     return optics_of(matrix.provenance) == "pattern"
 
 

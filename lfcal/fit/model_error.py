@@ -176,7 +176,7 @@ def held_out_error(
     """Return the error of the model from held-out patterns; ``spread`` is the covariance of shared unknowns.
 
     ``among`` selects patterns, by default all. If none of them was held out, all count. They also count if the model
-    is not ``complete``: the residuals of fitted patterns are then not noise, are hardly smaller than those of others,
+    is not ``complete``. The residuals of fitted patterns are then not noise, are hardly smaller than those of others,
     and are four times as many. The squares of their residuals contain the variance of the noise in addition to the
     error: E[(d - m)² - v] = error². Effects of single patterns, such as lamp and displaced source, are not errors of
     the model. If they are less than half of the residual, however, they may be a part of the error, and count.

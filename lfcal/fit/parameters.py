@@ -259,7 +259,7 @@ class Vector:
         return np.array([one.clipped(float(v)) for one, v in zip(self.unknowns, u, strict=True)])
 
     def setup_at(self, u: NDArray[np.float64]) -> Setup:
-        """Return the setup that a vector describes.
+        """Return the setup for a vector of unknowns.
 
         Raises
         ------

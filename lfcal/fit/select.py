@@ -63,7 +63,7 @@ def gain_of(selection: GroupSelection, chosen: Sequence[str], added: Sequence[st
 
 
 def _trials(left: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return what of the groups ``left`` is tried next: each alone, and each with those that go along with it."""
+    """Return the candidates for the next trial: each group of ``left`` alone, and together with its companions."""
     alone = [(name,) for name in left]
     along = [(name, *(other for other in GROUPS.get(name).along if other in left)) for name in left]
     return alone + [together for together in along if len(together) > 1]
@@ -121,7 +121,7 @@ def _far(problem: Problem, point: Point, name: str) -> bool:
 def _helps(problem: Problem, point: Point, columns: Columns, chosen: Sequence[str], name: str) -> bool:
     """Return whether held-out squares grow if a group's unknowns return to their start and the others follow.
 
-    This uses computed patterns: derivatives at the best point do not distinguish the distance of the source from gap,
+    This uses computed patterns. Derivatives at the best point do not distinguish the distance of the source from gap,
     focal lengths and iris, which differ by 1 % of the light over several steps.
     """
     others = [one for one in chosen if one != name]

@@ -45,7 +45,7 @@ LARGEST_DISTANCE = 0.25
 """Relative distance (L2, beyond noise) above which recorded patterns do not belong to the fit."""
 
 OTHER_LIGHT = 0.05
-"""Difference of the light above which patterns are not in the units of the fit."""
+"""Difference of the light above which patterns do not have the units of the fit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +140,7 @@ def numbers_file(folder: Path) -> Path | None:
 
 
 def read_fits(folder: Path) -> dict[str, StoredFit]:
-    """Return the fit in a folder, by the name of its region where there are several, else by an empty name.
+    """Return the fit in a folder, by the names of its regions; a single fit has an empty name.
 
     Raises
     ------

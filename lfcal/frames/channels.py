@@ -225,7 +225,7 @@ def colour_scan(source: FrameSource, plan: ScanPlan, channel: str) -> ColourScan
 
     A step that moves the image by one pixel of the mosaic is half a pixel of a Bayer channel. H needs whole steps, so
     each channel uses the positions whose image is on one of its pixels: a quarter of them. After one cell of the
-    lenslet array the pattern repeats, but on the same colour only if the cell is an even number of pixels; otherwise
+    lenslet array the pattern repeats, but on the same colour only if the cell is an even number of pixels. Otherwise
     two cells must be scanned.
 
     Raises

@@ -25,7 +25,7 @@ _FIELD = re.compile(r"\{([^{}]*)\}|\*")
 def scan_positions(plan_shape: Sequence[int], order: str = "serpentine") -> list[Position]:
     """Return all positions of a scan of ``(nz, ny, nx)`` in the order they are recorded.
 
-    ``"raster"`` goes along x, then y, then z, always from the same side; ``"serpentine"`` reverses at the end of each
+    ``"raster"`` goes along x, then y, then z, always from the same side. ``"serpentine"`` reverses at the end of each
     row and of each plane, so that every move is one step, as in `lfcal.camera.ScanPlan`.
 
     Raises

@@ -105,7 +105,7 @@ class SceneTrial:
     """Images of scenes with true patterns, and reconstructions of them with other patterns.
 
     The volume extends beyond the image, as in a reconstruction with a margin. Otherwise pixels along the border see
-    few positions, and where all of these have a dead pixel, light is divided by noise: costs would be dominated by the
+    few positions, and where all of these have a dead pixel, light is divided by noise. Costs would be dominated by the
     border, which is larger in a small image.
 
     Parameters

@@ -48,7 +48,7 @@ SURE, MORE = 0.7, 0.2
 """Correlation below which a source is looked for elsewhere than at its place, and how much better it must fit there."""
 
 SAME = 0.3
-"""Chi² below which a frame is no other than the one that H was made of."""
+"""Chi² below which a frame does not differ from those of H."""
 
 BESIDE = 0.1
 """Displacement of sources that is reported (pixels)."""

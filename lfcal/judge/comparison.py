@@ -1,4 +1,4 @@
-"""How two H differ: by plane and lens type, as they are, at the best scale, and at the best shift."""
+"""Differences of two H by plane and lens type: unchanged, at the best scale, and at the best shift."""
 
 from __future__ import annotations
 
@@ -214,8 +214,9 @@ def iter_compare(
 ) -> Work[Comparison]:
     """Compare two H; a few rows of positions of each are in memory at a time.
 
-    The shift of a plane is estimated from the cross-spectrum of some of its patterns, and refined with all of them: b
-    is shifted by its Fourier series, and the residual is fitted by least squares with its slopes and the scale.
+    The shift of a plane is estimated from the cross-spectrum of some of its patterns, and refined with all of them.
+    For this, b is shifted by its Fourier series, and the residual is fitted by least squares with its slopes and the
+    scale.
 
     Parameters
     ----------
@@ -300,7 +301,7 @@ compare = drained(
 
 
 def _sensor_types(both: Pair) -> NDArray[np.intp] | None:
-    """Return the lens type of the sensor's pixels ``(ny + nt - 1, nx + ns - 1)`` from the first cutout's corner on."""
+    """Return the lens type of sensor pixels ``(ny + nt - 1, nx + ns - 1)``, starting at the first cutout's corner."""
     matrix = both.a if both.a.camera is not None else both.b
     camera = matrix.camera
     if camera is None or matrix.pixel_scale != (1.0, 1.0) or len(camera.lattice.types) < 2:

@@ -162,7 +162,10 @@ class Evidence:
         return max(among, len(which) / max(1, int((self.matrix.recorded > 0).sum())))
 
     def likely_extent(self, which: NDArray[np.intp]) -> float:
-        """Return the same where more were suspected than asked for: as many of the others are like ``which``."""
+        """Return the share of positions like ``which``.
+
+        Further suspects count in proportion to those that were compared.
+        """
         asked = np.flatnonzero(self.asked)
         others = self.more_suspected * int(np.isin(asked, which).sum()) / max(1, asked.size)
         most = (len(which) + others) / max(1, int((self.matrix.recorded > 0).sum()))

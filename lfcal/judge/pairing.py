@@ -140,7 +140,7 @@ def _straight(matrix: PSFMatrix | ArrayLike) -> PSFMatrix:
 
 
 def _called(matrix: PSFMatrix, which: str) -> str:
-    """Return what an H is called in an error: its file, and which of both it is."""
+    """Return the name of an H for an error message: its file, and whether it is the first or the second."""
     return f"{matrix.path} ({which} H)" if matrix.path else f"{which} H"
 
 

@@ -218,9 +218,9 @@ def _parameter(course: Course, fits: Sequence[DatedFit]) -> dict[str, object]:
 def trend(sessions: Sequence[DatedFit | DatedInspection], sigmas: float = SIGMAS) -> Trend:
     """Return the changes of values from session to session.
 
-    Parameters of fits are compared only if they have the same meaning: fitted with the same groups of unknowns as in
-    the newest fit, and from the same planned depths if they are relative to these. Offsets are relative to each fit's
-    description, so the place of the array at the scanned region's middle is compared instead.
+    Parameters of fits are compared only if they have the same meaning. They must be fitted with the same groups of
+    unknowns as in the newest fit, and from the same planned depths if they are relative to these. Offsets are relative
+    to each fit's description, so the place of the array at the scanned region's middle is compared instead.
 
     Parameters
     ----------

@@ -23,7 +23,8 @@ def sensor_slope(camera: Camera, z_um: float) -> float:
     """Return the slope of depth ``z_um``: shift in micro-image distances per distance within a micro-image.
 
     A point whose chief ray meets the sensor at S is seen at c + (S - c)/w below the lenslet whose micro-image is
-    centred at c, where w = (a/B) (b + B)/(b + a): the virtual depth, corrected for the perspective of a main lens.
+    centred at c, where w = (a/B) (b + B)/(b + a). This is the virtual depth, corrected for the perspective of a main
+    lens.
 
     Examples
     --------
@@ -60,8 +61,8 @@ def virtual_depth_of_slope(camera: Camera, slope: float) -> float:
 def refocus(views: Views, slopes: Sequence[float], *, samples: int = 1) -> Image:
     """Return the images focused at ``slopes``, ``(n, rows * samples, columns * samples)`` float32.
 
-    Views are shifted against each other and added: at S, the light at offset u below the micro-image at S - w u,
-    divided by the sum of the weights (Ng et al. 2005; valid for points behind and in front of the lenslets).
+    Views are shifted against each other and added. At S, this gives the light at offset u below the micro-image at S -
+    w u, divided by the sum of the weights (Ng et al. 2005; valid for points behind and in front of the lenslets).
 
     Parameters
     ----------

@@ -85,7 +85,7 @@ def _decorrelation(modulator: Modulator, rcond: float | None) -> NDArray[np.comp
 
 
 def _move_to_lenslets(tiles: Spectrum, modulator: Modulator, wy: NDArray[np.float64], wx: NDArray[np.float64]) -> None:
-    """Give every measurement channel the place of its lenslet instead of its pixel's, a phase ramp, in place."""
+    """Move every measurement channel from its pixel to the position of its lenslet by a phase ramp, in place."""
     py, px = modulator.side
     channels = np.fft.ifft2(tiles.reshape(py, px, len(wy), len(wx)), axes=(0, 1))
     for axis, (w, positions) in enumerate(zip((wy, wx), modulator.positions, strict=True)):

@@ -285,7 +285,7 @@ class Gatherer:
     noise: Noise | None = None
 
     def place(self, index: int) -> tuple[Window, Region]:
-        """Return where the cutout of frame ``index`` lies on the sensor, and the region of the frame it looks at."""
+        """Return the position of the cutout of frame ``index`` on the sensor, and its region of the frame."""
         info = self.infos[index]
         shift = info.drift or (0.0, 0.0)
         if self.drift is not None:
@@ -370,7 +370,7 @@ def _weights_of(cutout: Cutout, row: float, column: float) -> tuple[float, float
 
 @lru_cache(maxsize=8)
 def _weights_of_phases(cutout: Cutout) -> tuple[float, float]:
-    """Return the same for a ``cutout`` that scales, as the mean over all places of a sample between its pixels."""
+    """Return the sums of weights and of squared weights of a ``cutout`` that scales, averaged over subpixel shifts."""
     rows, columns = cutout.region(Window(0, 0, 0.0, 0.0))
     shape = (rows.stop - rows.start, columns.stop - columns.start)
     level = cutout.resample(np.ones(shape, np.float32), Window(0, 0, 0.0, 0.0))

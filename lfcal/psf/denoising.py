@@ -1,6 +1,6 @@
 """Noise reduction for recorded patterns whose noise is known.
 
-At a fixed pixel of the sensor, the signal is a smooth function of the position of the source: from one position to the
+At a fixed pixel of the sensor, the signal is a smooth function of the position of the source. From one position to the
 next, a spot moves by a fraction of a pixel under its lenslet. The entries of neighbouring positions for that pixel
 therefore measure nearly the same value. An entry is moved towards their mean as far as noise explains their scatter
 (the adaptive filter of Lee 1980, IEEE Trans. Pattern Anal. Mach. Intell. 2, 165-168, over positions). Where the signal

@@ -25,7 +25,7 @@ class Origin(IntEnum):
     MODEL = 2
     """A model alone."""
     OUTLIER = 3
-    """A model alone, for the recorded pattern is not like the others."""
+    """A model alone, because the recorded pattern differs from the others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ class Facts:
         return cls(**checked)
 
     def plane(self, z: int) -> Facts:
-        """Return the facts of plane ``z`` of a matrix."""
+        """Return facts about plane ``z`` of a matrix."""
         return Facts(**{name: value[z] for name, value in self.known().items()})
 
     def known(self) -> dict[str, NDArray[Any]]:

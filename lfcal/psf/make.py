@@ -99,7 +99,10 @@ class PlaneSource:
         raise NotImplementedError
 
     def reopening(self, z: int, stored: Stored) -> Reopening | None:
-        """Return how another process opens what makes plane ``z``; None: it is made here, when planes are joined."""
+        """Return how another process opens the source of plane ``z``.
+
+        None: the plane is made here when planes are joined.
+        """
         raise NotImplementedError
 
     def named(self, out: Path) -> str:
@@ -187,9 +190,9 @@ def iter_write(
 def iter_write_regions(
     sources: Mapping[str, tuple[PlaneSource, Stored]], out: str | os.PathLike[str], *, workers: int | None = None
 ) -> Work[Path]:
-    """Write the matrices of several regions of the field, by name, to one H file, as `iter_write` does one.
+    """Write the matrices of several regions of the field, by name, to one H file; `iter_write` writes one matrix.
 
-    The first is what the file opens with.
+    The file opens with the first region.
     """
     target = Path(out)
     need = sum(stored_bytes(source.header.shape, stored) for source, stored in sources.values())

@@ -229,7 +229,7 @@ class _Reader:
         return float(pair[0]), float(pair[1])
 
     def _text(self, name: str) -> str:
-        """Return the order of the axes, empty where the file does not say it."""
+        """Return the order of the axes; empty if the file does not state it."""
         if name not in self._file:
             return ""
         letters = self._file.values(name, kinds="u").ravel().tolist()

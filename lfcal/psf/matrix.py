@@ -142,7 +142,7 @@ class PSFMatrix:
     # -- what it is ------------------------------------------------------------------------------------
     @property
     def shape(self) -> tuple[int, int, int, int, int]:
-        """``(nz, ny, nx, nt, ns)``."""
+        """Shape ``(nz, ny, nx, nt, ns)``."""
         return self._shape
 
     @property

@@ -2,7 +2,7 @@
 
 Repeated frames of a position, and the reference frames of a session, differ only by their noise. Frames of
 neighbouring positions also differ by signal. At a fixed pixel of the sensor, however, the signal is a smooth function
-of the position: from one position to the next, the image moves by a pixel, and by a fraction of one under its lenslet.
+of the position. From one position to the next, the image moves by a pixel, and by a fraction of one under its lenslet.
 Fourth differences along both axes of a block of 5 x 5 positions cancel the signal and keep the noise. Where the signal
 is not smooth, at the edges of micro-images, differences along only one axis show it. They are orthogonal to the
 others, so leaving such pixels out causes no bias. The part of a difference explained by the light and its gradient is

@@ -150,7 +150,10 @@ def opening_notes(matrix: PSFMatrix) -> tuple[str, ...]:
 
 
 def mat_order_of(matrix: PSFMatrix) -> str:
-    """Return ``mat_order`` by which another process opens the file of ``matrix`` alike; empty unless it is ``.mat``."""
+    """Return the ``mat_order`` with which another process opens the file of ``matrix``.
+
+    Empty unless it is ``.mat``.
+    """
     return str(matrix.provenance.get("mat_order", "")) if Path(matrix.path).suffix.lower() == ".mat" else ""
 
 

@@ -424,7 +424,7 @@ class PSFWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Complete the file and give it its name, or remove it after an error."""
+        """Complete the file and rename it to its final name, or remove it after an error."""
         if error is None and self._matrix.lacking:
             lacking = self._matrix.lacking[:5]
             error = InputError.expected(str(self.path), "every plane written", f"planes {lacking} missing", "write")
@@ -449,7 +449,7 @@ def new_file(path: Path) -> Iterator[Any]:
 
 
 def check_storable(header: Header, stored: Stored) -> None:
-    """Raise `InputError` where a matrix cannot be stored that way."""
+    """Raise `InputError` if a matrix cannot be stored with these options."""
     if header.transposed and stored.store_tolerance is not None:
         raise InputError.expected(
             "matrix within a tolerance", "H, whose patterns it bounds", "HT", "store H: HT is a view of it"

@@ -33,13 +33,13 @@ SHARES = {
     "wavelength_um": 0.05,
     "bandwidth_um": 0.5,
 }
-"""By which share a value may be off; an f-number by a third of a stop."""
+"""Relative uncertainty of a value; for an f-number a third of a stop."""
 
 FOCUS = 0.05
-"""The same of the focal lengths of the lenslets."""
+"""Relative uncertainty of the focal lengths of the lenslets."""
 
 STEPS = {"lattice.rotation_rad": math.radians(0.2), "lattice.shear_rad": math.radians(0.1)}
-"""By how much a value may be off."""
+"""Absolute uncertainty of a value (rad)."""
 
 OTHERS: dict[str, tuple[Any, ...]] = {
     "optics.blades": (0, 5, 6, 7, 8, 9),

@@ -186,8 +186,8 @@ class Specimen:
         """Return the effect of the interface on waves at angles ``theta`` in the medium, per solid angle there.
 
         With n2 sin t2 = n1 sin t: s = 2 n1 cos t / (n1 cos t + n2 cos t2), p = 2 n1 cos t / (n2 cos t + n1 cos t2).
-        These are the coefficients of an incoming wave: those of the outgoing one times n1 cos t / (n2 cos t2), which
-        converts plane waves of the specimen into amplitudes per solid angle of the medium (reciprocity).
+        These are the coefficients of an incoming wave. They equal those of the outgoing one times n1 cos t / (n2 cos
+        t2), which converts plane waves of the specimen into amplitudes per solid angle of the medium (reciprocity).
         """
         n1, n2 = medium_index, self.index
         across, first = n1 * np.sin(theta), n1 * np.cos(theta)
@@ -196,7 +196,7 @@ class Specimen:
 
 
 def ray_heights(optics: Microscope, z_um: float, specimen: Specimen | None, theta: F8) -> F8:
-    """Return where rays of a source at ``z_um`` meet the array, by their angle in the medium (µm, signed by side).
+    """Return where rays of a source at ``z_um`` reach the array, by their angle in the medium (µm, signed by side).
 
     M z tan t, or M (d tan t2 - D tan t) behind an interface; NaN for those that total reflection keeps.
     """

@@ -71,7 +71,7 @@ class PoseFit:
         return _images(self._values, target, camera, z_um)
 
     def pixel_sigma(self, target: Target, camera: Camera, z_um: float) -> Array:
-        """Return the standard deviation ``(n, 2)`` of these places (pixels)."""
+        """Return the standard deviation ``(n, 2)`` of the positions of the images (pixels)."""
         rows = _slopes(self._values, target, camera, z_um)
         found: Array = np.sqrt(np.maximum(np.einsum("nik,kl,nil->ni", rows, self._spread, rows), 0.0))
         return found
@@ -82,7 +82,7 @@ def fit_pose(
 ) -> PoseFit:
     """Return the pose, pitch and distortion that explain images ``pixels`` ``(n, 2)`` of ``holes`` ``(n, 2)``.
 
-    This is a least-squares fit with the stated pose as a prior: `Target.within` gives the bounds of each value
+    This is a least-squares fit with the stated pose as a prior. `Target.within` gives the bounds of each value
     (treated as two standard deviations); angles without a stated value have the uncertainty of a mount. Points far
     from their places get a lower weight (Huber).
     """

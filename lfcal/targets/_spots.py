@@ -47,7 +47,7 @@ class Spots:
         return len(self.pixels)
 
     def only(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Spots:
-        """Return some of them."""
+        """Return the chosen spots."""
         return Spots(self.pixels[which], self.light[which], self.dark)
 
 

@@ -234,7 +234,7 @@ class TargetCamera(Frames):
         return self.single.expose(light_e, self.plan.scan.exposures[z], FrameKind.LIGHT, index)
 
     def _seen_holes(self, z: int, offset_px: tuple[float, float]) -> list[_Hole]:
-        """Return the holes whose light reaches the sensor, each in its place."""
+        """Return the holes whose light reaches the sensor, each at its position."""
         points, camera = self._moved(z, offset_px), self.plan.scan.camera
         errors = self._depth_errors(z, points.away_um)
         found = []

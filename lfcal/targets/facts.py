@@ -1,4 +1,4 @@
-"""What the frames of a target show and cost, compared with a single point, as plain values."""
+"""Facts about the frames of a target, and their cost compared with a single point, as plain values."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ TRIED = 16
 
 
 def covered_by(phases: Phases, images: HoleImages, offset_px: Array, tolerance_px: float) -> Index:
-    """Return the positions that one frame shows with whole cutouts, numbered row by row."""
+    """Return the positions whose whole cutouts one frame shows, numbered row by row."""
     plan = phases.plan
     pixels = images.moved(offset_px)
     return phases.covered(pixels[whole_at(pixels, plan.camera.sensor.shape, plan.cutout)], tolerance_px)
@@ -167,7 +167,7 @@ GOOD = 1.6
 """Factor in the number of frames up to which offsets of rows and columns are used without a joint search."""
 
 FINEST_PX = 0.01
-"""Least tolerance: stages and fitted positions are no better, and the search's table grows with its inverse square."""
+"""Smallest tolerance: stages and fitted positions are no better, and the search table grows as its inverse square."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -275,7 +275,7 @@ class TargetPlan:
         return math.ceil(math.prod(self.scan.period) / max(1, self.points_a_frame(z)[1]))
 
     def shown(self, z: int, *, target: Target | None = None, tolerance_px: float | None = None) -> NDArray[np.intp]:
-        """Return how many frames show each position of plane ``z`` ``(ny, nx)``.
+        """Return the number of frames that show each position of plane ``z`` ``(ny, nx)``.
 
         Parameters
         ----------

@@ -119,7 +119,7 @@ class Pose:
 
 
 def length_um(text: str) -> float:
-    """Return a length in µm of ``"1.2mm"``, ``"20um"`` or a bare number of µm."""
+    """Return a length in µm from ``"1.2mm"``, ``"20um"`` or a plain number of µm."""
     for unit, factor in UNITS.items():
         if text.endswith(unit):
             return factor * _number(text.removesuffix(unit))

@@ -220,7 +220,7 @@ class _Checked:
         self.states = np.full(len(slots.flat), State.WHOLE, np.uint8)
 
     def look(self, file: RecordingFile, complete: bool, workers: int) -> Iterator[int]:
-        """Fill in the states, in threads; yields how many slots are done."""
+        """Fill in the states with several threads; yields the number of slots done."""
         blank = ~file.records.view(np.uint8).reshape(len(file.records), -1).any(axis=1)
         self.states[~file.taken] = State.RECORD_DAMAGED
         # a recording that was complete once had a record in every slot

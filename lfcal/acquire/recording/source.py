@@ -393,7 +393,7 @@ class TargetRecording(RecordingSource):
 
     In a complete session, frame ``k`` is frame ``k`` of its plan; otherwise `frames` states which it is. The
     ``points`` of each frame are the positions nearest to its holes **as planned**, in the order of
-    ``target.points(plane, offset)``; the real pose of the target is found in the frames. ``metadata`` contains the
+    ``target.points(plane, offset)``. The real pose of the target is found in the frames. ``metadata`` contains the
     ``plan`` of the scan and the ``target`` (`lfcal.targets.TargetPlan`), in addition to those of every session.
 
     Parameters

@@ -74,7 +74,7 @@ class StageFit:
 
     @property
     def mirrored(self) -> bool:
-        """Whether one axis runs the wrong way, or the two are swapped."""
+        """Whether an axis runs in the wrong direction, or the axes are swapped."""
         (a, b), (c, d) = self.matrix
         return a * d - b * c < 0
 

@@ -104,7 +104,7 @@ class _GError(c.Structure):
 
 
 class Library:
-    """Functions of libaravis as attributes, without their ``arv_``; a ``GError`` becomes `AravisError`."""
+    """Functions of libaravis as attributes, without the prefix ``arv_``; a ``GError`` becomes `AravisError`."""
 
     def __init__(self) -> None:
         arv = _load("aravis-0.8", NAMES)

@@ -20,7 +20,7 @@ from lfcal.devices.simulated.faults import CAMERA_FAULTS, DeviceFault, FaultSche
 __all__ = ["AUTOMATIC", "LightPatch", "Renderer", "SimCamera", "SimLight"]
 
 BUMP_UM = (15.0, -15.0, 0.0)
-"""How far a stage that is bumped during an exposure moves (µm)."""
+"""Distance that a stage moves when it is bumped during an exposure (µm)."""
 
 SLIP_PX = 3
 """How far a region that slips is off (columns)."""
@@ -51,7 +51,7 @@ class _Grain(NamedTuple):
         """Return the deviates of read noise and of photon noise, which share no sample of the field.
 
         Each row uses a separate part of the field. With one part for a whole frame, two of 4096 frames would have
-        equal noise, unlike any real sensor: their dark rows would be equal, and the content guard would treat them as
+        equal noise, unlike any real sensor. Their dark rows would be equal, and the content guard would treat them as
         one buffer.
         """
         rng = np.random.default_rng(draw)
@@ -99,7 +99,7 @@ class SimCamera:
     """A camera in a simulated world.
 
     The same position and exposure always give the same frame, so that an interrupted session can be compared with an
-    uninterrupted one; a second frame without a move has different noise.
+    uninterrupted one. A second frame without a move has different noise.
 
     Parameters
     ----------

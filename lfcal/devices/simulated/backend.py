@@ -152,7 +152,7 @@ class SimBackend:
 
 
 def with_defaults(options: Mapping[str, str]) -> dict[str, str]:
-    """Return the options of the simulator with its optics, where none are given.
+    """Return the default options of the simulator and its optics.
 
     The plan's camera is simulated with the effects that it needs: ideal optics focus a point into single pixels, which
     no search for light distinguishes from hot pixels. A target has the quick pattern at every hole: to simulate all of

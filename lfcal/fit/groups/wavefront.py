@@ -74,8 +74,8 @@ class Defocus(WavefrontGroup):
     """Defocus of the wavefront, in the square of the pupil's radius.
 
     For a main lens, defocus has the same effect as the distance of all planes, and is included in that. For the wide
-    pupil of an objective it differs from a displacement of the planes, which depends on the cosine of the angle:
-    there, distance, depth in a specimen and spherical aberration replace it in the fit.
+    pupil of an objective it differs from a displacement of the planes, which depends on the cosine of the angle.
+    There, distance, depth in a specimen and spherical aberration replace it in the fit.
     """
 
     held = True

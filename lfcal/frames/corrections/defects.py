@@ -221,7 +221,7 @@ def iter_find_defects(
     *Hot*: even the lowest value exceeds that of all but two of the eight nearest neighbours of the same colour, by
     ``threshold`` robust standard deviations and by half of their difference from the field. The pixel must stand out
     in half of the frames. *Dead* and *stuck*: the range of values is less than a tenth of the range of all but two
-    neighbours, and in some frame a spot surrounded the pixel; a dead one stays at the lowest value. Dead and stuck
+    neighbours, and in some frame a spot surrounded the pixel. A dead one stays at the lowest value. Dead and stuck
     pixels need 8 frames, and are found only where spots cover them. Use frames of different positions, or several dark
     frames, because in frames of a single position the spots would look like hot pixels. Frames are read twice if
     anything is suspect.

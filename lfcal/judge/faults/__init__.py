@@ -1,4 +1,4 @@
-"""Faults by name, one family a module; `lfcal.judge.fault.FAULTS` finds them."""
+"""Faults by name, one family per module; `lfcal.judge.fault.FAULTS` collects them."""
 
 from typing import TYPE_CHECKING
 

@@ -51,7 +51,7 @@ FEW = 500
 """Number of coefficients for each place of blocks that determine it."""
 
 WINDOWS = 60_000
-"""Blocks at most that are looked at."""
+"""Largest number of blocks that are examined."""
 
 BESIDE = tuple((y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if y or x)
 

@@ -152,7 +152,7 @@ class NotLinear(Fault):
 
 
 def _settled(evidence: Evidence, law: _Law) -> tuple[_Law, float, Evidence]:
-    """Return a law from a first guess, the standard deviation of its bend, and the evidence of straight values."""
+    """Return a fitted law, the standard deviation of its curvature, and the evidence of linear values."""
     for _ in range(TURNS):
         now = evidence.with_data(law.straight(evidence.data), evidence.valid)
         more, sigma = _told(now, law)

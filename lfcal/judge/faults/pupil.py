@@ -28,7 +28,7 @@ TOLD = 2.5
 """Rms deviation of parts, in units of their errors, above which they are fitted."""
 
 BLOCKS = (11, 11, 21, 41, 83)
-"""Number of parts of a cutout along each axis whose light is fitted, in successive iterations: coarse parts can be
+"""Number of parts of a cutout along each axis whose light is fitted, in successive iterations. Coarse parts can be
 distinguished from displacements, fine ones follow the edge of a shadow."""
 
 LIT = 0.02

@@ -32,7 +32,7 @@ LITTLE = 0.002
 """Share of the light that lines must take away: at the patterns' edges the model itself is off by tens of percent."""
 
 SEEN = 0.3
-"""Share of the light of neighbouring lines that a line must receive to be called dead: between small lenslets, and at
+"""Share of the light of neighbouring lines that a line must receive to be called dead. Between small lenslets, and at
 the edges of the scanned part, the error of the model exceeds the light."""
 
 USUAL, PART = 0.02, 0.3

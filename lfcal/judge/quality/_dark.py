@@ -42,7 +42,7 @@ class DarkCorners:
 
 
 def dark_corners(plane: NDArray[np.float32]) -> DarkCorners:
-    """Measure the corners of all patterns ``(ny, nx, nt, ns)``, where no light should be."""
+    """Measure the corners of all patterns ``(ny, nx, nt, ns)``, which should be dark."""
     nt, ns = plane.shape[2:]
     b = max(2, round(0.06 * min(nt, ns)))
     every = max(1, plane.shape[0] * plane.shape[1] * 4 * b * b // MOST_SAMPLES)

@@ -91,7 +91,7 @@ def _copies(planes: Sequence[PlaneMeasures], lit: NDArray[np.bool_], places: NDA
     """Return which earlier plane each plane is a copy of, -1 if none.
 
     Planes are compared on some patterns. Two planes with equal noise are one recording. Two recordings show the same
-    depth if they differ only by noise, although planes at such a distance normally differ by much more; this is known
+    depth if they differ only by noise, although planes at such a distance normally differ by much more. This is known
     only from the other planes.
     """
     out = np.full(len(planes), -1, np.intp)

@@ -137,7 +137,7 @@ class QualityReport:
         return [(place, ", ".join(reasons[place])) for place in sorted(reasons)]
 
     def to_dict(self, *, every: bool = False) -> dict[str, object]:
-        """Return everything but the maps as plain values; with ``every`` metrics that do not apply, too."""
+        """Return everything except the maps as plain values; with ``every`` also metrics that do not apply."""
         return {
             "format": "lfcal-quality",
             "version": 1,

@@ -97,7 +97,7 @@ def compared_words(found: Comparison) -> str:
 
 
 def figure_rows(found: Comparison) -> list[tuple[str, ...]]:
-    """Return the figures of all planes, then of each, and of each lens type, by `COLUMNS`."""
+    """Return the figures of all planes together, of each plane, and of each lens type, by `COLUMNS`."""
     rows = _rows("all", found.all, found.types)
     for one in found.planes:
         # of planes whose numbers differ both are said

@@ -144,7 +144,7 @@ class _WaveFit:
         self.left = value
 
     def fitted(self, waves: Values) -> Ripple:
-        """Return the waves refined, with their amplitudes."""
+        """Return the refined waves with their amplitudes."""
         for last in (False, False, True):
             phase = np.outer(self.x, waves[:, 0]) + np.outer(self.y, waves[:, 1])
             cos, sin = np.cos(phase), np.sin(phase)

@@ -14,7 +14,7 @@ from lfcal.psf.aperture.shape import Aperture, CountFit
 __all__ = ["Iris", "joint_iris"]
 
 USABLE = ("", "unclear")
-"""Refusals of planes whose evidence counts: a plane that is unclear adds to what a clear one shows."""
+"""Reasons for refusal that still count as evidence: an unclear plane adds to the evidence of a clear one."""
 
 REGULAR = ("", "round", "polygon", "rounded polygon")
 

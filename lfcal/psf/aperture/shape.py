@@ -56,7 +56,7 @@ def blade_radius(
 
     A blade is an arc of radius ``apothem / curvature`` whose middle is ``apothem`` from the centre. With m = 1 -
     curvature and d the angle from the middle of the blade, the edge is at ``r = apothem (2 - curvature) / (sqrt(1 - m²
-    sin² d) + m cos d)``: straight blades at 0, a circle at 1.
+    sin² d) + m cos d)``. A curvature of 0 gives straight blades, 1 a circle.
 
     Parameters
     ----------

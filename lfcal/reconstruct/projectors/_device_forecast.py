@@ -117,7 +117,7 @@ def device_forecast(
 ) -> ProjectionForecast:
     """Return the cheapest method on ``device``, with prepared planes kept there or moved each time.
 
-    ``memory_limit`` is that of the processor (bytes), for planes that do not fit on the device; if they do not fit
+    ``memory_limit`` is that of the processor (bytes), for planes that do not fit on the device. If they do not fit
     there either, they are prepared again in each projection.
 
     Raises

@@ -18,7 +18,7 @@ __all__ = ["DevicePolyphase", "band_bytes"]
 
 
 def band_bytes(plan: TilePlan, rows: int, itemsize: int) -> int:
-    """Return the working memory of so many rows of tiles, ``itemsize`` of a real number: windows, spectra, products."""
+    """Return the working memory of rows of tiles: windows, spectra and products, with reals of ``itemsize`` bytes."""
     tiles = rows * plan.x.count
     windows = plan.y.length * plan.x.length * tiles * plan.grid.phases * itemsize
     spectra = plan.frequencies * tiles * plan.grid.phases * 2 * itemsize

@@ -286,7 +286,7 @@ class Direct:
                 yield from (slice(t, min(t + step, bottom)) for t in range(top, bottom, step))
 
     def _blocks(self, strips: list[NDArray[Any]], window: tuple[int, ...]) -> Iterator[tuple[int, int, int]]:
-        """Yield strips ``(cells, sources)`` and runs of their cells whose windows about fill `WINDOW_BYTES`."""
+        """Yield strips ``(cells, sources)`` and runs of their cells whose windows together fill `WINDOW_BYTES`."""
         step = cells_at_once(window[0], window[1], self.dtype.itemsize)
         for strip, values in enumerate(strips):
             cells = len(values)

@@ -1,4 +1,4 @@
-"""The depth planes of H as the projectors want them: cast, cropped below a threshold, one at a time."""
+"""The depth planes of H as projectors need them: converted, cropped below a threshold, one at a time."""
 
 from __future__ import annotations
 

@@ -172,7 +172,7 @@ BINS = 512
 
 
 class Corners(NamedTuple):
-    """The nodes about a position."""
+    """Nodes around a position."""
 
     which: NDArray[Any]  # their numbers, (k,)
     at: NDArray[Any]  # positions to each, (k, 2)

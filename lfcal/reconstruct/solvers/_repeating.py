@@ -2,7 +2,7 @@
 
 Near the native plane, each lenslet images the points behind it onto nearly the same pixels. A pattern that is the same
 behind all lenslets changes the frame there like a slightly wrong H. An error of H (vignetting, an aperture, a white
-frame) is the same under all lenslets, while the object is not: such a pattern is a nuisance parameter of the
+frame) is the same under all lenslets, while the object is not. Such a pattern is a nuisance parameter of the
 calibration. The repeating part of an update, the geometric mean over all periods of its ratio to the surrounding mean,
 is therefore removed.
 """

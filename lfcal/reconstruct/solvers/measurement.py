@@ -216,7 +216,7 @@ def held_out_fit(terms: NDArray[np.float64], held: NDArray[Any]) -> tuple[float,
     """Return the score of the prediction of held-out pixels, and its standard deviation due to noise.
 
     ``terms`` are half the deviance of each pixel, ``held`` the weights of the held-out ones. For a correct model,
-    terms are distributed as half of chi squared, independent of the gain: the median gives the scale, and errors of
+    terms are distributed as half of chi squared, independent of the gain. The median gives the scale, and errors of
     the model in a few pixels do not count as noise.
     """
     chosen = held > 0

@@ -79,7 +79,7 @@ class _Sieved:
 
 
 def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
-    """Run on all pixels, or over ``subsets`` x ``subsets`` blocks of views; records and result have S s."""
+    """Run on all pixels, or over ``subsets`` x ``subsets`` blocks of views. Records and result contain S s."""
     sieve = sieve_of(P)
     if run.resume is not None and run.resume.arrays:
         own = replace(run.resume, volume=run.resume.arrays[0], arrays=run.resume.arrays[1:])

@@ -17,7 +17,7 @@ __all__ = ["SIEVE", "DepthSmoothing", "Sieve", "coarseness", "lanczos_kernel", "
 
 
 SIEVE = 0.27
-"""Standard deviation of a sieve in the native plane, in units of the lenslets' pitch: beads are within a tenth as
+"""Standard deviation of a sieve in the native plane, in units of the lenslets' pitch. Beads are within a tenth as
 narrow as with Richardson-Lucy, and 0.23 of a pattern that repeats from lenslet to lenslet is transmitted."""
 
 

@@ -13,7 +13,7 @@ The Annals of Statistics 20, 675-694). A run for measuring therefore continues f
 were needed for the best prediction. The patience grows with the iterations, so that a random dip does not end it.
 
 If gain and noise are known, the discrepancy principle (Morozov 1966; for photons Bertero et al. 2010, Inverse Problems
-26, 105004) needs no held-out pixels: a volume is good enough when its image agrees with the frame to within the noise.
+26, 105004) needs no held-out pixels. A volume is good enough when its image agrees with the frame to within the noise.
 """
 
 from __future__ import annotations

@@ -130,7 +130,7 @@ def _expected(plan: ScanPlan, z: int, budget: Budget, level: str) -> float:
 def plane_seconds(engine: PlaneEngine) -> float:
     """Return the CPU-seconds of a whole plane of an engine that has computed nothing yet.
 
-    The Debye path shares matrices and responses among positions, so a few of them are not representative: its rows are
+    The Debye path shares matrices and responses among positions, so a few of them are not representative. Its rows are
     run one after the other for up to half a second.
     """
     ny, nx = engine.scene.period

@@ -189,7 +189,7 @@ def plan_effects(
     """Return the effects that the planes of a scan need.
 
     Effects are left out, the expensive ones first and then the smallest, as long as their estimates add up to less
-    than half the tolerance; the other half is for the computation. Errors of assembly and use (a gap error, a loose
+    than half the tolerance. The other half is for the computation. Errors of assembly and use (a gap error, a loose
     stage) are simulated only if they are given in ``effects`` or switched on, because their typical size says nothing
     about this camera.
 

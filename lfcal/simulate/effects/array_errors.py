@@ -17,7 +17,7 @@ __all__ = ["ArrayRotation", "ArrayTilt", "LensletGap", "PitchError", "Telecentri
 
 @dataclass(frozen=True, slots=True)
 class Telecentricity(SceneEffect):
-    """The main lens at a finite distance: micro-images are farther apart than lenslets, by 1 + B/b.
+    """The main lens at a finite distance: micro-images are farther apart than lenslets, by the factor 1 + B/b.
 
     Without it the pupil lies at infinity and the micro-images have the lenslets' own pitch.
 

@@ -38,7 +38,7 @@ class _Chromatic(SceneEffect):
         return outlook.camera.bandwidth_um if self.width_um is None else self.width_um
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the seconds of the engine's runs for further wavelengths."""
+        """Return the computing time of the engine for further wavelengths (s)."""
         least = self.wavelengths(outlook)
         runs = Bandwidth(self.width(outlook)).count(outlook, least) if least > 1 else 1
         return engine.waves * (runs - 1)

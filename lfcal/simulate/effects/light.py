@@ -179,7 +179,7 @@ class Bandwidth(LightEffect):
         return max(least, min(9, 3 + math.ceil(outlook.fresnel_main * width / outlook.wavelength_um / 4)))
 
     def spread(self, samples: tuple[LightSample, ...], outlook: Outlook, least: int = 1) -> tuple[LightSample, ...]:
-        """Return Gauss-Legendre wavelengths over the spectrum, as many as `count` says."""
+        """Return Gauss-Legendre wavelengths over the spectrum; `count` determines their number."""
         width = self.width(outlook)
         if width == 0:
             return samples

@@ -137,14 +137,14 @@ class IrisDiffraction(SceneEffect):
         return replace(scene, main_diffraction=True)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the seconds of the table of fringes."""
+        """Return the computing time of the table of fringes (s)."""
         del outlook
         return engine.fringes
 
 
 @dataclass(frozen=True, slots=True)
 class IrisShape(SceneEffect):
-    """The iris's blades, straight or curved: without it the iris is a circle of the same area.
+    """The shape of the iris's blades, straight or curved. Without this effect the iris is a circle of the same area.
 
     Attributes
     ----------

@@ -60,7 +60,7 @@ __all__ = [
 PHASE_SAMPLES = 512
 """Samples of the phase over the pupil from which its whole variation is taken."""
 SHARE_NODES = 96
-"""Nodes for the share of light in each field, which varies slowly over the pupil."""
+"""Number of nodes for the share of light in each field, which varies slowly over the pupil."""
 
 F8 = NDArray[np.float64]
 C16 = NDArray[np.complex128]

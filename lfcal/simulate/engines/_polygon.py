@@ -16,7 +16,7 @@ __all__ = ["area", "clip", "disc_transform", "half_planes", "iris_outline", "reg
 
 Points = NDArray[np.float64]
 _SAME_AS_ZERO = 1e-140
-"""Frequencies whose square underflows: the transform there is the area."""
+"""Frequencies whose square underflows: there the transform equals the area."""
 
 
 def area(outline: Points) -> float:

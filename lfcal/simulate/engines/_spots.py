@@ -1,7 +1,7 @@
 """Compiled loops of the geometric engine: clip a lenslet's light, and draw the spot with exact pixel areas.
 
 A spot is a convex polygon of constant irradiance. It is clipped by the algorithm of Sutherland and Hodgman (1974). Its
-cover of each pixel is the exact area, from signed areas under the edges (Green's theorem), as in font rasterizers: an
+cover of each pixel is the exact area, from signed areas under the edges (Green's theorem), as in font rasterizers. An
 edge adds its cover to the cells it crosses, and a sum along the row extends it to all cells to its right.
 """
 

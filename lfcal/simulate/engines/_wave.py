@@ -75,7 +75,7 @@ class WavePlane:
         return tuple(tail_of(self.scene, self.sampling, lens, kind) for kind, lens in enumerate(tables.kinds))
 
     def _overlap(self) -> bool:
-        """Return whether neighbouring lenslets' spots share so much of their windows that fields must be added."""
+        """Return whether spots of neighbouring lenslets overlap so much that their fields must be added."""
         if self.mode != "E" or self.scene.shadow_radius_um < 0.6 * self.scene.lattice.pitch_um:
             return True
         apart = abs(1 - self.tables.ratio) * self.scene.lattice.pitch_um

@@ -5,7 +5,7 @@ With the pupil P(u), u in units of the radius of the disc f/(2 Nw), the field ab
     U(X) = integral P(-f 2 lambda Nw) exp(i pi lambda a' f^2 + 2 pi i f.X) df.
 
 Away from the native plane (E-mode), the sphere that converges to the image is removed, U = exp(-i pi X^2 / (lambda
-a')) E(X): E is the Fresnel pattern of the iris's shadow over the distance a'. Its spectrum is the polygon's analytic
+a')) E(X). E is the Fresnel pattern of the iris's shadow over the distance a'. Its spectrum is the polygon's analytic
 transform times a chirp. Near the native plane (U-mode), the pupil is sampled instead and defocus is a phase on it. a'
 = 0 is not a special case, because 1/a' is never computed.
 """

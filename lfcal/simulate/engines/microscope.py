@@ -43,12 +43,12 @@ Where lenslets abut, what is cut off would have cancelled: two nodes leave 2.5 %
 """
 BEYOND = 0.5
 """Lenslets beyond the geometric spill for each node per pixel above one: their edges scatter light from there into the
-cutout, which shows where little else falls into it (0.35 % with half a lenslet, 0.04 % with one and a half).
+cutout. This shows where little else falls into it (0.35 % with half a lenslet, 0.04 % with one and a half).
 """
 SPARE_ORDERS, SPARE_SHARE = 20, 3
 """Diffraction orders of the array beyond those of its geometric cone, at least and as a multiple of these.
 
-Where lenslets meet their phase has a kink, near which the sum of n orders errs by 0.6 N/n, N of them in the cone: with
+Where lenslets meet their phase has a kink, near which the sum of n orders errs by 0.6 N/n, N of them in the cone. With
 N = 18 (f/7) and 20 more, 1.5 % of the light of an image on a corner came out of nothing; with 54 more 1e-4 did.
 """
 CACHED = 256

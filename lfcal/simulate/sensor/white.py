@@ -16,7 +16,7 @@ from lfcal.simulate.response import PlaneResponse
 __all__ = ["fold", "white_light", "white_tile"]
 
 BLURRED_DEPTH = 1.2
-"""Virtual depth of the plane, on either side of the lenslets, that represents a uniform scene: a point illuminates few
+"""Virtual depth of the plane, on either side of the lenslets, that represents a uniform scene. A point illuminates few
 lenslets, and at 1 its images would be a whole pixel apart."""
 
 

@@ -1,4 +1,4 @@
-"""Whether the cutout holds the pattern: all of it, and in the middle."""
+"""Metrics of the cutout: whether it contains the whole pattern, centred."""
 
 from __future__ import annotations
 

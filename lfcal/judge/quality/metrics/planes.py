@@ -1,4 +1,4 @@
-"""Whole planes: dark, copied, too bright, at another depth."""
+"""Metrics of whole planes: dark, copied, too bright, or at a wrong depth."""
 
 from __future__ import annotations
 

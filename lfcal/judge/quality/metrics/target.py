@@ -13,7 +13,7 @@ __all__ = ["METRICS"]
 
 
 def _told(key: str, factor: float = 1.0) -> Callable[[MatrixMeasures], Sequence[Reading]]:
-    """Return a measure that reads a number of H's provenance; unknown for an H of single points."""
+    """Return a measure that reads a number from the provenance of H; unknown for an H of single points."""
 
     def of_matrix(measures: MatrixMeasures) -> Sequence[Reading]:
         target: Any = measures.matrix.provenance.get("target")
